@@ -1,0 +1,186 @@
+"""Records of what was planned and flown: `Plan`, `Window`, `Flight`."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion, roll_out
+from drake_rho.scenario.fields import FloatArray, locked
+from drake_rho.scenario.records import Grid, Scenario, State
+
+if TYPE_CHECKING:
+    from pydrake.trajectories import PiecewisePolynomial
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Statistics:
+    """What it took to find a plan."""
+
+    programs: int = 0
+    """quadratic programs solved"""
+    rows: int = 0
+    """rows added because a solution broke them"""
+    linearisations: int = 0
+    """references around which (8) was linearised"""
+    converged: bool = True
+    """whether an iterated planner stopped because nothing changed any more"""
+    steps_tried: tuple[float, ...] = ()
+    """steps h in the order tried [s]; the last one is the plan's"""
+    solver: str = ""
+    """solver of the last program"""
+    solver_seconds: float = 0.0
+    """time the solvers report for themselves [s]; over 1 per second if they ran side by side"""
+    seconds: float = 0.0
+    """wall time [s]"""
+
+    def __add__(self, other: Statistics) -> Statistics:
+        """Counts and times of both; the rest as in `other`, which came later."""
+        return dataclasses.replace(
+            other,
+            programs=self.programs + other.programs,
+            rows=self.rows + other.rows,
+            linearisations=self.linearisations + other.linearisations,
+            solver_seconds=self.solver_seconds + other.solver_seconds,
+            seconds=self.seconds + other.seconds,
+            converged=self.converged and other.converged,
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plan:
+    """One trajectory for every vehicle of a scenario.
+
+    Raises:
+        ValueError: an array has another shape than the scenario asks for.
+    """
+
+    scenario: Scenario
+    """what was asked"""
+    positions: FloatArray
+    """p[k] at the knots [m], shape (N, K, 3)"""
+    velocities: FloatArray
+    """v[k] at the knots [m/s], shape (N, K, 3)"""
+    accelerations: FloatArray
+    """a[k] from knot k to knot k+1 [m/s²], shape (N, K-1, 3)"""
+    statistics: Statistics = dataclasses.field(default_factory=Statistics)
+    """what it took"""
+
+    def __post_init__(self) -> None:
+        vehicles, knots = len(self.scenario.vehicles), self.scenario.grid.knots
+        shapes = {"positions": knots, "velocities": knots, "accelerations": knots - 1}
+        for name, length in shapes.items():
+            array = locked(getattr(self, name))
+            if array.shape != (vehicles, length, 3):
+                expected = (vehicles, length, 3)
+                raise ValueError(f"{name}: got shape {array.shape}, expected {expected}")
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def from_accelerations(
+        cls, scenario: Scenario, accelerations: FloatArray, statistics: Statistics | None = None
+    ) -> Self:
+        """The plan that flies `accelerations` [m/s²], shape (N, K-1, 3), from the starts."""
+        starts = [vehicle.start for vehicle in scenario.vehicles]
+        positions, velocities = roll_out(
+            np.array([start.position for start in starts]),
+            np.array([start.velocity for start in starts]),
+            accelerations,
+            scenario.grid.step,
+        )
+        return cls(scenario, positions, velocities, accelerations, statistics or Statistics())
+
+    @property
+    def times(self) -> FloatArray:
+        """Time of every knot [s], shape (K,)."""
+        return self.scenario.grid.times
+
+    @property
+    def cost(self) -> float:
+        """The performance index f (13) [m²/s⁴]: the sum of squared accelerations."""
+        return float(np.sum(self.accelerations**2))
+
+    def motion(self) -> Motion:
+        """The motion of all vehicles, to be asked at any time; arrays of shape (N, ..., 3)."""
+        step = self.scenario.grid.step
+        return Motion(step, self.positions, self.velocities, self.accelerations)
+
+    def trajectory(self, name: str) -> PiecewisePolynomial:
+        """The path of the vehicle called `name`, exact at every time, as Drake's own type.
+
+        Raises:
+            ValueError: there is no such vehicle.
+        """
+        from pydrake.polynomial import Polynomial
+        from pydrake.trajectories import PiecewisePolynomial
+
+        vehicle = self.scenario.index_of(name)
+        p, v, a = (
+            self.positions[vehicle],
+            self.velocities[vehicle],
+            self.accelerations[vehicle],
+        )
+        coefficients = np.stack([p[:-1], v[:-1], a / 2], axis=-1)
+        pieces = [
+            np.array([[Polynomial(axis)] for axis in coefficients[k]]) for k in range(len(a))
+        ]
+        return PiecewisePolynomial(pieces, self.times)
+
+    def remainder(self, knot: int) -> Scenario:
+        """The scenario that is left at `knot` (counted from 0): same goals, same arrival time.
+
+        The start is the state of the plan there, with the acceleration flown until then.
+        """
+        grid = Grid(self.scenario.grid.step, self.scenario.grid.knots - knot)
+        if knot == 0:
+            return self.scenario
+        vehicles = tuple(
+            dataclasses.replace(
+                vehicle,
+                start=State(
+                    self.positions[i, knot], self.velocities[i, knot], self.accelerations[i, knot - 1]
+                ),
+            )
+            for i, vehicle in enumerate(self.scenario.vehicles)
+        )
+        return dataclasses.replace(self.scenario, grid=grid, vehicles=vehicles)
+
+    def tail(self, knot: int) -> Plan:
+        """What is left of the plan from `knot` (counted from 0) on, as a plan of its own."""
+        return Plan(
+            self.remainder(knot),
+            self.positions[:, knot:],
+            self.velocities[:, knot:],
+            self.accelerations[:, knot:],
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Window:
+    """One prediction of a receding horizon: the whole rest of the flight, seen from one knot."""
+
+    first_knot: int
+    """where it starts, counted from 0"""
+    plan: Plan
+    """the whole prediction, up to the goal"""
+    reference: Plan
+    """the motion around which obstacles were linearised"""
+    infeasible: str = ""
+    """empty, or why the window had no plan of its own; `plan` is then the previous one's tail"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Flight:
+    """What a receding horizon has flown."""
+
+    plan: Plan
+    """the whole flight as flown"""
+    windows: tuple[Window, ...]
+    """the predictions it was flown by, in their order"""
+
+    @property
+    def cost(self) -> float:
+        """The performance index (13) of what was flown [m²/s⁴]."""
+        return self.plan.cost

@@ -1,0 +1,83 @@
+"""The paper's convex method: one linearisation of the obstacles, steps 1 to 3."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.loop import plan_around
+from drake_rho.scenario.records import Grid, Scenario
+
+
+def plan_convex(
+    scenario: Scenario,
+    *,
+    reference: Plan | None = None,
+    steps: Iterable[float] = (),
+    solver: SolverInterface | None = None,
+) -> Plan:
+    """Plan by the paper's convex method.
+
+    Step 1: the scenario's h. Step 2: solve without the obstacles, linearise (8) around the result
+    as (15), solve again. Step 3: if there is no solution, try another h of the same duration.
+
+    Args:
+        scenario: what is asked.
+        reference: a motion to linearise around in place of step 2's own; on the scenario's grid.
+        steps: further steps h [s] to try in this order, if the scenario's own has no solution.
+            Which one was taken stands in the plan's `scenario.grid`, and all that were tried in
+            its `statistics.steps_tried`.
+        solver: a Drake solver; Clarabel if not given.
+
+    Returns:
+        A plan that meets every constraint of the scenario at the knots.
+
+    Raises:
+        InfeasibleError: no step has a solution; it names the constraints in the way.
+        SolverError: the solvers fail numerically.
+        ValueError: a step does not divide the duration, or the reference does not fit.
+    """
+    grids = [scenario.grid, *(_grid(step, scenario.grid) for step in steps)]
+    if reference is not None and len(grids) > 1:
+        raise ValueError("steps: got some beside a reference, expected none: it has one step")
+    first_failure = None
+    for tried, grid in enumerate(grids, start=1):
+        steps_tried = tuple(grid.step for grid in grids[:tried])
+        try:
+            plan = _plan(dataclasses.replace(scenario, grid=grid), reference, solver)
+        except InfeasibleError as error:
+            first_failure = first_failure or error
+        else:
+            statistics = dataclasses.replace(plan.statistics, steps_tried=steps_tried)
+            return dataclasses.replace(plan, statistics=statistics)
+    assert first_failure is not None
+    raise InfeasibleError(first_failure.conflicts, steps_tried)
+
+
+def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | None) -> Plan:
+    """Steps 1 and 2 for one h."""
+    if reference is not None:
+        return plan_around(scenario, reference, solver)
+    free = plan_around(scenario.without_obstacles(), None, solver)
+    if not scenario.obstacles:
+        return free
+    plan = plan_around(scenario, free, solver)
+    return dataclasses.replace(plan, statistics=free.statistics + plan.statistics)
+
+
+def _grid(step: float, like: Grid) -> Grid:
+    """The grid of the same duration with another step.
+
+    Raises:
+        ValueError: `step` is not positive or does not divide the duration.
+    """
+    count = like.duration / step if step > 0 else 0.0
+    if round(count) < 1 or not np.isclose(count, round(count), rtol=0, atol=1e-9 * max(count, 1)):
+        expected = f"a step that divides the duration, {like.duration:g} s"
+        raise ValueError(f"steps: got {step}, expected {expected}")
+    return Grid(like.duration / round(count), round(count) + 1)

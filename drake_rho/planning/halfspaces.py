@@ -1,0 +1,118 @@
+"""Linear constraints on the motion of a vehicle: boxes (4), (6), (7), and (8) made linear by (15).
+
+All of them have one form, normal · quantity(time) >= bound.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion, Quantity
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Box, Scenario, Sphere, Vehicle
+
+@dataclasses.dataclass(frozen=True)
+class HalfSpaces:
+    """Rows normal · quantity(time) >= bound, all of one constraint of one vehicle."""
+
+    name: str
+    """what the constraint is called in messages"""
+    quantity: Quantity
+    """what is bounded"""
+    times: FloatArray
+    """when [s], shape (R,)"""
+    normals: FloatArray
+    """in which direction, unit vectors, shape (R, 3)"""
+    bounds: FloatArray
+    """least value along the normal, in the quantity's unit, shape (R,)"""
+    slack: float
+    """how far below the bound still counts as held, in the quantity's unit"""
+
+    def margins(self, motion: Motion) -> FloatArray:
+        """How far above its bound each row is, in the quantity's unit, shape (R,)."""
+        values = motion.at(self.quantity, self.times)
+        return np.einsum("ri,ri->r", self.normals, values) - self.bounds
+
+    def select(self, rows: np.ndarray) -> HalfSpaces:
+        """Only the rows that the mask or the indices `rows` name."""
+        return dataclasses.replace(
+            self, times=self.times[rows], normals=self.normals[rows], bounds=self.bounds[rows]
+        )
+
+
+def box_sides(name: str, quantity: Quantity, box: Box, times: FloatArray) -> HalfSpaces:
+    """The six sides of a box (4), (6) or (7), each at every one of `times` [s]."""
+    sides = np.concatenate([np.eye(3), -np.eye(3)])
+    bounds = np.concatenate([box.lower, -box.upper])
+    return HalfSpaces(
+        name,
+        quantity,
+        np.repeat(times, 6),
+        np.tile(sides, (len(times), 1)),
+        np.tile(bounds, len(times)),
+        box.slack,
+    )
+
+
+def linearise(name: str, sphere: Sphere, reference: FloatArray, times: FloatArray) -> HalfSpaces:
+    """(15): the sphere (8) replaced by its tangent plane that faces a reference.
+
+    With n = (q - p_m) / |q - p_m|, the row n · (p - q) + |q - p_m| >= R_m is n · p >= R_m + n · p_m.
+    Every point it allows is outside the sphere. Where the reference is at the centre itself, n is
+    undefined; it then points across the direction in which the reference moves.
+
+    Args:
+        name: what the constraint is called in messages.
+        sphere: the obstacle.
+        reference: q [m] at `times`, shape (R, 3).
+        times: since the first knot [s], shape (R,).
+    """
+    offsets = reference - sphere.center
+    distances = np.linalg.norm(offsets, axis=1)
+    at_centre = distances <= sphere.slack
+    if np.any(at_centre):
+        offsets[at_centre] = _across(reference[-1] - reference[0])
+        distances = np.linalg.norm(offsets, axis=1)
+    n = offsets / distances[:, None]
+    return HalfSpaces(
+        name, "position", times, n, sphere.radius + n @ sphere.center, sphere.slack
+    )
+
+
+def constraints_of(
+    scenario: Scenario, vehicle: Vehicle, reference: FloatArray | None
+) -> list[HalfSpaces]:
+    """Everything a vehicle has to keep to at the knots, but its acceleration box and its goal.
+
+    The first and the last knot are left out where the start and the goal decide.
+
+    Args:
+        scenario: what is asked.
+        vehicle: one of its vehicles.
+        reference: q at the knots [m], shape (K, 3); not needed where there are no obstacles.
+    """
+    limits = scenario.limits_of(vehicle)
+    times, inner = scenario.grid.times, scenario.grid.times[1:-1]
+    rows = []
+    if limits.position is not None:
+        rows.append(box_sides("position box", "position", limits.position, inner))
+    if limits.velocity is not None:
+        rows.append(box_sides("velocity box", "velocity", limits.velocity, inner))
+    if limits.jerk is not None:
+        first = 1 if vehicle.start.acceleration is None else 0
+        rows.append(box_sides("jerk box", "jerk", limits.jerk, times[first:-1]))
+    if reference is not None:
+        rows += [
+            linearise(f"obstacle {number}", sphere, reference[1:-1], inner)
+            for number, sphere in enumerate(scenario.obstacles, start=1)
+        ]
+    return rows
+
+
+def _across(direction: FloatArray) -> FloatArray:
+    """A unit vector square to `direction`: the same one every time, up or sideways."""
+    least = np.eye(3)[np.argmin(np.abs(direction))]
+    across = np.cross(direction, least)
+    length = float(np.linalg.norm(across))
+    return across / length if length else np.array([0.0, 0.0, 1.0])

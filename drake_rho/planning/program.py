@@ -1,0 +1,143 @@
+"""The quadratic program (16) of one vehicle, on Drake's `MathematicalProgram`.
+
+The decision variables are the accelerations, the paper's choice: position and velocity at any
+time are affine in them by (10)-(11). They are kept in a unit of their own, `unit` [m/s²], and
+every row has length one, so that the numbers a solver sees do not depend on the scenario's scale.
+
+No row couples two vehicles, so each has a program of its own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from pydrake.solvers import (
+    Binding,
+    LinearConstraint,
+    MathematicalProgram,
+    MathematicalProgramResult,
+)
+
+from drake_rho.motion.dynamics import RESPONSES, Motion, position_response, velocity_response
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.halfspaces import HalfSpaces
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import TOLERANCE, Box, Grid, Scenario, Vehicle
+
+
+@dataclasses.dataclass(frozen=True)
+class Rows:
+    """Half-spaces that are in a program."""
+
+    binding: Binding[LinearConstraint]
+    halfspaces: HalfSpaces
+
+
+class VehicleProgram:
+    """The quadratic program of one vehicle; begins with its cost, goal and acceleration box."""
+
+    def __init__(self, scenario: Scenario, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.grid = scenario.grid
+        self.unit = vehicle.reach(self.grid.duration) / self.grid.duration**2
+        self.rows: list[Rows] = []
+        self.program = MathematicalProgram()
+        self.accelerations = self.program.NewContinuousVariables(self.grid.knots - 1, 3, "a")
+        self._goal_rows, self._goal_values = goal_equations(self.grid, vehicle)
+        add_index(self)
+        self.goal = add_goal(self, self._goal_rows, self._goal_values)
+        box = scenario.limits_of(vehicle).acceleration
+        self.acceleration_box = None if box is None else add_acceleration_box(self, box)
+
+    def motion(self, result: MathematicalProgramResult) -> Motion:
+        """The motion that a successful `result` stands for.
+
+        The goal's equations, which the solver keeps to its tolerance, are closed to rounding by
+        the smallest change of the accelerations.
+        """
+        a = self.unit * result.GetSolution(self.accelerations).reshape(-1, 3)
+        a -= self._goal_rows.T @ (self._goal_rows @ a - self._goal_values)
+        return Motion.from_start(self.vehicle.start, a, self.grid.step)
+
+
+def goal_equations(grid: Grid, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """The terminal equalities (12), rows @ accelerations = values, with orthonormal rows.
+
+    The same rows serve the three axes. Two knots leave one row: velocity and position at the goal
+    then follow from the one acceleration together.
+
+    Returns:
+        Rows of shape (2 or 1, K-1) and values [m/s²] of the same length, one column an axis.
+
+    Raises:
+        InfeasibleError: one step cannot bring the vehicle to its goal.
+    """
+    h, K, T = grid.step, grid.knots, grid.duration
+    start, goal = vehicle.start, vehicle.goal
+    response = np.concatenate([velocity_response(h, K, [T]), position_response(h, K, [T]) / T])
+    change = np.stack(
+        [
+            goal.velocity - start.velocity,
+            (goal.position - start.position) / T - start.velocity,
+        ]
+    )
+    left, sizes, rows = np.linalg.svd(response, full_matrices=False)
+    rank = int(np.sum(sizes > 1e-12 * sizes[0]))
+    values = left.T @ change
+    if np.any(np.abs(values[rank:]) > TOLERANCE * vehicle.reach(T) / T):
+        conflict = ("goal position", "goal velocity", "a single step")
+        raise InfeasibleError({vehicle.name: conflict})
+    return rows[:rank], values[:rank] / sizes[:rank, None]
+
+
+def add_index(to: VehicleProgram) -> None:
+    """(13): f, the sum of squared accelerations."""
+    size = to.accelerations.size
+    to.program.AddQuadraticCost(
+        2.0 * np.eye(size), np.zeros(size), to.accelerations.reshape(-1), is_convex=True
+    )
+
+
+def add_goal(
+    to: VehicleProgram, rows: FloatArray, values: FloatArray
+) -> list[Binding[LinearConstraint]]:
+    """(12): position and velocity at the last knot, one binding an axis."""
+    bindings = []
+    for axis, name in enumerate("xyz"):
+        binding = to.program.AddLinearEqualityConstraint(
+            rows, values[:, axis] / to.unit, to.accelerations[:, axis]
+        )
+        binding.evaluator().set_description(f"{to.vehicle.name}: goal {name}")
+        bindings.append(binding)
+    return bindings
+
+
+def add_acceleration_box(to: VehicleProgram, box: Box) -> Binding[LinearConstraint]:
+    """(5): bounds on every acceleration."""
+    steps = to.grid.knots - 1
+    binding = to.program.AddBoundingBoxConstraint(
+        np.tile(box.lower, steps) / to.unit,
+        np.tile(box.upper, steps) / to.unit,
+        to.accelerations.reshape(-1),
+    )
+    binding.evaluator().set_description(f"{to.vehicle.name}: acceleration box")
+    return binding
+
+
+def add_halfspaces(to: VehicleProgram, halfspaces: HalfSpaces) -> None:
+    """(4), (6), (7) and (15) in terms of the accelerations, by (10)-(11)."""
+    step, knots, times = to.grid.step, to.grid.knots, halfspaces.times
+    response = RESPONSES[halfspaces.quantity](step, knots, times)
+    rows = np.einsum("rj,ri->rji", response, halfspaces.normals).reshape(len(times), -1)
+    lengths = np.linalg.norm(rows, axis=1)
+    coasting = Motion.from_start(to.vehicle.start, np.zeros((knots - 1, 3)), step)
+    needed = -halfspaces.margins(coasting)
+    binding = to.program.AddLinearConstraint(
+        rows / lengths[:, None],
+        needed / lengths / to.unit,
+        np.full(len(times), np.inf),
+        to.accelerations.reshape(-1),
+    )
+    binding.evaluator().set_description(f"{to.vehicle.name}: {halfspaces.name}")
+    to.rows.append(Rows(binding, halfspaces))

@@ -1,0 +1,145 @@
+"""The receding horizon (RHO): plan the whole rest of the flight, fly a few steps, plan again."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+
+from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.loop import plan_around
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
+
+
+class Planner(Protocol):
+    """What `plan_rho` asks of a planner: `plan_convex`, `plan_scp`, or another of this form."""
+
+    def __call__(
+        self, scenario: Scenario, *, reference: Plan | None, solver: SolverInterface | None
+    ) -> Plan:
+        """A plan for `scenario`, found from `reference`."""
+        ...
+
+
+Reference = Callable[[Scenario, Plan | None, SolverInterface | None], Plan]
+"""What a window is linearised around: (its scenario, the previous prediction's tail or None in the
+first window, the solver) -> a motion of the same vehicles on the same grid."""
+
+
+def without_obstacles(
+    scenario: Scenario, tail: Plan | None, solver: SolverInterface | None
+) -> Plan:
+    """The paper's reference: each window's own solution without the obstacles."""
+    return plan_around(scenario.without_obstacles(), None, solver)
+
+
+def previous_tail(scenario: Scenario, tail: Plan | None, solver: SolverInterface | None) -> Plan:
+    """What is left of the previous prediction; in the first window, the paper's reference.
+
+    The tail meets every constraint of the window, so no window can be infeasible.
+    """
+    return without_obstacles(scenario, None, solver) if tail is None else tail
+
+
+def plan_rho(
+    scenario: Scenario,
+    *,
+    replan_every: int = 5,
+    planner: Planner = plan_convex,
+    reference: Reference = without_obstacles,
+    solver: SolverInterface | None = None,
+) -> Flight:
+    """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
+
+    Each window plans from the state reached to the goal and is flown for `replan_every` steps.
+    A window without a solution flies on along the previous prediction, which is still valid; its
+    `Window.infeasible` says why.
+
+    Args:
+        scenario: what is asked.
+        replan_every: d, the steps flown of each window; the last window has what is left.
+        planner: plans one window.
+        reference: what a window's obstacles are linearised around, `without_obstacles` (the
+            paper's), `previous_tail`, or another function of this form.
+        solver: a Drake solver; Clarabel if not given.
+
+    Returns:
+        The flight; `flight.plan` meets every constraint of the scenario at the knots.
+
+    Raises:
+        InfeasibleError: the first window has no solution.
+        SolverError: the solvers fail numerically.
+        ValueError: `replan_every` is not a whole number of at least 1.
+    """
+    if isinstance(replan_every, bool) or replan_every != int(replan_every) or replan_every < 1:
+        raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
+    began = time.perf_counter()
+    replan_every = int(replan_every)
+    windows: list[Window] = []
+    flown: list[FloatArray] = []
+    for first_knot in range(0, scenario.grid.knots - 1, replan_every):
+        tail = windows[-1].plan.tail(replan_every) if windows else None
+        window = plan_window(
+            scenario if tail is None else tail.scenario,
+            first_knot,
+            tail,
+            planner=planner,
+            reference=reference,
+            solver=solver,
+        )
+        windows.append(window)
+        flown.append(window.plan.accelerations[:, :replan_every])
+    statistics = sum((_statistics(window) for window in windows), Statistics())
+    statistics = dataclasses.replace(statistics, seconds=time.perf_counter() - began)
+    plan = Plan.from_accelerations(scenario, np.concatenate(flown, axis=1), statistics)
+    return Flight(plan, tuple(windows))
+
+
+def plan_window(
+    scenario: Scenario,
+    first_knot: int,
+    tail: Plan | None,
+    *,
+    planner: Planner = plan_convex,
+    reference: Reference = without_obstacles,
+    solver: SolverInterface | None = None,
+) -> Window:
+    """One window of `plan_rho`.
+
+    Args:
+        scenario: what is left of the flight.
+        first_knot: where in the whole flight the window starts, counted from 0.
+        tail: what is left of the previous prediction; None in the first window.
+        planner: as for `plan_rho`.
+        reference: as for `plan_rho`.
+        solver: a Drake solver; Clarabel if not given.
+
+    Raises:
+        InfeasibleError: there is no plan, and no tail to fly on along.
+        SolverError: the solvers fail numerically.
+    """
+    try:
+        if not scenario.obstacles:
+            plan = planner(scenario, reference=None, solver=solver)
+            return Window(first_knot, plan, reference=plan)
+        around = reference(scenario, tail, solver)
+        plan = planner(scenario, reference=around, solver=solver)
+    except InfeasibleError as error:
+        if tail is None:
+            raise
+        return Window(first_knot, tail, reference=tail, infeasible=str(error))
+    return Window(first_knot, plan, around)
+
+
+def _statistics(window: Window) -> Statistics:
+    own = window.plan.statistics
+    if window.reference is window.plan:
+        return own
+    return window.reference.statistics + own

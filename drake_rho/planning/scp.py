@@ -1,0 +1,63 @@
+"""Sequential convex programming: the convex method iterated to convergence."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from pydrake.solvers import SolverInterface
+
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.loop import plan_around
+from drake_rho.scenario.records import Scenario
+
+MAX_ITERATIONS = 200
+"""Bound on the linearisations of one call; `statistics.converged` says if it was reached."""
+
+CONVERGED = 1e-9
+"""The iteration stops when the index falls by less than this part of itself."""
+
+
+def plan_scp(
+    scenario: Scenario, *, reference: Plan | None = None, solver: SolverInterface | None = None
+) -> Plan:
+    """Linearise the obstacles around one plan after the other until the index stops falling.
+
+    The half-space of (15) lies inside what (8) allows, so every iterate meets the true
+    constraints, and since it is itself allowed by the next linearisation, the index never rises.
+    Neither a trust region nor a line search is needed.
+
+    Args:
+        scenario: what is asked.
+        reference: a motion to linearise around at first, in place of the plan without obstacles.
+        solver: a Drake solver; Clarabel if not given.
+
+    Returns:
+        A plan that meets every constraint of the scenario at the knots.
+
+    Raises:
+        InfeasibleError: the first linearisation has no solution.
+        SolverError: the solvers fail numerically.
+    """
+    plan = plan_convex(scenario, reference=reference, solver=solver)
+    if not scenario.obstacles:
+        return plan
+    for _ in range(MAX_ITERATIONS):
+        following = scp_step(plan, solver=solver)
+        converged = plan.cost - following.cost <= CONVERGED * plan.cost
+        statistics = dataclasses.replace(
+            plan.statistics + following.statistics, converged=converged
+        )
+        plan = dataclasses.replace(min(plan, following, key=_cost), statistics=statistics)
+        if converged:
+            break
+    return plan
+
+
+def scp_step(plan: Plan, *, solver: SolverInterface | None = None) -> Plan:
+    """One iteration: the plan of least index with obstacles linearised around `plan`."""
+    return plan_around(plan.scenario, plan, solver)
+
+
+def _cost(plan: Plan) -> float:
+    return plan.cost

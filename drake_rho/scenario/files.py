@@ -1,0 +1,129 @@
+"""Scenarios in YAML, their JSON schema, and the library that comes with the package."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import IO, Any
+
+import yaml
+from pydantic import TypeAdapter, ValidationError
+
+from drake_rho.scenario.errors import ScenarioError, Words
+from drake_rho.scenario.fields import scenario_error
+from drake_rho.scenario.records import Scenario
+
+_LIBRARY = files("drake_rho.scenario") / "library"
+
+
+def library() -> tuple[str, ...]:
+    """Names of the scenarios that come with the package."""
+    names = (entry.name for entry in _LIBRARY.iterdir())
+    return tuple(sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml")))
+
+
+def load_scenario(source: str | Path) -> Scenario:
+    """Read a scenario.
+
+    Args:
+        source: the name of a library scenario, as `"paper"`, or the path of a YAML file.
+
+    Raises:
+        ScenarioError: there is no such scenario, or it is not a valid one.
+    """
+    if isinstance(source, str) and source in library():
+        return scenario_from_yaml((_LIBRARY / f"{source}.yaml").read_text(encoding="utf-8"))
+    path = Path(source)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
+        expected = f"a library scenario ({', '.join(library())}) or a readable YAML file"
+        raise ScenarioError("scenario", str(source), f"{expected}; {reason}") from None
+    try:
+        return scenario_from_yaml(text)
+    except ScenarioError as error:
+        where = f"{path}: {error.field}" if error.field else str(path)
+        raise ScenarioError(where, error.value, error.expected) from None
+
+
+def save_scenario(scenario: Scenario, path: str | Path) -> None:
+    """Write `scenario` as YAML, whole or not at all.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with replacing(path) as file:
+        file.write(scenario_to_yaml(scenario).encode())
+
+
+def scenario_from_yaml(text: str) -> Scenario:
+    """The scenario that `text` describes.
+
+    Raises:
+        ScenarioError: the text is not YAML, or not a valid scenario.
+    """
+    try:
+        # A SafeLoader, given by name because it also refuses doubled keys.
+        content = yaml.load(text, Loader=_Loader)  # noqa: S506
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ScenarioError("", Words("broken YAML"), " ".join(str(error).split())) from None
+    try:
+        return _adapter().validate_python(content)
+    except ValidationError as error:
+        raise scenario_error(error) from None
+
+
+def scenario_to_yaml(scenario: Scenario) -> str:
+    """`scenario` as YAML text, in the order of the records' fields, empty ones left out."""
+    content = _adapter().dump_python(scenario, mode="json", exclude_none=True)
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True)
+
+
+def scenario_schema() -> dict[str, Any]:
+    """JSON schema of a scenario file, with the units of every field."""
+    return _adapter().json_schema()
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[IO[bytes]]:
+    """A binary file that takes the place of `path` when the block ends without an error.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    path = Path(path)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            yield file
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(name, 0o666 & ~umask)  # mkstemp's own mode would lock others out
+        os.replace(name, path)
+    except BaseException:
+        os.unlink(name)
+        raise
+
+
+@cache
+def _adapter() -> TypeAdapter[Scenario]:
+    return TypeAdapter(Scenario)
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML's safe loader, which also refuses a key given twice instead of dropping the first."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for index, key in enumerate(keys):
+            if key in keys[:index]:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key {key!r} is given twice", node.start_mark
+                )
+        return super().construct_mapping(node, deep)

@@ -1,0 +1,222 @@
+"""What is asked: the grid, the vehicles, their limits and the obstacles. SI units throughout.
+
+Records are frozen and checked when made; a changed situation is a new record
+(`dataclasses.replace`). Symbols of the paper stand in `docs/paper.md`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray, Positive, Vector, locked, record
+
+TOLERANCE = 1e-6
+"""Relative tolerance to which a constraint counts as held, everywhere in the package: of a
+box's widest side, of a sphere's radius, of the distance a vehicle has to go."""
+
+
+@record
+class Grid:
+    """The knots k = 1..K of a flight and the step h between them."""
+
+    step: Positive
+    """h, the time from one knot to the next [s]"""
+    knots: Annotated[int, Field(ge=2)]
+    """K, the number of knots, the first and the last included"""
+
+    @property
+    def duration(self) -> float:
+        """T = (K - 1) h [s]."""
+        return self.step * (self.knots - 1)
+
+    @property
+    def times(self) -> FloatArray:
+        """Time of every knot from the first one on [s], shape (K,)."""
+        return locked(self.step * np.arange(self.knots))
+
+
+@record
+class State:
+    """Where a vehicle is and how it moves at one knot."""
+
+    position: Vector
+    """p [m]"""
+    velocity: Vector = dataclasses.field(default_factory=lambda: locked(np.zeros(3)))
+    """v [m/s]; at rest if not given"""
+    acceleration: Vector | None = None
+    """acceleration just before the first knot [m/s²], for the jerk limit (7) there; if not
+    given, the first acceleration is free of it. Has no meaning in a goal."""
+
+
+@record
+class Box:
+    """Lower and upper bound on each axis."""
+
+    lower: Vector
+    """least x, y and z"""
+    upper: Vector
+    """greatest x, y and z"""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not np.all(self.lower <= self.upper):
+            expected = f"no component above upper {self.upper.tolist()}"
+            raise ScenarioError("lower", self.lower.tolist(), expected)
+        return self
+
+    @property
+    def slack(self) -> float:
+        """How far outside still counts as inside: `TOLERANCE` of the widest side.
+
+        Of one unit if the box is a single point.
+        """
+        return TOLERANCE * (float(np.max(self.upper - self.lower)) or 1.0)
+
+
+@record
+class Limits:
+    """Boxes (4) to (7) that a vehicle keeps to; a box left out is no limit."""
+
+    position: Box | None = None
+    """the flyable volume (4) [m]"""
+    velocity: Box | None = None
+    """(6) [m/s]"""
+    acceleration: Box | None = None
+    """(5) [m/s²]"""
+    jerk: Box | None = None
+    """(7), j[k] = (a[k] - a[k-1]) / h [m/s³]"""
+
+    def overridden_by(self, own: Limits | None) -> Limits:
+        """These limits with the boxes that `own` has in place of them."""
+        if own is None:
+            return self
+        boxes = {
+            field.name: getattr(own, field.name) or getattr(self, field.name)
+            for field in dataclasses.fields(Limits)
+        }
+        return Limits(**boxes)
+
+
+@record
+class Vehicle:
+    """A point mass with a start and a goal."""
+
+    name: Annotated[str, Field(min_length=1)]
+    """unique within the scenario"""
+    start: State
+    """state at the first knot"""
+    goal: State
+    """state at the last knot"""
+    limits: Limits | None = None
+    """own limits, where they differ from the scenario's"""
+
+    @model_validator(mode="after")
+    def _goal_has_no_acceleration(self) -> Self:
+        if self.goal.acceleration is not None:
+            raise ScenarioError(
+                "goal.acceleration",
+                self.goal.acceleration.tolist(),
+                "no acceleration in a goal: none acts after the last knot",
+            )
+        return self
+
+    def reach(self, duration: float) -> float:
+        """Length scale of the motion [m], for tolerances.
+
+        The largest of the way to go and the ways that the given velocities and acceleration
+        cover in `duration` [s]; 1 m for a vehicle that has nowhere to go.
+        """
+        ways = [self.goal.position - self.start.position]
+        ways += [duration * state.velocity for state in (self.start, self.goal)]
+        if self.start.acceleration is not None:
+            ways.append(duration**2 * self.start.acceleration)
+        return max(float(np.linalg.norm(way)) for way in ways) or 1.0
+
+
+@record
+class Sphere:
+    """An obstacle (8) that stands still."""
+
+    center: Vector
+    """p_m [m]"""
+    radius: Positive
+    """R_m [m]"""
+
+    @property
+    def slack(self) -> float:
+        """How deep inside still counts as outside: `TOLERANCE` of the radius [m]."""
+        return TOLERANCE * self.radius
+
+
+@record
+class Scenario:
+    """Everything a planner needs to know."""
+
+    name: Annotated[str, Field(min_length=1)]
+    """shown in figures and reports"""
+    grid: Grid
+    """knots and step"""
+    vehicles: Annotated[tuple[Vehicle, ...], Field(min_length=1)]
+    """the vehicles, each with a name of its own"""
+    limits: Limits = dataclasses.field(default_factory=Limits)
+    """limits of every vehicle that has none of its own"""
+    obstacles: tuple[Sphere, ...] = ()
+    """the spheres to keep out of; numbered from 1 in reports"""
+    separation: None = None
+    """reserved: vehicles are planned without regard to each other in this version"""
+    between_knots: Literal[False] = False
+    """whether obstacles and position box must hold at every instant too; in this version they
+    hold at the knots only, so only false is accepted"""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        names = [vehicle.name for vehicle in self.vehicles]
+        for index, vehicle in enumerate(self.vehicles):
+            where = f"vehicles[{index}]"
+            if vehicle.name in names[:index]:
+                raise ScenarioError(f"{where}.name", vehicle.name, "a name no other vehicle has")
+            for end in ("start", "goal"):
+                self._check_state(vehicle, getattr(vehicle, end), f"{where}.{end}")
+        return self
+
+    def _check_state(self, vehicle: Vehicle, state: State, where: str) -> None:
+        limits = self.limits_of(vehicle)
+        for quantity in ("position", "velocity", "acceleration"):
+            value, box = getattr(state, quantity), getattr(limits, quantity)
+            if value is None or box is None:
+                continue
+            if np.any(value < box.lower - box.slack) or np.any(value > box.upper + box.slack):
+                expected = f"a {quantity} within {box.lower.tolist()} to {box.upper.tolist()}"
+                raise ScenarioError(f"{where}.{quantity}", value.tolist(), expected)
+        for number, sphere in enumerate(self.obstacles, start=1):
+            distance = float(np.linalg.norm(state.position - sphere.center))
+            if distance < sphere.radius - sphere.slack:
+                expected = (
+                    f"a position outside obstacle {number} (center {sphere.center.tolist()}, "
+                    f"radius {sphere.radius:g} m; {distance:g} m from the center)"
+                )
+                raise ScenarioError(f"{where}.position", state.position.tolist(), expected)
+
+    def limits_of(self, vehicle: Vehicle) -> Limits:
+        """The vehicle's own limits where it has them, else the scenario's."""
+        return self.limits.overridden_by(vehicle.limits)
+
+    def without_obstacles(self) -> Scenario:
+        """The same scenario with nothing in the way (the paper's Examples 1 and 3)."""
+        return dataclasses.replace(self, obstacles=())
+
+    def index_of(self, name: str) -> int:
+        """Where the vehicle called `name` stands in `vehicles`.
+
+        Raises:
+            ValueError: there is no such vehicle.
+        """
+        names = [vehicle.name for vehicle in self.vehicles]
+        if name not in names:
+            raise ValueError(f"vehicle: got {name!r}, expected one of {', '.join(names)}")
+        return names.index(name)
