@@ -45,10 +45,15 @@ def conflict(of: VehicleProgram) -> tuple[str, ...]:
     if box is not None:
         taken = np.any(np.abs(multiplier(box)).reshape(-1, 3) > least, axis=0)
         names += [f"acceleration box {_axes(taken)}"] if np.any(taken) else []
-    for row, weight in zip(of.rows, weights[3:], strict=True):
-        part = weight > least
-        if np.any(part):
-            names.append(_describe(row.halfspaces.select(part)))
+    taking_part = [
+        row.halfspaces.select(weight > least)
+        for row, weight in zip(of.rows, weights[3:], strict=True)
+        if np.any(weight > least)
+    ]
+    names += [
+        _describe([rows for rows in taking_part if rows.name == name])
+        for name in dict.fromkeys(rows.name for rows in taking_part)
+    ]
     return tuple(names)
 
 
@@ -70,13 +75,16 @@ def _add_elastic(
     )
 
 
-def _describe(halfspaces: HalfSpaces) -> str:
-    """The constraint's name with the axes of its sides, if it is a box, and its times."""
-    first, last = halfspaces.times.min(), halfspaces.times.max()
+def _describe(parts: list[HalfSpaces]) -> str:
+    """One constraint by its name, with the axes of its sides if it is a box, and its times."""
+    name = parts[0].name
+    times = np.concatenate([part.times for part in parts])
+    first, last = times.min(), times.max()
     when = f"at {first:g} s" if first == last else f"from {first:g} s to {last:g} s"
-    if not halfspaces.name.endswith("box"):
-        return f"{halfspaces.name} {when}"
-    return f"{halfspaces.name} {_axes(np.any(halfspaces.normals, axis=0))} {when}"
+    if not name.endswith("box"):
+        return f"{name} {when}"
+    sides = np.any(np.concatenate([part.normals for part in parts]), axis=0)
+    return f"{name} {_axes(sides)} {when}"
 
 
 def _axes(mask: np.ndarray) -> str:

@@ -85,6 +85,23 @@ def scenario_to_yaml(scenario: Scenario) -> str:
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True)
 
 
+def scenario_to_json(scenario: Scenario) -> str:
+    """`scenario` as one line of JSON, every number exact, for keeping inside other files."""
+    return _adapter().dump_json(scenario, exclude_none=True).decode()
+
+
+def scenario_from_json(text: str) -> Scenario:
+    """The scenario that `scenario_to_json` has written.
+
+    Raises:
+        ScenarioError: the text is not JSON, or not a valid scenario.
+    """
+    try:
+        return _adapter().validate_json(text)
+    except ValidationError as error:
+        raise scenario_error(error) from None
+
+
 def scenario_schema() -> dict[str, Any]:
     """JSON schema of a scenario file, with the units of every field."""
     return _adapter().json_schema()

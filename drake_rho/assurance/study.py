@@ -1,0 +1,210 @@
+"""The paper's study: its four examples, and what it says it found in them."""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+from collections.abc import Callable
+
+import numpy as np
+
+from drake_rho.assurance.verification import Report, verify
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.rho import plan_rho
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.files import load_scenario
+from drake_rho.scenario.records import Scenario
+
+REPEATS = 5
+"""Runs of each example; the time told is their median."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Example:
+    """One of the paper's four examples, planned and verified."""
+
+    number: int
+    """1 to 4"""
+    title: str
+    """method, and what is done about the obstacle"""
+    plan: Plan
+    """the plan, or what was flown"""
+    flight: Flight | None
+    """with the windows, for the receding horizon"""
+    report: Report
+    """verification of `plan` against the scenario it was made for"""
+    seconds: float
+    """median wall time of `REPEATS` runs [s]"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """Something the paper says it found, and what we find."""
+
+    number: int
+    """as in docs/paper.md"""
+    text: str
+    """what the paper says"""
+    evidence: str
+    """the figures that decide"""
+    found: bool
+    """whether it is so here"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """The four examples over one scenario with obstacles."""
+
+    scenario: Scenario
+    """the scenario with its obstacles, also where an example ignores them"""
+    examples: tuple[Example, ...]
+    """Examples 1 to 4"""
+
+    def clearances(self, example: Example) -> FloatArray:
+        """Least distance of each vehicle from any sphere's surface at the knots [m], shape (N,).
+
+        Negative inside; counted in the examples that ignore the obstacles too.
+        """
+        return np.min([
+            np.linalg.norm(example.plan.positions - sphere.center, axis=2).min(axis=1)
+            - sphere.radius
+            for sphere in self.scenario.obstacles
+        ], axis=0)
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """The paper's six claims, checked."""
+        judges = (
+            _through_the_obstacle,
+            _around_the_obstacle,
+            _renewed_in_every_window,
+            _around_it_with_windows,
+            _windows_cost_less,
+            _windows_take_less_time,
+        )
+        return tuple(judge(self) for judge in judges)
+
+
+def run_study(advance: Callable[[str], None] = lambda done: None) -> Study:
+    """Plan, fly and verify the four examples.
+
+    Args:
+        advance: called with a few words after each of the 4 x `REPEATS` runs.
+
+    Raises:
+        DrakeRhoError: an example has no solution.
+    """
+    scenario = load_scenario("paper")
+    free = scenario.without_obstacles()
+    wanted: tuple[tuple[str, Callable[[], Plan | Flight]], ...] = (
+        ("convex, obstacle ignored", lambda: plan_convex(free)),
+        ("convex, obstacle avoided", lambda: plan_convex(scenario)),
+        ("RHO, obstacle ignored", lambda: plan_rho(free)),
+        ("RHO, obstacle avoided", lambda: plan_rho(scenario)),
+    )
+    plan_convex(scenario)  # the first solve of a process also starts its threads: not counted
+    runs: list[list[Plan | Flight]] = [[] for _ in wanted]
+    for _ in range(REPEATS):  # in turn, so that a slow moment of the machine hits all alike
+        for number, (title, make) in enumerate(wanted, start=1):
+            runs[number - 1].append(make())
+            advance(f"Example {number}: {title}")
+    examples = [
+        _example(number, title, runs[number - 1]) for number, (title, _) in enumerate(wanted, start=1)
+    ]
+    return Study(scenario, tuple(examples))
+
+
+def _example(number: int, title: str, runs: list[Plan | Flight]) -> Example:
+    result = runs[-1]
+    flight = result if isinstance(result, Flight) else None
+    plan = result.plan if isinstance(result, Flight) else result
+    seconds = statistics.median(
+        (run.plan if isinstance(run, Flight) else run).statistics.seconds for run in runs
+    )
+    return Example(number, title, plan, flight, verify(plan), seconds)
+
+
+def _through_the_obstacle(study: Study) -> Claim:
+    example = study.examples[0]
+    clearances = study.clearances(example)
+    return Claim(
+        1,
+        "Example 1: bounds hold, the paths pass through the obstacle, all arrive at T",
+        f"all constraints hold: {_yes(example)}; clearance {_list(clearances)} m",
+        example.report.ok and bool(np.all(clearances < 0)),
+    )
+
+
+def _around_the_obstacle(study: Study) -> Claim:
+    example = study.examples[1]
+    clearances = study.clearances(example)
+    return Claim(
+        2,
+        "Example 2: all vehicles go round the obstacle (at the knots) and arrive at T; bounds hold",
+        f"all constraints hold: {_yes(example)}; clearance {_list(clearances)} m",
+        example.report.ok,
+    )
+
+
+def _renewed_in_every_window(study: Study) -> Claim:
+    example, flight = study.examples[2], study.examples[2].flight
+    assert flight is not None
+    renewed = sum(not window.infeasible for window in flight.windows)
+    jump = max(
+        float(np.max(np.abs(window.plan.velocities[:, 0] - flight.plan.velocities[:, k])))
+        for window, k in ((window, window.first_knot) for window in flight.windows)
+    )
+    return Claim(
+        3,
+        "Example 3: renewed in every window, each piece smooth, the constraints hold",
+        f"{renewed} of {len(flight.windows)} windows planned anew; largest jump of velocity "
+        f"between windows {jump:.1e} m/s; all constraints hold: {_yes(example)}; "
+        f"index {example.plan.cost:.3f}, Example 1 {study.examples[0].plan.cost:.3f}",
+        example.report.ok and renewed == len(flight.windows) and jump < 1e-6,
+    )
+
+
+def _around_it_with_windows(study: Study) -> Claim:
+    example = study.examples[3]
+    return Claim(
+        4,
+        "Example 4: all constraints hold with the obstacle avoided",
+        f"all constraints hold: {_yes(example)}; clearance {_list(study.clearances(example))} m",
+        example.report.ok,
+    )
+
+
+def _windows_cost_less(study: Study) -> Claim:
+    once, horizon = study.examples[1].plan.cost, study.examples[3].plan.cost
+    return Claim(
+        5,
+        "The index of Example 4 is smaller than that of Example 2",
+        f"{horizon:.3f} against {once:.3f}: {100 * (1 - horizon / once):.1f} % less",
+        horizon < once,
+    )
+
+
+def _windows_take_less_time(study: Study) -> Claim:
+    once, example = study.examples[1].seconds, study.examples[3]
+    assert example.flight is not None
+    windows = [
+        window.plan.statistics.seconds + window.reference.statistics.seconds
+        for window in example.flight.windows
+    ]
+    return Claim(
+        6,
+        "Splitting into windows greatly reduces the calculation time",
+        f"whole flight {1e3 * example.seconds:.1f} ms against {1e3 * once:.1f} ms at once: "
+        f"{example.seconds / once:.1f} times; one window {1e3 * min(windows):.1f} to "
+        f"{1e3 * max(windows):.1f} ms",
+        example.seconds < once,
+    )
+
+
+def _yes(example: Example) -> str:
+    return "yes" if example.report.ok else "no"
+
+
+def _list(values: FloatArray) -> str:
+    return ", ".join(f"{value:.1f}" for value in values + 0.0).replace("-0.0", "0.0")

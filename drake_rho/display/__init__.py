@@ -1,0 +1,1 @@
+"""Seeing it: plots, the paper's figures, and tables for the terminal."""
