@@ -121,9 +121,7 @@ def _check_dynamics(plan: Plan, index: int, motion: Motion) -> Iterator[Check]:
         k = int(np.argmax(differences))
         value = float(differences[k])
         when = float(plan.times[k])
-        yield Check(
-            vehicle.name, f"dynamics, {quantity}", when, value, 0.0, value, slack, unit
-        )
+        yield Check(vehicle.name, f"dynamics, {quantity}", when, value, 0.0, value, slack, unit)
 
 
 def _check_goal(scenario: Scenario, vehicle: Vehicle, motion: Motion) -> Iterator[Check]:
@@ -194,7 +192,10 @@ def _badness(check: Check) -> float:
 
 def _table(title: str, rows: list[Check]) -> str:
     form = "{:<12} {:<24} {:>9} {:>12} {:>12} {:>11} {}"
-    lines = [title, form.format("vehicle", "constraint", "time [s]", "value", "limit", "excess", "")]
+    lines = [
+        title,
+        form.format("vehicle", "constraint", "time [s]", "value", "limit", "excess", ""),
+    ]
     lines += [
         form.format(
             check.vehicle,

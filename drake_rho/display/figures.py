@@ -118,16 +118,12 @@ def _accelerations(study: Study, example: Example) -> Figure:
     return _components(example, draw_accelerations)
 
 
-def _components(
-    example: Example, draw: Callable[[Sequence[Axes], Plan], list[Line2D]]
-) -> Figure:
+def _components(example: Example, draw: Callable[[Sequence[Axes], Plan], list[Line2D]]) -> Figure:
     figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
     lines = draw(list(figure.subplots(3, sharex=True)), example.plan)
     limit = Line2D([], [], label="limit", **LIMIT_STYLE)
     handles = [*lines[: len(example.plan.positions)], limit]
-    figure.legend(
-        handles=handles, loc="outside lower center", ncols=5, fontsize=9, frameon=False
-    )
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9, frameon=False)
     _entitle(figure, example)
     return figure
 

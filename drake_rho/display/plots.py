@@ -100,9 +100,7 @@ def draw_windows(ax: Axes3D, flight: Flight) -> list[Line2D]:
     return lines
 
 
-def draw_ends(
-    ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = None
-) -> list[Artist]:
+def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = None) -> list[Artist]:
     """Starts as rings with the vehicles' names, goals as stars."""
     artists: list[Artist] = []
     colours = colours or vehicle_colours(len(scenario.vehicles))
@@ -118,7 +116,9 @@ def draw_ends(
 
 
 def _draw_name(ax: Axes3D, position: FloatArray, name: str) -> Artist:
-    text: Artist = ax.text(*position, f"{name}\n", fontsize=8, ha="center", va="bottom", linespacing=0.6)
+    text: Artist = ax.text(
+        *position, f"{name}\n", fontsize=8, ha="center", va="bottom", linespacing=0.6
+    )
     text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     return text
 

@@ -84,9 +84,11 @@ class Motion:
         k = np.clip((times / self.step).astype(int), 0, self.accelerations.shape[-2] - 1)
         s = (times - k * self.step)[:, None]
         v, a = self.velocities[..., k, :], self.accelerations[..., k, :]
+        velocities: FloatArray = v + s * a
         if quantity == "velocity":
-            return v + s * a
-        return self.positions[..., k, :] + s * v + s**2 / 2 * a
+            return velocities
+        positions: FloatArray = self.positions[..., k, :] + s / 2 * (v + velocities)
+        return positions
 
     def _jerks(self) -> FloatArray:
         a = self.accelerations
@@ -124,9 +126,10 @@ def position_response(step: float, knots: int, times: npt.ArrayLike) -> FloatArr
     Returns:
         The response [s²], shape (M, K-1).
     """
-    s = _since_start_of_steps(step, knots, times)
-    acted = np.clip(s, 0.0, step)
-    return acted * (np.maximum(s, 0.0) - acted / 2)
+    s = np.maximum(_since_start_of_steps(step, knots, times), 0.0)
+    acted = np.minimum(s, step)
+    response: FloatArray = acted * (s - acted / 2)
+    return response
 
 
 def _since_start_of_steps(step: float, knots: int, times: npt.ArrayLike) -> FloatArray:

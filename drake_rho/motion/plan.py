@@ -123,9 +123,7 @@ class Plan:
             self.accelerations[vehicle],
         )
         coefficients = np.stack([p[:-1], v[:-1], a / 2], axis=-1)
-        pieces = [
-            np.array([[Polynomial(axis)] for axis in coefficients[k]]) for k in range(len(a))
-        ]
+        pieces = [np.array([[Polynomial(axis)] for axis in coefficients[k]]) for k in range(len(a))]
         return PiecewisePolynomial(pieces, self.times)
 
     def remainder(self, knot: int) -> Scenario:
@@ -140,7 +138,9 @@ class Plan:
             dataclasses.replace(
                 vehicle,
                 start=State(
-                    self.positions[i, knot], self.velocities[i, knot], self.accelerations[i, knot - 1]
+                    self.positions[i, knot],
+                    self.velocities[i, knot],
+                    self.accelerations[i, knot - 1],
                 ),
             )
             for i, vehicle in enumerate(self.scenario.vehicles)

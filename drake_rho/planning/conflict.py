@@ -40,7 +40,9 @@ def conflict(of: VehicleProgram) -> tuple[str, ...]:
     least = _NO_PART * max(float(np.max(weight)) for weight in weights)
 
     names = [
-        f"goal {axis}" for axis, weight in zip("xyz", weights, strict=False) if np.any(weight > least)
+        f"goal {axis}"
+        for axis, weight in zip("xyz", weights, strict=False)
+        if np.any(weight > least)
     ]
     if box is not None:
         taken = np.any(np.abs(multiplier(box)).reshape(-1, 3) > least, axis=0)

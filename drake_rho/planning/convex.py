@@ -45,18 +45,17 @@ def plan_convex(
     grids = [scenario.grid, *(_grid(step, scenario.grid) for step in steps)]
     if reference is not None and len(grids) > 1:
         raise ValueError("steps: got some beside a reference, expected none: it has one step")
-    first_failure = None
+    failures = []
     for tried, grid in enumerate(grids, start=1):
         steps_tried = tuple(grid.step for grid in grids[:tried])
         try:
             plan = _plan(dataclasses.replace(scenario, grid=grid), reference, solver)
         except InfeasibleError as error:
-            first_failure = first_failure or error
+            failures.append(error)
         else:
             statistics = dataclasses.replace(plan.statistics, steps_tried=steps_tried)
             return dataclasses.replace(plan, statistics=statistics)
-    assert first_failure is not None
-    raise InfeasibleError(first_failure.conflicts, steps_tried)
+    raise InfeasibleError(failures[0].conflicts, steps_tried)
 
 
 def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | None) -> Plan:

@@ -6,11 +6,13 @@ All of them have one form, normal · quantity(time) >= bound.
 from __future__ import annotations
 
 import dataclasses
+
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, Quantity
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Scenario, Sphere, Vehicle
+
 
 @dataclasses.dataclass(frozen=True)
 class HalfSpaces:
@@ -32,7 +34,8 @@ class HalfSpaces:
     def margins(self, motion: Motion) -> FloatArray:
         """How far above its bound each row is, in the quantity's unit, shape (R,)."""
         values = motion.at(self.quantity, self.times)
-        return np.einsum("ri,ri->r", self.normals, values) - self.bounds
+        margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
+        return margins
 
     def select(self, rows: np.ndarray) -> HalfSpaces:
         """Only the rows that the mask or the indices `rows` name."""
@@ -58,9 +61,9 @@ def box_sides(name: str, quantity: Quantity, box: Box, times: FloatArray) -> Hal
 def linearise(name: str, sphere: Sphere, reference: FloatArray, times: FloatArray) -> HalfSpaces:
     """(15): the sphere (8) replaced by its tangent plane that faces a reference.
 
-    With n = (q - p_m) / |q - p_m|, the row n · (p - q) + |q - p_m| >= R_m is n · p >= R_m + n · p_m.
-    Every point it allows is outside the sphere. Where the reference is at the centre itself, n is
-    undefined; it then points across the direction in which the reference moves.
+    With n = (q - p_m) / |q - p_m|, the row n · (p - q) + |q - p_m| >= R_m is the half-space
+    n · p >= R_m + n · p_m. Every point it allows is outside the sphere. Where the reference is at
+    the centre itself, n is undefined; it then points across the reference's way.
 
     Args:
         name: what the constraint is called in messages.
@@ -75,9 +78,7 @@ def linearise(name: str, sphere: Sphere, reference: FloatArray, times: FloatArra
         offsets[at_centre] = _across(reference[-1] - reference[0])
         distances = np.linalg.norm(offsets, axis=1)
     n = offsets / distances[:, None]
-    return HalfSpaces(
-        name, "position", times, n, sphere.radius + n @ sphere.center, sphere.slack
-    )
+    return HalfSpaces(name, "position", times, n, sphere.radius + n @ sphere.center, sphere.slack)
 
 
 def constraints_of(

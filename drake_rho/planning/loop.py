@@ -37,7 +37,7 @@ class _Task:
     program: VehicleProgram
     constraints: list[HalfSpaces]
     absent: list[np.ndarray]  # which rows of each constraint are not in the program yet
-    motion: Motion | None = None
+    motion: Motion  # the latest solution; before the first, coasting
 
 
 def plan_around(
@@ -73,7 +73,7 @@ def plan_around(
         solver_seconds=sum(solution.seconds for solution in solutions),
         seconds=time.perf_counter() - began,
     )
-    accelerations = np.array([task.motion.accelerations for task in tasks if task.motion])
+    accelerations = np.array([task.motion.accelerations for task in tasks])
     return Plan.from_accelerations(scenario, accelerations, statistics)
 
 
@@ -82,7 +82,8 @@ def _task(scenario: Scenario, index: int, reference: Plan | None) -> _Task:
     around = None if reference is None else reference.positions[index]
     constraints = constraints_of(scenario, vehicle, around)
     absent = [np.ones(len(rows.times), dtype=bool) for rows in constraints]
-    return _Task(VehicleProgram(scenario, vehicle), constraints, absent)
+    program = VehicleProgram(scenario, vehicle)
+    return _Task(program, constraints, absent, program.coasting)
 
 
 def solve_round(tasks: Sequence[_Task], solver: SolverInterface | None) -> list[Solution]:
@@ -106,7 +107,6 @@ def solve_round(tasks: Sequence[_Task], solver: SolverInterface | None) -> list[
 
 def add_broken(task: _Task) -> bool:
     """Add the rows that the task's motion breaks; False if it breaks none."""
-    assert task.motion is not None
     found = False
     for rows, absent in zip(task.constraints, task.absent, strict=True):
         broken = absent & (rows.margins(task.motion) < -_BROKEN * rows.slack)

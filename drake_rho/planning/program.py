@@ -41,6 +41,9 @@ class VehicleProgram:
         self.vehicle = vehicle
         self.grid = scenario.grid
         self.unit = vehicle.reach(self.grid.duration) / self.grid.duration**2
+        self.coasting = Motion.from_start(
+            vehicle.start, np.zeros((self.grid.knots - 1, 3)), self.grid.step
+        )
         self.rows: list[Rows] = []
         self.program = MathematicalProgram()
         self.accelerations = self.program.NewContinuousVariables(self.grid.knots - 1, 3, "a")
@@ -83,12 +86,12 @@ def goal_equations(grid: Grid, vehicle: Vehicle) -> tuple[FloatArray, FloatArray
         ]
     )
     left, sizes, rows = np.linalg.svd(response, full_matrices=False)
-    rank = int(np.sum(sizes > 1e-12 * sizes[0]))
-    values = left.T @ change
-    if np.any(np.abs(values[rank:]) > TOLERANCE * vehicle.reach(T) / T):
+    values = (left.T @ change) / sizes[:, None]
+    missed = change - response @ (rows.T @ values)
+    if np.any(np.abs(missed) > TOLERANCE * vehicle.reach(T) / T):
         conflict = ("goal position", "goal velocity", "a single step")
         raise InfeasibleError({vehicle.name: conflict})
-    return rows[:rank], values[:rank] / sizes[:rank, None]
+    return rows, values
 
 
 def add_index(to: VehicleProgram) -> None:
@@ -131,8 +134,7 @@ def add_halfspaces(to: VehicleProgram, halfspaces: HalfSpaces) -> None:
     response = RESPONSES[halfspaces.quantity](step, knots, times)
     rows = np.einsum("rj,ri->rji", response, halfspaces.normals).reshape(len(times), -1)
     lengths = np.linalg.norm(rows, axis=1)
-    coasting = Motion.from_start(to.vehicle.start, np.zeros((knots - 1, 3)), step)
-    needed = -halfspaces.margins(coasting)
+    needed = -halfspaces.margins(to.coasting)
     binding = to.program.AddLinearConstraint(
         rows / lengths[:, None],
         needed / lengths / to.unit,

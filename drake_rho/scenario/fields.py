@@ -64,7 +64,7 @@ def record(cls: type[_Record]) -> type[_Record]:
 
     names = [field.name for field in dataclasses.fields(made)]
 
-    def __init__(self: object, *args: object, **kwargs: object) -> None:
+    def init(self: object, *args: object, **kwargs: object) -> None:
         if len(args) > len(names):
             raise TypeError(f"{made.__name__} takes {len(names)} fields: {', '.join(names)}")
         try:  # every field by its name, so that a complaint names it too
@@ -72,20 +72,20 @@ def record(cls: type[_Record]) -> type[_Record]:
         except ValidationError as error:
             raise scenario_error(error, made.__name__.lower()) from None
 
-    made.__init__ = __init__
+    made.__init__ = init
     made.__eq__ = _equal
     made.__hash__ = None  # arrays inside: equal by value, so not usable as a key
     return made  # type: ignore[no-any-return]  # pydantic's decorator is typed as Any above
 
 
-def _equal(self: Any, other: object) -> bool:
+def _equal(self: Any, other: Any) -> bool:
     if type(self) is not type(other):
         return False
+    fields = dataclasses.fields(self)
     return all(
         np.array_equal(mine, theirs) if isinstance(mine, np.ndarray) else mine == theirs
         for mine, theirs in (
-            (getattr(self, field.name), getattr(other, field.name))
-            for field in dataclasses.fields(self)
+            (getattr(self, field.name), getattr(other, field.name)) for field in fields
         )
     )
 

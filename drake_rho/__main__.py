@@ -1,0 +1,5 @@
+"""`python -m drake_rho`."""
+
+from drake_rho.cli import main
+
+main()

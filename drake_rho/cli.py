@@ -1,0 +1,248 @@
+"""The command line: `drake-rho reproduce | plan | fly | verify | schema`.
+
+Exit status: 0 all constraints hold; 1 some do not; 2 bad input; 3 there is no plan; 4 the solvers
+failed numerically; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+from pydrake.solvers import ClarabelSolver, OsqpSolver
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from drake_rho.assurance.study import REPEATS, run_study
+from drake_rho.assurance.verification import verify
+from drake_rho.motion.files import load, save
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.rho import plan_rho, previous_tail, without_obstacles
+from drake_rho.planning.scp import plan_scp
+from drake_rho.scenario.errors import DrakeRhoError
+from drake_rho.scenario.files import load_scenario, scenario_schema
+
+app = typer.Typer(
+    help="Plan cooperative trajectories for several UAVs by convex optimisation.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+_out = Console()
+_err = Console(stderr=True)
+
+
+class Method(StrEnum):
+    """Planners by their names on the command line."""
+
+    CONVEX = "convex"
+    SCP = "scp"
+
+
+class Solver(StrEnum):
+    """Solvers by their names on the command line."""
+
+    CLARABEL = "clarabel"
+    OSQP = "osqp"
+
+
+class Reference(StrEnum):
+    """References of a window by their names on the command line."""
+
+    FREE = "free"
+    TAIL = "tail"
+
+
+_PLANNERS = {Method.CONVEX: plan_convex, Method.SCP: plan_scp}
+_SOLVERS = {Solver.CLARABEL: ClarabelSolver, Solver.OSQP: OsqpSolver}
+_REFERENCES = {Reference.FREE: without_obstacles, Reference.TAIL: previous_tail}
+
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A library scenario, as 'paper', or a YAML file.")
+]
+OutputOption = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Keep the result in this file (.npz).")
+]
+MethodOption = Annotated[
+    Method, typer.Option(help="One linearisation of the obstacles, or iterated to convergence.")
+]
+SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]
+
+
+@app.command()
+def reproduce(
+    figures: Annotated[Path, typer.Option(help="Folder for the sixteen figures.")] = Path(
+        "figures"
+    ),
+) -> int:
+    """Run the paper's four examples, draw Figs 3 to 18, check what the paper says it found."""
+    # matplotlib takes longer to load than the other commands take to run
+    from drake_rho.display.figures import NUMBERS, write_figures
+    from drake_rho.display.tables import claims_table, study_table
+
+    figures.mkdir(parents=True, exist_ok=True)
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=_err, transient=True) as progress:
+        task = progress.add_task("planning", total=4 * REPEATS + len(NUMBERS))
+
+        def advance(done: str) -> None:
+            progress.update(task, advance=1, description=done)
+
+        study = run_study(advance)
+        write_figures(study, figures, advance)
+    _out.print(study_table(study), claims_table(study), sep="\n")
+    _out.print(f"{len(NUMBERS)} figures in {figures}", soft_wrap=True)
+    return 0 if all(example.report.ok for example in study.examples) else 1
+
+
+@app.command()
+def plan(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    method: MethodOption = Method.CONVEX,
+    solver: SolverOption = Solver.CLARABEL,
+    step: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="With convex: a further step [s] to try if there is no plan; repeatable."
+        ),
+    ] = None,
+) -> int:
+    """Plan a scenario in one piece, verify the plan and print the report."""
+    if step and method is not Method.CONVEX:
+        raise ValueError(f"--step: got {step[0]:g} with --method {method}, expected method convex")
+    asked = load_scenario(scenario)
+    _check_writable(output)
+    with _err.status("planning"):
+        chosen = _SOLVERS[solver]()
+        if method is Method.CONVEX:
+            planned = plan_convex(asked, steps=step or (), solver=chosen)
+        else:
+            planned = plan_scp(asked, solver=chosen)
+    return _finish(planned, output)
+
+
+@app.command()
+def fly(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    replan_every: Annotated[int, typer.Option(help="Steps flown of each window.")] = 5,
+    method: MethodOption = Method.CONVEX,
+    reference: Annotated[
+        Reference,
+        typer.Option(
+            help="Linearise each window around its own solution without obstacles (the paper's) "
+            "or around the tail of the previous prediction."
+        ),
+    ] = Reference.FREE,
+    solver: SolverOption = Solver.CLARABEL,
+) -> int:
+    """Fly a scenario with a receding horizon, verify the flight and print the report."""
+    asked = load_scenario(scenario)
+    _check_writable(output)
+    with _err.status("flying"):
+        flight = plan_rho(
+            asked,
+            replan_every=replan_every,
+            planner=_PLANNERS[method],
+            reference=_REFERENCES[reference],
+            solver=_SOLVERS[solver](),
+        )
+    return _finish(flight, output)
+
+
+@app.command("verify")
+def verify_file(
+    file: Annotated[Path, typer.Argument(help="A plan or flight kept by 'plan' or 'fly'.")],
+) -> int:
+    """Judge every constraint of a plan or flight anew and print the report."""
+    return _report(load(file))
+
+
+@app.command()
+def schema() -> int:
+    """Print the JSON schema of scenario files."""
+    _print(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
+    return 0
+
+
+def _finish(planned: Plan | Flight, output: Path | None) -> int:
+    """Report on what was planned and keep it, whether or not it holds."""
+    status = _report(planned)
+    if output is not None:
+        save(planned, output)
+        _print(f"kept in {output}")
+    return status
+
+
+def _report(planned: Plan | Flight) -> int:
+    whole = planned.plan if isinstance(planned, Flight) else planned
+    report = verify(whole)
+    _print(str(report))
+    numbers = whole.statistics
+    _print(
+        f"index {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
+        f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver}"
+    )
+    if isinstance(planned, Flight):
+        kept = [window for window in planned.windows if window.infeasible]
+        _print(f"{len(planned.windows)} windows, {len(kept)} of them without a plan of their own")
+        for window in kept:
+            _print(f"  from knot {window.first_knot + 1}, along the previous: {window.infeasible}")
+    if not numbers.converged:
+        _print("the iteration was stopped before the index settled")
+    return 0 if report.ok else 1
+
+
+def _check_writable(output: Path | None) -> None:
+    """Find out before the work, not after it, that its result cannot be kept."""
+    if output is None:
+        return
+    if output.is_dir():
+        raise IsADirectoryError(f"--output: got {output}, expected a file, not a folder")
+    if not output.parent.is_dir():
+        raise FileNotFoundError(f"--output: got {output}, expected a file in a folder that exists")
+
+
+def _print(text: str) -> None:
+    """As it is: names of vehicles are no markup, and a table's lines are not folded."""
+    _out.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def main() -> NoReturn:
+    """Run the command line and leave with its exit status."""
+    sys.exit(_run())
+
+
+def _run() -> int:
+    try:
+        status = app(standalone_mode=False)
+    except InfeasibleError as error:
+        return _complain(error, 3)
+    except SolverError as error:
+        return _complain(error, 4)
+    except (DrakeRhoError, ValueError, OSError) as error:
+        return _complain(error, 2)
+    except Exception as error:
+        # A word on the command line that typer does not accept. Its exceptions have no public
+        # name that holds from version to version; this method sets them apart.
+        if not hasattr(error, "format_message"):
+            raise
+        return _complain(error.format_message() or "see drake-rho --help", 2)
+    return int(status or 0)
+
+
+def _complain(error: object, status: int) -> int:
+    words = " ".join(str(error).split())
+    _err.print(f"drake-rho: {words}", markup=False, highlight=False, soft_wrap=True)
+    return status

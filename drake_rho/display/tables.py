@@ -1,0 +1,66 @@
+"""The study as tables for the terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from drake_rho.assurance.study import Study
+from drake_rho.scenario.fields import FloatArray
+
+
+def study_table(study: Study) -> Table:
+    """One column for each example, one row for each figure.
+
+    Clearance is the least distance at the knots from the obstacle's surface.
+    """
+    table = Table(title=f"The four examples of {study.scenario.name!r}")
+    table.add_column("")
+    for example in study.examples:
+        table.add_column(f"Example {example.number}", justify="right")
+    examples = study.examples
+    methods, obstacles = zip(*(example.title.split(", ") for example in examples), strict=True)
+    table.add_row("method", *methods)
+    table.add_row("obstacle", *(words.removeprefix("obstacle ") for words in obstacles))
+    table.add_row(
+        f"index f {_unit('m²/s⁴')}", *(f"{example.plan.cost:.3f}" for example in examples)
+    )
+    clearances = [study.clearances(example) for example in examples]
+    for index, vehicle in enumerate(study.scenario.vehicles):
+        row = (f"{values[index] + 0.0:.2f}".replace("-0.00", "0.00") for values in clearances)
+        table.add_row(f"clearance, {escape(vehicle.name)} {_unit('m')}", *row)
+    for quantity, name, unit in (
+        ("speed", "velocities", "m/s"),
+        ("acceleration", "accelerations", "m/s²"),
+    ):
+        values = [getattr(example.plan, name) for example in examples]
+        lengths = (np.linalg.norm(value, axis=2) for value in values)
+        table.add_row(f"largest {quantity} {_unit(unit)}", *map(_largest, lengths))
+        table.add_row(f"  on one axis {_unit(unit)}", *map(_largest, values))
+    verdicts = ("yes" if example.report.ok else "[bold red]no[/]" for example in examples)
+    table.add_row("all constraints hold", *verdicts)
+    programs = (example.plan.statistics.programs for example in examples)
+    table.add_row("programs solved", *map(str, programs))
+    table.add_row(f"time {_unit('ms')}", *(f"{1e3 * example.seconds:.1f}" for example in examples))
+    return table
+
+
+def claims_table(study: Study) -> Table:
+    """The paper's claims, each with the figures that decide, and whether it was found."""
+    table = Table(title="What the paper says it found", show_lines=True)
+    table.add_column("")
+    table.add_column("claim, and the figures here")
+    table.add_column("found")
+    for claim in study.claims:
+        verdict = "yes" if claim.found else "[bold]no[/]"
+        table.add_row(str(claim.number), f"{claim.text}\n[dim]{claim.evidence}[/]", verdict)
+    return table
+
+
+def _unit(unit: str) -> str:
+    return escape(f"[{unit}]")
+
+
+def _largest(values: FloatArray) -> str:
+    return f"{np.max(np.abs(values)):.2f}"

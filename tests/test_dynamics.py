@@ -1,0 +1,125 @@
+"""Motion is exact: at the knots, between them, and as a response to the accelerations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+import drake_rho as rho
+from drake_rho.motion.dynamics import RESPONSES, Motion, roll_out
+from tests.scenarios import single
+from tests.tolerances import ROUNDING
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def _random_motion(seed: int, before: bool = True) -> tuple[rho.State, Motion]:
+    rng = np.random.default_rng(seed)
+    step, steps = 10 ** rng.uniform(-2, 2), int(rng.integers(1, 40))
+    start = rho.State(*rng.normal(size=(2, 3)), rng.normal(size=3) if before else None)
+    return start, Motion.from_start(start, rng.normal(size=(steps, 3)), step)
+
+
+def test_constant_acceleration_is_the_schoolbook_parabola() -> None:
+    p0, v0, a = np.array([1.0, 2.0, 3.0]), np.array([-1.0, 0.0, 4.0]), np.array([0.5, -2.0, 9.81])
+    p, v = roll_out(p0, v0, np.tile(a, (10, 1)), 0.3)
+    t = 0.3 * np.arange(11)[:, None]
+    np.testing.assert_allclose(p, p0 + v0 * t + a * t**2 / 2, rtol=ROUNDING)
+    np.testing.assert_allclose(v, v0 + a * t, rtol=ROUNDING)
+
+
+@given(seed=seeds)
+def test_the_roll_out_is_equations_1_and_2(seed: int) -> None:
+    _, motion = _random_motion(seed)
+    h, p, v, a = motion.step, motion.positions, motion.velocities, motion.accelerations
+    scale = np.abs(p).max()
+    for k in range(len(a)):
+        np.testing.assert_allclose(v[k + 1], v[k] + h * a[k], atol=ROUNDING * scale / h)
+        step = h * v[k] + h**2 / 2 * a[k]
+        np.testing.assert_allclose(p[k + 1], p[k] + step, atol=ROUNDING * scale)
+
+
+@given(seed=seeds)
+def test_responses_equal_the_motion_at_any_time(seed: int) -> None:
+    start, motion = _random_motion(seed)
+    steps, h = len(motion.accelerations), motion.step
+    times = np.concatenate(
+        [
+            h * np.arange(steps + 1),
+            np.random.default_rng(seed).uniform(0, h * steps, 20),
+        ]
+    )
+    p = RESPONSES["position"](h, steps + 1, times) @ motion.accelerations
+    v = RESPONSES["velocity"](h, steps + 1, times) @ motion.accelerations
+    p += start.position + times[:, None] * start.velocity
+    v += start.velocity
+    scale = np.abs(motion.positions).max()
+    np.testing.assert_allclose(p, motion.at("position", times), atol=ROUNDING * scale)
+    np.testing.assert_allclose(v, motion.at("velocity", times), atol=ROUNDING * (1 + scale / h))
+
+
+@given(seed=seeds, given_before=st.booleans())
+def test_jerk_is_equation_7(seed: int, given_before: bool) -> None:
+    start, motion = _random_motion(seed, given_before)
+    a, h = motion.accelerations, motion.step
+    jerk = motion.at("jerk", h * np.arange(len(a)))
+    np.testing.assert_allclose(jerk[1:], (a[1:] - a[:-1]) / h, rtol=ROUNDING)
+    first = np.zeros(3) if start.acceleration is None else (a[0] - start.acceleration) / h
+    np.testing.assert_allclose(jerk[0], first, rtol=ROUNDING)
+    response = RESPONSES["jerk"](h, len(a) + 1, h * np.arange(1, len(a))) @ a
+    np.testing.assert_allclose(response, jerk[1:], rtol=ROUNDING, atol=ROUNDING / h)
+
+
+def test_motion_between_knots_is_what_an_integrator_finds() -> None:
+    _, motion = _random_motion(3)
+    h, a = motion.step, motion.accelerations
+    state = np.concatenate([motion.positions[0], motion.velocities[0]])
+    for k in range(len(a)):
+        flown = solve_ivp(
+            lambda t, x, k=k: np.concatenate([x[3:], a[k]]), (0, h), state, t_eval=[0.4 * h, h]
+        )
+        middle = motion.at("position", [(k + 0.4) * h])[0]
+        np.testing.assert_allclose(flown.y[:3, 0], middle, rtol=1e-7, atol=1e-7 * h)
+        state = flown.y[:, 1]
+
+
+def test_drakes_trajectory_is_the_plan(paper: rho.Scenario) -> None:
+    plan = rho.plan_convex(paper)
+    times = np.linspace(0.0, plan.scenario.grid.duration, 301)
+    motion = plan.motion()
+    for index, vehicle in enumerate(paper.vehicles):
+        drakes = plan.trajectory(vehicle.name)
+        assert drakes.get_number_of_segments() == 49
+        for quantity, order in (("position", 0), ("velocity", 1)):
+            theirs = np.array([drakes.EvalDerivative(t, order)[:, 0] for t in times])
+            ours = motion.at(quantity, times)[index]  # type: ignore[arg-type]  # a literal
+            np.testing.assert_allclose(theirs, ours, rtol=ROUNDING, atol=1e-6)
+
+
+def test_an_unknown_vehicle_has_no_trajectory() -> None:
+    plan = rho.plan_convex(single())
+    with pytest.raises(ValueError, match="'nobody'.*solo"):
+        plan.trajectory("nobody")
+
+
+def test_a_plan_of_the_wrong_shape_is_refused() -> None:
+    scenario = single()
+    with pytest.raises(ValueError, match="positions: got shape"):
+        rho.Plan(scenario, np.zeros((1, 5, 3)), np.zeros((1, 17, 3)), np.zeros((1, 16, 3)))
+
+
+@given(knot=st.integers(0, 15))
+def test_the_tail_of_a_plan_is_the_same_motion(knot: int) -> None:
+    plan = rho.plan_convex(single())
+    tail = plan.tail(knot)
+    assert tail.scenario.grid == rho.Grid(0.5, 17 - knot)
+    assert rho.verify(tail).ok
+    later = np.linspace(0, tail.scenario.grid.duration, 50)
+    np.testing.assert_allclose(
+        tail.motion().at("position", later),
+        plan.motion().at("position", later + 0.5 * knot),
+        atol=ROUNDING * 10,
+    )

@@ -1,0 +1,175 @@
+"""Records are complete, checked when made, and come back from YAML as they went."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+import drake_rho as rho
+from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
+from tests.scenarios import scenarios, single
+
+STATE = rho.State([0, 0, 0])
+VEHICLE = rho.Vehicle("a", STATE, rho.State([1, 0, 0]))
+GRID = rho.Grid(1.0, 5)
+
+
+@pytest.mark.parametrize(
+    ("make", "field", "words"),
+    [
+        (lambda: rho.Grid(0.0, 5), "grid.step", "greater than 0"),
+        (lambda: rho.Grid(float("nan"), 5), "grid.step", "nan"),
+        (lambda: rho.Grid(float("inf"), 5), "grid.step", "finite"),
+        (lambda: rho.Grid(1.0, 1), "grid.knots", "greater than or equal to 2"),
+        (lambda: rho.Grid(1.0, 2.5), "grid.knots", "integer"),
+        (lambda: rho.Grid(1.0), "grid.knots", "nothing"),
+        (lambda: rho.Grid(step=1.0, knot=5), "grid.knot", "no such field"),
+        (lambda: rho.State([0, 0]), "state.position", "three finite numbers"),
+        (lambda: rho.State([[0, 0, 0]]), "state.position", "three finite numbers"),
+        (lambda: rho.State([0, 0, float("nan")]), "state.position", "nan"),
+        (lambda: rho.State([0, 0, 0], [0, float("inf"), 0]), "state.velocity", "inf"),
+        (lambda: rho.State("abc"), "state.position", "'abc'"),
+        (lambda: rho.Box([0, 2, 0], [1, 1, 1]), "box.lower", "above upper [1.0, 1.0, 1.0]"),
+        (lambda: rho.Sphere([0, 0, 0], 0.0), "sphere.radius", "greater than 0"),
+        (lambda: rho.Sphere([0, 0, 0], -1.0), "sphere.radius", "-1"),
+        (lambda: rho.Vehicle("", STATE, STATE), "vehicle.name", "at least 1 character"),
+        (
+            lambda: rho.Vehicle("a", STATE, rho.State([0, 0, 0], acceleration=[0, 0, 0])),
+            "vehicle.goal.acceleration",
+            "no acceleration",
+        ),
+        (lambda: rho.Scenario("s", GRID, ()), "scenario.vehicles", "at least 1"),
+        (
+            lambda: rho.Scenario("s", GRID, (VEHICLE, VEHICLE)),
+            "scenario.vehicles[1].name",
+            "no other vehicle",
+        ),
+        (
+            lambda: rho.Scenario("s", GRID, (VEHICLE,), obstacles=(rho.Sphere([1, 0, 0], 0.5),)),
+            "scenario.vehicles[0].goal.position",
+            "outside obstacle 1",
+        ),
+        (
+            lambda: rho.Scenario(
+                "s", GRID, (VEHICLE,), rho.Limits(position=rho.Box([0.5, -1, -1], [2, 1, 1]))
+            ),
+            "scenario.vehicles[0].start.position",
+            "within [0.5, -1.0, -1.0] to [2.0, 1.0, 1.0]",
+        ),
+        (
+            lambda: rho.Scenario("s", GRID, (VEHICLE,), between_knots=True),
+            "scenario.between_knots",
+            "false",
+        ),
+    ],
+)
+def test_bad_input_names_field_value_and_expectation(
+    make: Callable[[], object], field: str, words: str
+) -> None:
+    with pytest.raises(rho.ScenarioError) as caught:
+        make()
+    assert caught.value.field == field
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        ("grid:", "gird:", "gird"),
+        ("  radius:", "  colour: red\n  radius:", "obstacles[0].colour"),
+        ("knots: 50", "knots: fifty", "grid.knots"),
+        ("name: UAV-2", "name: UAV-1", "vehicles[1].name"),
+        ("[10.0, 20.0, 30.0]", "[10.0, 20.0, .nan]", "vehicles[1].start.velocity"),
+        ("[10.0, 20.0, 30.0]", "[10.0, 200.1, 30.0]", "vehicles[1].start.velocity"),
+        ("radius: 1000.0", "radius: 6000.0", "vehicles[0].start.position"),
+        ("grid:", "name: twice\ngrid:", ""),
+        ("grid:", "]grid:", ""),
+    ],
+)
+def test_bad_yaml_is_refused_by_name(old: str, new: str, field: str, paper: rho.Scenario) -> None:
+    text = scenario_to_yaml(paper)
+    assert old in text
+    with pytest.raises(rho.ScenarioError) as caught:
+        scenario_from_yaml(text.replace(old, new, 1))
+    assert caught.value.field == field
+
+
+@pytest.mark.parametrize("text", ["", "[1, 2]", "5", "a: 2020-13-50", "? [1]\n: 2", "a: &x [*x]"])
+def test_what_is_no_scenario_is_refused(text: str) -> None:
+    with pytest.raises(rho.ScenarioError):
+        scenario_from_yaml(text)
+
+
+def test_a_missing_file_and_a_wrong_name_are_named(tmp_path: Path) -> None:
+    with pytest.raises(rho.ScenarioError, match="paper"):
+        rho.load_scenario("papre")
+    with pytest.raises(rho.ScenarioError, match="directory"):
+        rho.load_scenario(tmp_path)
+    (tmp_path / "s.yaml").write_text("grid: 5")
+    with pytest.raises(rho.ScenarioError, match=r"s\.yaml: name"):
+        rho.load_scenario(tmp_path / "s.yaml")
+
+
+@given(scenario=scenarios())
+def test_yaml_brings_back_the_same_scenario(scenario: rho.Scenario) -> None:
+    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
+
+
+def test_files_bring_back_the_same_scenario(paper: rho.Scenario, tmp_path: Path) -> None:
+    own = dataclasses.replace(paper.vehicles[0], limits=rho.Limits(jerk=rho.Box([-1] * 3, [1] * 3)))
+    changed = dataclasses.replace(paper, vehicles=(own, *paper.vehicles[1:]))
+    rho.save_scenario(changed, tmp_path / "s.yaml")
+    assert rho.load_scenario(tmp_path / "s.yaml") == changed != paper
+    assert [path.name for path in tmp_path.iterdir()] == ["s.yaml"]
+
+
+def test_every_library_scenario_loads() -> None:
+    assert "paper" in rho.library()
+    for name in rho.library():
+        assert rho.load_scenario(name).name
+
+
+def test_the_schema_describes_every_field_with_its_unit() -> None:
+    schema = rho.scenario_schema()
+    for record in (schema, *schema["$defs"].values()):
+        assert record["additionalProperties"] is False
+        assert all("description" in field for field in record["properties"].values())
+    assert "[m/s]" in schema["$defs"]["State"]["properties"]["velocity"]["description"]
+
+
+def test_records_cannot_be_changed(paper: rho.Scenario) -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        paper.name = "other"  # type: ignore[misc]  # what is tested
+    with pytest.raises(ValueError, match="read-only"):
+        paper.vehicles[0].start.position[0] = 1.0
+    given = np.zeros(3)
+    state = rho.State(given)
+    given[0] = 1.0
+    assert state.position[0] == 0.0
+
+
+def test_own_limits_stand_in_for_the_scenarios() -> None:
+    common = rho.Limits(velocity=rho.Box([-1] * 3, [1] * 3), jerk=rho.Box([-5] * 3, [5] * 3))
+    own = rho.Limits(velocity=rho.Box([-2] * 3, [2] * 3))
+    vehicle = dataclasses.replace(VEHICLE, limits=own)
+    scenario = rho.Scenario("s", GRID, (vehicle,), common)
+    merged = scenario.limits_of(vehicle)
+    assert merged.velocity == own.velocity
+    assert merged.jerk == common.jerk
+    assert merged.acceleration is None
+
+
+def test_the_grid_of_the_paper(paper: rho.Scenario) -> None:
+    assert paper.grid.duration == 49.0
+    np.testing.assert_array_equal(paper.grid.times, np.arange(50.0))
+
+
+def test_a_start_on_the_surface_is_allowed() -> None:
+    touching = rho.Sphere([-2.0, 0.0, 0.0], 2.0)
+    assert single(obstacles=(touching,)).obstacles == (touching,)
