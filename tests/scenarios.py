@@ -78,7 +78,7 @@ def mapped(
             rho.Vehicle(old.name, state(old.start), state(old.goal), limits(old.limits))
             for old in scenario.vehicles
         ),
-        limits=limits(scenario.limits),
+        limits=limits(scenario.limits) or rho.Limits(),
         obstacles=tuple(
             rho.Sphere(length * (turn @ old.center + shift), length * old.radius)
             for old in scenario.obstacles
@@ -87,12 +87,12 @@ def mapped(
 
 
 @st.composite
-def scenarios(draw: st.DrawFn, *, feasible_boxes: bool = False) -> rho.Scenario:
-    """Random scenarios of any scale, most of which have a plan.
+def scenarios(draw: st.DrawFn, *, tight: bool = False) -> rho.Scenario:
+    """Random scenarios of any scale.
 
     Args:
         draw: hypothesis' own.
-        feasible_boxes: leave out boxes of velocity, acceleration and jerk, which can be too tight.
+        tight: with boxes that leave most of them without a plan, instead of few.
     """
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     size, duration = 10 ** rng.uniform(0, 4), 10 ** rng.uniform(0.5, 2.5)
@@ -102,12 +102,12 @@ def scenarios(draw: st.DrawFn, *, feasible_boxes: bool = False) -> rho.Scenario:
     def maybe(half: float) -> rho.Box | None:
         return box(half) if rng.random() < 0.6 else None
 
-    narrow = None if feasible_boxes else True
+    room = 0.2 if tight else 1.0
     limits = rho.Limits(
         position=maybe(size * rng.uniform(1, 1.5)),
-        velocity=narrow and maybe(speed * rng.uniform(1.5, 6)),
-        acceleration=narrow and maybe(force * rng.uniform(6, 40)),
-        jerk=narrow and maybe(force / duration * rng.uniform(60, 400)),
+        velocity=maybe(speed * rng.uniform(1.5, 6)),
+        acceleration=maybe(room * force * rng.uniform(6, 40)),
+        jerk=maybe(room * force / duration * rng.uniform(60, 400)),
     )
     obstacles = tuple(
         rho.Sphere(rng.uniform(-size, size, 3), size * rng.uniform(0.05, 0.4))

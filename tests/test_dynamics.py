@@ -19,7 +19,9 @@ seeds = st.integers(0, 2**32 - 1)
 def _random_motion(seed: int, before: bool = True) -> tuple[rho.State, Motion]:
     rng = np.random.default_rng(seed)
     step, steps = 10 ** rng.uniform(-2, 2), int(rng.integers(1, 40))
-    start = rho.State(*rng.normal(size=(2, 3)), rng.normal(size=3) if before else None)
+    start = rho.State(
+        rng.normal(size=3), rng.normal(size=3), rng.normal(size=3) if before else None
+    )
     return start, Motion.from_start(start, rng.normal(size=(steps, 3)), step)
 
 
@@ -78,9 +80,11 @@ def test_motion_between_knots_is_what_an_integrator_finds() -> None:
     h, a = motion.step, motion.accelerations
     state = np.concatenate([motion.positions[0], motion.velocities[0]])
     for k in range(len(a)):
-        flown = solve_ivp(
-            lambda t, x, k=k: np.concatenate([x[3:], a[k]]), (0, h), state, t_eval=[0.4 * h, h]
-        )
+
+        def rates(t: float, x: np.ndarray, thrust: np.ndarray = a[k]) -> np.ndarray:
+            return np.concatenate([x[3:], thrust])
+
+        flown = solve_ivp(rates, (0, h), state, t_eval=[0.4 * h, h])
         middle = motion.at("position", [(k + 0.4) * h])[0]
         np.testing.assert_allclose(flown.y[:3, 0], middle, rtol=1e-7, atol=1e-7 * h)
         state = flown.y[:, 1]
@@ -101,7 +105,7 @@ def test_drakes_trajectory_is_the_plan(paper: rho.Scenario) -> None:
 
 def test_an_unknown_vehicle_has_no_trajectory() -> None:
     plan = rho.plan_convex(single())
-    with pytest.raises(ValueError, match="'nobody'.*solo"):
+    with pytest.raises(ValueError, match=r"'nobody'.*solo"):
         plan.trajectory("nobody")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +18,7 @@ from tests.tolerances import INDEX, MOTION
 
 
 @np.errstate(invalid="ignore")  # numpy says so of Drake's symbols, without a cause
-def symbolic_twin(scenario: rho.Scenario, reference: rho.Plan | None) -> FloatArray | None:
+def symbolic_twin(scenario: rho.Scenario, reference: rho.Plan) -> FloatArray | None:
     """(16) written out: states and accelerations as variables, (1)-(7) and (15) at every knot."""
     h, K = scenario.grid.step, scenario.grid.knots
     answers = []
@@ -41,17 +43,18 @@ def symbolic_twin(scenario: rho.Scenario, reference: rho.Plan | None) -> FloatAr
             (v[1:-1], limits.velocity),
             (a, limits.acceleration),
         ):
-            for row in states if bounds is not None else []:
-                program.AddBoundingBoxConstraint(bounds.lower, bounds.upper, row)
+            if bounds is not None:
+                for row in states:
+                    program.AddBoundingBoxConstraint(bounds.lower, bounds.upper, row)
         if limits.jerk is not None:
             if vehicle.start.acceleration is not None:
                 a = np.concatenate([[vehicle.start.acceleration], a])
-            for before, after in zip(a[:-1], a[1:], strict=True):
+            for before, after in pairwise(a):
                 jerk = (after - before) / h
                 program.AddLinearConstraint(ge(jerk, limits.jerk.lower))
                 program.AddLinearConstraint(le(jerk, limits.jerk.upper))
             a = a[len(a) - K + 1 :]
-        for sphere in scenario.obstacles if reference is not None else ():
+        for sphere in scenario.obstacles:
             for k in range(1, K - 1):
                 q = reference.positions[index, k] - sphere.center
                 distance = float(np.linalg.norm(q))
@@ -106,9 +109,8 @@ def test_scipy_finds_the_same_plan() -> None:
     total = 0.0
     for axis, distance in enumerate([10.0, 4.0, -2.0]):
         found = minimize(
-            lambda a: a @ a,
+            lambda a: float(a @ a),
             np.zeros(steps),
-            jac=lambda a: 2 * a,
             bounds=[(-0.9, 0.9)] * steps,
             constraints=[
                 LinearConstraint(integrate[:-1], -1.8, 1.8),

@@ -18,7 +18,7 @@ from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.motion.plan import Flight, Plan
@@ -56,7 +56,7 @@ def draw_sphere(ax: Axes3D, sphere: Sphere) -> Poly3DCollection:
     return ball
 
 
-def draw_paths(ax: Axes3D, plan: Plan) -> list[Line2D]:
+def draw_paths(ax: Axes3D, plan: Plan) -> list[Line3D]:
     """Each vehicle's path, its knots, its start (ring) and its goal (star)."""
     lines = []
     colours = vehicle_colours(len(plan.positions))
@@ -76,7 +76,7 @@ def draw_paths(ax: Axes3D, plan: Plan) -> list[Line2D]:
     return lines
 
 
-def draw_windows(ax: Axes3D, flight: Flight) -> list[Line2D]:
+def draw_windows(ax: Axes3D, flight: Flight) -> list[Line3D]:
     """What was flown of each window in the window's colour, and the rest of it as a thin line."""
     lines = []
     colours = window_colours(len(flight.windows))

@@ -151,7 +151,9 @@ def jerk_response(step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
     """
     k = np.rint(np.asarray(times) / step)[:, None]
     steps = np.arange(knots - 1)
-    return ((steps == k).astype(np.float64) - (steps == k - 1)) / step
+    own, previous = (steps == k).astype(np.float64), (steps == k - 1).astype(np.float64)
+    response: FloatArray = (own - previous) / step
+    return response
 
 
 RESPONSES: dict[Quantity, Callable[[float, int, npt.ArrayLike], FloatArray]] = {

@@ -53,7 +53,10 @@ def plan_around(
     Raises:
         InfeasibleError: the linearised program of a vehicle has no solution.
         SolverError: the solvers fail numerically.
+        ValueError: the reference has other vehicles or another grid.
     """
+    if reference is not None:
+        _check_fits(reference, scenario)
     began = time.perf_counter()
     tasks = [_task(scenario, index, reference) for index in range(len(scenario.vehicles))]
     solutions: list[Solution] = []
@@ -75,6 +78,17 @@ def plan_around(
     )
     accelerations = np.array([task.motion.accelerations for task in tasks])
     return Plan.from_accelerations(scenario, accelerations, statistics)
+
+
+def _check_fits(reference: Plan, scenario: Scenario) -> None:
+    theirs, ours = (
+        (len(asked.vehicles), asked.grid.knots, asked.grid.step)
+        for asked in (reference.scenario, scenario)
+    )
+    if theirs != ours:
+        words = "{} vehicles on {} knots, {:g} s apart"
+        got, expected = words.format(*theirs), words.format(*ours)
+        raise ValueError(f"reference: got {got}, expected {expected}")
 
 
 def _task(scenario: Scenario, index: int, reference: Plan | None) -> _Task:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable
+from numbers import Integral
 from typing import Protocol
 
 import numpy as np
@@ -78,7 +79,7 @@ def plan_rho(
         SolverError: the solvers fail numerically.
         ValueError: `replan_every` is not a whole number of at least 1.
     """
-    if isinstance(replan_every, bool) or replan_every != int(replan_every) or replan_every < 1:
+    if isinstance(replan_every, bool) or not isinstance(replan_every, Integral) or replan_every < 1:
         raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
     began = time.perf_counter()
     replan_every = int(replan_every)

@@ -7,9 +7,11 @@ Records are frozen and checked when made; a changed situation is a new record
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Literal, Self
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
@@ -52,6 +54,15 @@ class State:
     """acceleration just before the first knot [m/s²], for the jerk limit (7) there; if not
     given, the first acceleration is free of it. Has no meaning in a goal."""
 
+    if TYPE_CHECKING:  # what is made of lists too is read as arrays
+
+        def __init__(
+            self,
+            position: npt.ArrayLike,
+            velocity: npt.ArrayLike = ...,
+            acceleration: npt.ArrayLike | None = None,
+        ) -> None: ...
+
 
 @record
 class Box:
@@ -61,6 +72,10 @@ class Box:
     """least x, y and z"""
     upper: Vector
     """greatest x, y and z"""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike) -> None: ...
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -147,6 +162,10 @@ class Sphere:
     radius: Positive
     """R_m [m]"""
 
+    if TYPE_CHECKING:
+
+        def __init__(self, center: npt.ArrayLike, radius: float) -> None: ...
+
     @property
     def slack(self) -> float:
         """How deep inside still counts as outside: `TOLERANCE` of the radius [m]."""
@@ -172,6 +191,19 @@ class Scenario:
     between_knots: Literal[False] = False
     """whether obstacles and position box must hold at every instant too; in this version they
     hold at the knots only, so only false is accepted"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            grid: Grid,
+            vehicles: Sequence[Vehicle],
+            limits: Limits = ...,
+            obstacles: Sequence[Sphere] = (),
+            separation: None = None,
+            between_knots: Literal[False] = False,
+        ) -> None: ...
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

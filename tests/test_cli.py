@@ -1,0 +1,159 @@
+"""The command line: exit statuses, one line for bad input, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import drake_rho as rho
+from drake_rho import cli
+from tests.scenarios import box, single
+
+Run = tuple[int, str, str]
+
+FROM_SCRATCH = """
+name: two columns
+grid: {step: 0.25, knots: 41}
+vehicles:
+  - name: scout
+    start: {position: [0, 0, 1], acceleration: [0, 0, 0]}
+    goal: {position: [20, 2, 3]}
+    limits:
+      velocity: {lower: [-6, -6, -2], upper: [6, 6, 2]}
+  - name: cargo
+    start: {position: [0, 4, 1], velocity: [1, 0, 0]}
+    goal: {position: [20, -1, 2], velocity: [1, 0, 0]}
+limits:
+  position: {lower: [-1, -6, 0], upper: [21, 8, 6]}
+  velocity: {lower: [-4, -4, -2], upper: [4, 4, 2]}
+  acceleration: {lower: [-3, -3, -3], upper: [3, 3, 3]}
+  jerk: {lower: [-6, -6, -6], upper: [6, 6, 6]}
+obstacles:
+  - {center: [7, 1, 1.5], radius: 1.5}
+  - {center: [13, 1, 2], radius: 2}
+"""
+
+
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: str) -> Run:
+    """`drake-rho words`, in this process."""
+    monkeypatch.setattr(sys, "argv", ["drake-rho", *words])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    printed = capsys.readouterr()
+    status = left.value.code
+    assert isinstance(status, int)
+    return status, printed.out, printed.err
+
+
+@pytest.fixture
+def scenario_file(tmp_path: Path) -> Path:
+    """A scenario written from scratch."""
+    path = tmp_path / "scenario.yaml"
+    path.write_text(FROM_SCRATCH)
+    return path
+
+
+@pytest.mark.parametrize("words", [["plan"], ["plan", "--method", "scp"], ["fly"]])
+def test_a_scenario_from_scratch_is_planned_kept_and_verified(
+    words: list[str],
+    scenario_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kept = tmp_path / "kept.npz"
+    status, out, _ = run(capsys, monkeypatch, *words, str(scenario_file), "-o", str(kept))
+    assert status == 0, out
+    assert "two columns: all constraints hold" in out
+    assert isinstance(rho.load(kept), rho.Flight if words == ["fly"] else rho.Plan)
+    status, out, _ = run(capsys, monkeypatch, "verify", str(kept))
+    assert status == 0
+    assert "obstacle 2" in out
+
+
+def test_a_plan_that_breaks_a_constraint_exits_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = rho.plan_convex(single())
+    sphere = rho.Sphere([5.0, 2.0, -1.0], 1.0)
+    broken = rho.Plan.from_accelerations(single(obstacles=(sphere,)), plan.accelerations)
+    rho.save(broken, tmp_path / "broken.npz")
+    status, out, _ = run(capsys, monkeypatch, "verify", str(tmp_path / "broken.npz"))
+    assert status == 1
+    assert "solo" in out
+    assert "obstacle 1" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["plan", "nowhere"], "'nowhere'"),
+        (["plan", "paper", "-o", "nowhere/plan.npz"], "nowhere"),
+        (["plan", "paper", "-o", "."], "folder"),
+        (["plan", "paper", "--step", "0.3"], "divides"),
+        (["plan", "paper", "--method", "scp", "--step", "0.5"], "--step"),
+        (["fly", "paper", "--replan-every", "0"], "replan_every"),
+        (["fly", "paper", "--replan-every", "x"], "--replan-every"),
+        (["fly", "paper", "--bogus"], "--bogus"),
+        (["verify", "pyproject.toml"], "not a plan or flight"),
+        (["verify", "missing.npz"], "No such file"),
+        (["plan"], "SCENARIO"),
+        (["dance"], "dance"),
+        ([], "command"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(
+    words: list[str],
+    complaint: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    status, out, err = run(capsys, monkeypatch, *words)
+    assert status == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert complaint in err
+
+
+def test_no_plan_is_one_line_and_status_3(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rho.save_scenario(single(limits=rho.Limits(acceleration=box(0.3))), tmp_path / "s.yaml")
+    kept = tmp_path / "kept.npz"
+    status, _, err = run(capsys, monkeypatch, "plan", str(tmp_path / "s.yaml"), "-o", str(kept))
+    assert status == 3
+    assert "acceleration box x" in err
+    assert not kept.exists()
+
+
+def test_the_schema_is_json(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, out, _ = run(capsys, monkeypatch, "schema")
+    assert status == 0
+    assert json.loads(out)["title"] == "Scenario"
+
+
+def test_reproduce_writes_sixteen_figures_and_the_tables(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, out, _ = run(capsys, monkeypatch, "reproduce", "--figures", str(tmp_path / "f"))
+    assert status == 0
+    assert len(list((tmp_path / "f").iterdir())) == 16
+    assert "17027.239" in out
+    assert "greatly reduces" in out
+
+
+def test_the_module_runs_too() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-m", "drake_rho", "plan", "nowhere"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 2
+    assert "Traceback" not in ran.stderr

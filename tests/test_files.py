@@ -1,0 +1,133 @@
+"""Plans and flights come back as they went, and what is no plan is refused."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import drake_rho as rho
+from drake_rho.scenario.files import replacing
+from tests.scenarios import single
+
+
+def _same(one: rho.Plan, other: rho.Plan) -> bool:
+    return (
+        one.scenario == other.scenario
+        and one.statistics == other.statistics
+        and np.array_equal(one.positions, other.positions)
+        and np.array_equal(one.velocities, other.velocities)
+        and np.array_equal(one.accelerations, other.accelerations)
+    )
+
+
+def test_a_plan_comes_back_as_it_went(paper: rho.Scenario, tmp_path: Path) -> None:
+    plan = rho.plan_convex(paper)
+    rho.save(plan, tmp_path / "plan.npz")
+    loaded = rho.load(tmp_path / "plan.npz")
+    assert isinstance(loaded, rho.Plan)
+    assert _same(loaded, plan)
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.npz"]
+
+
+def test_a_flight_comes_back_as_it_went(paper: rho.Scenario, tmp_path: Path) -> None:
+    flight = rho.plan_rho(paper)
+    rho.save(flight, tmp_path / "flight")
+    loaded = rho.load(tmp_path / "flight")
+    assert isinstance(loaded, rho.Flight)
+    assert _same(loaded.plan, flight.plan)
+    for one, other in zip(loaded.windows, flight.windows, strict=True):
+        assert (one.first_knot, one.infeasible) == (other.first_knot, other.infeasible)
+        assert _same(one.plan, other.plan)
+        assert _same(one.reference, other.reference)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The bytes of a good file."""
+    path = tmp_path_factory.mktemp("plans") / "plan.npz"
+    rho.save(rho.plan_convex(single()), path)
+    return path.read_bytes()
+
+
+@given(data=st.data())
+@settings(max_examples=150)
+def test_a_damaged_file_is_refused_or_the_same(
+    whole: bytes, tmp_path: Path, data: st.DataObject
+) -> None:
+    at = data.draw(st.integers(0, len(whole) - 1))
+    if data.draw(st.booleans()):
+        damaged = whole[:at]
+    else:
+        byte = data.draw(st.integers(0, 255))
+        damaged = whole[:at] + bytes([byte]) + whole[at + 1 :]
+    path = tmp_path / "damaged.npz"
+    path.write_bytes(damaged)
+    try:
+        loaded = rho.load(path)
+    except rho.PlanFileError:
+        return
+    assert isinstance(loaded, rho.Plan)
+    rho.save(loaded, path)
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"format": "something else"},
+        {"plan.positions": np.zeros((1, 5, 3))},
+        {"plan.accelerations": np.full((1, 16, 3), np.nan)},
+        {"plan.velocities": np.array("words")},
+        {"plan.scenario": "{}"},
+        {"plan.scenario": "not json"},
+        {"plan.statistics": '{"bogus": 1, "steps_tried": []}'},
+        {"plan.statistics": "[]"},
+        {"first_knots": np.array([0])},
+        {"plan.velocities": np.array([None, object()])},
+    ],
+)
+def test_a_file_with_other_content_is_refused(
+    whole: bytes, tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    path = tmp_path / "plan.npz"
+    path.write_bytes(whole)
+    with np.load(path) as content:
+        changed = dict(content) | changes
+    np.savez(path, **changed)
+    with pytest.raises(rho.PlanFileError, match=r"plan\.npz"):
+        rho.load(path)
+
+
+def test_what_is_no_such_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "text").write_text("hello")
+    (tmp_path / "empty").write_text("")
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    with zipfile.ZipFile(tmp_path / "other.zip", "w") as other:
+        other.writestr("hello", "world")
+    for name in ("text", "empty", "array.npy", "other.zip", "missing", "."):
+        with pytest.raises(rho.PlanFileError):
+            rho.load(tmp_path / name)
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text("before")
+    with pytest.raises(TypeError), replacing(path) as file:  # noqa: PT012  # halfway
+        file.write(b"after")
+        file.write("text where bytes belong")  # type: ignore[call-overload]  # tested
+    assert path.read_text() == "before"
+    with replacing(path) as file:
+        file.write(b"after")
+    assert path.read_text() == "after"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        rho.save(rho.plan_convex(single()), tmp_path / "nowhere" / "plan.npz")

@@ -1,0 +1,157 @@
+"""Why there is no plan: named, and true."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from pydrake.solvers import ClarabelSolver, GurobiSolver, OsqpSolver, SolverInterface
+
+import drake_rho as rho
+from drake_rho.planning import solve
+from tests.scenarios import box, scenarios, single
+
+
+def _conflict(scenario: rho.Scenario, solver: SolverInterface | None = None) -> tuple[str, ...]:
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(scenario, solver=solver)
+    (names,) = caught.value.conflicts.values()
+    return names
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        (rho.Limits(acceleration=box(0.5)), ("goal x", "acceleration box x")),
+        (rho.Limits(velocity=box(1.2)), ("goal x", "velocity box x from 0.5 s to 7.5 s")),
+        (
+            rho.Limits(velocity=box(50), acceleration=box(0.5), position=box(100)),
+            ("goal x", "acceleration box x"),
+        ),
+    ],
+)
+def test_the_constraints_in_the_way_are_named_and_no_others(
+    limits: rho.Limits, expected: tuple[str, ...], solver: SolverInterface
+) -> None:
+    assert _conflict(single(limits=limits), solver) == expected
+
+
+def test_a_jerk_limit_in_the_way_is_named() -> None:
+    start = rho.State([0, 0, 0], acceleration=[0, 0, 0])
+    names = _conflict(single(start=start, limits=rho.Limits(jerk=box(0.3))))
+    assert names[0] == "goal x"
+    assert names[1].startswith("jerk box x")
+
+
+def test_an_obstacle_in_the_way_is_named_with_its_times() -> None:
+    # a corridor that the sphere fills
+    walls = rho.Box([-1.0, -0.5, -0.5], [11.0, 0.5, 0.5])
+    goal = rho.State([10.0, 0.0, 0.0])
+    obstacle = rho.Sphere([5.0, 0.1, 0.0], 2.0)
+    limits = rho.Limits(position=walls, acceleration=box(5.0))
+    names = _conflict(single(goal=goal, limits=limits, obstacles=(obstacle,)))
+    assert any(name.startswith("obstacle 1 ") for name in names), names
+    text = str(rho.InfeasibleError({"solo": names}))
+    assert text.startswith("no plan: solo cannot meet together: ")
+
+
+@given(scenario=scenarios(tight=True))
+@settings(max_examples=60)
+def test_constraints_that_are_not_named_are_not_needed_for_the_conflict(
+    scenario: rho.Scenario,
+) -> None:
+    free = scenario.without_obstacles()
+    try:
+        rho.plan_convex(free)
+    except rho.InfeasibleError as error:
+        (name, names), *_ = error.conflicts.items()
+    else:
+        assume(False)
+    kinds = ("position", "velocity", "acceleration", "jerk")
+    needed: dict[str, Any] = {
+        kind: getattr(free.limits, kind)
+        for kind in kinds
+        if any(part.startswith(f"{kind} box") for part in names)
+    }
+    vehicle = free.vehicles[free.index_of(name)]
+    alone = dataclasses.replace(free, vehicles=(vehicle,), limits=rho.Limits(**needed))
+    assert _conflict(alone)
+    without = dataclasses.replace(alone, limits=rho.Limits())
+    assert rho.verify(rho.plan_convex(without)).ok
+
+
+def test_every_vehicle_without_a_plan_is_named(paper: rho.Scenario) -> None:
+    slow = dataclasses.replace(paper, limits=rho.Limits(acceleration=box(9.0)))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(slow)
+    needs = {
+        vehicle.name: np.abs(plan).max()
+        for vehicle, plan in zip(
+            paper.vehicles, rho.plan_convex(paper.without_obstacles()).accelerations, strict=True
+        )
+    }
+    assert set(caught.value.conflicts) <= {name for name, need in needs.items() if need > 9.0}
+    assert "UAV-1" in caught.value.conflicts
+
+
+COARSE = rho.Grid(4.0, 3)
+TIGHT = rho.Limits(acceleration=box(0.8))
+
+
+def test_another_step_is_tried_when_the_first_has_no_solution() -> None:
+    """Step 3 of the paper: two steps of 4 s cannot keep the velocity box, finer ones can."""
+    limits = rho.Limits(velocity=box(1.9))
+    scenario = single(grid=COARSE, limits=limits)
+    with pytest.raises(rho.InfeasibleError, match=r"steps tried: 4 s"):
+        rho.plan_convex(scenario)
+    plan = rho.plan_convex(scenario, steps=[8.0, 1.0, 0.5])
+    assert plan.statistics.steps_tried == (4.0, 8.0, 1.0)
+    assert plan.scenario.grid == rho.Grid(1.0, 9)
+    assert plan.scenario.grid.duration == COARSE.duration
+    assert rho.verify(plan).ok
+
+
+def test_a_step_that_works_is_kept() -> None:
+    plan = rho.plan_convex(single(), steps=[0.25])
+    assert plan.scenario.grid.step == 0.5
+    assert plan.statistics.steps_tried == (0.5,)
+
+
+def test_all_steps_without_a_solution_are_named() -> None:
+    with pytest.raises(rho.InfeasibleError, match=r"steps tried: 0\.5 s, 1 s, 0\.25 s") as caught:
+        rho.plan_convex(single(limits=rho.Limits(acceleration=box(0.3))), steps=[1.0, 0.25])
+    assert caught.value.steps_tried == (0.5, 1.0, 0.25)
+
+
+@pytest.mark.parametrize("step", [3.0, 0.0, -1.0, 9.0, float("nan"), float("inf")])
+def test_a_step_that_does_not_divide_the_duration_is_refused(step: float) -> None:
+    with pytest.raises(ValueError, match="steps: got"):
+        rho.plan_convex(single(), steps=[step])
+
+
+@pytest.mark.parametrize(("first", "second"), [("Clarabel", "OSQP"), ("OSQP", "Clarabel")])
+def test_the_other_solver_takes_over_from_one_that_fails(
+    first: str, second: str, monkeypatch: pytest.MonkeyPatch, paper: rho.Scenario
+) -> None:
+    monkeypatch.setitem(solve._OPTIONS, first, {"max_iter": 1})
+    made: SolverInterface = {"Clarabel": ClarabelSolver, "OSQP": OsqpSolver}[first]()
+    plan = rho.plan_convex(paper, solver=made)
+    assert plan.statistics.solver == second
+    assert plan.cost == pytest.approx(20920.353, rel=1e-6)
+
+
+def test_two_solvers_that_fail_are_an_error(
+    monkeypatch: pytest.MonkeyPatch, paper: rho.Scenario
+) -> None:
+    monkeypatch.setitem(solve._OPTIONS, "Clarabel", {"max_iter": 1})
+    monkeypatch.setitem(solve._OPTIONS, "OSQP", {"max_iter": 1})
+    with pytest.raises(rho.SolverError, match="Clarabel and then OSQP failed"):
+        rho.plan_convex(paper)
+
+
+def test_a_solver_that_is_not_here_is_refused(paper: rho.Scenario) -> None:
+    with pytest.raises(ValueError, match="solver: got Gurobi"):
+        rho.plan_convex(paper, solver=GurobiSolver())

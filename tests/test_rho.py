@@ -1,0 +1,130 @@
+"""The receding horizon: its windows, what is flown of them, and what happens when one fails."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.solvers import SolverInterface
+
+import drake_rho as rho
+from tests.scenarios import scenarios, single
+from tests.tolerances import INDEX, ROUNDING
+
+
+@pytest.mark.parametrize("replan_every", [1, 5, 7, 48, 49, 100])
+def test_what_is_flown_is_the_beginning_of_every_window(
+    paper: rho.Scenario, replan_every: int
+) -> None:
+    flight = rho.plan_rho(paper, replan_every=replan_every)
+    assert [window.first_knot for window in flight.windows] == list(range(0, 49, replan_every))
+    assert rho.verify(flight.plan).ok
+    for window in flight.windows:
+        first = window.first_knot
+        last = min(first + replan_every, 49)
+        np.testing.assert_allclose(
+            flight.plan.positions[:, first : last + 1],
+            window.plan.positions[:, : last - first + 1],
+            rtol=ROUNDING,
+            atol=1e-6,
+        )
+        assert rho.verify(window.plan).ok
+        assert not window.infeasible
+
+
+def test_one_window_is_the_convex_method(paper: rho.Scenario) -> None:
+    flight = rho.plan_rho(paper, replan_every=49)
+    np.testing.assert_array_equal(flight.plan.accelerations, rho.plan_convex(paper).accelerations)
+
+
+def test_the_reference_of_a_window_is_its_own_way_through(paper: rho.Scenario) -> None:
+    flight = rho.plan_rho(paper)
+    for window in flight.windows[:-1]:
+        free = rho.plan_convex(window.plan.scenario.without_obstacles())
+        np.testing.assert_allclose(window.reference.positions, free.positions, atol=1e-6)
+
+
+def test_the_previous_tail_as_reference_never_costs_more_along_the_flight(
+    paper: rho.Scenario,
+) -> None:
+    flight = rho.plan_rho(paper, reference=rho.previous_tail)
+    assert rho.verify(flight.plan).ok
+    spent = 0.0
+    predicted = []
+    for window in flight.windows:
+        predicted.append(spent + window.plan.cost)
+        spent += float(np.sum(window.plan.accelerations[:, :5] ** 2))
+    assert np.all(np.diff(predicted) <= INDEX * predicted[0])
+
+
+def test_any_planner_can_be_passed(paper: rho.Scenario) -> None:
+    flight = rho.plan_rho(paper, planner=rho.plan_scp)
+    assert rho.verify(flight.plan).ok
+    # iterated to convergence, every window finds the same motion again
+    assert flight.cost == pytest.approx(rho.plan_scp(paper).cost, rel=INDEX)
+
+
+def _failing_after(windows: int) -> object:
+    left = [windows]
+
+    def planner(
+        scenario: rho.Scenario,
+        *,
+        reference: rho.Plan | None,
+        solver: SolverInterface | None = None,
+    ) -> rho.Plan:
+        left[0] -= 1
+        if left[0] < 0:
+            raise rho.InfeasibleError({"UAV-1": ("goal x", "obstacle 1 at 9 s")})
+        return rho.plan_convex(scenario, reference=reference, solver=solver)
+
+    return planner
+
+
+def test_a_window_without_a_plan_flies_on_along_the_previous_one(paper: rho.Scenario) -> None:
+    flight = rho.plan_rho(paper, planner=_failing_after(2))  # type: ignore[arg-type]  # a planner
+    assert rho.verify(flight.plan).ok
+    assert [bool(window.infeasible) for window in flight.windows] == [False] * 2 + [True] * 8
+    assert "obstacle 1 at 9 s" in flight.windows[2].infeasible
+    np.testing.assert_allclose(
+        flight.plan.accelerations[:, 5:], flight.windows[1].plan.accelerations, rtol=ROUNDING
+    )
+
+
+def test_a_first_window_without_a_plan_is_an_error(paper: rho.Scenario) -> None:
+    with pytest.raises(rho.InfeasibleError):
+        rho.plan_rho(paper, planner=_failing_after(0))  # type: ignore[arg-type]  # a planner
+
+
+@pytest.mark.parametrize("replan_every", [0, -1, 2.5, True, "5", None, float("nan")])
+def test_replan_every_is_a_whole_number_of_at_least_one(
+    paper: rho.Scenario, replan_every: object
+) -> None:
+    with pytest.raises(ValueError, match="replan_every"):
+        rho.plan_rho(paper, replan_every=replan_every)  # type: ignore[arg-type]  # what is tested
+
+
+def test_jerk_is_kept_where_windows_meet() -> None:
+    limits = rho.Limits(jerk=rho.Box([-1.0] * 3, [1.0] * 3))
+    obstacles = (rho.Sphere([5.0, 2.3, -1.0], 2.2),)
+    scenario = single(limits=limits, obstacles=obstacles)
+    flight = rho.plan_rho(scenario, replan_every=3)
+    assert rho.verify(flight.plan).ok
+    free = rho.plan_rho(single(obstacles=obstacles), replan_every=3)
+    jerks = np.abs(np.diff(free.plan.accelerations, axis=1)).max() / scenario.grid.step
+    assert jerks > 1.5  # without the limit, some joint or step breaks it
+
+
+@given(scenario=scenarios(), replan_every=st.integers(1, 9), tail=st.booleans())
+@settings(max_examples=40)
+def test_a_flight_that_begins_ends_at_its_goal(
+    scenario: rho.Scenario, replan_every: int, tail: bool
+) -> None:
+    reference = rho.previous_tail if tail else rho.without_obstacles
+    try:
+        flight = rho.plan_rho(scenario, replan_every=replan_every, reference=reference)
+    except rho.InfeasibleError:
+        return
+    report = rho.verify(flight.plan)
+    assert report.ok, report

@@ -1,0 +1,152 @@
+"""The verifier finds what is broken, says by how much, and believes nobody."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import drake_rho as rho
+from tests.scenarios import box, scenarios, single
+
+
+@pytest.fixture(scope="module")
+def plan() -> rho.Plan:
+    """A plan under limits of every kind, past an obstacle."""
+    limits = rho.Limits(box(30), box(3), box(2), box(2))
+    return rho.plan_scp(single(limits=limits, obstacles=(rho.Sphere([5.0, 2.3, -1.0], 1.0),)))
+
+
+def test_a_good_plan_passes_every_check(plan: rho.Plan) -> None:
+    report = rho.verify(plan)
+    assert report.ok
+    assert not report.violations
+    kinds = {check.kind for check in report.checks}
+    assert kinds == {
+        "dynamics",
+        "goal",
+        "position box",
+        "velocity box",
+        "acceleration box",
+        "jerk box",
+        "obstacle 1",
+    }
+
+
+@pytest.mark.parametrize("quantity", ["positions", "velocities"])
+def test_states_that_were_not_flown_are_found(plan: rho.Plan, quantity: str) -> None:
+    states = np.array(getattr(plan, quantity))
+    states[0, 7, 1] += 0.01
+    changed: dict[str, Any] = {quantity: states}
+    report = rho.verify(dataclasses.replace(plan, **changed))
+    (violation,) = report.violations
+    assert violation.kind == "dynamics"
+    assert violation.time == 3.5
+    assert violation.excess == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("kind", "limits", "value", "limit"),
+    [
+        ("position box", rho.Limits(position=rho.Box([-1, -9, -9], [10, 9, 9])), None, None),
+        ("velocity box", rho.Limits(velocity=box(1.0)), None, 1.0),
+        ("acceleration box", rho.Limits(acceleration=box(0.5)), None, 0.5),
+        ("jerk box", rho.Limits(jerk=box(0.2)), None, 0.2),
+    ],
+)
+def test_a_broken_box_is_named_with_value_limit_and_excess(
+    kind: str, limits: rho.Limits, value: float | None, limit: float | None
+) -> None:
+    goal = rho.State([10.0, 4.0, -2.0], [0.0, 0.0, 0.0])
+    start = rho.State([0.0, 0.0, 0.0], [-2.0, 0.0, 0.0] if kind == "position box" else [0, 0, 0])
+    free = rho.plan_convex(single(start=start, goal=goal))
+    scenario = single(start=start, goal=goal, limits=limits)
+    (violation, *_) = rho.verify(
+        rho.Plan.from_accelerations(scenario, free.accelerations)
+    ).violations
+    assert violation.vehicle == "solo"
+    assert violation.kind == kind
+    assert violation.excess == pytest.approx(abs(violation.value) - abs(violation.limit))
+    assert limit is None or abs(violation.limit) == limit
+
+
+def test_a_dip_is_named_with_obstacle_time_and_depth() -> None:
+    spheres = (rho.Sphere([-5.0, 0.0, 0.0], 1.0), rho.Sphere([5.0, 2.0, -1.0], 1.0))
+    scenario = single(obstacles=spheres)
+    through = rho.plan_convex(scenario.without_obstacles())
+    (violation,) = rho.verify(dataclasses.replace(through, scenario=scenario)).violations
+    assert violation.constraint == "obstacle 2"
+    assert violation.time == 4.0
+    assert violation.value == pytest.approx(0.0, abs=1e-9)
+    assert violation.excess == pytest.approx(1.0)
+    assert "obstacle 2" in str(rho.verify(dataclasses.replace(through, scenario=scenario)))
+
+
+def test_the_smallest_excess_over_the_slack_is_found() -> None:
+    limit = 1.0
+    scenario = single(limits=rho.Limits(acceleration=box(limit)))
+    plan = rho.plan_convex(scenario)
+    slack = 1e-6 * 2 * limit
+    for beyond, ok in ((0.9, True), (1.1, False)):
+        a = np.array(plan.accelerations)
+        a[0, 0, 0] = limit + beyond * slack
+        checks = rho.verify(rho.Plan.from_accelerations(scenario, a)).checks
+        (check,) = (check for check in checks if check.kind == "acceleration box")
+        assert check.holds == ok
+
+
+def test_numbers_that_are_none_never_pass(plan: rho.Plan) -> None:
+    a = np.array(plan.accelerations)
+    a[0, 3, 2] = np.nan
+    report = rho.verify(rho.Plan.from_accelerations(plan.scenario, a))
+    assert not report.ok
+    assert {"goal", "obstacle 1", "acceleration box"} <= {one.kind for one in report.violations}
+
+
+def test_a_long_list_of_violations_is_cut(paper: rho.Scenario) -> None:
+    vehicles = tuple(
+        dataclasses.replace(paper.vehicles[0], name=f"UAV-{number}") for number in range(20)
+    )
+    many = dataclasses.replace(paper, vehicles=vehicles)
+    report = rho.verify(rho.Plan.from_accelerations(many, np.zeros((20, 49, 3))))
+    assert len(report.violations) == 40
+    lines = str(report).splitlines()
+    assert len(lines) == 15
+    assert lines[-1] == "… and 28 more"
+
+
+@given(scenario=scenarios())
+@settings(max_examples=100)
+def test_what_is_planned_holds_by_other_means_too(scenario: rho.Scenario) -> None:
+    """Random scenarios are solved and verified, here by plain loops, or raise."""
+    try:
+        plan = rho.plan_scp(scenario)
+    except rho.InfeasibleError:
+        return
+    assert rho.verify(plan).ok
+    h = scenario.grid.step
+    for index, vehicle in enumerate(scenario.vehicles):
+        limits = scenario.limits_of(vehicle)
+        p, v = vehicle.start.position.copy(), vehicle.start.velocity.copy()
+        before = vehicle.start.acceleration
+        way = vehicle.reach(scenario.grid.duration)
+        for a in plan.accelerations[index]:
+            for sphere in scenario.obstacles:
+                assert np.linalg.norm(p - sphere.center) >= sphere.radius * (1 - 2e-6)
+            jerk = np.zeros(3) if before is None else (a - before) / h
+            for value, bounds in (
+                (p, limits.position),
+                (v, limits.velocity),
+                (a, limits.acceleration),
+                (jerk, limits.jerk),
+            ):
+                if bounds is not None:
+                    room = 2e-6 * (bounds.upper - bounds.lower)
+                    assert np.all(value >= bounds.lower - room)
+                    assert np.all(value <= bounds.upper + room)
+            p, v, before = p + h * v + h**2 / 2 * a, v + h * a, a
+        assert np.linalg.norm(p - vehicle.goal.position) <= 1e-6 * way
+        assert np.linalg.norm(v - vehicle.goal.velocity) <= 1e-6 * way / scenario.grid.duration
