@@ -29,7 +29,6 @@ clean: ## Remove the environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(READY): pyproject.toml constraints.txt tools/make-venv
-	sh tools/make-venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+$(READY): pyproject.toml constraints.txt tools/setup
+	@sh tools/setup $(VENV)
 	@touch $@
