@@ -57,8 +57,9 @@ def load(path: str | Path) -> Plan | Flight:
         with open(path, "rb") as file:
             if not zipfile.is_zipfile(file):
                 raise PlanFileError(f"{path}: not a plan or flight of drake_rho, or damaged")
-        with np.load(path, allow_pickle=False) as content:
-            return _unpack_all(path, content)
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as content:
+                return _unpack_all(path, content)
     except OSError as error:
         raise PlanFileError(f"{path}: {error.strerror or 'not readable'}") from None
     except PlanFileError:
