@@ -3,12 +3,15 @@
 The method of Zhou et al., ASCC 2017, on Drake's `MathematicalProgram`. SI units throughout.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.rho import plan_rho, previous_tail, without_obstacles
+from drake_rho.planning.rho import free_reference, plan_rho, tail_reference
 from drake_rho.planning.scp import plan_scp, scp_step
 from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
 from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
@@ -21,6 +24,15 @@ from drake_rho.scenario.records import (
     State,
     Vehicle,
 )
+
+if TYPE_CHECKING:
+    from drake_rho.display.animation import animate
+    from drake_rho.display.figures import (
+        accelerations_figure,
+        distances_figure,
+        paths_figure,
+        velocities_figure,
+    )
 
 __all__ = [
     "Box",
@@ -41,17 +53,37 @@ __all__ = [
     "Statistics",
     "Vehicle",
     "Window",
+    "accelerations_figure",
+    "animate",
+    "distances_figure",
+    "free_reference",
     "library",
     "load",
     "load_scenario",
+    "paths_figure",
     "plan_convex",
     "plan_rho",
     "plan_scp",
-    "previous_tail",
     "save",
     "save_scenario",
     "scenario_schema",
     "scp_step",
+    "tail_reference",
+    "velocities_figure",
     "verify",
-    "without_obstacles",
 ]
+
+# What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
+_DRAWING = {
+    "animate": "drake_rho.display.animation",
+    "accelerations_figure": "drake_rho.display.figures",
+    "distances_figure": "drake_rho.display.figures",
+    "paths_figure": "drake_rho.display.figures",
+    "velocities_figure": "drake_rho.display.figures",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name in _DRAWING:
+        return getattr(import_module(_DRAWING[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,14 +1,20 @@
-"""The command line: `drake-rho reproduce | plan | fly | verify | schema`.
+"""The command line: `drake-rho reproduce | plan | fly | verify | show | schema`.
 
 Exit status: 0 all constraints hold; 1 some do not; 2 bad input; 3 there is no plan; 4 the solvers
-failed numerically; 130 interrupted.
+failed numerically; 130 interrupted; 141 the reader of the output has gone.
 """
 
 from __future__ import annotations
 
 import json
+import logging
+import os
 import sys
+import time
+import webbrowser
+import zipfile
 from enum import StrEnum
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -23,10 +29,10 @@ from drake_rho.motion.files import load, save
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.rho import plan_rho, previous_tail, without_obstacles
+from drake_rho.planning.rho import free_reference, plan_rho, tail_reference
 from drake_rho.planning.scp import plan_scp
 from drake_rho.scenario.errors import DrakeRhoError
-from drake_rho.scenario.files import load_scenario, scenario_schema
+from drake_rho.scenario.files import check_replaceable, load_scenario, replacing, scenario_schema
 
 app = typer.Typer(
     help="Plan cooperative trajectories for several UAVs by convex optimisation.",
@@ -60,7 +66,7 @@ class Reference(StrEnum):
 
 _PLANNERS = {Method.CONVEX: plan_convex, Method.SCP: plan_scp}
 _SOLVERS = {Solver.CLARABEL: ClarabelSolver, Solver.OSQP: OsqpSolver}
-_REFERENCES = {Reference.FREE: without_obstacles, Reference.TAIL: previous_tail}
+_REFERENCES = {Reference.FREE: free_reference, Reference.TAIL: tail_reference}
 
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A library scenario, as 'paper', or a YAML file.")
@@ -114,7 +120,7 @@ def plan(
     step: Annotated[
         list[float] | None,
         typer.Option(
-            help="With convex: a further step [s] to try if there is no plan; repeatable."
+            help="With convex: a further step, in seconds, to try if there is no plan; repeatable."
         ),
     ] = None,
 ) -> int:
@@ -176,11 +182,67 @@ def schema() -> int:
     return 0
 
 
+@app.command()
+def show(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|FILE",
+            help="A scenario, which is then flown first, or a plan or flight kept in a file.",
+        ),
+    ],
+    html: Annotated[
+        Path | None, typer.Option(help="Write one self-contained page here instead of serving.")
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Network interface to serve on; '*' is every one.")
+    ] = "localhost",
+    port: Annotated[
+        int, typer.Option(help="Port to serve on; the next free one if it is taken.")
+    ] = 7000,
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+    rate: Annotated[
+        float | None, typer.Option(help="Seconds of flight in a second of playback.")
+    ] = None,
+) -> int:
+    """Show the swarm in Meshcat: in the browser until interrupted, or as one page in a file."""
+    from drake_rho.display.animation import animate
+
+    _check_writable(html, "--html")
+    with _err.status("planning"):
+        flown = _load_or_fly(source)
+    with _err.status("drawing"):
+        meshcat = animate(flown, host=host, port=port, rate=rate)
+    if html is not None:
+        with replacing(html) as file:
+            file.write(meshcat.StaticHtml().encode())
+        _print(f"one page in {html}")
+        return 0
+    _print(f"{meshcat.web_url()}  (Ctrl-C ends)")
+    sys.stdout.flush()
+    if browser and not webbrowser.open(meshcat.web_url()):
+        _print("no browser found here: open the address in one")
+    try:
+        while True:
+            time.sleep(3600.0)
+    except KeyboardInterrupt:
+        _print("ended")
+    return 0
+
+
+def _load_or_fly(source: str) -> Plan | Flight:
+    """The plan or flight in a file, or else a scenario's flight."""
+    if source.endswith(".npz") or zipfile.is_zipfile(source):
+        return load(source)
+    return plan_rho(load_scenario(source))
+
+
 def _finish(planned: Plan | Flight, output: Path | None) -> int:
     """Report on what was planned and keep it, whether or not it holds."""
+    if output is not None:  # before anything is said: a closed pipe must not lose the work
+        save(planned, output)
     status = _report(planned)
     if output is not None:
-        save(planned, output)
         _print(f"kept in {output}")
     return status
 
@@ -204,23 +266,28 @@ def _report(planned: Plan | Flight) -> int:
     return 0 if report.ok else 1
 
 
-def _check_writable(output: Path | None) -> None:
+def _check_writable(output: Path | None, option: str = "--output") -> None:
     """Find out before the work, not after it, that its result cannot be kept."""
     if output is None:
         return
-    if output.is_dir():
-        raise IsADirectoryError(f"--output: got {output}, expected a file, not a folder")
-    if not output.parent.is_dir():
-        raise FileNotFoundError(f"--output: got {output}, expected a file in a folder that exists")
+    try:
+        check_replaceable(output)
+    except OSError as error:
+        reason = error.strerror or "not a regular file"
+        raise ValueError(f"{option}: got {output}, expected a file to write ({reason})") from None
 
 
 def _print(text: str) -> None:
     """As it is: names of vehicles are no markup, and a table's lines are not folded."""
-    _out.print(text, markup=False, highlight=False, soft_wrap=True)
+    _out.print(text, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
+    logging.getLogger("drake").setLevel(logging.WARNING)  # what the solvers mutter
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a terminal that lacks a sign shows another
+            stream.reconfigure(errors="replace")
     sys.exit(_run())
 
 
@@ -231,8 +298,13 @@ def _run() -> int:
         return _complain(error, 3)
     except SolverError as error:
         return _complain(error, 4)
+    except BrokenPipeError:  # whoever read our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except (DrakeRhoError, ValueError, OSError) as error:
         return _complain(error, 2)
+    except MemoryError:
+        return _complain("out of memory: the scenario is too large for this machine", 2)
     except Exception as error:
         # A word on the command line that typer does not accept. Its exceptions have no public
         # name that holds from version to version; this method sets them apart.
@@ -244,5 +316,5 @@ def _run() -> int:
 
 def _complain(error: object, status: int) -> int:
     words = " ".join(str(error).split())
-    _err.print(f"drake-rho: {words}", markup=False, highlight=False, soft_wrap=True)
+    _err.print(f"drake-rho: {words}", markup=False, emoji=False, highlight=False, soft_wrap=True)
     return status

@@ -98,34 +98,37 @@ def scenarios(draw: st.DrawFn, *, tight: bool = False) -> rho.Scenario:
     size, duration = 10 ** rng.uniform(0, 4), 10 ** rng.uniform(0.5, 2.5)
     knots = int(rng.integers(4, 40))
     speed, force = size / duration, size / duration**2
-
-    def maybe(half: float) -> rho.Box | None:
-        return box(half) if rng.random() < 0.6 else None
-
     room = 0.2 if tight else 1.0
+
+    def maybe(least: float, most: float) -> rho.Box | None:
+        """A box around the origin, each side at a distance of its own, or none."""
+        if rng.random() < 0.4:
+            return None
+        return rho.Box(-rng.uniform(least, most, 3), rng.uniform(least, most, 3))
+
     limits = rho.Limits(
-        position=maybe(size * rng.uniform(1, 1.5)),
-        velocity=maybe(speed * rng.uniform(1.5, 6)),
-        acceleration=maybe(room * force * rng.uniform(6, 40)),
-        jerk=maybe(room * force / duration * rng.uniform(60, 400)),
+        position=maybe(size, 1.5 * size),
+        velocity=maybe(1.2 * speed, 5 * speed),
+        acceleration=maybe(5 * room * force, 30 * room * force),
+        jerk=maybe(60 * room * force / duration, 400 * room * force / duration),
     )
-    obstacles = tuple(
-        rho.Sphere(rng.uniform(-size, size, 3), size * rng.uniform(0.05, 0.4))
-        for _ in range(rng.integers(0, 4))
-    )
+    ends = [rng.uniform(-size, size, (2, 3)) for _ in range(rng.integers(1, 4))]
+    obstacles: list[rho.Sphere] = []
+    for _ in range(rng.integers(0, 5)):  # most of them on the way, none around an end
+        first, last = ends[rng.integers(len(ends))]
+        center = first + rng.uniform(0.2, 0.8) * (last - first) + 0.1 * size * rng.normal(size=3)
+        free = min(float(np.linalg.norm(end - center)) for pair in ends for end in pair)
+        obstacles.append(rho.Sphere(center, rng.uniform(0.1, 0.9) * min(free, 0.6 * size)))
 
-    def state(*, first: bool) -> rho.State:
-        moving = rng.uniform(-speed, speed, 3) * rng.integers(0, 2)
+    def state(position: np.ndarray, *, first: bool) -> rho.State:
+        velocity = rng.uniform(-speed, speed, 3) * rng.integers(0, 2)
         before = rng.uniform(-force, force, 3) if first and rng.random() < 0.5 else None
-        while True:
-            position = rng.uniform(-size, size, 3)
-            if all(np.linalg.norm(position - s.center) > s.radius for s in obstacles):
-                return rho.State(position, moving, before)
+        return rho.State(position, velocity, before)
 
-    vehicles = tuple(
-        rho.Vehicle(f"v{number}", state(first=True), state(first=False))
-        for number in range(rng.integers(1, 4))
-    )
+    vehicles = [
+        rho.Vehicle(f"v{number}", state(first, first=True), state(last, first=False))
+        for number, (first, last) in enumerate(ends)
+    ]
     return rho.Scenario(
         "random", rho.Grid(duration / (knots - 1), knots), vehicles, limits, obstacles
     )

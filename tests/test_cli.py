@@ -93,13 +93,13 @@ def test_a_plan_that_breaks_a_constraint_exits_1(
     [
         (["plan", "nowhere"], "'nowhere'"),
         (["plan", "paper", "-o", "nowhere/plan.npz"], "nowhere"),
-        (["plan", "paper", "-o", "."], "folder"),
+        (["plan", "paper", "-o", "."], "not a regular file"),
         (["plan", "paper", "--step", "0.3"], "divides"),
         (["plan", "paper", "--method", "scp", "--step", "0.5"], "--step"),
         (["fly", "paper", "--replan-every", "0"], "replan_every"),
         (["fly", "paper", "--replan-every", "x"], "--replan-every"),
         (["fly", "paper", "--bogus"], "--bogus"),
-        (["verify", "pyproject.toml"], "not a plan or flight"),
+        (["verify", __file__], "not a plan or flight"),
         (["verify", "missing.npz"], "No such file"),
         (["plan"], "SCENARIO"),
         (["dance"], "dance"),
@@ -128,6 +128,25 @@ def test_no_plan_is_one_line_and_status_3(
     assert status == 3
     assert "acceleration box x" in err
     assert not kept.exists()
+
+
+def test_a_reader_that_leaves_early_loses_no_plan(tmp_path: Path) -> None:
+    kept = tmp_path / "kept.npz"
+    command = f"{sys.executable} -m drake_rho plan paper -o {kept} | true"
+    ran = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602  # ours
+    assert ran.stderr == ""
+    assert isinstance(rho.load(kept), rho.Plan)
+
+
+def test_a_terminal_without_greek_or_squares_is_no_obstacle(tmp_path: Path) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-m", "drake_rho", "plan", "paper"],
+        capture_output=True,
+        env={"PYTHONIOENCODING": "ascii"},
+        check=False,
+    )
+    assert ran.returncode == 0
+    assert b"m/s?" in ran.stdout
 
 
 def test_the_schema_is_json(

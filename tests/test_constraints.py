@@ -33,7 +33,7 @@ def test_a_limit_holds_and_has_an_effect(kind: str, solver: SolverInterface) -> 
 
     judged = rho.Plan.from_accelerations(limited.scenario, free.accelerations)
     violations = rho.verify(judged).violations
-    assert {violation.kind for violation in violations} == {kind}
+    assert {violation.constraint for violation in violations} == {kind}
 
 
 def test_the_goal_holds_and_has_an_effect() -> None:
@@ -41,7 +41,7 @@ def test_the_goal_holds_and_has_an_effect() -> None:
     np.testing.assert_allclose(plan.positions[0, -1], [10.0, 4.0, -2.0], atol=1e-9)
     np.testing.assert_allclose(plan.velocities[0, -1], 0.0, atol=1e-9)
     coasting = rho.Plan.from_accelerations(plan.scenario, np.zeros((1, 16, 3)))
-    assert {violation.kind for violation in rho.verify(coasting).violations} == {"goal"}
+    assert {violation.constraint for violation in rho.verify(coasting).violations} == {"goal"}
 
 
 def test_the_acceleration_before_the_first_knot_counts_for_the_jerk() -> None:
@@ -54,7 +54,7 @@ def test_the_acceleration_before_the_first_knot_counts_for_the_jerk() -> None:
     assert free.accelerations[0, 0, 0] > 0.0
     assert bound.cost > free.cost
     judged = rho.Plan.from_accelerations(bound.scenario, free.accelerations)
-    assert {violation.kind for violation in rho.verify(judged).violations} == {"jerk box"}
+    assert {violation.constraint for violation in rho.verify(judged).violations} == {"jerk box"}
 
 
 SPHERES = (
@@ -119,3 +119,10 @@ def test_a_vehicle_that_has_nowhere_to_go_stays() -> None:
     plan = rho.plan_convex(single(start=here, goal=here, limits=rho.Limits(box(5), box(1), box(1))))
     assert rho.verify(plan).ok
     assert plan.cost == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_jerk_box_without_zero_leaves_a_free_first_acceleration_alone() -> None:
+    braking = rho.Limits(jerk=rho.Box([-1.0, -1.0, -1.0], [-0.01, 1.0, 1.0]))
+    plan = rho.plan_convex(single(limits=braking))
+    assert rho.verify(plan).ok
+    assert np.all(np.diff(plan.accelerations[0, :, 0]) / 0.5 <= -0.01 + 1e-6)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,25 +28,54 @@ def plan() -> rho.Plan:
     return rho.plan_convex(rho.load_scenario("paper"))
 
 
+def _points(lines: Sequence[Any]) -> np.ndarray:
+    """Points of lines in space, one after the other."""
+    return np.concatenate([np.array(line.get_data_3d()).T for line in lines])
+
+
 def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     lines = plots.draw_paths(ax, plan)
     assert [line.get_label() for line in lines] == ["UAV-1", "UAV-2", "UAV-3", "UAV-4"]
     assert len({line.get_color() for line in lines}) == 4
     for index, line in enumerate(lines):
-        path = np.array(line.get_data_3d()).T
+        path = _points([line])
         times = np.linspace(0, 49, len(path))
         assert len(path) > 10 * 49
         exact = plan.motion().at("position", times)[index]
         np.testing.assert_allclose(path, exact, rtol=ROUNDING, atol=1e-6)
-    marked = [np.array(line.get_data_3d()).T for line in ax.lines if line.get_linestyle() == "None"]
+    marked = [_points([line]) for line in ax.lines if line.get_linestyle() == "None"]
     for knots in plan.positions:
         assert any(m.shape == knots.shape and np.allclose(m, knots) for m in marked)
 
 
+def test_what_is_in_front_of_an_obstacle_is_drawn_over_it(plan: rho.Plan) -> None:
+    ax = Figure().add_subplot(projection="3d")
+    spheres = (*plan.scenario.obstacles, rho.Sphere([1500.0, 500.0, 1500.0], 300.0))
+    plots.frame_scene(ax, plan.positions, spheres)
+    assert ax.computed_zorder is False
+    balls = plots.draw_obstacles(ax, spheres)
+    lines = plots.draw_paths(ax, plan, spheres)
+    towards = np.array(
+        [
+            np.cos(np.radians(ax.azim)) * np.cos(np.radians(ax.elev)),
+            np.sin(np.radians(ax.azim)) * np.cos(np.radians(ax.elev)),
+            np.sin(np.radians(ax.elev)),
+        ]
+    )
+    for ball, sphere in zip(balls, spheres, strict=True):
+        sides = set()
+        for line in lines:
+            nearer = (_points([line])[:-1] - sphere.center) @ towards > 0
+            assert np.all(nearer) or not np.any(nearer)
+            assert (line.get_zorder() > ball.get_zorder()) == nearer[0]
+            sides.add(bool(nearer[0]))
+        assert sides == {True, False}
+
+
 def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    plots.frame_scene(ax, plan.scenario, plan.positions)
+    plots.frame_scene(ax, plan.positions, plan.scenario.obstacles)
     limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
     aspect = ax._box_aspect  # matplotlib has no public name to read it back
     ratio = np.diff(limits)[:, 0] / aspect
@@ -57,7 +88,7 @@ def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
 def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     (sphere,) = plan.scenario.obstacles
-    ball = plots.draw_sphere(ax, sphere)
+    (ball,) = plots.draw_obstacles(ax, (sphere,))
     assert 0.0 < ball.get_alpha() < 0.6
     corners = ball._faces.reshape(-1, 3)  # matplotlib has no public name to read them back
     distances = np.linalg.norm(corners - sphere.center, axis=1)
@@ -114,14 +145,21 @@ def test_windows_have_colours_of_their_own_and_make_up_the_flight(study: Study) 
     flight = study.examples[3].flight
     assert flight is not None
     ax = Figure().add_subplot(projection="3d")
-    lines = plots.draw_windows(ax, flight)
-    assert len({line.get_color() for line in lines}) == 10
+    windows = plots.draw_windows(ax, flight)
+    colours = [{line.get_color() for line in lines} for lines in windows]
+    assert all(len(colour) == 1 for colour in colours)
+    assert len(set.union(*colours)) == 10
     for index in range(4):
-        path = np.concatenate([np.array(line.get_data_3d()).T for line in lines[index::4]])
+        path = _points([lines[index] for lines in windows])
         assert np.allclose(path[0], flight.plan.positions[index, 0])
         assert np.allclose(path[-1], flight.plan.positions[index, -1])
         longest = np.linalg.norm(np.diff(path, axis=0), axis=1).max()
         assert longest < 25.0  # no gap: a twelfth of a step at most
+    thin = [line for line in ax.lines if line.get_linewidth() < 1.0]
+    for number, window in enumerate(flight.windows):
+        (colour,) = colours[number]
+        ends = [_points([line])[-1] for line in thin if line.get_color() == colour]
+        assert np.allclose(ends, window.plan.positions[:, -1])
 
 
 def test_sixteen_figures_are_written(study: Study, tmp_path: Path) -> None:
@@ -148,7 +186,7 @@ def test_the_tables_show_every_figure_asked_for(study: Study) -> None:
     console = Console(width=80, record=True, file=StringIO())
     console.print(study_table(study), claims_table(study))
     text = console.export_text()
-    for words in ("20920.353", "17027.239", "UAV-4 [m]", "speed [m/s]", "programs", "time [ms]"):
+    for words in ("20920.353", "17027.239", "UAV-4 [m]", "speed [m/s]", "programs", "[ms]"):
         assert words in text
     for number in range(1, 7):
         assert f"│ {number} │" in text

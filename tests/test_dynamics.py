@@ -103,6 +103,33 @@ def test_drakes_trajectory_is_the_plan(paper: rho.Scenario) -> None:
             np.testing.assert_allclose(theirs, ours, rtol=ROUNDING, atol=1e-6)
 
 
+def test_a_plans_motion_knows_the_acceleration_before_it() -> None:
+    start = rho.State([0, 0, 0], acceleration=[5.0, 0.0, 0.0])
+    plan = rho.plan_convex(single(start=start))
+    jerk = plan.motion().at("jerk", plan.times)
+    np.testing.assert_allclose(jerk[0, 0], (plan.accelerations[0, 0] - [5, 0, 0]) / 0.5)
+    np.testing.assert_array_equal(jerk[0, -1], jerk[0, -2])  # the last knot begins no step
+    np.testing.assert_array_equal(plan.motion().at("position", 2.0)[:, 0], plan.positions[:, 4])
+
+
+def test_an_unknown_quantity_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"'positon'.*position, velocity, jerk"):
+        rho.plan_convex(single()).motion().at("positon", [0.0])  # type: ignore[arg-type]  # tested
+
+
+@pytest.mark.parametrize("knot", [-1, 16, 17, 99])
+def test_a_tail_begins_where_a_step_does(knot: int) -> None:
+    with pytest.raises(ValueError, match="knot: got"):
+        rho.plan_convex(single()).tail(knot)
+
+
+def test_the_goal_is_met_to_rounding_after_many_windows(paper: rho.Scenario) -> None:
+    plan = rho.plan_rho(paper, replan_every=1).plan
+    goals = np.array([vehicle.goal.position for vehicle in paper.vehicles])
+    np.testing.assert_allclose(plan.positions[:, -1], goals, atol=1e-9)
+    np.testing.assert_allclose(plan.velocities[:, -1], 0.0, atol=1e-11)
+
+
 def test_an_unknown_vehicle_has_no_trajectory() -> None:
     plan = rho.plan_convex(single())
     with pytest.raises(ValueError, match=r"'nobody'.*solo"):

@@ -88,7 +88,11 @@ def test_a_damaged_file_is_refused_or_the_same(
         {"plan.scenario": "not json"},
         {"plan.statistics": '{"bogus": 1, "steps_tried": []}'},
         {"plan.statistics": "[]"},
+        {"plan.statistics": '{"seconds": null}'},
+        {"plan.accelerations": np.zeros((1, 16, 3), dtype=complex)},
+        {"plan.accelerations": np.full((1, 16, 3), 1e300, dtype=np.longdouble)},
         {"first_knots": np.array([0])},
+        {"surplus": np.array([0])},
         {"plan.velocities": np.array([None, object()])},
     ],
 )
@@ -131,3 +135,51 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         rho.save(rho.plan_convex(single()), tmp_path / "nowhere" / "plan.npz")
+
+
+@pytest.fixture(scope="module")
+def whole_flight(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The bytes of a good flight."""
+    path = tmp_path_factory.mktemp("flights") / "flight.npz"
+    rho.save(rho.plan_rho(single(), replan_every=8), path)
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "first_knots", [[], [0], [0, -8], [0, 8.5], [0, 9], [8, 0], [0, 16], [0, 8, 12]]
+)
+def test_windows_that_do_not_make_up_the_flight_are_refused(
+    whole_flight: bytes, tmp_path: Path, first_knots: list[float]
+) -> None:
+    path = tmp_path / "flight.npz"
+    path.write_bytes(whole_flight)
+    assert isinstance(rho.load(path), rho.Flight)
+    with np.load(path) as content:
+        changed = dict(content) | {"first_knots": np.array(first_knots)}
+    np.savez(path, **changed)
+    with pytest.raises(rho.PlanFileError):
+        rho.load(path)
+
+
+def test_a_flight_with_one_damaged_name_is_no_plan(whole_flight: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "flight.npz"
+    damaged = bytearray(whole_flight)
+    damaged[damaged.rfind(b"first_knots.npy")] ^= 1
+    path.write_bytes(damaged)
+    with pytest.raises(rho.PlanFileError):
+        rho.load(path)
+
+
+def test_links_are_followed_modes_kept_and_devices_refused(tmp_path: Path) -> None:
+    target, link = tmp_path / "target", tmp_path / "link"
+    target.write_text("before")
+    target.chmod(0o600)
+    link.symlink_to(target)
+    with replacing(link) as file:
+        file.write(b"after")
+    assert link.is_symlink()
+    assert target.read_text() == "after"
+    assert target.stat().st_mode & 0o777 == 0o600
+    for nothing in (tmp_path, Path("/dev/null")):
+        with pytest.raises(OSError, match="not a regular file"), replacing(nothing):
+            pass

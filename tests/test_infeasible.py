@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from pydrake.solvers import ClarabelSolver, GurobiSolver, OsqpSolver, SolverInterface
+from scipy.optimize import linprog
 
 import drake_rho as rho
 from drake_rho.planning import solve
@@ -55,7 +56,8 @@ def test_an_obstacle_in_the_way_is_named_with_its_times() -> None:
     names = _conflict(single(goal=goal, limits=limits, obstacles=(obstacle,)))
     assert any(name.startswith("obstacle 1 ") for name in names), names
     text = str(rho.InfeasibleError({"solo": names}))
-    assert text.startswith("no plan: solo cannot meet together: ")
+    assert "linearised around this reference: solo cannot meet together: " in text
+    assert "another reference" in text
 
 
 @given(scenario=scenarios(tight=True))
@@ -83,18 +85,103 @@ def test_constraints_that_are_not_named_are_not_needed_for_the_conflict(
     assert rho.verify(rho.plan_convex(without)).ok
 
 
-def test_every_vehicle_without_a_plan_is_named(paper: rho.Scenario) -> None:
-    slow = dataclasses.replace(paper, limits=rho.Limits(acceleration=box(9.0)))
-    with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan_convex(slow)
-    needs = {
-        vehicle.name: np.abs(plan).max()
-        for vehicle, plan in zip(
-            paper.vehicles, rho.plan_convex(paper.without_obstacles()).accelerations, strict=True
+def _reachable(scenario: rho.Scenario, vehicle: rho.Vehicle, most: float) -> bool:
+    """Whether accelerations of at most `most` lead to the goal: a linear program for each axis."""
+    h, n = scenario.grid.step, scenario.grid.knots - 1
+    speed = np.full(n, h)
+    place = h**2 * (n - 0.5 - np.arange(n))
+    for axis in range(3):
+        start, goal = vehicle.start, vehicle.goal
+        change = goal.velocity[axis] - start.velocity[axis]
+        way = goal.position[axis] - start.position[axis] - n * h * start.velocity[axis]
+        found = linprog(
+            np.zeros(n), A_eq=np.stack([speed, place]), b_eq=[change, way], bounds=(-most, most)
         )
-    }
-    assert set(caught.value.conflicts) <= {name for name, need in needs.items() if need > 9.0}
-    assert "UAV-1" in caught.value.conflicts
+        if found.status == 2:
+            return False
+        assert found.status == 0
+    return True
+
+
+@pytest.mark.parametrize("most", [6.0, 7.0, 8.0, 9.0])
+def test_every_vehicle_without_a_plan_is_named_and_no_other(
+    paper: rho.Scenario, most: float
+) -> None:
+    scenario = dataclasses.replace(
+        paper.without_obstacles(), limits=rho.Limits(acceleration=box(most))
+    )
+    stuck = {vehicle.name for vehicle in paper.vehicles if not _reachable(scenario, vehicle, most)}
+    try:
+        rho.plan_convex(scenario)
+        named = set()
+    except rho.InfeasibleError as error:
+        named = set(error.conflicts)
+    assert named == stuck
+    assert stuck or most > 7.0
+
+
+def test_vehicles_that_fail_in_different_rounds_are_all_named() -> None:
+    def vehicle(name: str, limits: rho.Limits | None) -> rho.Vehicle:
+        return rho.Vehicle(name, rho.State([0, 0, 0]), rho.State([10, 0, 0]), limits)
+
+    scenario = rho.Scenario(
+        "three",
+        rho.Grid(0.5, 17),
+        (
+            vehicle("weak", rho.Limits(acceleration=box(0.1))),
+            vehicle("slow", rho.Limits(velocity=box(1.0))),
+            vehicle("free", None),
+        ),
+    )
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(scenario)
+    assert set(caught.value.conflicts) == {"weak", "slow"}
+
+
+def test_no_named_constraint_can_be_spared() -> None:
+    """Goal and jerk are a conflict by themselves; the velocity box, broken too, is none of it."""
+    start, goal = rho.State([0, 0, 0], acceleration=[0, 0, 0]), rho.State([10, 0, 0])
+    limits = rho.Limits(velocity=box(1.6), jerk=box(0.2))
+    names = _conflict(single(start=start, goal=goal, limits=limits))
+    assert [name.split()[0] for name in names] == ["goal", "jerk"]
+
+
+@given(scenario=scenarios(tight=True))
+@settings(max_examples=30)
+def test_without_any_one_of_the_named_boxes_there_is_a_plan_for_their_axes(
+    scenario: rho.Scenario,
+) -> None:
+    free = scenario.without_obstacles()
+    try:
+        rho.plan_convex(free)
+    except rho.InfeasibleError as error:
+        (name, names), *_ = error.conflicts.items()
+    else:
+        assume(False)
+    vehicle = free.vehicles[free.index_of(name)]
+    boxes = {part.split()[0] for part in names if " box" in part}
+    axes = {part.split()[1] for part in names if part.startswith("goal")}
+    for spared in boxes:
+        kept: dict[str, Any] = {
+            kind: _only(axes, getattr(free.limits, kind)) for kind in boxes - {spared}
+        }
+        scenario = dataclasses.replace(free, vehicles=(vehicle,), limits=rho.Limits(**kept))
+        rho.plan_convex(scenario)
+
+
+def _only(axes: set[str], bounds: rho.Box) -> rho.Box:
+    """The box on these axes, wide open on the others."""
+    wide = 1e3 * np.abs([bounds.lower, bounds.upper]).max()
+    taken = np.array([axis in axes for axis in "xyz"])
+    return rho.Box(np.where(taken, bounds.lower, -wide), np.where(taken, bounds.upper, wide))
+
+
+def test_the_work_of_a_failure_is_counted(paper: rho.Scenario) -> None:
+    slow = dataclasses.replace(paper, limits=rho.Limits(acceleration=box(6.0)))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(slow, steps=[0.5])
+    assert caught.value.statistics.programs >= 8
+    assert caught.value.statistics.solver == "Clarabel"
 
 
 COARSE = rho.Grid(4.0, 3)

@@ -48,7 +48,7 @@ def test_the_reference_of_a_window_is_its_own_way_through(paper: rho.Scenario) -
 def test_the_previous_tail_as_reference_never_costs_more_along_the_flight(
     paper: rho.Scenario,
 ) -> None:
-    flight = rho.plan_rho(paper, reference=rho.previous_tail)
+    flight = rho.plan_rho(paper, reference=rho.tail_reference)
     assert rho.verify(flight.plan).ok
     spent = 0.0
     predicted = []
@@ -121,10 +121,36 @@ def test_jerk_is_kept_where_windows_meet() -> None:
 def test_a_flight_that_begins_ends_at_its_goal(
     scenario: rho.Scenario, replan_every: int, tail: bool
 ) -> None:
-    reference = rho.previous_tail if tail else rho.without_obstacles
+    reference = rho.tail_reference if tail else rho.free_reference
     try:
         flight = rho.plan_rho(scenario, replan_every=replan_every, reference=reference)
     except rho.InfeasibleError:
         return
     report = rho.verify(flight.plan)
     assert report.ok, report
+
+
+def test_a_vehicle_that_hovers_among_others_is_planned_in_every_window() -> None:
+    here = rho.State([27.4, -46.0, -91.8])
+    scenario = rho.Scenario(
+        "hover",
+        rho.Grid(0.5, 17),
+        (
+            rho.Vehicle("hover", here, here),
+            rho.Vehicle("mover", rho.State([0, 0, 0]), rho.State([10, 0, 0])),
+        ),
+        rho.Limits(acceleration=rho.Box([-3, -3, -2], [3, 3, 4])),
+    )
+    flight = rho.plan_rho(scenario, replan_every=1)
+    assert rho.verify(flight.plan).ok
+    assert not any(window.infeasible for window in flight.windows)
+
+
+def test_a_flight_counts_the_work_of_all_its_windows(paper: rho.Scenario) -> None:
+    flight = rho.plan_rho(paper)
+    programs = sum(
+        window.plan.statistics.programs + window.reference.statistics.programs
+        for window in flight.windows
+    )
+    assert flight.statistics.programs == programs > 80
+    assert flight.statistics.linearisations == 10

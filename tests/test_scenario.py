@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -32,10 +34,17 @@ GRID = rho.Grid(1.0, 5)
         (lambda: rho.Grid(0.0, 5), "grid.step", "greater than 0"),
         (lambda: rho.Grid(float("nan"), 5), "grid.step", "nan"),
         (lambda: rho.Grid(float("inf"), 5), "grid.step", "finite"),
+        (lambda: rho.Grid(1e155, 5), "grid.step", "between 1e-12 and 1e+12"),
+        (lambda: rho.Grid(as_any(True), 5), "grid.step", "a number"),
+        (lambda: rho.Grid(1.0, 10**6), "grid.knots", "100000"),
+        (lambda: rho.State([10**400, 0, 0]), "state.position", "three finite numbers"),
+        (lambda: rho.State([1e155, 0, 0]), "state.position", "at most 1e+12"),
+        (lambda: rho.State([True, 0, 0]), "state.position", "three finite numbers"),
+        (lambda: rho.Vehicle("a\x1b[2J", STATE, STATE), "vehicle.name", "printable"),
         (lambda: rho.Grid(1.0, 1), "grid.knots", "greater than or equal to 2"),
         (lambda: rho.Grid(1.0, as_any(2.5)), "grid.knots", "integer"),
         (lambda: as_any(rho.Grid)(1.0), "grid.knots", "nothing"),
-        (lambda: as_any(rho.Grid)(step=1.0, knot=5), "grid.knot", "no such field"),
+        (lambda: as_any(rho.Grid)(step=1.0, knot=5), "grid.knot", "no field of this name"),
         (lambda: rho.State([0, 0]), "state.position", "three finite numbers"),
         (lambda: rho.State([[0, 0, 0]]), "state.position", "three finite numbers"),
         (lambda: rho.State([0, 0, float("nan")]), "state.position", "nan"),
@@ -180,3 +189,29 @@ def test_the_grid_of_the_paper(paper: rho.Scenario) -> None:
 def test_a_start_on_the_surface_is_allowed() -> None:
     touching = rho.Sphere([-2.0, 0.0, 0.0], 2.0)
     assert single(obstacles=(touching,)).obstacles == (touching,)
+
+
+def test_copies_and_pickles_are_the_same_and_locked_too(paper: rho.Scenario) -> None:
+    for other in (copy.deepcopy(paper), pickle.loads(pickle.dumps(paper))):  # noqa: S301  # own
+        assert other == paper
+        with pytest.raises(ValueError, match="read-only"):
+            other.vehicles[0].start.position[0] = 1.0
+
+
+def test_yaml_merge_keys_work_and_alias_bombs_are_refused_at_once(paper: rho.Scenario) -> None:
+    text = scenario_to_yaml(paper)
+    merged = text.replace(
+        "  goal:\n    position: [5000.0, 4000.0, 3000.0]\n    velocity: [0.0, 0.0, 0.0]\n",
+        "  goal: &goal\n    position: [5000.0, 4000.0, 3000.0]\n    velocity: [0.0, 0.0, 0.0]\n",
+        1,
+    ).replace(
+        "  goal:\n    position: [5000.0, 4000.0, 3000.0]\n    velocity: [0.0, 0.0, 0.0]\n",
+        "  goal: {<<: *goal, velocity: [0.0, 0.0, 0.0]}\n",
+    )
+    assert merged.count("<<") == 3
+    assert scenario_from_yaml(merged) == paper
+    lines = ["a0: &a0 [1, 1, 1]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 10)]
+    bomb = "\n".join(lines) + "\ngrid: *a9\nname: *a9\nvehicles: [{start: {position: *a9}}]"
+    with pytest.raises(rho.ScenarioError):
+        scenario_from_yaml(bomb)

@@ -8,19 +8,30 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.plan import Plan
+from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import TOLERANCE, Box, Scenario, Vehicle
+from drake_rho.scenario.records import TOLERANCE, Quantity, Scenario, Vehicle
+
+_UNITS: dict[Quantity, str] = {
+    "position": "m",
+    "velocity": "m/s",
+    "acceleration": "m/s²",
+    "jerk": "m/s³",
+}
+_LONGEST = 12
+"""Violations that a printed report shows."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Check:
     """How one vehicle stands to one constraint, at the instant where it does so worst."""
 
     vehicle: str
     """name"""
     constraint: str
-    """name, with the axis and side for a box"""
+    """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, obstacle 1 …"""
+    part: str = ""
+    """which side of a box, or which quantity of dynamics and goal"""
     time: float
     """since the first knot [s]"""
     value: float
@@ -29,7 +40,7 @@ class Check:
     """what the constraint allows, in `unit`"""
     excess: float
     """by how much the value is beyond the limit, in `unit`; negative on the right side of it"""
-    slack: float
+    tolerance: float
     """excess that is put down to rounding, in `unit`: `TOLERANCE` of the constraint's scale"""
     unit: str
     """SI unit of the numbers"""
@@ -37,12 +48,7 @@ class Check:
     @property
     def holds(self) -> bool:
         """Whether the constraint is met; never with a value that is not a number."""
-        return self.excess <= self.slack
-
-    @property
-    def kind(self) -> str:
-        """The constraint's name without axis and side."""
-        return self.constraint.split(",")[0]
+        return self.excess <= self.tolerance
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +58,7 @@ class Report:
     scenario: Scenario
     """what was asked"""
     checks: tuple[Check, ...]
-    """one for each vehicle and constraint"""
+    """the worst of each constraint for each vehicle"""
 
     @property
     def ok(self) -> bool:
@@ -61,47 +67,44 @@ class Report:
 
     @property
     def violations(self) -> tuple[Check, ...]:
-        """The checks that do not hold, the worst first (by excess over slack)."""
+        """The checks that do not hold, the worst first (by excess over tolerance)."""
         broken = (check for check in self.checks if not check.holds)
         return tuple(sorted(broken, key=_badness, reverse=True))
 
     def __str__(self) -> str:
-        name, vehicles = self.scenario.name, len(self.scenario.vehicles)
-        if self.ok:
-            kinds = dict.fromkeys(check.kind for check in self.checks)
-            rows = [
-                max((check for check in self.checks if check.kind == kind), key=_badness)
+        name, violations = self.scenario.name, self.violations
+        if not violations:
+            kinds = dict.fromkeys(check.constraint for check in self.checks)
+            tightest = [
+                max((one for one in self.checks if one.constraint == kind), key=_badness)
                 for kind in kinds
             ]
-            title = f"{name}: all constraints hold; the tightest of {vehicles} vehicles for each"
-            return _table(title, rows)
-        violations = self.violations
+            several = len(self.scenario.vehicles) > 1
+            which = "; for each, the vehicle closest to it" if several else ""
+            return _table(f"{name}: all constraints hold{which}", tightest)
         title = f"{name}: {len(violations)} of {len(self.checks)} checks broken"
         more = len(violations) - _LONGEST
         rest = f"\n… and {more} more" if more > 0 else ""
         return _table(title, list(violations[:_LONGEST])) + rest
 
 
-_LONGEST = 12
-"""Violations that a printed report shows."""
-
-
-def verify(plan: Plan) -> Report:
-    """Judge every constraint of the plan's scenario.
+def verify(flown: Plan | Flight) -> Report:
+    """Judge every constraint of the scenario that was planned for.
 
     Positions and velocities are flown anew from the initial states and the accelerations; those
     of the plan are only compared with them ("dynamics"). Constraints are judged at the knots.
 
     Args:
-        plan: a plan, or what was flown (`flight.plan`).
+        flown: a plan, or a flight, of which the whole as flown is judged.
 
     Returns:
         A report; `report.ok` says whether all holds.
     """
+    plan = flown.plan if isinstance(flown, Flight) else flown
     checks: list[Check] = []
     for index, vehicle in enumerate(plan.scenario.vehicles):
-        a = plan.accelerations[index]
-        motion = Motion.from_start(vehicle.start, a, plan.scenario.grid.step)
+        step = plan.scenario.grid.step
+        motion = Motion.from_start(vehicle.start, plan.accelerations[index], step)
         checks += _check_dynamics(plan, index, motion)
         checks += _check_goal(plan.scenario, vehicle, motion)
         checks += _check_boxes(plan.scenario, vehicle, motion)
@@ -111,60 +114,81 @@ def verify(plan: Plan) -> Report:
 
 def _check_dynamics(plan: Plan, index: int, motion: Motion) -> Iterator[Check]:
     """(1)-(2): the plan's own positions and velocities are those that are flown."""
-    vehicle, T = plan.scenario.vehicles[index], plan.scenario.grid.duration
-    reach = vehicle.reach(T)
-    for quantity, mine, flown, slack, unit in (
-        ("position", plan.positions[index], motion.positions, TOLERANCE * reach, "m"),
-        ("velocity", plan.velocities[index], motion.velocities, TOLERANCE * reach / T, "m/s"),
-    ):
-        differences = np.linalg.norm(mine - flown, axis=1)
+    vehicle = plan.scenario.vehicles[index]
+    pairs: tuple[tuple[Quantity, FloatArray, FloatArray], ...] = (
+        ("position", plan.positions[index], motion.positions),
+        ("velocity", plan.velocities[index], motion.velocities),
+    )
+    for quantity, own, flown in pairs:
+        differences = np.linalg.norm(own - flown, axis=1)
         k = int(np.argmax(differences))
-        value = float(differences[k])
-        when = float(plan.times[k])
-        yield Check(vehicle.name, f"dynamics, {quantity}", when, value, 0.0, value, slack, unit)
+        yield _difference(
+            plan.scenario, vehicle, "dynamics", quantity, plan.times[k], differences[k]
+        )
 
 
 def _check_goal(scenario: Scenario, vehicle: Vehicle, motion: Motion) -> Iterator[Check]:
     """(3): the last knot is the goal. The first is the start by construction."""
-    T = scenario.grid.duration
-    reach = vehicle.reach(T)
-    for quantity, reached, wanted, slack, unit in (
-        ("position", motion.positions[-1], vehicle.goal.position, TOLERANCE * reach, "m"),
-        ("velocity", motion.velocities[-1], vehicle.goal.velocity, TOLERANCE * reach / T, "m/s"),
-    ):
-        value = float(np.linalg.norm(reached - wanted))
-        yield Check(vehicle.name, f"goal, {quantity}", T, value, 0.0, value, slack, unit)
+    pairs: tuple[tuple[Quantity, FloatArray, FloatArray], ...] = (
+        ("position", motion.positions[-1], vehicle.goal.position),
+        ("velocity", motion.velocities[-1], vehicle.goal.velocity),
+    )
+    for quantity, reached, wanted in pairs:
+        missed = np.linalg.norm(reached - wanted)
+        yield _difference(scenario, vehicle, "goal", quantity, scenario.grid.duration, missed)
+
+
+def _difference(
+    scenario: Scenario,
+    vehicle: Vehicle,
+    constraint: str,
+    quantity: Quantity,
+    time: float,
+    value: np.floating,
+) -> Check:
+    """A check of something that should be zero."""
+    return Check(
+        vehicle=vehicle.name,
+        constraint=constraint,
+        part=quantity,
+        time=float(time),
+        value=float(value),
+        limit=0.0,
+        excess=float(value),
+        tolerance=TOLERANCE * scenario.scale(vehicle, quantity),
+        unit=_UNITS[quantity],
+    )
 
 
 def _check_boxes(scenario: Scenario, vehicle: Vehicle, motion: Motion) -> Iterator[Check]:
     """(4) to (7)."""
     limits, times = scenario.limits_of(vehicle), scenario.grid.times
-    jerk = motion.at("jerk", times[:-1])
-    for quantity, box, values, unit in (
-        ("position", limits.position, motion.positions, "m"),
-        ("velocity", limits.velocity, motion.velocities, "m/s"),
-        ("acceleration", limits.acceleration, motion.accelerations, "m/s²"),
-        ("jerk", limits.jerk, jerk, "m/s³"),
-    ):
-        if box is not None:
-            yield _check_box(vehicle.name, f"{quantity} box", box, values, times, unit)
-
-
-def _check_box(
-    vehicle: str, name: str, box: Box, values: FloatArray, times: FloatArray, unit: str
-) -> Check:
-    excess = np.stack([box.lower - values, values - box.upper])
-    side, k, axis = np.unravel_index(np.argmax(excess), excess.shape)
-    return Check(
-        vehicle,
-        f"{name}, {'xyz'[axis]} {('lower', 'upper')[side]}",
-        float(times[k]),
-        float(values[k, axis]),
-        float((box.lower, box.upper)[side][axis]),
-        float(excess[side, k, axis]),
-        box.slack,
-        unit,
-    )
+    values: dict[Quantity, FloatArray] = {
+        "position": motion.positions,
+        "velocity": motion.velocities,
+        "acceleration": motion.accelerations,
+        "jerk": motion.at("jerk", times[:-1]),
+    }
+    first = {"jerk": 1 if vehicle.start.acceleration is None else 0}  # free of a jerk limit
+    for quantity, flown in values.items():
+        box, skipped = getattr(limits, quantity), first.get(quantity, 0)
+        flown = flown[skipped:]
+        if box is None or len(flown) == 0:
+            continue
+        tolerances = box.tolerance(scenario.scale(vehicle, quantity))
+        excess = np.stack([box.lower - flown, flown - box.upper])
+        side, k, axis = np.unravel_index(np.argmax(excess / tolerances), excess.shape)
+        yield Check(
+            vehicle=vehicle.name,
+            constraint=f"{quantity} box",
+            part=f"{'xyz'[axis]} {('lower', 'upper')[side]}",
+            time=float(times[k + skipped]),
+            value=float(flown[k, axis]),
+            limit=float((box.lower, box.upper)[side][axis]),
+            excess=float(excess[side, k, axis]),
+            tolerance=float(tolerances[axis]),
+            unit=_UNITS[quantity],
+        )
 
 
 def _check_obstacles(scenario: Scenario, vehicle: Vehicle, motion: Motion) -> Iterator[Check]:
@@ -172,22 +196,21 @@ def _check_obstacles(scenario: Scenario, vehicle: Vehicle, motion: Motion) -> It
     for number, sphere in enumerate(scenario.obstacles, start=1):
         distances = np.linalg.norm(motion.positions - sphere.center, axis=1)
         k = int(np.argmin(distances))
-        distance = float(distances[k])
         yield Check(
-            vehicle.name,
-            f"obstacle {number}",
-            float(scenario.grid.times[k]),
-            distance,
-            sphere.radius,
-            sphere.radius - distance,
-            sphere.slack,
-            "m",
+            vehicle=vehicle.name,
+            constraint=f"obstacle {number}",
+            time=float(scenario.grid.times[k]),
+            value=float(distances[k]),
+            limit=sphere.radius,
+            excess=sphere.radius - float(distances[k]),
+            tolerance=sphere.tolerance,
+            unit="m",
         )
 
 
 def _badness(check: Check) -> float:
-    """For sorting: how many slacks beyond the limit; a value that is no number comes first."""
-    return np.inf if np.isnan(check.excess) else check.excess / check.slack
+    """For sorting: how many tolerances beyond the limit; what is no number comes first."""
+    return np.inf if np.isnan(check.excess) else check.excess / check.tolerance
 
 
 def _table(title: str, rows: list[Check]) -> str:
@@ -199,7 +222,7 @@ def _table(title: str, rows: list[Check]) -> str:
     lines += [
         form.format(
             check.vehicle,
-            check.constraint,
+            f"{check.constraint} {check.part}",
             f"{check.time:.6g}",
             f"{check.value:.6g}",
             f"{check.limit:.6g}",

@@ -1,8 +1,9 @@
-"""The paper's sixteen figures, 3 to 18: four views of each of its four examples."""
+"""Whole figures of a plan or a flight, and by them the paper's sixteen, 3 to 18."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -11,20 +12,22 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from drake_rho.assurance.study import Example, Study
+from drake_rho.assurance.study import Study
 from drake_rho.display.plots import (
     LIMIT_STYLE,
     draw_accelerations,
     draw_distances,
+    draw_obstacles,
     draw_paths,
-    draw_sphere,
     draw_velocities,
     draw_windows,
     frame_scene,
+    vehicle_handles,
     window_colours,
 )
-from drake_rho.motion.plan import Plan
+from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.files import replacing
+from drake_rho.scenario.records import Sphere
 
 NUMBERS = range(3, 19)
 """Numbers of the figures; 1 and 2 of the paper are diagrams of the method."""
@@ -41,8 +44,17 @@ def draw_figure(number: int, study: Study) -> Figure:
     """
     if number not in NUMBERS:
         raise ValueError(f"number: got {number}, expected 3 to 18")
-    example, view = divmod(number - 3, 4)
-    return (_paths, _distances, _velocities, _accelerations)[view](study, study.examples[example])
+    index, view = divmod(number - 3, 4)
+    example, obstacles = study.examples[index], study.scenario.obstacles
+    draw = (
+        partial(paths_figure, obstacles=obstacles),
+        partial(distances_figure, obstacles=obstacles),
+        velocities_figure,
+        accelerations_figure,
+    )[view]
+    figure = draw(example.flight or example.plan)
+    figure.suptitle(f"Example {example.number}: {example.title}", fontsize=10)
+    return figure
 
 
 def write_figures(
@@ -73,22 +85,80 @@ def write_figures(
     return paths
 
 
-def _paths(study: Study, example: Example) -> Figure:
+def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = None) -> Figure:
+    """The vehicles' paths in space, around the obstacles; each window of a flight in its colour.
+
+    Args:
+        flown: what to draw.
+        obstacles: what to draw in the way, if not the scenario's own.
+    """
+    plan = _plan(flown)
+    spheres = plan.scenario.obstacles if obstacles is None else tuple(obstacles)
     figure = Figure(figsize=(_WIDTH, 4.8))
     ax = figure.add_axes((-0.03, 0.03, 0.93, 0.95), projection="3d")
-    for sphere in study.scenario.obstacles:
-        draw_sphere(ax, sphere)
-    frame_scene(ax, study.scenario, example.plan.positions)
-    if example.flight is None:
-        lines = draw_paths(ax, example.plan)
-        figure.legend(handles=lines, loc="center right", fontsize=9, frameon=False)
+    frame_scene(ax, plan.positions, spheres)
+    draw_obstacles(ax, spheres)
+    if isinstance(flown, Flight):
+        draw_windows(ax, flown, spheres)
+        _add_window_bar(figure, len(flown.windows))
+        note = "thick: flown; thin: the rest of each window's prediction; ring: start; star: goal"
     else:
-        draw_windows(ax, example.flight)
-        _add_window_bar(figure, len(example.flight.windows))
-        note = "thick: flown, thin: the rest of each window's prediction"
-        figure.text(0.02, 0.02, note, fontsize=8)
-    _entitle(figure, example)
+        draw_paths(ax, plan, spheres)
+        handles = vehicle_handles(plan.scenario)
+        figure.legend(handles=handles, loc="center right", fontsize=9, frameon=False)
+        note = "ring: start; star: goal; a mark at every knot"
+    figure.text(0.02, 0.02, note, fontsize=8)
     return figure
+
+
+def distances_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = None) -> Figure:
+    """The vehicles' distances from the centre of each obstacle over time.
+
+    Args:
+        flown: what to draw.
+        obstacles: measured from these, if not from the scenario's own.
+
+    Raises:
+        ValueError: there is no obstacle.
+    """
+    plan = _plan(flown)
+    spheres = plan.scenario.obstacles if obstacles is None else tuple(obstacles)
+    if not spheres:
+        raise ValueError("obstacles: got none, expected at least one to measure from")
+    figure = Figure(figsize=(_WIDTH, 0.6 + 3.2 * len(spheres)), layout="constrained")
+    axes = figure.subplots(len(spheres), squeeze=False)[:, 0]
+    for number, (ax, sphere) in enumerate(zip(axes, spheres, strict=True), start=1):
+        draw_distances(ax, plan, sphere)
+        if len(spheres) > 1:
+            ax.set_title(f"obstacle {number}", fontsize=9)
+    return _with_legend(figure, plan)
+
+
+def velocities_figure(flown: Plan | Flight) -> Figure:
+    """The components of the velocities over time, with their bounds."""
+    return _components(_plan(flown), draw_velocities)
+
+
+def accelerations_figure(flown: Plan | Flight) -> Figure:
+    """The components of the accelerations over time, with their bounds."""
+    return _components(_plan(flown), draw_accelerations)
+
+
+def _components(plan: Plan, draw: Callable[[Sequence[Axes], Plan], list[Line2D]]) -> Figure:
+    figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
+    draw(list(figure.subplots(3, sharex=True)), plan)
+    return _with_legend(figure, plan)
+
+
+def _with_legend(figure: Figure, plan: Plan) -> Figure:
+    limit = Line2D([], [], label="limit", **LIMIT_STYLE)
+    handles = [*vehicle_handles(plan.scenario), limit]
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    return figure
+
+
+def _plan(flown: Plan | Flight) -> Plan:
+    return flown.plan if isinstance(flown, Flight) else flown
 
 
 def _add_window_bar(figure: Figure, count: int) -> None:
@@ -97,36 +167,5 @@ def _add_window_bar(figure: Figure, count: int) -> None:
     mappable = ScalarMappable(BoundaryNorm(edges, count), colours)
     bar = figure.colorbar(mappable, cax=figure.add_axes((0.90, 0.2, 0.025, 0.6)))
     bar.set_ticks(range(1, count + 1), labels=[str(number) for number in range(1, count + 1)])
+    bar.minorticks_off()
     bar.set_label("window")
-
-
-def _distances(study: Study, example: Example) -> Figure:
-    spheres = study.scenario.obstacles
-    figure = Figure(figsize=(_WIDTH, 3.8 * len(spheres)), layout="constrained")
-    for ax, sphere in zip(figure.subplots(len(spheres), squeeze=False)[:, 0], spheres, strict=True):
-        lines = draw_distances(ax, example.plan, sphere)
-    figure.legend(handles=lines, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
-    _entitle(figure, example)
-    return figure
-
-
-def _velocities(study: Study, example: Example) -> Figure:
-    return _components(example, draw_velocities)
-
-
-def _accelerations(study: Study, example: Example) -> Figure:
-    return _components(example, draw_accelerations)
-
-
-def _components(example: Example, draw: Callable[[Sequence[Axes], Plan], list[Line2D]]) -> Figure:
-    figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
-    lines = draw(list(figure.subplots(3, sharex=True)), example.plan)
-    limit = Line2D([], [], label="limit", **LIMIT_STYLE)
-    handles = [*lines[: len(example.plan.positions)], limit]
-    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9, frameon=False)
-    _entitle(figure, example)
-    return figure
-
-
-def _entitle(figure: Figure, example: Example) -> None:
-    figure.suptitle(f"Example {example.number}: {example.title}", fontsize=10)

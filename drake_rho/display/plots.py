@@ -7,10 +7,11 @@ Every function takes the axes first and returns the artists it has drawn.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import cycle, islice
+from itertools import cycle, islice, pairwise
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -25,12 +26,17 @@ from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario, Sphere
 
+IntArray = npt.NDArray[np.int64]
+
 # Okabe and Ito's palette, which the colour-blind can tell apart, without its yellow (too pale on
 # white) and black (kept for limits).
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _SPHERE = "#888888"
 LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.9}
+VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
+"""Where a scene is seen from, above the horizon and around the vertical axis [deg]."""
+_TOP = 1000
 _PER_STEP = 12
 """Points drawn of the exact motion in each step."""
 
@@ -45,59 +51,114 @@ def window_colours(count: int) -> list[str]:
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0.0, 0.95, count))]
 
 
-def draw_sphere(ax: Axes3D, sphere: Sphere) -> Poly3DCollection:
-    """An obstacle as a translucent ball."""
+def draw_obstacles(ax: Axes3D, obstacles: Sequence[Sphere]) -> list[Poly3DCollection]:
+    """Obstacles as translucent balls, the nearer over the farther; paths go between them."""
     u, v = np.mgrid[0 : 2 * np.pi : 40j, 0 : np.pi : 20j]
     directions = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
-    surface = sphere.center[:, None, None] + sphere.radius * directions
-    ball: Poly3DCollection = ax.plot_surface(
-        *surface, color=_SPHERE, alpha=0.25, linewidth=0, antialiased=True
-    )
-    return ball
+    layers = _layers(np.array([sphere.center for sphere in obstacles]).reshape(-1, 3), obstacles)
+    return [
+        ax.plot_surface(
+            *(sphere.center[:, None, None] + sphere.radius * directions),
+            color=_SPHERE,
+            alpha=0.25,
+            linewidth=0,
+            antialiased=True,
+            zorder=2 * layer + 2,
+        )
+        for sphere, layer in zip(obstacles, layers, strict=True)
+    ]
 
 
-def draw_paths(ax: Axes3D, plan: Plan) -> list[Line3D]:
-    """Each vehicle's path, its knots, its start (ring) and its goal (star)."""
+def draw_paths(ax: Axes3D, plan: Plan, obstacles: Sequence[Sphere] = ()) -> list[Line3D]:
+    """Each vehicle's path, its knots, its start (ring) and its goal (star).
+
+    Args:
+        ax: where to draw.
+        plan: what to draw.
+        obstacles: those drawn by `draw_obstacles`; what is in front of them is drawn over them.
+
+    Returns:
+        The paths, in pieces that lie before or behind an obstacle; the first of each vehicle
+        carries its name.
+    """
     lines = []
     colours = vehicle_colours(len(plan.positions))
     paths = plan.motion().at("position", _dense_times(plan))
     for index, vehicle in enumerate(plan.scenario.vehicles):
         style = {"color": colours[index]}
-        (line,) = ax.plot(*paths[index].T, linewidth=1.4, label=vehicle.name, **style)
-        ax.plot(
-            *plan.positions[index].T,
-            linestyle="none",
-            marker=_MARKERS[index % len(_MARKERS)],
-            markersize=2.6,
-            **style,
-        )
-        lines.append(line)
+        pieces = _draw_path(ax, paths[index], obstacles, linewidth=1.4, **style)
+        pieces[0].set_label(vehicle.name)
+        _draw_knots(ax, plan.positions[index], index, obstacles, markersize=2.6, **style)
+        lines += pieces
     draw_ends(ax, plan.scenario)
     return lines
 
 
-def draw_windows(ax: Axes3D, flight: Flight) -> list[Line3D]:
-    """What was flown of each window in the window's colour, and the rest of it as a thin line."""
-    lines = []
+def draw_windows(
+    ax: Axes3D, flight: Flight, obstacles: Sequence[Sphere] = ()
+) -> list[list[Line3D]]:
+    """What was flown of each window in the window's colour, and the rest of it as a thin line.
+
+    Args:
+        ax: where to draw.
+        flight: what to draw.
+        obstacles: those drawn by `draw_obstacles`; what is in front of them is drawn over them.
+
+    Returns:
+        For each window, the pieces of what was flown of it.
+    """
+    lines: list[list[Line3D]] = []
     colours = window_colours(len(flight.windows))
     for window, colour in zip(flight.windows, colours, strict=True):
         flown = _flown_steps(flight, window.first_knot)
         times = _dense_times(window.plan)
         paths = window.plan.motion().at("position", times)
         part = times <= window.plan.times[flown] + 1e-9
+        lines.append([])
         for index in range(len(paths)):
-            ax.plot(*paths[index].T, color=colour, linewidth=0.6, alpha=0.45)
-            (line,) = ax.plot(*paths[index, part].T, color=colour, linewidth=1.6)
-            ax.plot(
-                *window.plan.positions[index, : flown + 1].T,
-                color=colour,
-                linestyle="none",
-                marker=_MARKERS[index % len(_MARKERS)],
-                markersize=3.2,
-            )
-            lines.append(line)
+            _draw_path(ax, paths[index], obstacles, color=colour, linewidth=0.6, alpha=0.45)
+            lines[-1] += _draw_path(ax, paths[index, part], obstacles, color=colour, linewidth=1.6)
+            knots = window.plan.positions[index, : flown + 1]
+            _draw_knots(ax, knots, index, obstacles, color=colour, markersize=3.2)
     draw_ends(ax, flight.plan.scenario, colours=["black"] * len(flight.plan.positions))
     return lines
+
+
+def _layers(points: FloatArray, obstacles: Sequence[Sphere]) -> IntArray:
+    """How many obstacles' centres lie behind each point as one looks at the scene, shape (M,)."""
+    azimuth, elevation = np.radians(VIEW_AZIMUTH), np.radians(VIEW_ELEVATION)
+    level = np.cos(elevation)
+    towards = np.array([np.cos(azimuth) * level, np.sin(azimuth) * level, np.sin(elevation)])
+    depths = np.array([sphere.center @ towards for sphere in obstacles])
+    layers: IntArray = np.sum((points @ towards)[:, None] > depths, axis=1)
+    return layers
+
+
+def _draw_path(
+    ax: Axes3D, path: FloatArray, obstacles: Sequence[Sphere], **style: Any
+) -> list[Line3D]:
+    """A line in pieces, each over the obstacles behind it and under those in front of it."""
+    layers = _layers(path, obstacles)
+    cuts = [0, *(np.flatnonzero(np.diff(layers)) + 1), len(path) - 1]
+    return [
+        ax.plot(*path[first : last + 1].T, zorder=2 * layers[first] + 1, **style)[0]
+        for first, last in pairwise(cuts)
+        if last > first
+    ]
+
+
+def _draw_knots(
+    ax: Axes3D, knots: FloatArray, index: int, obstacles: Sequence[Sphere], **style: Any
+) -> None:
+    layers = _layers(knots, obstacles)
+    for layer in np.unique(layers):
+        ax.plot(
+            *knots[layers == layer].T,
+            linestyle="none",
+            marker=_MARKERS[index % len(_MARKERS)],
+            zorder=2 * layer + 1,
+            **style,
+        )
 
 
 def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = None) -> list[Artist]:
@@ -107,9 +168,14 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
     for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
         start, goal = vehicle.start.position, vehicle.goal.position
         artists += ax.plot(
-            *start[:, None], marker="o", markersize=6, markerfacecolor="white", color=colour
+            *start[:, None],
+            marker="o",
+            markersize=6,
+            markerfacecolor="white",
+            color=colour,
+            zorder=_TOP,
         )
-        artists += ax.plot(*goal[:, None], marker="*", markersize=9, color="black")
+        artists += ax.plot(*goal[:, None], marker="*", markersize=9, color="black", zorder=_TOP)
         if len(scenario.vehicles) <= len(_COLOURS):
             artists.append(_draw_name(ax, start, vehicle.name))
     return artists
@@ -117,16 +183,16 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
 
 def _draw_name(ax: Axes3D, position: FloatArray, name: str) -> Artist:
     text: Artist = ax.text(
-        *position, f"{name}\n", fontsize=8, ha="center", va="bottom", linespacing=0.6
+        *position, f"{name}\n", fontsize=8, ha="center", va="bottom", linespacing=0.6, zorder=_TOP
     )
     text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     return text
 
 
-def frame_scene(ax: Axes3D, scenario: Scenario, positions: FloatArray) -> None:
+def frame_scene(ax: Axes3D, positions: FloatArray, obstacles: Sequence[Sphere]) -> None:
     """Equal axes around the positions [m] and the obstacles, named with their unit."""
     points = [positions.reshape(-1, 3)]
-    for sphere in scenario.obstacles:
+    for sphere in obstacles:
         points.append(sphere.center + sphere.radius * np.concatenate([np.eye(3), -np.eye(3)]))
     every = np.concatenate(points)
     lower, upper = every.min(axis=0), every.max(axis=0)
@@ -138,7 +204,11 @@ def frame_scene(ax: Axes3D, scenario: Scenario, positions: FloatArray) -> None:
     for each in (ax.xaxis, ax.yaxis, ax.zaxis):
         each.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     ax.tick_params(labelsize=8, pad=1)
-    ax.view_init(elev=22, azim=-58)
+    # Lines and surfaces are drawn in the order of their layers, which parallel lines of sight make
+    # exact; matplotlib's own order goes by the middle of each and hides what is in front.
+    ax.computed_zorder = False
+    ax.set_proj_type("ortho")
+    ax.view_init(elev=VIEW_ELEVATION, azim=VIEW_AZIMUTH)
 
 
 def draw_distances(ax: Axes, plan: Plan, sphere: Sphere) -> list[Line2D]:
@@ -210,6 +280,23 @@ def _draw_curve(
     marker = _MARKERS[index % len(_MARKERS)]
     ax.plot(*knots, color=colour, linestyle="none", marker=marker, markersize=2.6)
     return line
+
+
+def vehicle_handles(scenario: Scenario, most: int = 14) -> list[Line2D]:
+    """Legend entries of the first `most` vehicles: line and knots as they are drawn."""
+    colours = vehicle_colours(len(scenario.vehicles))
+    return [
+        Line2D(
+            [],
+            [],
+            color=colours[index],
+            marker=_MARKERS[index % len(_MARKERS)],
+            markersize=4,
+            linewidth=1.2,
+            label=vehicle.name,
+        )
+        for index, vehicle in enumerate(scenario.vehicles[:most])
+    ]
 
 
 def _finish_component(

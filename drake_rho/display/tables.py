@@ -6,12 +6,12 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from drake_rho.assurance.study import Study
+from drake_rho.assurance.study import REPEATS, Study
 from drake_rho.scenario.fields import FloatArray
 
 
 def study_table(study: Study) -> Table:
-    """One column for each example, one row for each figure.
+    """One column for each example, one row for each quantity.
 
     Clearance is the least distance at the knots from the obstacle's surface.
     """
@@ -20,9 +20,8 @@ def study_table(study: Study) -> Table:
     for example in study.examples:
         table.add_column(f"Example {example.number}", justify="right")
     examples = study.examples
-    methods, obstacles = zip(*(example.title.split(", ") for example in examples), strict=True)
-    table.add_row("method", *methods)
-    table.add_row("obstacle", *(words.removeprefix("obstacle ") for words in obstacles))
+    table.add_row("method", *(example.method for example in examples))
+    table.add_row("obstacle", *(example.obstacle for example in examples))
     table.add_row(
         f"index f {_unit('m²/s⁴')}", *(f"{example.plan.cost:.3f}" for example in examples)
     )
@@ -42,15 +41,18 @@ def study_table(study: Study) -> Table:
     table.add_row("all constraints hold", *verdicts)
     programs = (example.plan.statistics.programs for example in examples)
     table.add_row("programs solved", *map(str, programs))
-    table.add_row(f"time {_unit('ms')}", *(f"{1e3 * example.seconds:.1f}" for example in examples))
+    table.add_row(
+        f"time, median of {REPEATS} {_unit('ms')}",
+        *(f"{1e3 * example.seconds:.1f}" for example in examples),
+    )
     return table
 
 
 def claims_table(study: Study) -> Table:
-    """The paper's claims, each with the figures that decide, and whether it was found."""
+    """The paper's claims, each with the numbers that decide, and whether it was found."""
     table = Table(title="What the paper says it found", show_lines=True)
     table.add_column("")
-    table.add_column("claim, and the figures here")
+    table.add_column("claim, and the numbers here")
     table.add_column("found")
     for claim in study.claims:
         verdict = "yes" if claim.found else "[bold]no[/]"

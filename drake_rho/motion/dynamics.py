@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import State
+from drake_rho.scenario.records import Quantity, State
 
-Quantity = Literal["position", "velocity", "jerk"]
+
+def acceleration_before(start: State) -> FloatArray:
+    """The acceleration given just before the first knot [m/s²], shape (3,); NaN if it is free."""
+    return np.full(3, np.nan) if start.acceleration is None else start.acceleration
 
 
 def roll_out(
@@ -49,7 +52,7 @@ class Motion:
         positions: at the knots [m], shape (..., K, 3).
         velocities: at the knots [m/s], shape (..., K, 3).
         accelerations: in the steps [m/s²], shape (..., K-1, 3).
-        before: acceleration just before the first knot [m/s²], shape (..., 3); None if the first
+        before: acceleration just before the first knot [m/s²], shape (..., 3); NaN where the first
             acceleration is free of it, so that the first knot has no jerk.
     """
 
@@ -57,31 +60,37 @@ class Motion:
     positions: FloatArray
     velocities: FloatArray
     accelerations: FloatArray
-    before: FloatArray | None = None
+    before: FloatArray
 
     @classmethod
     def from_start(cls, start: State, accelerations: FloatArray, step: float) -> Self:
         """The motion of one vehicle that flies `accelerations`, shape (K-1, 3), from `start`."""
         p, v = roll_out(start.position, start.velocity, accelerations, step)
-        return cls(step, p, v, accelerations, start.acceleration)
+        return cls(step, p, v, accelerations, acceleration_before(start))
 
     def at(self, quantity: Quantity, times: npt.ArrayLike) -> FloatArray:
         """Exact position [m], velocity [m/s] or jerk [m/s³] at `times` [s].
 
-        Times outside the flight follow its first or last step. Jerk is known at knots only: its
-        value at a time is that of the nearest knot.
+        Times outside the flight follow its first or last step. Jerk is known at the knots that
+        begin a step: its value at a time is that of the nearest of them.
 
         Args:
             quantity: which of the three.
-            times: since the first knot, shape (M,).
+            times: since the first knot, shape (M,) or a single one.
 
         Returns:
             Values of shape (..., M, 3).
+
+        Raises:
+            ValueError: the quantity is none of the three.
         """
-        times = np.asarray(times, dtype=np.float64)
+        if quantity not in RESPONSES:
+            raise ValueError(f"quantity: got {quantity!r}, expected one of {', '.join(RESPONSES)}")
+        times = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        last = self.accelerations.shape[-2] - 1
         if quantity == "jerk":
-            return self._jerks()[..., np.rint(times / self.step).astype(int), :]
-        k = np.clip((times / self.step).astype(int), 0, self.accelerations.shape[-2] - 1)
+            return self._jerks()[..., np.clip(np.rint(times / self.step).astype(int), 0, last), :]
+        k = np.clip((times / self.step).astype(int), 0, last)
         s = (times - k * self.step)[:, None]
         v, a = self.velocities[..., k, :], self.accelerations[..., k, :]
         velocities: FloatArray = v + s * a
@@ -92,7 +101,7 @@ class Motion:
 
     def _jerks(self) -> FloatArray:
         a = self.accelerations
-        before = a[..., 0, :] if self.before is None else self.before
+        before = np.where(np.isnan(self.before), a[..., 0, :], self.before)
         return np.diff(a, axis=-2, prepend=before[..., None, :]) / self.step
 
 

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import zipfile
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_json
 
-_FORMAT = "drake_rho 1"
+_PLAN, _FLIGHT = "drake_rho plan 1", "drake_rho flight 1"
 _ARRAYS = ("positions", "velocities", "accelerations")
+_KINDS = ("plan", "reference")
+_STATISTICS = TypeAdapter(Statistics)
+_PARTS = ("scenario", "statistics", *_ARRAYS)
 
 
 class PlanFileError(DrakeRhoError, ValueError):
@@ -33,16 +36,16 @@ def save(planned: Plan | Flight, path: str | Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    content: dict[str, Any] = {"format": _FORMAT}
+    content: dict[str, Any]
     if isinstance(planned, Flight):
-        content |= _pack("plan", planned.plan)
+        content = {"format": _FLIGHT} | _pack("plan", planned.plan)
         content["first_knots"] = [window.first_knot for window in planned.windows]
         content["infeasible"] = [window.infeasible for window in planned.windows]
         for number, window in enumerate(planned.windows):
             content |= _pack(f"window{number}.plan", window.plan)
             content |= _pack(f"window{number}.reference", window.reference)
     else:
-        content |= _pack("plan", planned)
+        content = {"format": _PLAN} | _pack("plan", planned)
     with replacing(path) as file:
         np.savez_compressed(file, **content)
 
@@ -70,29 +73,50 @@ def load(path: str | Path) -> Plan | Flight:
 
 
 def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | Flight:
-    if "format" not in content or str(content["format"]) != _FORMAT:
+    form = str(content["format"]) if "format" in content else ""
+    if form not in {_PLAN, _FLIGHT}:
         raise PlanFileError(f"{path}: not a plan or flight of this version of drake_rho")
+    first_knots = content["first_knots"].tolist() if form == _FLIGHT else []
+    prefixes = [f"window{number}.{kind}" for number in range(len(first_knots)) for kind in _KINDS]
+    expected = {f"{prefix}.{part}" for prefix in ["plan", *prefixes] for part in _PARTS}
+    expected |= {"format"} | ({"first_knots", "infeasible"} if form == _FLIGHT else set())
+    if set(content) != expected:
+        raise ValueError("parts are missing or do not belong")
     plan = _unpack("plan", content)
-    if "first_knots" not in content:
+    if form == _PLAN:
         return plan
     windows = tuple(
         Window(
-            int(first_knot),
+            first_knot,
             _unpack(f"window{number}.plan", content),
             _unpack(f"window{number}.reference", content),
-            str(infeasible),
+            reason,
         )
-        for number, (first_knot, infeasible) in enumerate(
-            zip(content["first_knots"], content["infeasible"], strict=True)
+        for number, (first_knot, reason) in enumerate(
+            zip(first_knots, content["infeasible"].tolist(), strict=True)
         )
     )
+    _check_windows(plan, windows)
     return Flight(plan, windows)
+
+
+def _check_windows(plan: Plan, windows: tuple[Window, ...]) -> None:
+    knots = plan.scenario.grid.knots
+    starts = [window.first_knot for window in windows]
+    rising = all(early < late for early, late in pairwise([-1, *starts, knots - 1]))
+    if not rising or starts[:1] != [0] or not all(isinstance(start, int) for start in starts):
+        raise ValueError("the windows do not make up the flight")
+    for window in windows:
+        if {window.plan.scenario.grid.knots, window.reference.scenario.grid.knots} != {
+            knots - window.first_knot
+        }:
+            raise ValueError("a window does not reach the end of the flight")
 
 
 def _pack(prefix: str, plan: Plan) -> dict[str, Any]:
     return {
         f"{prefix}.scenario": scenario_to_json(plan.scenario),
-        f"{prefix}.statistics": json.dumps(dataclasses.asdict(plan.statistics)),
+        f"{prefix}.statistics": _STATISTICS.dump_json(plan.statistics).decode(),
         **{f"{prefix}.{name}": getattr(plan, name) for name in _ARRAYS},
     }
 
@@ -100,9 +124,8 @@ def _pack(prefix: str, plan: Plan) -> dict[str, Any]:
 def _unpack(prefix: str, content: Mapping[str, np.ndarray]) -> Plan:
     arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
     for name, array in arrays.items():
-        if not np.all(np.isfinite(array)):
-            raise ValueError(f"{prefix}.{name} has values that are not finite")
-    statistics = json.loads(str(content[f"{prefix}.statistics"]))
-    statistics["steps_tried"] = tuple(statistics["steps_tried"])
+        if array.dtype != np.float64 or not np.all(np.isfinite(array)):
+            raise ValueError(f"{prefix}.{name} has values that are no finite numbers")
+    statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
     scenario = scenario_from_json(str(content[f"{prefix}.scenario"]))
-    return Plan(scenario, **arrays, statistics=Statistics(**statistics))
+    return Plan(scenario, **arrays, statistics=statistics)

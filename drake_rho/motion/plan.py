@@ -6,10 +6,11 @@ import dataclasses
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from pydantic import ConfigDict
 
-from drake_rho.motion.dynamics import Motion, roll_out
+from drake_rho.motion.dynamics import Motion, acceleration_before, roll_out
 from drake_rho.scenario.fields import FloatArray, locked
-from drake_rho.scenario.records import Grid, Scenario, State
+from drake_rho.scenario.records import Box, Grid, Quantity, Scenario, State
 
 if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Statistics:
     """What it took to find a plan."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # for reading it from files
 
     programs: int = 0
     """quadratic programs solved"""
@@ -28,7 +31,7 @@ class Statistics:
     converged: bool = True
     """whether an iterated planner stopped because nothing changed any more"""
     steps_tried: tuple[float, ...] = ()
-    """steps h in the order tried [s]; the last one is the plan's"""
+    """steps h in the order tried [s], the plan's own last; empty if there was no choice"""
     solver: str = ""
     """solver of the last program"""
     solver_seconds: float = 0.0
@@ -37,7 +40,7 @@ class Statistics:
     """wall time [s]"""
 
     def __add__(self, other: Statistics) -> Statistics:
-        """Counts and times of both; the rest as in `other`, which came later."""
+        """Counts and times of both; the rest as in `other`, which came later, if it says so."""
         return dataclasses.replace(
             other,
             programs=self.programs + other.programs,
@@ -46,6 +49,8 @@ class Statistics:
             solver_seconds=self.solver_seconds + other.solver_seconds,
             seconds=self.seconds + other.seconds,
             converged=self.converged and other.converged,
+            solver=other.solver or self.solver,
+            steps_tried=other.steps_tried or self.steps_tried,
         )
 
 
@@ -105,7 +110,8 @@ class Plan:
     def motion(self) -> Motion:
         """The motion of all vehicles, to be asked at any time; arrays of shape (N, ..., 3)."""
         step = self.scenario.grid.step
-        return Motion(step, self.positions, self.velocities, self.accelerations)
+        before = np.array([acceleration_before(each.start) for each in self.scenario.vehicles])
+        return Motion(step, self.positions, self.velocities, self.accelerations, before)
 
     def trajectory(self, name: str) -> PiecewisePolynomial:
         """The path of the vehicle called `name`, exact at every time, as Drake's own type.
@@ -130,22 +136,42 @@ class Plan:
         """The scenario that is left at `knot` (counted from 0): same goals, same arrival time.
 
         The start is the state of the plan there, with the acceleration flown until then.
+
+        Raises:
+            ValueError: `knot` is none at which a step begins.
         """
-        grid = Grid(self.scenario.grid.step, self.scenario.grid.knots - knot)
+        if not 0 <= knot < self.scenario.grid.knots - 1:
+            expected = f"0 to {self.scenario.grid.knots - 2}"
+            raise ValueError(f"knot: got {knot}, expected {expected}")
         if knot == 0:
             return self.scenario
+        grid = Grid(self.scenario.grid.step, self.scenario.grid.knots - knot)
         vehicles = tuple(
             dataclasses.replace(
                 vehicle,
-                start=State(
-                    self.positions[i, knot],
-                    self.velocities[i, knot],
-                    self.accelerations[i, knot - 1],
-                ),
+                start=self._state(i, knot),
             )
             for i, vehicle in enumerate(self.scenario.vehicles)
         )
         return dataclasses.replace(self.scenario, grid=grid, vehicles=vehicles)
+
+    def _state(self, index: int, knot: int) -> State:
+        """The state of a vehicle; rounding does not put it outside a box that it keeps to."""
+        vehicle = self.scenario.vehicles[index]
+        limits = self.scenario.limits_of(vehicle)
+
+        def kept(quantity: Quantity, value: FloatArray, box: Box | None) -> FloatArray:
+            if box is None:
+                return value
+            inside = np.clip(value, box.lower, box.upper)
+            tolerance = box.tolerance(self.scenario.scale(vehicle, quantity))
+            return inside if np.all(np.abs(inside - value) <= tolerance) else value
+
+        return State(
+            kept("position", self.positions[index, knot], limits.position),
+            kept("velocity", self.velocities[index, knot], limits.velocity),
+            kept("acceleration", self.accelerations[index, knot - 1], limits.acceleration),
+        )
 
     def tail(self, knot: int) -> Plan:
         """What is left of the plan from `knot` (counted from 0) on, as a plan of its own."""
@@ -170,6 +196,13 @@ class Window:
     infeasible: str = ""
     """empty, or why the window had no plan of its own; `plan` is then the previous one's tail"""
 
+    @property
+    def statistics(self) -> Statistics:
+        """What it took, the reference included."""
+        if self.reference is self.plan:
+            return self.plan.statistics
+        return self.reference.statistics + self.plan.statistics
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Flight:
@@ -181,6 +214,16 @@ class Flight:
     """the predictions it was flown by, in their order"""
 
     @property
+    def scenario(self) -> Scenario:
+        """What was asked."""
+        return self.plan.scenario
+
+    @property
     def cost(self) -> float:
         """The performance index (13) of what was flown [m²/s⁴]."""
         return self.plan.cost
+
+    @property
+    def statistics(self) -> Statistics:
+        """What all windows took together."""
+        return self.plan.statistics

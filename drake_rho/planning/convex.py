@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from pydrake.solvers import SolverInterface
 
-from drake_rho.motion.plan import Plan
+from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.loop import plan_around
 from drake_rho.scenario.records import Grid, Scenario
@@ -45,17 +45,19 @@ def plan_convex(
     grids = [scenario.grid, *(_grid(step, scenario.grid) for step in steps)]
     if reference is not None and len(grids) > 1:
         raise ValueError("steps: got some beside a reference, expected none: it has one step")
-    failures = []
+    failures: list[InfeasibleError] = []
+    statistics = Statistics()
     for tried, grid in enumerate(grids, start=1):
         steps_tried = tuple(grid.step for grid in grids[:tried])
         try:
             plan = _plan(dataclasses.replace(scenario, grid=grid), reference, solver)
         except InfeasibleError as error:
             failures.append(error)
+            statistics += error.statistics
         else:
-            statistics = dataclasses.replace(plan.statistics, steps_tried=steps_tried)
+            statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
             return dataclasses.replace(plan, statistics=statistics)
-    raise InfeasibleError(failures[0].conflicts, steps_tried)
+    raise InfeasibleError(failures[0].conflicts, steps_tried, statistics)
 
 
 def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | None) -> Plan:
@@ -65,7 +67,12 @@ def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | 
     free = plan_around(scenario.without_obstacles(), None, solver)
     if not scenario.obstacles:
         return free
-    plan = plan_around(scenario, free, solver)
+    try:
+        plan = plan_around(scenario, free, solver)
+    except InfeasibleError as error:
+        raise InfeasibleError(
+            error.conflicts, statistics=free.statistics + error.statistics
+        ) from None
     return dataclasses.replace(plan, statistics=free.statistics + plan.statistics)
 
 

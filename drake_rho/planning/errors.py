@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+from drake_rho.motion.plan import Statistics
 from drake_rho.scenario.errors import DrakeRhoError
 
 
 class InfeasibleError(DrakeRhoError):
-    """No plan can meet all constraints.
+    """The constraints cannot be met together, obstacles as they were linearised.
+
+    Where no obstacle takes part in the conflict this is proved of the scenario itself. Where one
+    does, it is proved of its linearisation (15): another reference may have a plan.
 
     Attributes:
-        conflicts: for each vehicle without a plan, by name, the constraints that cannot be met
-            together.
+        conflicts: for each vehicle without a plan, by name, constraints that cannot be met
+            together; those left out have no part in the contradiction.
         steps_tried: steps h for which no plan was found [s], in the order tried.
+        statistics: what it took to find out.
     """
 
     def __init__(
-        self, conflicts: dict[str, tuple[str, ...]], steps_tried: tuple[float, ...] = ()
+        self,
+        conflicts: dict[str, tuple[str, ...]],
+        steps_tried: tuple[float, ...] = (),
+        statistics: Statistics | None = None,
     ) -> None:
         self.conflicts = conflicts
         self.steps_tried = steps_tried
-        super().__init__(conflicts, steps_tried)
+        self.statistics = statistics or Statistics()
+        super().__init__(conflicts, steps_tried, self.statistics)
 
     def __str__(self) -> str:
         reasons = "; ".join(
@@ -27,7 +36,14 @@ class InfeasibleError(DrakeRhoError):
             for vehicle, constraints in self.conflicts.items()
         )
         steps = ", ".join(f"{step:g} s" for step in self.steps_tried)
-        return f"no plan (steps tried: {steps}): {reasons}" if steps else f"no plan: {reasons}"
+        tried = f" (steps tried: {steps})" if steps else ""
+        names = (name for each in self.conflicts.values() for name in each)
+        if not any(name.startswith("obstacle") for name in names):
+            return f"no plan{tried}: {reasons}"
+        return (
+            f"no plan{tried} with the obstacles linearised around this reference: {reasons} "
+            "(another reference or a finer step may have a plan)"
+        )
 
 
 class SolverError(DrakeRhoError):

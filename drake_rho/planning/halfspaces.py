@@ -8,10 +8,13 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import numpy.typing as npt
 
-from drake_rho.motion.dynamics import Motion, Quantity
+from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Box, Scenario, Sphere, Vehicle
+from drake_rho.scenario.records import Box, Quantity, Scenario, Sphere, Vehicle
+
+BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,8 +31,10 @@ class HalfSpaces:
     """in which direction, unit vectors, shape (R, 3)"""
     bounds: FloatArray
     """least value along the normal, in the quantity's unit, shape (R,)"""
-    slack: float
-    """how far below the bound still counts as held, in the quantity's unit"""
+    tolerances: FloatArray
+    """how far below the bound still counts as held, in the quantity's unit, shape (R,)"""
+    sides: int = 1
+    """rows at each time, one after the other: 6 for a box"""
 
     def margins(self, motion: Motion) -> FloatArray:
         """How far above its bound each row is, in the quantity's unit, shape (R,)."""
@@ -37,24 +42,44 @@ class HalfSpaces:
         margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
         return margins
 
-    def select(self, rows: np.ndarray) -> HalfSpaces:
-        """Only the rows that the mask or the indices `rows` name."""
+    def near(self, rows: BoolArray, reach: int) -> BoolArray:
+        """The mask `rows` and those of the same side up to `reach` times before or after them."""
+        count = np.zeros((len(rows) // self.sides + 2 * reach + 1, self.sides), dtype=int)
+        count[reach + 1 : len(count) - reach] = rows.reshape(-1, self.sides)
+        count = count.cumsum(axis=0)
+        count[len(count) - reach :] = count[len(count) - reach - 1]
+        return (count[2 * reach + 1 :] > count[: len(count) - 2 * reach - 1]).reshape(-1)
+
+    def select(self, rows: BoolArray) -> HalfSpaces:
+        """Only the rows of the mask `rows`."""
         return dataclasses.replace(
-            self, times=self.times[rows], normals=self.normals[rows], bounds=self.bounds[rows]
+            self,
+            times=self.times[rows],
+            normals=self.normals[rows],
+            bounds=self.bounds[rows],
+            tolerances=self.tolerances[rows],
         )
 
 
-def box_sides(name: str, quantity: Quantity, box: Box, times: FloatArray) -> HalfSpaces:
-    """The six sides of a box (4), (6) or (7), each at every one of `times` [s]."""
+def box_sides(quantity: Quantity, box: Box, scale: float, times: FloatArray) -> HalfSpaces:
+    """The six sides of a box (4), (6) or (7), each at every one of `times` [s].
+
+    Args:
+        quantity: what the box bounds.
+        box: in the quantity's unit.
+        scale: what is large for it, in its unit (`Scenario.scale`).
+        times: since the first knot [s], shape (R,).
+    """
     sides = np.concatenate([np.eye(3), -np.eye(3)])
     bounds = np.concatenate([box.lower, -box.upper])
     return HalfSpaces(
-        name,
+        f"{quantity} box",
         quantity,
         np.repeat(times, 6),
         np.tile(sides, (len(times), 1)),
         np.tile(bounds, len(times)),
-        box.slack,
+        np.tile(box.tolerance(scale), 2 * len(times)),
+        sides=6,
     )
 
 
@@ -73,12 +98,14 @@ def linearise(name: str, sphere: Sphere, reference: FloatArray, times: FloatArra
     """
     offsets = reference - sphere.center
     distances = np.linalg.norm(offsets, axis=1)
-    at_centre = distances <= sphere.slack
+    at_centre = distances <= sphere.tolerance
     if np.any(at_centre):
         offsets[at_centre] = _across(reference[-1] - reference[0])
         distances = np.linalg.norm(offsets, axis=1)
     n = offsets / distances[:, None]
-    return HalfSpaces(name, "position", times, n, sphere.radius + n @ sphere.center, sphere.slack)
+    bounds = sphere.radius + n @ sphere.center
+    tolerances = np.full(len(times), sphere.tolerance)
+    return HalfSpaces(name, "position", times, n, bounds, tolerances)
 
 
 def constraints_of(
@@ -95,14 +122,17 @@ def constraints_of(
     """
     limits = scenario.limits_of(vehicle)
     times, inner = scenario.grid.times, scenario.grid.times[1:-1]
-    rows = []
-    if limits.position is not None:
-        rows.append(box_sides("position box", "position", limits.position, inner))
-    if limits.velocity is not None:
-        rows.append(box_sides("velocity box", "velocity", limits.velocity, inner))
-    if limits.jerk is not None:
-        first = 1 if vehicle.start.acceleration is None else 0
-        rows.append(box_sides("jerk box", "jerk", limits.jerk, times[first:-1]))
+    first = 1 if vehicle.start.acceleration is None else 0
+    boxes: tuple[tuple[Quantity, Box | None, FloatArray], ...] = (
+        ("position", limits.position, inner),
+        ("velocity", limits.velocity, inner),
+        ("jerk", limits.jerk, times[first:-1]),
+    )
+    rows = [
+        box_sides(quantity, box, scenario.scale(vehicle, quantity), when)
+        for quantity, box, when in boxes
+        if box is not None
+    ]
     if reference is not None:
         rows += [
             linearise(f"obstacle {number}", sphere, reference[1:-1], inner)

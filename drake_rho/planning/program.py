@@ -18,12 +18,16 @@ from pydrake.solvers import (
     MathematicalProgram,
     MathematicalProgramResult,
 )
+from scipy.sparse import csc_matrix
 
 from drake_rho.motion.dynamics import RESPONSES, Motion, position_response, velocity_response
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.halfspaces import HalfSpaces
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import TOLERANCE, Box, Grid, Scenario, Vehicle
+
+_BLOCK = 150
+"""Most variables in one quadratic cost."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +44,7 @@ class VehicleProgram:
     def __init__(self, scenario: Scenario, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
         self.grid = scenario.grid
-        self.unit = vehicle.reach(self.grid.duration) / self.grid.duration**2
+        self.unit = scenario.scale(vehicle, "acceleration")
         self.coasting = Motion.from_start(
             vehicle.start, np.zeros((self.grid.knots - 1, 3)), self.grid.step
         )
@@ -88,7 +92,7 @@ def goal_equations(grid: Grid, vehicle: Vehicle) -> tuple[FloatArray, FloatArray
     left, sizes, rows = np.linalg.svd(response, full_matrices=False)
     values = (left.T @ change) / sizes[:, None]
     missed = change - response @ (rows.T @ values)
-    if np.any(np.abs(missed) > TOLERANCE * vehicle.reach(T) / T):
+    if np.any(np.abs(missed) > TOLERANCE * vehicle.length_scale(T) / T):
         conflict = ("goal position", "goal velocity", "a single step")
         raise InfeasibleError({vehicle.name: conflict})
     return rows, values
@@ -96,10 +100,11 @@ def goal_equations(grid: Grid, vehicle: Vehicle) -> tuple[FloatArray, FloatArray
 
 def add_index(to: VehicleProgram) -> None:
     """(13): f, the sum of squared accelerations."""
-    size = to.accelerations.size
-    to.program.AddQuadraticCost(
-        2.0 * np.eye(size), np.zeros(size), to.accelerations.reshape(-1), is_convex=True
-    )
+    variables = to.accelerations.reshape(-1)
+    for first in range(0, len(variables), _BLOCK):  # Drake takes a dense matrix for each cost
+        block = variables[first : first + _BLOCK]
+        size = len(block)
+        to.program.AddQuadraticCost(2.0 * np.eye(size), np.zeros(size), block, is_convex=True)
 
 
 def add_goal(
@@ -132,11 +137,11 @@ def add_halfspaces(to: VehicleProgram, halfspaces: HalfSpaces) -> None:
     """(4), (6), (7) and (15) in terms of the accelerations, by (10)-(11)."""
     step, knots, times = to.grid.step, to.grid.knots, halfspaces.times
     response = RESPONSES[halfspaces.quantity](step, knots, times)
-    rows = np.einsum("rj,ri->rji", response, halfspaces.normals).reshape(len(times), -1)
-    lengths = np.linalg.norm(rows, axis=1)
+    lengths = np.linalg.norm(response, axis=1)
+    rows = np.einsum("rj,ri->rji", response / lengths[:, None], halfspaces.normals)
     needed = -halfspaces.margins(to.coasting)
     binding = to.program.AddLinearConstraint(
-        rows / lengths[:, None],
+        csc_matrix(rows.reshape(len(times), -1)),
         needed / lengths / to.unit,
         np.full(len(times), np.inf),
         to.accelerations.reshape(-1),

@@ -13,7 +13,7 @@ from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.loop import plan_around
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -34,19 +34,17 @@ Reference = Callable[[Scenario, Plan | None, SolverInterface | None], Plan]
 first window, the solver) -> a motion of the same vehicles on the same grid."""
 
 
-def without_obstacles(
-    scenario: Scenario, tail: Plan | None, solver: SolverInterface | None
-) -> Plan:
+def free_reference(scenario: Scenario, tail: Plan | None, solver: SolverInterface | None) -> Plan:
     """The paper's reference: each window's own solution without the obstacles."""
     return plan_around(scenario.without_obstacles(), None, solver)
 
 
-def previous_tail(scenario: Scenario, tail: Plan | None, solver: SolverInterface | None) -> Plan:
+def tail_reference(scenario: Scenario, tail: Plan | None, solver: SolverInterface | None) -> Plan:
     """What is left of the previous prediction; in the first window, the paper's reference.
 
-    The tail meets every constraint of the window, so no window can be infeasible.
+    The tail meets every constraint of the window, so there is always a plan, up to rounding.
     """
-    return without_obstacles(scenario, None, solver) if tail is None else tail
+    return free_reference(scenario, None, solver) if tail is None else tail
 
 
 def plan_rho(
@@ -54,21 +52,21 @@ def plan_rho(
     *,
     replan_every: int = 5,
     planner: Planner = plan_convex,
-    reference: Reference = without_obstacles,
+    reference: Reference = free_reference,
     solver: SolverInterface | None = None,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
 
     Each window plans from the state reached to the goal and is flown for `replan_every` steps.
-    A window without a solution flies on along the previous prediction, which is still valid; its
-    `Window.infeasible` says why.
+    A window without a solution, or whose solvers fail, flies on along the previous prediction,
+    which is still valid; its `Window.infeasible` says why.
 
     Args:
         scenario: what is asked.
         replan_every: d, the steps flown of each window; the last window has what is left.
         planner: plans one window.
-        reference: what a window's obstacles are linearised around, `without_obstacles` (the
-            paper's), `previous_tail`, or another function of this form.
+        reference: what a window's obstacles are linearised around, `free_reference` (the
+            paper's), `tail_reference`, or another function of this form.
         solver: a Drake solver; Clarabel if not given.
 
     Returns:
@@ -76,7 +74,7 @@ def plan_rho(
 
     Raises:
         InfeasibleError: the first window has no solution.
-        SolverError: the solvers fail numerically.
+        SolverError: the solvers fail numerically in the first window.
         ValueError: `replan_every` is not a whole number of at least 1.
     """
     if isinstance(replan_every, bool) or not isinstance(replan_every, Integral) or replan_every < 1:
@@ -97,7 +95,7 @@ def plan_rho(
         )
         windows.append(window)
         flown.append(window.plan.accelerations[:, :replan_every])
-    statistics = sum((_statistics(window) for window in windows), Statistics())
+    statistics = sum((window.statistics for window in windows), Statistics())
     statistics = dataclasses.replace(statistics, seconds=time.perf_counter() - began)
     plan = Plan.from_accelerations(scenario, np.concatenate(flown, axis=1), statistics)
     return Flight(plan, tuple(windows))
@@ -108,9 +106,9 @@ def plan_window(
     first_knot: int,
     tail: Plan | None,
     *,
-    planner: Planner = plan_convex,
-    reference: Reference = without_obstacles,
-    solver: SolverInterface | None = None,
+    planner: Planner,
+    reference: Reference,
+    solver: SolverInterface | None,
 ) -> Window:
     """One window of `plan_rho`.
 
@@ -124,23 +122,17 @@ def plan_window(
 
     Raises:
         InfeasibleError: there is no plan, and no tail to fly on along.
-        SolverError: the solvers fail numerically.
+        SolverError: the solvers fail numerically, and there is no tail.
     """
+    around = None
     try:
-        if not scenario.obstacles:
-            plan = planner(scenario, reference=None, solver=solver)
-            return Window(first_knot, plan, reference=plan)
-        around = reference(scenario, tail, solver)
+        if scenario.obstacles:
+            around = reference(scenario, tail, solver)
         plan = planner(scenario, reference=around, solver=solver)
-    except InfeasibleError as error:
+    except (InfeasibleError, SolverError) as error:
         if tail is None:
             raise
-        return Window(first_knot, tail, reference=tail, infeasible=str(error))
-    return Window(first_knot, plan, around)
-
-
-def _statistics(window: Window) -> Statistics:
-    own = window.plan.statistics
-    if window.reference is window.plan:
-        return own
-    return window.reference.statistics + own
+        spent = error.statistics if isinstance(error, InfeasibleError) else Statistics()
+        flown_on = dataclasses.replace(tail, statistics=spent)
+        return Window(first_knot, flown_on, around or flown_on, infeasible=str(error))
+    return Window(first_knot, plan, around or plan)

@@ -8,6 +8,7 @@ from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.loop import plan_around
 from drake_rho.scenario.records import Scenario
 
@@ -24,8 +25,8 @@ def plan_scp(
     """Linearise the obstacles around one plan after the other until the index stops falling.
 
     The half-space of (15) lies inside what (8) allows, so every iterate meets the true
-    constraints, and since it is itself allowed by the next linearisation, the index never rises.
-    Neither a trust region nor a line search is needed.
+    constraints, and since it is itself allowed by the next linearisation, the index does not rise
+    (in exact arithmetic). Neither a trust region nor a line search is needed.
 
     Args:
         scenario: what is asked.
@@ -43,7 +44,10 @@ def plan_scp(
     if not scenario.obstacles:
         return plan
     for _ in range(MAX_ITERATIONS):
-        following = scp_step(plan, solver=solver)
+        try:
+            following = scp_step(plan, solver=solver)
+        except (InfeasibleError, SolverError):  # by rounding, where a plan has no room at all
+            return _stopped(plan)
         converged = plan.cost - following.cost <= CONVERGED * plan.cost
         statistics = dataclasses.replace(
             plan.statistics + following.statistics, converged=converged
@@ -57,6 +61,12 @@ def plan_scp(
 def scp_step(plan: Plan, *, solver: SolverInterface | None = None) -> Plan:
     """One iteration: the plan of least index with obstacles linearised around `plan`."""
     return plan_around(plan.scenario, plan, solver)
+
+
+def _stopped(plan: Plan) -> Plan:
+    """The plan with a note that the iteration did not come to its own end."""
+    statistics = dataclasses.replace(plan.statistics, converged=False)
+    return dataclasses.replace(plan, statistics=statistics)
 
 
 def _cost(plan: Plan) -> float:

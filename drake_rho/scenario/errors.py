@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import reprlib
+
 
 class DrakeRhoError(Exception):
     """Base of every error that drake_rho raises on purpose."""
@@ -41,6 +43,6 @@ class ScenarioError(DrakeRhoError, ValueError):
 
 
 def _shorten(value: object, longest: int = 80) -> str:
-    text = str(value) if isinstance(value, float) else repr(value)  # no "np.float64(…)"
+    text = str(value) if isinstance(value, float) else reprlib.repr(value)
     text = " ".join(text.split())
     return text if len(text) <= longest else text[: longest - 1] + "…"

@@ -8,15 +8,52 @@ from typing import Annotated, Any, TypeVar, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ConfigDict, Field, PlainSerializer, PlainValidator, ValidationError
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    ValidationError,
+)
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from drake_rho.scenario.errors import ScenarioError, Words
 
 FloatArray = npt.NDArray[np.float64]
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+LARGEST = 1e12
+"""Largest magnitude of any number in a record, SI: far beyond any flight, and safe to square."""
+
+
+def _no_truth_value(value: object) -> object:
+    if isinstance(value, bool | np.bool_):  # which would pass as 0 or 1
+        raise ScenarioError("", value, "a number")
+    return value
+
+
+def _of_some_size(value: float) -> float:
+    if not 1.0 / LARGEST <= value <= LARGEST:
+        raise ScenarioError("", value, f"a number between {1.0 / LARGEST:g} and {LARGEST:g}")
+    return value
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ScenarioError("", text, "printable characters only")
+    return text
+
+
+Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Positive = Annotated[
+    float,
+    BeforeValidator(_no_truth_value),
+    Field(gt=0.0, allow_inf_nan=False),
+    AfterValidator(_of_some_size),
+]
+Count = Annotated[int, BeforeValidator(_no_truth_value)]
+Name = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 
 
 def locked(values: npt.ArrayLike) -> FloatArray:
@@ -27,14 +64,20 @@ def locked(values: npt.ArrayLike) -> FloatArray:
 
 
 def _vector(value: object) -> FloatArray:
-    try:
-        array = locked(value)  # type: ignore[arg-type]  # whatever it is, numpy says if it won't do
-    except (TypeError, ValueError):
-        array = locked([])
-    if array.shape != (3,) or not np.all(np.isfinite(array)):
-        shown = value.tolist() if isinstance(value, np.ndarray) else value
-        raise ScenarioError("", shown, "three finite numbers: x, y and z")
-    return array
+    numbers = value.tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(numbers, list | tuple) and len(numbers) == 3 and not any(map(_nested, numbers)):
+        try:
+            array = locked(numbers)
+        except (TypeError, ValueError, OverflowError):
+            array = locked([np.nan] * 3)
+        if np.all(np.abs(array) <= LARGEST):  # never with a NaN
+            return array
+    expected = f"three finite numbers, x, y and z, of at most {LARGEST:g}"
+    raise ScenarioError("", numbers, expected)
+
+
+def _nested(value: object) -> bool:
+    return isinstance(value, list | tuple | dict | bool)
 
 
 Vector = Annotated[
@@ -65,15 +108,17 @@ def record(cls: type[_Record]) -> type[_Record]:
     names = [field.name for field in dataclasses.fields(made)]
 
     def init(self: object, *args: object, **kwargs: object) -> None:
-        if len(args) > len(names):
-            raise TypeError(f"{made.__name__} takes {len(names)} fields: {', '.join(names)}")
+        by_place = dict(zip(names, args, strict=False))
+        if len(args) > len(names) or by_place.keys() & kwargs.keys():
+            raise TypeError(f"{made.__name__} takes these fields, each once: {', '.join(names)}")
         try:  # every field by its name, so that a complaint names it too
-            validate(self, **dict(zip(names, args, strict=False)), **kwargs)
+            validate(self, **by_place, **kwargs)
         except ValidationError as error:
             raise scenario_error(error, made.__name__.lower()) from None
 
     made.__init__ = init
     made.__eq__ = _equal
+    made.__reduce__ = _reduce
     made.__hash__ = None  # arrays inside: equal by value, so not usable as a key
     return made  # type: ignore[no-any-return]  # pydantic's decorator is typed as Any above
 
@@ -90,6 +135,11 @@ def _equal(self: Any, other: Any) -> bool:
     )
 
 
+def _reduce(self: Any) -> tuple[type, tuple[object, ...]]:
+    """For copies and pickles: made anew from its fields, so checked and write-locked again."""
+    return type(self), tuple(getattr(self, field.name) for field in dataclasses.fields(self))
+
+
 def scenario_error(error: ValidationError, parent: str = "") -> ScenarioError:
     """The first of pydantic's complaints as one `ScenarioError`, unknown names before others."""
     complaints = error.errors(include_url=False)
@@ -100,11 +150,13 @@ def scenario_error(error: ValidationError, parent: str = "") -> ScenarioError:
     if isinstance(cause, ScenarioError):
         return cause.inside(where).inside(parent)
     if first["type"] in _UNKNOWN:
-        return ScenarioError(where, first["input"], "no such field").inside(parent)
+        return ScenarioError(where, first["input"], "no field of this name").inside(parent)
     if first["type"] in {"missing", "missing_argument"}:
         return ScenarioError(where, Words("nothing"), "a value").inside(parent)
     if first["type"] in {"dataclass_type", "dataclass_exact_type"}:
-        return ScenarioError(where, first["input"], "field names with values").inside(parent)
+        return ScenarioError(where, first["input"], "a mapping of field names to values").inside(
+            parent
+        )
     return ScenarioError(where, first["input"], _expectation(first["msg"])).inside(parent)
 
 
@@ -117,6 +169,7 @@ def _path(location: tuple[int | str, ...]) -> str:
 
 
 def _expectation(message: str) -> str:
-    message = message.removeprefix("Input should be ").removeprefix("Value error, ")
-    message = message.replace("a valid tuple", "a list")
+    for beginning in ("Input should be ", "Tuple should have ", "String should have "):
+        message = message.removeprefix(beginning)
+    message = message.replace("a valid tuple", "a list").partition(" after validation")[0]
     return message[:1].lower() + message[1:]

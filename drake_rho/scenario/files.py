@@ -71,7 +71,7 @@ def scenario_from_yaml(text: str) -> Scenario:
     try:
         # A SafeLoader, given by name because it also refuses doubled keys.
         content = yaml.load(text, Loader=_Loader)  # noqa: S506
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         raise ScenarioError("", Words("broken YAML"), " ".join(str(error).split())) from None
     try:
         return _adapter().validate_python(content)
@@ -111,21 +111,43 @@ def scenario_schema() -> dict[str, Any]:
 def replacing(path: str | Path) -> Iterator[IO[bytes]]:
     """A binary file that takes the place of `path` when the block ends without an error.
 
+    A link is followed, and the mode of a file that is replaced is kept.
+
     Raises:
-        OSError: the file cannot be written.
+        OSError: the file cannot be written, or `path` is there and no regular file.
     """
-    path = Path(path)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    path = Path(path).resolve()
+    if path.exists() and not path.is_file():
+        raise OSError(f"{path}: not a regular file")
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".drake_rho.")
     try:
         with os.fdopen(handle, "wb") as file:
             yield file
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)  # mkstemp's own mode would lock others out
+        os.chmod(name, path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask())
         os.replace(name, path)
     except BaseException:
         os.unlink(name)
         raise
+
+
+def check_replaceable(path: str | Path) -> None:
+    """Find out before long work whether `replacing` will be able to write its result.
+
+    Raises:
+        OSError: it will not.
+    """
+    path = Path(path).resolve()
+    if path.exists() and not path.is_file():
+        raise OSError(f"{path}: not a regular file")
+    with tempfile.TemporaryFile(dir=path.parent):
+        pass
+
+
+def _umask() -> int:
+    """The process's file mode mask, which can only be read by setting it."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 @cache
@@ -137,7 +159,11 @@ class _Loader(yaml.SafeLoader):
     """YAML's safe loader, which also refuses a key given twice instead of dropping the first."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        keys = [
+            self.construct_object(key, deep=True)
+            for key, _ in node.value
+            if key.tag != "tag:yaml.org,2002:merge"
+        ]
         for index, key in enumerate(keys):
             if key in keys[:index]:
                 raise yaml.constructor.ConstructorError(

@@ -15,11 +15,14 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import FloatArray, Positive, Vector, locked, record
+from drake_rho.scenario.fields import Count, FloatArray, Name, Positive, Vector, locked, record
 
 TOLERANCE = 1e-6
 """Relative tolerance to which a constraint counts as held, everywhere in the package: of a
-box's widest side, of a sphere's radius, of the distance a vehicle has to go."""
+sphere's radius, of the length scale of a vehicle's motion, of a box's side if that is less."""
+
+Quantity = Literal["position", "velocity", "acceleration", "jerk"]
+"""What a box can bound."""
 
 
 @record
@@ -28,7 +31,7 @@ class Grid:
 
     step: Positive
     """h, the time from one knot to the next [s]"""
-    knots: Annotated[int, Field(ge=2)]
+    knots: Annotated[Count, Field(ge=2, le=100_000)]
     """K, the number of knots, the first and the last included"""
 
     @property
@@ -84,13 +87,14 @@ class Box:
             raise ScenarioError("lower", self.lower.tolist(), expected)
         return self
 
-    @property
-    def slack(self) -> float:
-        """How far outside still counts as inside: `TOLERANCE` of the widest side.
+    def tolerance(self, scale: float) -> FloatArray:
+        """How far outside still counts as inside on each axis, shape (3,).
 
-        Of one unit if the box is a single point.
+        `TOLERANCE` of the side, but no more than of `scale`, so that a side made wide to be no
+        limit does not loosen the other, and no less than of a thousandth of it, which a solver
+        can still tell.
         """
-        return TOLERANCE * (float(np.max(self.upper - self.lower)) or 1.0)
+        return TOLERANCE * np.clip(self.upper - self.lower, 1e-3 * scale, scale)
 
 
 @record
@@ -121,7 +125,7 @@ class Limits:
 class Vehicle:
     """A point mass with a start and a goal."""
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Name
     """unique within the scenario"""
     start: State
     """state at the first knot"""
@@ -140,13 +144,15 @@ class Vehicle:
             )
         return self
 
-    def reach(self, duration: float) -> float:
-        """Length scale of the motion [m], for tolerances.
+    def length_scale(self, duration: float) -> float:
+        """Length scale of the motion [m], for tolerances and for the numbers a solver sees.
 
         The largest of the way to go and the ways that the given velocities and acceleration
-        cover in `duration` [s]; 1 m for a vehicle that has nowhere to go.
+        cover in `duration` [s], but no less than a millionth of the coordinates, which is what
+        their rounding leaves room for; 1 m for a vehicle that stays at the origin.
         """
         ways = [self.goal.position - self.start.position]
+        ways += [1e-6 * state.position for state in (self.start, self.goal)]
         ways += [duration * state.velocity for state in (self.start, self.goal)]
         if self.start.acceleration is not None:
             ways.append(duration**2 * self.start.acceleration)
@@ -167,7 +173,7 @@ class Sphere:
         def __init__(self, center: npt.ArrayLike, radius: float) -> None: ...
 
     @property
-    def slack(self) -> float:
+    def tolerance(self) -> float:
         """How deep inside still counts as outside: `TOLERANCE` of the radius [m]."""
         return TOLERANCE * self.radius
 
@@ -176,14 +182,14 @@ class Sphere:
 class Scenario:
     """Everything a planner needs to know."""
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Name
     """shown in figures and reports"""
     grid: Grid
     """knots and step"""
     vehicles: Annotated[tuple[Vehicle, ...], Field(min_length=1)]
     """the vehicles, each with a name of its own"""
     limits: Limits = dataclasses.field(default_factory=Limits)
-    """limits of every vehicle that has none of its own"""
+    """limits of every vehicle, box by box, unless it has its own"""
     obstacles: tuple[Sphere, ...] = ()
     """the spheres to keep out of; numbered from 1 in reports"""
     separation: None = None
@@ -218,16 +224,18 @@ class Scenario:
 
     def _check_state(self, vehicle: Vehicle, state: State, where: str) -> None:
         limits = self.limits_of(vehicle)
-        for quantity in ("position", "velocity", "acceleration"):
+        quantities: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
+        for quantity in quantities:
             value, box = getattr(state, quantity), getattr(limits, quantity)
             if value is None or box is None:
                 continue
-            if np.any(value < box.lower - box.slack) or np.any(value > box.upper + box.slack):
+            room = box.tolerance(self.scale(vehicle, quantity))
+            if np.any(value < box.lower - room) or np.any(value > box.upper + room):
                 expected = f"a {quantity} within {box.lower.tolist()} to {box.upper.tolist()}"
                 raise ScenarioError(f"{where}.{quantity}", value.tolist(), expected)
         for number, sphere in enumerate(self.obstacles, start=1):
             distance = float(np.linalg.norm(state.position - sphere.center))
-            if distance < sphere.radius - sphere.slack:
+            if distance < sphere.radius - sphere.tolerance:
                 expected = (
                     f"a position outside obstacle {number} (center {sphere.center.tolist()}, "
                     f"radius {sphere.radius:g} m; {distance:g} m from the center)"
@@ -237,6 +245,15 @@ class Scenario:
     def limits_of(self, vehicle: Vehicle) -> Limits:
         """The vehicle's own limits where it has them, else the scenario's."""
         return self.limits.overridden_by(vehicle.limits)
+
+    def scale(self, vehicle: Vehicle, quantity: Quantity) -> float:
+        """What is large for a quantity of the vehicle's motion, in the quantity's SI unit.
+
+        L, L/T, L/T² and L/(T² h) with the motion's length scale L.
+        """
+        h, T = self.grid.step, self.grid.duration
+        powers = {"position": 1.0, "velocity": T, "acceleration": T**2, "jerk": T**2 * h}
+        return vehicle.length_scale(T) / powers[quantity]
 
     def without_obstacles(self) -> Scenario:
         """The same scenario with nothing in the way (the paper's Examples 1 and 3)."""

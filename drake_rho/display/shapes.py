@@ -1,0 +1,143 @@
+"""Triangle meshes and lines of the things in a Meshcat scene, as plain arrays.
+
+A mesh is a pair: vertices [m], shape (3, V), and faces, indices of vertices, shape (3, F), both in
+the column-major order that Drake asks for.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.path import Path
+from matplotlib.textpath import TextPath
+from matplotlib.tri import Triangulation
+
+from drake_rho.scenario.fields import FloatArray
+
+IntArray = npt.NDArray[np.int32]
+Mesh = tuple[FloatArray, IntArray]
+
+
+def _columns(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Mesh:
+    return (
+        np.asfortranarray(np.asarray(vertices, dtype=np.float64).T),
+        np.asfortranarray(np.asarray(faces, dtype=np.int32).T),
+    )
+
+
+def aircraft(length: float) -> Mesh:
+    """A small aircraft around the origin: nose along +x, left wing along +y, fin along +z.
+
+    Args:
+        length: from nose to tail [m]; its span is a little more.
+    """
+    fuselage = [(0.55, 0, 0), (0.05, 0.08, 0), (0.05, 0, 0.1), (0.05, -0.08, 0), (0.05, 0, -0.06)]
+    tail = [(-0.45, 0, 0.02)]
+    wing = [(0.2, 0, 0.01), (-0.16, 0.6, 0.03), (-0.28, 0.6, 0.03), (-0.14, 0, 0.01)]
+    stabiliser = [(-0.3, 0, 0.02), (-0.43, 0.22, 0.03), (-0.5, 0.22, 0.03), (-0.44, 0, 0.02)]
+    fin = [(-0.26, 0, 0.04), (-0.44, 0, 0.27), (-0.52, 0, 0.27), (-0.45, 0, 0.02)]
+    vertices = np.array(fuselage + tail)
+    faces = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1), (5, 2, 1), (5, 3, 2), (5, 4, 3), (5, 1, 4)]
+    mirror = np.array([1.0, -1.0, 1.0])
+    for plate in (wing, mirror * wing, stabiliser, mirror * stabiliser, fin):
+        first = len(vertices)
+        vertices = np.concatenate([vertices, np.asarray(plate, dtype=np.float64)])
+        faces += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
+    return _columns(length * vertices, faces)
+
+
+def tube(points: FloatArray, radius: float) -> Mesh:
+    """A thin three-sided tube along a line; WebGL draws lines one pixel wide whatever is asked.
+
+    Args:
+        points: along the line [m], shape (M, 3), M >= 2.
+        radius: of the tube [m].
+    """
+    ahead = np.gradient(points, axis=0)
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-300)
+    least = np.eye(3)[np.argmin(np.abs(ahead).max(axis=0))]
+    side = np.cross(ahead, least)
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-300)
+    up = np.cross(side, ahead)
+    corners = [
+        points + radius * (np.cos(angle) * side + np.sin(angle) * up)
+        for angle in 2 * np.pi / 3 * np.arange(3)
+    ]
+    vertices = np.stack(corners, axis=1).reshape(-1, 3)
+    faces = []
+    for ring, corner in product(range(len(points) - 1), range(3)):
+        a, b = 3 * ring + corner, 3 * ring + (corner + 1) % 3
+        faces += [(a, b, a + 3), (b, b + 3, a + 3)]
+    return _columns(vertices, faces)
+
+
+def words(text: str, height: float, origin: FloatArray, right: FloatArray, up: FloatArray) -> Mesh:
+    """Filled letters in a plane.
+
+    Args:
+        text: what to write.
+        height: of a line [m].
+        origin: middle of the text's lower edge [m], shape (3,).
+        right: direction of writing, unit vector, shape (3,).
+        up: upward direction of the letters, unit vector, shape (3,).
+    """
+    path = TextPath((0, 0), text, size=1.0)
+    outlines = [np.asarray(outline, dtype=np.float64) for outline in path.to_polygons()]
+    points = np.concatenate([_densified(outline, 0.02) for outline in outlines])
+    points = np.unique(points.round(6), axis=0)
+    triangles = Triangulation(points[:, 0], points[:, 1]).triangles
+    letters = Path.make_compound_path(*(Path(outline, closed=True) for outline in outlines))
+    faces = triangles[letters.contains_points(points[triangles].mean(axis=1))]
+    flat = height * (points - [points[:, 0].mean(), 0.0])
+    return _columns(origin + flat[:, :1] * right + flat[:, 1:] * up, faces)
+
+
+def _densified(outline: FloatArray, spacing: float) -> FloatArray:
+    """Points along a closed polygon, no two neighbours further apart than `spacing`."""
+    pieces = []
+    for start, end in pairwise(outline):
+        count = max(1, int(np.ceil(np.linalg.norm(end - start) / spacing)))
+        pieces.append(start + (end - start) * (np.arange(count) / count)[:, None])
+    return np.concatenate(pieces)
+
+
+def box_edges(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The twelve edges of a box: their starts and ends [m], each of shape (3, 12)."""
+    corners = np.array(list(product((0, 1), repeat=3)))
+    pairs = [
+        (one, other)
+        for one, other in product(range(8), repeat=2)
+        if one < other and np.abs(corners[one] - corners[other]).sum() == 1
+    ]
+    places = lower + corners * (upper - lower)
+    first, second = np.array(pairs).T
+    return np.asfortranarray(places[first].T), np.asfortranarray(places[second].T)
+
+
+def ground_grid(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lines of a square grid on the floor of a box, 1, 2 or 5 times a power of ten [m] apart.
+
+    Returns:
+        Their starts and ends [m], each of shape (3, G).
+    """
+    spacing = nice_step(float(np.max(upper[:2] - lower[:2])) / 8)
+    low, high = np.floor(lower / spacing) * spacing, np.ceil(upper / spacing) * spacing
+    starts, ends = [], []
+    for axis, other in ((0, 1), (1, 0)):
+        for value in np.arange(low[axis], high[axis] + spacing / 2, spacing):
+            start, end = np.full(3, lower[2]), np.full(3, lower[2])
+            start[axis] = end[axis] = value
+            start[other], end[other] = low[other], high[other]
+            starts.append(start)
+            ends.append(end)
+    return np.asfortranarray(np.array(starts).T), np.asfortranarray(np.array(ends).T)
+
+
+def nice_step(least: float) -> float:
+    """The smallest of 1, 2 and 5 times a power of ten that is at least `least`."""
+    power = 10.0 ** np.floor(np.log10(least))
+    return float(
+        next(power * factor for factor in (1, 2, 5, 10) if power * factor >= least * 0.999)
+    )
