@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help reproduce test lint format clean
+.PHONY: help reproduce animate notebooks pictures test lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -12,7 +12,18 @@ help: ## This list
 reproduce: $(READY) ## Run the paper's four examples, draw Figs 3 to 18, check its claims
 	$(BIN)/drake-rho reproduce --figures figures
 
-test: $(READY) ## Run the tests
+animate: $(READY) ## Show Example 4 in the browser
+	$(BIN)/drake-rho show paper
+
+notebooks: $(VENV)/.notebooks ## Open the notebooks in JupyterLab
+	$(BIN)/jupyter lab notebooks
+
+pictures: $(READY) ## Take the README's picture of the swarm anew (needs Chromium)
+	@sh tools/setup-browser $(VENV)
+	$(BIN)/python -m tests.screenshot figures/meshcat.png
+
+test: $(READY) ## Run the tests, the notebooks among them
+	@sh tools/setup-browser $(VENV)
 	$(BIN)/python -m pytest -n auto -q
 
 lint: $(READY) ## Check format, style, types and the direction of imports
@@ -31,4 +42,9 @@ clean: ## Remove the environment and all caches
 
 $(READY): pyproject.toml constraints.txt tools/setup
 	@sh tools/setup $(VENV)
+	@touch $@
+
+$(VENV)/.notebooks: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt --editable '.[notebooks]'
 	@touch $@

@@ -48,7 +48,9 @@ _MOST_NAMES = 12
 """Most vehicles whose names are written beside their starts."""
 _LIGHT = [-3.0, 10.0, 8.0]
 """Where the light comes from, in three.js' axes (y is up)."""
-_FIELD_OF_VIEW = 50.0
+_ASPECT = 1.4
+"""Least width of a window over its height for which the whole scene is seen."""
+_FIELD_OF_VIEW = 40.0
 """Of the camera, from top to bottom [deg]."""
 
 
@@ -205,14 +207,13 @@ def _set_camera(meshcat: Meshcat, scene: Scene) -> None:
     )
     meshcat.SetCamera(camera)
     right, up, towards = _view()
-    corners = np.array([scene.lower, scene.upper])
-    spread = [
-        float(np.abs((corner - centre) @ direction).max())
-        for direction in (right, up)
-        for corner in [np.array(list(product(*corners.T)))]
-    ]
-    distance = max(spread[0] / 1.5, spread[1]) / np.tan(np.radians(_FIELD_OF_VIEW / 2))
-    meshcat.SetCameraPose(centre + (distance + 0.22 * scene.size) * towards, centre)
+    corners = np.array(list(product(*np.array([scene.lower, scene.upper]).T))) - centre
+    half = np.tan(np.radians(_FIELD_OF_VIEW / 2))
+    # From a distance d a corner is seen if its offset is within the half-angle of d less its depth.
+    sideways = np.abs(corners @ right) / (_ASPECT * half) + corners @ towards
+    upwards = np.abs(corners @ up) / half + corners @ towards
+    distance = 1.05 * max(float(sideways.max()), float(upwards.max()))
+    meshcat.SetCameraPose(centre + distance * towards, centre)
 
 
 def _view() -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -88,8 +88,9 @@ def words(text: str, height: float, origin: FloatArray, right: FloatArray, up: F
     points = np.concatenate([_densified(outline, 0.02) for outline in outlines])
     points = np.unique(points.round(6), axis=0)
     triangles = Triangulation(points[:, 0], points[:, 1]).triangles
-    letters = Path.make_compound_path(*(Path(outline, closed=True) for outline in outlines))
-    faces = triangles[letters.contains_points(points[triangles].mean(axis=1))]
+    middles = points[triangles].mean(axis=1)
+    crossed = np.sum([Path(outline).contains_points(middles) for outline in outlines], axis=0)
+    faces = triangles[crossed % 2 == 1]  # inside a letter, but not inside its hole
     flat = height * (points - [points[:, 0].mean(), 0.0])
     return _columns(origin + flat[:, :1] * right + flat[:, 1:] * up, faces)
 

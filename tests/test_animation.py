@@ -1,0 +1,223 @@
+"""The swarm in Meshcat, seen by a real browser: what is shown is what was planned."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.textpath import TextPath
+from playwright.sync_api import Page
+
+import drake_rho as rho
+from drake_rho.display.animation import _headings, start_meshcat
+from drake_rho.display.shapes import box_edges, ground_grid, nice_step, tube, words
+from tests.browser import open_page
+from tests.scenarios import single
+
+SCREENSHOTS = Path(__file__).parent / "screenshots"
+
+
+@pytest.fixture(scope="module")
+def flight() -> rho.Flight:
+    """Example 4."""
+    return rho.plan_rho(rho.load_scenario("paper"))
+
+
+def _children(page: Page, *path: str) -> list[str]:
+    names: list[str] = page.evaluate(
+        "path => Object.keys(viewer.scene_tree.find(path).children)", ["flight", *path]
+    )
+    return names
+
+
+def _seek(page: Page, time: float) -> None:
+    page.evaluate("time => { viewer.animator.pause(); viewer.animator.seek(time); }", time)
+
+
+def _pose(page: Page, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Position of a vehicle in the scene and the direction in which its nose points."""
+    matrix: Any = page.evaluate(
+        """name => {
+            const vehicle = viewer.scene_tree.find(["flight", "vehicles", name]).object;
+            vehicle.updateMatrix();
+            return vehicle.matrix.elements;
+        }""",
+        name,
+    )
+    columns = np.array(matrix).reshape(4, 4)
+    return columns[3, :3], columns[0, :3]
+
+
+def _visible(page: Page, *path: str) -> bool:
+    seen: bool = page.evaluate(
+        "path => viewer.scene_tree.find(path).object.visible", ["flight", *path]
+    )
+    return seen
+
+
+def _wait_for_scene(page: Page) -> None:
+    page.wait_for_function(
+        "typeof viewer !== 'undefined' && viewer.animator.duration > 0", timeout=60_000
+    )
+
+
+def _look(page: Page, flight: rho.Flight, picture: str) -> None:
+    """The checks that hold of the live page and of the page in a file."""
+    _wait_for_scene(page)
+    names = [vehicle.name for vehicle in flight.scenario.vehicles]
+    assert sorted(_children(page, "vehicles")) == names
+    assert _children(page, "obstacles") == ["1"]
+    assert page.evaluate("viewer.animator.duration") == 49.0
+    motion = flight.plan.motion()
+    for time in (0.0, 10.0, 30.5, 49.0):
+        _seek(page, time)
+        position, velocity = (motion.at(q, time)[:, 0] for q in ("position", "velocity"))
+        for index, name in enumerate(names):
+            seen, nose = _pose(page, name)
+            np.testing.assert_allclose(seen, position[index], atol=1e-3)
+            speed = float(np.linalg.norm(velocity[index]))
+            if speed > 1.0:
+                np.testing.assert_allclose(nose, velocity[index] / speed, atol=1e-3)
+    _seek(page, 30.0)
+    page.wait_for_timeout(500)
+    SCREENSHOTS.mkdir(exist_ok=True)
+    page.screenshot(path=SCREENSHOTS / picture)
+
+
+def test_the_live_page_shows_the_swarm(flight: rho.Flight) -> None:
+    meshcat = rho.animate(flight)
+    with open_page() as (page, errors):
+        page.goto(meshcat.web_url())
+        _look(page, flight, "live.png")
+        assert errors == []
+
+
+def test_trails_grow_and_predictions_change_with_the_windows(flight: rho.Flight) -> None:
+    meshcat = rho.animate(flight)
+    with open_page() as (page, _):
+        page.goto(meshcat.web_url())
+        _wait_for_scene(page)
+        pieces = _children(page, "trails", "UAV-1")
+        assert len(pieces) == 49
+        for time in (0.0, 12.2, 33.3, 49.0):
+            _seek(page, time)
+            flown = [piece for piece in pieces if _visible(page, "trails", "UAV-1", piece)]
+            assert abs(len(flown) - time) <= 1.0
+            seen = [n for n in _children(page, "predictions") if _visible(page, "predictions", n)]
+            assert seen == [str(min(int(time // 5), 9) + 1)]
+
+
+def test_one_page_in_a_file_does_the_same_without_a_network(
+    flight: rho.Flight, tmp_path: Path
+) -> None:
+    page_file = tmp_path / "flight.html"
+    page_file.write_text(rho.animate(flight).StaticHtml())
+    assert page_file.stat().st_size < 5e6
+    with open_page(offline=True) as (page, errors):
+        page.goto(page_file.as_uri())
+        _look(page, flight, "file.png")
+        assert errors == []
+
+
+def test_a_plan_in_a_small_room_is_shown_too() -> None:
+    plan = rho.plan_convex(single(obstacles=(rho.Sphere([5.0, 2.3, -1.0], 1.0),)))
+    meshcat = rho.animate(plan, rate=2.0)
+    with open_page() as (page, errors):
+        page.goto(meshcat.web_url())
+        _wait_for_scene(page)
+        assert page.evaluate("viewer.animator.duration") == 4.0
+        _seek(page, 2.0)
+        seen, _ = _pose(page, "solo")
+        np.testing.assert_allclose(seen, plan.motion().at("position", 4.0)[0, 0], atol=1e-6)
+        page.screenshot(path=SCREENSHOTS / "room.png")
+        assert errors == []
+
+
+def test_a_taken_port_is_passed_over() -> None:
+    first = start_meshcat(port=7700)
+    second = start_meshcat(port=first.port())
+    assert second.port() > first.port()
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
+def test_the_rate_is_positive(flight: rho.Flight, rate: float) -> None:
+    with pytest.raises(ValueError, match="rate: got"):
+        rho.animate(flight, rate=rate)
+
+
+def _addresses(port: int) -> list[str]:
+    """Local addresses that listen on a port, as the kernel has them."""
+    rows = [
+        line.split()[1:4]
+        for table in ("/proc/net/tcp", "/proc/net/tcp6")
+        for line in Path(table).read_text().splitlines()[1:]
+    ]
+    return [
+        local.split(":")[0]
+        for local, _, state in rows
+        if state == "0A" and int(local.split(":")[1], 16) == port
+    ]
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")
+def test_show_serves_on_this_machine_alone_and_ends_on_interrupt() -> None:
+    command = [sys.executable, "-m", "drake_rho", "show", "paper", "--no-browser", "--port", "7800"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as ran:
+        assert ran.stdout is not None
+        address = re.search(r"http://localhost:(\d+)", ran.stdout.readline())
+        assert address is not None
+        port = int(address[1])
+        with socket.create_connection(("localhost", port), timeout=5):
+            listening = _addresses(port)
+        assert listening
+        assert set(listening) <= {"0100007F", "00000000000000000000000001000000"}
+        ran.send_signal(signal.SIGINT)
+        out, err = ran.communicate(timeout=30)
+    assert ran.returncode == 0
+    assert "ended" in out
+    assert "Traceback" not in err
+
+
+def test_headings_are_kept_where_a_vehicle_stands_still() -> None:
+    velocities = np.zeros((2, 5, 3))
+    velocities[0, 2] = [0.0, 2.0, 0.0]
+    headings = _headings(velocities)
+    np.testing.assert_array_equal(headings[0], [[0.0, 1.0, 0.0]] * 5)
+    np.testing.assert_array_equal(headings[1], [[1.0, 0.0, 0.0]] * 5)
+
+
+def test_shapes_have_the_sizes_asked_for() -> None:
+    line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0], [2, 2, 3]])
+    vertices, faces = tube(line, 0.1)
+    rings = vertices.T.reshape(4, 3, 3)
+    np.testing.assert_allclose(np.linalg.norm(rings - line[:, None], axis=2), 0.1)
+    assert faces.max() < vertices.shape[1]
+    starts, ends = box_edges(np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    assert sorted(np.linalg.norm(ends - starts, axis=0)) == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
+    starts, ends = ground_grid(np.array([-1000.0, -1000, -2000]), np.array([6000.0, 5000, 4000]))
+    assert set(starts[2]) == set(ends[2]) == {-2000.0}
+    steps = [nice_step(value) for value in (0.3, 0.5, 7.0, 1000.0, 1100.0)]
+    assert steps == pytest.approx([0.5, 0.5, 10.0, 1000.0, 2000.0])
+
+
+def test_letters_fill_their_outline() -> None:
+    right, up, origin = np.array([1.0, 0, 0]), np.array([0.0, 0, 1]), np.array([5.0, 6, 7])
+    vertices, faces = words("UO4", 2.0, origin, right, up)
+    corners = vertices.T[faces.T]
+    np.testing.assert_allclose(corners[:, :, 1], 6.0)
+    sides = corners[:, 1:] - corners[:, :1]
+    filled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
+    outlined = 0.0
+    for outline in TextPath((0, 0), "UO4", size=1.0).to_polygons():
+        x, y = np.asarray(outline).T
+        outlined += float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+    assert filled == pytest.approx(2.0**2 * abs(outlined), rel=0.03)
