@@ -1,4 +1,4 @@
-"""Which constraints of a program without a solution cannot be met together.
+"""Which constraints of a vehicle without a plan cannot be met together.
 
 In the elastic program every row may give way at a price and the least total is sought. By Farkas'
 lemma its multipliers weigh constraints into a contradiction: those without a multiplier are not
@@ -8,14 +8,17 @@ a conflict from which no constraint can be spared.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
-from scipy.sparse import hstack, identity
+from pydrake.solvers import MathematicalProgram
+from scipy.sparse import csc_matrix, hstack, identity
 
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.errors import SolverError
 from drake_rho.planning.halfspaces import BoolArray, HalfSpaces
-from drake_rho.planning.program import VehicleProgram
+from drake_rho.planning.program import VehicleProgram, rows_of
 from drake_rho.planning.solve import solve
 from drake_rho.scenario.fields import FloatArray
 
@@ -26,110 +29,149 @@ _MET = 1e-7
 """Rows are of length one and accelerations of the order of one: if they give way by less than
 this in total they count as met."""
 
+_ROUNDS = 40
+"""Bound on the rounds of one trial; each adds rows, soon whole neighbourhoods of them."""
+
 _BOX = "acceleration box"
 
 
-def conflict(of: VehicleProgram) -> tuple[str, ...]:
+@dataclasses.dataclass
+class _Rows:
+    """A constraint, and which of its rows have been needed so far."""
+
+    all: HalfSpaces
+    present: BoolArray
+
+
+@dataclasses.dataclass(frozen=True)
+class _Elastic:
+    """Solution of an elastic program."""
+
+    total: float
+    """by how much its rows give way"""
+    weights: dict[str, FloatArray]
+    """multipliers of each constraint that takes part, of its present rows"""
+    motion: Motion
+    """the motion that breaks them least"""
+
+
+def conflict(
+    of: VehicleProgram, constraints: Sequence[HalfSpaces], present: Sequence[BoolArray]
+) -> tuple[str, ...]:
     """Names of constraints, with axes and times, that cannot be met together.
 
     Args:
         of: a program without a solution.
+        constraints: everything the vehicle has to keep to beside its goal and acceleration box.
+        present: which rows of each constraint are in the program.
 
     Raises:
-        SolverError: the elastic program cannot be solved either.
+        SolverError: an elastic program cannot be solved.
     """
-    needed = _weights(of, _names(of))[1]
-    kept = [name for name in _names(of) if name in needed]
+    rows = {
+        each.name: _Rows(each, mask.copy()) for each, mask in zip(constraints, present, strict=True)
+    }
+    box = [] if of.acceleration_box is None else [_BOX]
+    names = [*(f"goal {axis}" for axis in "xyz"), *box, *rows]
+    kept = [name for name in names if name in _solve_elastic(of, names, rows).weights]
     for name in list(kept):
         without = [other for other in kept if other != name]
-        total, _ = _weights(of, without)
-        if total > _MET:
+        if _cannot_be_met(of, without, rows):
             kept = without
-    weights = _weights(of, kept)[1]
-    return tuple(_describe(of, name, weights[name]) for name in kept if name in weights)
+    weights = _solve_elastic(of, kept, rows).weights
+    return tuple(_describe(name, weights[name], rows) for name in kept if name in weights)
 
 
-def _names(of: VehicleProgram) -> list[str]:
-    """The program's constraints, each once: goal axes, acceleration box, and what was added."""
-    box = [] if of.acceleration_box is None else [_BOX]
-    added = dict.fromkeys(rows.halfspaces.name for rows in of.rows)
-    return [*(f"goal {axis}" for axis in "xyz"), *box, *added]
+def _cannot_be_met(of: VehicleProgram, names: Sequence[str], rows: dict[str, _Rows]) -> bool:
+    """Whether the constraints `names` contradict each other, with all their rows.
 
-
-def _weights(of: VehicleProgram, names: Sequence[str]) -> tuple[float, dict[str, list[FloatArray]]]:
-    """Solve the elastic program with the constraints `names` alone.
-
-    Returns:
-        The total by which rows give way, and the multipliers of each constraint that has any,
-        one array for each of its bindings.
+    Rows that are found to be needed become present.
     """
+    for number in range(_ROUNDS):
+        elastic = _solve_elastic(of, names, rows)
+        if elastic.total > _MET:
+            return True
+        broken_ones = False
+        for each in (rows[name] for name in names if name in rows):
+            broken = ~each.present & (each.all.margins(elastic.motion) < -each.all.tolerances)
+            if np.any(broken):
+                each.present |= each.all.near(broken, 2**number)
+                broken_ones = True
+        if not broken_ones:
+            return False
+    raise SolverError(f"a conflict could not be narrowed down in {_ROUNDS} rounds")
+
+
+def _solve_elastic(of: VehicleProgram, names: Sequence[str], rows: dict[str, _Rows]) -> _Elastic:
+    """Break the present rows of the constraints `names` as little as possible."""
     elastic = MathematicalProgram()
-    elastic.AddDecisionVariables(of.accelerations.reshape(-1))
-    bindings: dict[str, list[Binding[LinearConstraint]]] = {name: [] for name in names}
+    variables = of.accelerations.reshape(-1)
+    elastic.AddDecisionVariables(variables)
+    bindings = {}
     for axis, goal in zip("xyz", of.goal, strict=True):
-        if f"goal {axis}" in bindings:
-            bindings[f"goal {axis}"].append(_add_elastic(elastic, goal, both_ways=True))
-    for rows in of.rows:
-        if rows.halfspaces.name in bindings:
-            added = _add_elastic(elastic, rows.binding, both_ways=False)
-            bindings[rows.halfspaces.name].append(added)
-    if not elastic.linear_costs():
-        return 0.0, {}
-    if _BOX in bindings:  # can always be met, so it stays hard
-        bindings[_BOX].append(elastic.AddConstraint(of.acceleration_box))
+        if f"goal {axis}" in names:
+            equality = goal.evaluator()
+            bindings[f"goal {axis}"] = _add_elastic(
+                elastic,
+                equality.get_sparse_A(),
+                equality.lower_bound(),
+                goal.variables(),
+                both_ways=True,
+            )
+    for name in names:
+        if name in rows and np.any(rows[name].present):
+            matrix, lower = rows_of(of, rows[name].all.select(rows[name].present))
+            bindings[name] = _add_elastic(elastic, matrix, lower, variables, both_ways=False)
+    if _BOX in names:  # can always be met, so it stays hard
+        bindings[_BOX] = elastic.AddConstraint(of.acceleration_box)
     (solution,) = solve([elastic])
+    multipliers = {
+        name: np.abs(solution.result.GetDualSolution(binding)) for name, binding in bindings.items()
+    }
+    least = _NO_PART * max((float(np.max(each)) for each in multipliers.values()), default=0.0)
     weights = {
-        name: [np.abs(solution.result.GetDualSolution(binding)) for binding in each]
-        for name, each in bindings.items()
+        name: np.where(each > least, each, 0.0)
+        for name, each in multipliers.items()
+        if np.any(each > least)
     }
-    largest = max(float(np.max(one)) for each in weights.values() for one in each)
-    taking_part = {
-        name: [np.where(one > _NO_PART * largest, one, 0.0) for one in each]
-        for name, each in weights.items()
-        if any(np.any(one > _NO_PART * largest) for one in each)
-    }
-    return float(solution.result.get_optimal_cost()), taking_part
+    accelerations = of.unit * solution.result.GetSolution(of.accelerations).reshape(-1, 3)
+    motion = Motion.from_start(of.vehicle.start, accelerations, of.grid.step)
+    return _Elastic(float(solution.result.get_optimal_cost()), weights, motion)
 
 
 def _add_elastic(
-    elastic: MathematicalProgram, binding: Binding[LinearConstraint], *, both_ways: bool
-) -> Binding[LinearConstraint]:
-    """The same rows, each with a variable by which it may give way, at that cost."""
-    constraint = binding.evaluator()
-    size = constraint.num_constraints()
+    elastic: MathematicalProgram,
+    matrix: csc_matrix,
+    lower: FloatArray,
+    variables: np.ndarray,
+    *,
+    both_ways: bool,
+) -> object:
+    """Rows matrix @ variables >= (or, both ways, ==) lower that may give way, at that cost."""
+    size = len(lower)
     ways = [identity(size), -identity(size)] if both_ways else [identity(size)]
     give = elastic.NewContinuousVariables(size * len(ways), "give")
     elastic.AddBoundingBoxConstraint(0.0, np.inf, give)
     elastic.AddLinearCost(np.ones(give.size), give)
     return elastic.AddLinearConstraint(
-        hstack([constraint.get_sparse_A(), *ways], format="csc"),
-        constraint.lower_bound(),
-        constraint.upper_bound(),
-        np.concatenate([binding.variables(), give]),
+        hstack([matrix, *ways], format="csc"),
+        lower,
+        lower if both_ways else np.full(size, np.inf),
+        np.concatenate([variables, give]),
     )
 
 
-def _describe(of: VehicleProgram, name: str, weights: Sequence[FloatArray]) -> str:
+def _describe(name: str, weights: FloatArray, rows: dict[str, _Rows]) -> str:
     """One constraint by its name, with the axes of its sides if it is a box, and its times."""
-    if name.startswith("goal"):
-        return name
     if name == _BOX:
-        return f"{name} {_axes(np.any(weights[0].reshape(-1, 3), axis=0))}"
-    bindings = [rows.halfspaces for rows in of.rows if rows.halfspaces.name == name]
-    parts = [part.select(weight > 0) for part, weight in zip(bindings, weights, strict=True)]
-    return f"{name}{_sides(parts)} {_when(parts)}"
-
-
-def _sides(parts: Sequence[HalfSpaces]) -> str:
-    if parts[0].sides == 1:
-        return ""
-    return f" {_axes(np.any(np.concatenate([part.normals for part in parts]), axis=0))}"
-
-
-def _when(parts: Sequence[HalfSpaces]) -> str:
-    times = np.concatenate([part.times for part in parts])
-    first, last = times.min(), times.max()
-    return f"at {first:g} s" if first == last else f"from {first:g} s to {last:g} s"
+        return f"{name} {_axes(np.any(weights.reshape(-1, 3), axis=0))}"
+    if name not in rows:  # an axis of the goal
+        return name
+    part = rows[name].all.select(rows[name].present).select(weights > 0)
+    sides = f" {_axes(np.any(part.normals, axis=0))}" if part.sides > 1 else ""
+    first, last = part.times.min(), part.times.max()
+    when = f"at {first:g} s" if first == last else f"from {first:g} s to {last:g} s"
+    return f"{name}{sides} {when}"
 
 
 def _axes(mask: BoolArray) -> str:

@@ -75,7 +75,9 @@ def plan_around(
         unfinished = []
         for task, solution in zip(pending, latest, strict=True):
             if not solution.feasible:
-                conflicts[task.program.vehicle.name] = conflict(task.program)
+                conflicts[task.program.vehicle.name] = conflict(
+                    task.program, task.constraints, [~absent for absent in task.absent]
+                )
                 continue
             task.motion = task.program.motion(solution.result)
             if _add_broken(task, reach):
@@ -125,7 +127,7 @@ def _statistics(
 ) -> Statistics:
     return Statistics(
         programs=len(solutions),
-        rows=sum(len(rows.halfspaces.times) for task in tasks for rows in task.program.rows),
+        rows=sum(task.program.rows for task in tasks),
         linearisations=0 if reference is None else 1,
         solver=solutions[-1].solver if solutions else "",
         solver_seconds=sum(solution.seconds for solution in solutions),

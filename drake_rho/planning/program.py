@@ -9,8 +9,6 @@ No row couples two vehicles, so each has a program of its own.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from pydrake.solvers import (
     Binding,
@@ -30,14 +28,6 @@ _BLOCK = 150
 """Most variables in one quadratic cost."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Rows:
-    """Half-spaces that are in a program."""
-
-    binding: Binding[LinearConstraint]
-    halfspaces: HalfSpaces
-
-
 class VehicleProgram:
     """The quadratic program of one vehicle; begins with its cost, goal and acceleration box."""
 
@@ -48,7 +38,7 @@ class VehicleProgram:
         self.coasting = Motion.from_start(
             vehicle.start, np.zeros((self.grid.knots - 1, 3)), self.grid.step
         )
-        self.rows: list[Rows] = []
+        self.rows = 0  # how many half-spaces have been added
         self.program = MathematicalProgram()
         self.accelerations = self.program.NewContinuousVariables(self.grid.knots - 1, 3, "a")
         self._goal_rows, self._goal_values = goal_equations(self.grid, vehicle)
@@ -134,17 +124,20 @@ def add_acceleration_box(to: VehicleProgram, box: Box) -> Binding[LinearConstrai
 
 
 def add_halfspaces(to: VehicleProgram, halfspaces: HalfSpaces) -> None:
-    """(4), (6), (7) and (15) in terms of the accelerations, by (10)-(11)."""
-    step, knots, times = to.grid.step, to.grid.knots, halfspaces.times
+    """(4), (6), (7) and (15) in terms of the accelerations."""
+    matrix, lower = rows_of(to, halfspaces)
+    binding = to.program.AddLinearConstraint(
+        matrix, lower, np.full(len(lower), np.inf), to.accelerations.reshape(-1)
+    )
+    binding.evaluator().set_description(f"{to.vehicle.name}: {halfspaces.name}")
+    to.rows += len(lower)
+
+
+def rows_of(of: VehicleProgram, halfspaces: HalfSpaces) -> tuple[csc_matrix, FloatArray]:
+    """Half-spaces as rows matrix @ accelerations >= lower, by (10)-(11), each of length one."""
+    step, knots, times = of.grid.step, of.grid.knots, halfspaces.times
     response = RESPONSES[halfspaces.quantity](step, knots, times)
     lengths = np.linalg.norm(response, axis=1)
     rows = np.einsum("rj,ri->rji", response / lengths[:, None], halfspaces.normals)
-    needed = -halfspaces.margins(to.coasting)
-    binding = to.program.AddLinearConstraint(
-        csc_matrix(rows.reshape(len(times), -1)),
-        needed / lengths / to.unit,
-        np.full(len(times), np.inf),
-        to.accelerations.reshape(-1),
-    )
-    binding.evaluator().set_description(f"{to.vehicle.name}: {halfspaces.name}")
-    to.rows.append(Rows(binding, halfspaces))
+    needed = -halfspaces.margins(of.coasting)
+    return csc_matrix(rows.reshape(len(times), -1)), needed / lengths / of.unit
