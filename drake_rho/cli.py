@@ -13,10 +13,11 @@ import sys
 import time
 import webbrowser
 import zipfile
+from collections.abc import Callable
 from enum import StrEnum
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn, TypeVar
 
 import typer
 from pydrake.solvers import ClarabelSolver, OsqpSolver
@@ -39,6 +40,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+T = TypeVar("T")
 _out = Console()
 _err = Console(stderr=True)
 
@@ -46,6 +48,7 @@ _err = Console(stderr=True)
 class Method(StrEnum):
     """Planners by their names on the command line."""
 
+    AUTO = "auto"
     CONVEX = "convex"
     SCP = "scp"
 
@@ -64,7 +67,6 @@ class Reference(StrEnum):
     TAIL = "tail"
 
 
-_PLANNERS = {Method.CONVEX: plan_convex, Method.SCP: plan_scp}
 _SOLVERS = {Solver.CLARABEL: ClarabelSolver, Solver.OSQP: OsqpSolver}
 _REFERENCES = {Reference.FREE: free_reference, Reference.TAIL: tail_reference}
 
@@ -75,7 +77,12 @@ OutputOption = Annotated[
     Path | None, typer.Option("--output", "-o", help="Keep the result in this file (.npz).")
 ]
 MethodOption = Annotated[
-    Method, typer.Option(help="One linearisation of the obstacles, or iterated to convergence.")
+    Method,
+    typer.Option(
+        help="One linearisation of the obstacles (convex, the paper's), or iterated to convergence "
+        "with ways round the obstacles where the first has no solution (scp), or convex and, "
+        "where that has no solution, scp (auto)."
+    ),
 ]
 SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]
 
@@ -115,7 +122,7 @@ def reproduce(
 def plan(
     scenario: ScenarioArgument,
     output: OutputOption = None,
-    method: MethodOption = Method.CONVEX,
+    method: MethodOption = Method.AUTO,
     solver: SolverOption = Solver.CLARABEL,
     step: Annotated[
         list[float] | None,
@@ -125,16 +132,17 @@ def plan(
     ] = None,
 ) -> int:
     """Plan a scenario in one piece, verify the plan and print the report."""
-    if step and method is not Method.CONVEX:
+    if step and method is Method.SCP:
         raise ValueError(f"--step: got {step[0]:g} with --method {method}, expected method convex")
     asked = load_scenario(scenario)
     _check_writable(output)
+    chosen = _SOLVERS[solver]()
     with _err.status("planning"):
-        chosen = _SOLVERS[solver]()
-        if method is Method.CONVEX:
-            planned = plan_convex(asked, steps=step or (), solver=chosen)
-        else:
-            planned = plan_scp(asked, solver=chosen)
+        planned = _by_method(
+            method,
+            lambda: plan_convex(asked, steps=step or (), solver=chosen),
+            lambda: plan_scp(asked, solver=chosen),
+        )
     return _finish(planned, output)
 
 
@@ -143,7 +151,7 @@ def fly(
     scenario: ScenarioArgument,
     output: OutputOption = None,
     replan_every: Annotated[int, typer.Option(help="Steps flown of each window.")] = 5,
-    method: MethodOption = Method.CONVEX,
+    method: MethodOption = Method.AUTO,
     reference: Annotated[
         Reference,
         typer.Option(
@@ -156,13 +164,16 @@ def fly(
     """Fly a scenario with a receding horizon, verify the flight and print the report."""
     asked = load_scenario(scenario)
     _check_writable(output)
+    options: dict[str, Any] = {
+        "replan_every": replan_every,
+        "reference": _REFERENCES[reference],
+        "solver": _SOLVERS[solver](),
+    }
     with _err.status("flying"):
-        flight = plan_rho(
-            asked,
-            replan_every=replan_every,
-            planner=_PLANNERS[method],
-            reference=_REFERENCES[reference],
-            solver=_SOLVERS[solver](),
+        flight = _by_method(
+            method,
+            lambda: plan_rho(asked, planner=plan_convex, **options),
+            lambda: plan_rho(asked, planner=plan_scp, **options),
         )
     return _finish(flight, output)
 
@@ -230,11 +241,27 @@ def show(
     return 0
 
 
+def _by_method(method: Method, convex: Callable[[], T], scp: Callable[[], T]) -> T:
+    """What the chosen method finds; `auto` is the first or, if that has none, the second."""
+    if method is Method.SCP:
+        return scp()
+    try:
+        return convex()
+    except InfeasibleError as error:
+        if method is Method.CONVEX or not error.about_linearisation:
+            raise
+        _err.print("the convex method has no plan here; trying ways round the obstacles (scp)")
+        return scp()
+
+
 def _load_or_fly(source: str) -> Plan | Flight:
     """The plan or flight in a file, or else a scenario's flight."""
     if source.endswith(".npz") or zipfile.is_zipfile(source):
         return load(source)
-    return plan_rho(load_scenario(source))
+    scenario = load_scenario(source)
+    return _by_method(
+        Method.AUTO, lambda: plan_rho(scenario), lambda: plan_rho(scenario, planner=plan_scp)
+    )
 
 
 def _finish(planned: Plan | Flight, output: Path | None) -> int:

@@ -30,6 +30,13 @@ class InfeasibleError(DrakeRhoError):
         self.statistics = statistics or Statistics()
         super().__init__(conflicts, steps_tried, self.statistics)
 
+    @property
+    def about_linearisation(self) -> bool:
+        """Whether every conflict has an obstacle in it, so that another reference may help."""
+        return all(
+            any(name.startswith("obstacle") for name in names) for names in self.conflicts.values()
+        )
+
     def __str__(self) -> str:
         reasons = "; ".join(
             f"{vehicle} cannot meet together: {', '.join(constraints)}"
@@ -37,8 +44,7 @@ class InfeasibleError(DrakeRhoError):
         )
         steps = ", ".join(f"{step:g} s" for step in self.steps_tried)
         tried = f" (steps tried: {steps})" if steps else ""
-        names = (name for each in self.conflicts.values() for name in each)
-        if not any(name.startswith("obstacle") for name in names):
+        if not self.about_linearisation:
             return f"no plan{tried}: {reasons}"
         return (
             f"no plan{tried} with the obstacles linearised around this reference: {reasons} "

@@ -35,12 +35,22 @@ class HalfSpaces:
     """how far below the bound still counts as held, in the quantity's unit, shape (R,)"""
     sides: int = 1
     """rows at each time, one after the other: 6 for a box"""
+    within: Sphere | None = None
+    """a sphere outside which the rows ask for nothing; None if they always hold"""
 
     def margins(self, motion: Motion) -> FloatArray:
         """How far above its bound each row is, in the quantity's unit, shape (R,)."""
         values = motion.at(self.quantity, self.times)
         margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
-        return margins
+        if self.within is None:
+            return margins
+        outside = np.linalg.norm(values - self.within.center, axis=1) - self.within.radius
+        held: FloatArray = np.maximum(margins, outside)
+        return held
+
+    def everywhere(self) -> HalfSpaces:
+        """The same rows, asked for wherever the vehicle is."""
+        return dataclasses.replace(self, within=None)
 
     def near(self, rows: BoolArray, reach: int) -> BoolArray:
         """The mask `rows` and those of the same side up to `reach` times before or after them."""
@@ -100,7 +110,7 @@ def linearise(name: str, sphere: Sphere, reference: FloatArray, times: FloatArra
     distances = np.linalg.norm(offsets, axis=1)
     at_centre = distances <= sphere.tolerance
     if np.any(at_centre):
-        offsets[at_centre] = _across(reference[-1] - reference[0])
+        offsets[at_centre] = across(reference[-1] - reference[0])
         distances = np.linalg.norm(offsets, axis=1)
     n = offsets / distances[:, None]
     bounds = sphere.radius + n @ sphere.center
@@ -108,17 +118,30 @@ def linearise(name: str, sphere: Sphere, reference: FloatArray, times: FloatArra
     return HalfSpaces(name, "position", times, n, bounds, tolerances)
 
 
-def constraints_of(
-    scenario: Scenario, vehicle: Vehicle, reference: FloatArray | None
-) -> list[HalfSpaces]:
-    """Everything a vehicle has to keep to at the knots, but its acceleration box and its goal.
-
-    The first and the last knot are left out where the start and the goal decide.
+def beside(name: str, sphere: Sphere, side: FloatArray, times: FloatArray) -> HalfSpaces:
+    """A sphere that is to be passed on one side, wherever the vehicle would be inside it.
 
     Args:
-        scenario: what is asked.
-        vehicle: one of its vehicles.
-        reference: q at the knots [m], shape (K, 3); not needed where there are no obstacles.
+        name: what the constraint is called in messages.
+        sphere: the obstacle.
+        side: from the centre towards that side, a unit vector, shape (3,).
+        times: since the first knot [s], shape (R,).
+    """
+    return HalfSpaces(
+        name,
+        "position",
+        times,
+        np.tile(side, (len(times), 1)),
+        np.full(len(times), sphere.radius + side @ sphere.center),
+        np.full(len(times), sphere.tolerance),
+        within=sphere,
+    )
+
+
+def boxes_of(scenario: Scenario, vehicle: Vehicle) -> list[HalfSpaces]:
+    """The boxes of position, velocity and jerk that a vehicle has to keep to at the knots.
+
+    The first and the last knot are left out where the start and the goal decide.
     """
     limits = scenario.limits_of(vehicle)
     times, inner = scenario.grid.times, scenario.grid.times[1:-1]
@@ -128,21 +151,28 @@ def constraints_of(
         ("velocity", limits.velocity, inner),
         ("jerk", limits.jerk, times[first:-1]),
     )
-    rows = [
+    return [
         box_sides(quantity, box, scenario.scale(vehicle, quantity), when)
         for quantity, box, when in boxes
         if box is not None
     ]
-    if reference is not None:
-        rows += [
-            linearise(f"obstacle {number}", sphere, reference[1:-1], inner)
-            for number, sphere in enumerate(scenario.obstacles, start=1)
-        ]
-    return rows
 
 
-def _across(direction: FloatArray) -> FloatArray:
-    """A unit vector square to `direction`: the same one every time, up or sideways."""
+def obstacles_around(scenario: Scenario, reference: FloatArray) -> list[HalfSpaces]:
+    """The obstacles as half-spaces (15) around a reference, at the knots between its ends.
+
+    Args:
+        scenario: with the obstacles.
+        reference: q at the knots [m], shape (K, 3).
+    """
+    return [
+        linearise(f"obstacle {number}", sphere, reference[1:-1], scenario.grid.times[1:-1])
+        for number, sphere in enumerate(scenario.obstacles, start=1)
+    ]
+
+
+def across(direction: FloatArray) -> FloatArray:
+    """A unit vector square to `direction`, shape (3,): the same one every time."""
     least = np.eye(3)[np.argmin(np.abs(direction))]
     across = np.cross(direction, least)
     length = float(np.linalg.norm(across))

@@ -18,7 +18,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflict import conflict
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.halfspaces import BoolArray, HalfSpaces, constraints_of
+from drake_rho.planning.halfspaces import BoolArray, HalfSpaces, boxes_of, obstacles_around
 from drake_rho.planning.program import VehicleProgram, add_halfspaces
 from drake_rho.planning.solve import Solution, solve
 from drake_rho.scenario.records import Scenario
@@ -60,10 +60,35 @@ def plan_around(
         SolverError: the solvers fail numerically.
         ValueError: the reference has other vehicles or another grid.
     """
-    if reference is not None:
-        _check_fits(reference, scenario)
+    constraints = [boxes_of(scenario, vehicle) for vehicle in scenario.vehicles]
+    if reference is None:
+        return plan_with(scenario, constraints, solver)
+    _check_fits(reference, scenario)
+    for each, positions in zip(constraints, reference.positions, strict=True):
+        each += obstacles_around(scenario, positions)
+    plan = plan_with(scenario, constraints, solver)
+    statistics = dataclasses.replace(plan.statistics, linearisations=1)
+    return dataclasses.replace(plan, statistics=statistics)
+
+
+def plan_with(
+    scenario: Scenario,
+    constraints: Sequence[list[HalfSpaces]],
+    solver: SolverInterface | None = None,
+) -> Plan:
+    """The plan of least index that meets linear constraints: the loop itself.
+
+    Args:
+        scenario: grid, vehicles and acceleration boxes; its obstacles are not looked at.
+        constraints: for each vehicle, everything else it has to keep to.
+        solver: a Drake solver; Clarabel if not given.
+
+    Raises:
+        InfeasibleError: the program of a vehicle has no solution.
+        SolverError: the solvers fail numerically.
+    """
     began = time.perf_counter()
-    tasks, conflicts = _tasks(scenario, reference)
+    tasks, conflicts = _tasks(scenario, constraints)
     solutions: list[Solution] = []
     pending = tasks
     for number in range(MAX_ROUNDS):
@@ -75,9 +100,9 @@ def plan_around(
         unfinished = []
         for task, solution in zip(pending, latest, strict=True):
             if not solution.feasible:
-                conflicts[task.program.vehicle.name] = conflict(
-                    task.program, task.constraints, [~absent for absent in task.absent]
-                )
+                present = [~absent for absent in task.absent]
+                found = conflict(task.program, task.constraints, present)
+                conflicts[task.program.vehicle.name] = found
                 continue
             task.motion = task.program.motion(solution.result)
             if _add_broken(task, reach):
@@ -85,7 +110,7 @@ def plan_around(
         pending = unfinished
     else:
         raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
-    statistics = _statistics(tasks, solutions, reference, began)
+    statistics = _statistics(tasks, solutions, began)
     if conflicts:
         raise InfeasibleError(conflicts, statistics=statistics)
     accelerations = np.array([task.motion.accelerations for task in tasks])
@@ -104,31 +129,26 @@ def _check_fits(reference: Plan, scenario: Scenario) -> None:
 
 
 def _tasks(
-    scenario: Scenario, reference: Plan | None
+    scenario: Scenario, constraints: Sequence[list[HalfSpaces]]
 ) -> tuple[list[_Task], dict[str, tuple[str, ...]]]:
     """A task for every vehicle; those whose goal alone is out of reach become conflicts."""
     tasks: list[_Task] = []
     conflicts: dict[str, tuple[str, ...]] = {}
-    for index, vehicle in enumerate(scenario.vehicles):
-        around = None if reference is None else reference.positions[index]
-        constraints = constraints_of(scenario, vehicle, around)
-        absent = [np.ones(len(rows.times), dtype=bool) for rows in constraints]
+    for vehicle, own in zip(scenario.vehicles, constraints, strict=True):
+        absent = [np.ones(len(rows.times), dtype=bool) for rows in own]
         try:
             program = VehicleProgram(scenario, vehicle)
         except InfeasibleError as error:
             conflicts |= error.conflicts
         else:
-            tasks.append(_Task(program, constraints, absent, program.coasting))
+            tasks.append(_Task(program, own, absent, program.coasting))
     return tasks, conflicts
 
 
-def _statistics(
-    tasks: Sequence[_Task], solutions: Sequence[Solution], reference: Plan | None, began: float
-) -> Statistics:
+def _statistics(tasks: Sequence[_Task], solutions: Sequence[Solution], began: float) -> Statistics:
     return Statistics(
         programs=len(solutions),
         rows=sum(task.program.rows for task in tasks),
-        linearisations=0 if reference is None else 1,
         solver=solutions[-1].solver if solutions else "",
         solver_seconds=sum(solution.seconds for solution in solutions),
         seconds=time.perf_counter() - began,

@@ -139,5 +139,5 @@ def rows_of(of: VehicleProgram, halfspaces: HalfSpaces) -> tuple[csc_matrix, Flo
     response = RESPONSES[halfspaces.quantity](step, knots, times)
     lengths = np.linalg.norm(response, axis=1)
     rows = np.einsum("rj,ri->rji", response / lengths[:, None], halfspaces.normals)
-    needed = -halfspaces.margins(of.coasting)
+    needed = -halfspaces.everywhere().margins(of.coasting)
     return csc_matrix(rows.reshape(len(times), -1)), needed / lengths / of.unit

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.detour import detour
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.loop import plan_around
 from drake_rho.scenario.records import Scenario
@@ -36,11 +38,19 @@ def plan_scp(
     Returns:
         A plan that meets every constraint of the scenario at the knots.
 
+    Where the first linearisation has no solution, vehicles it fails are given ways round the
+    obstacles (`drake_rho.planning.detour`) to begin with.
+
     Raises:
-        InfeasibleError: the first linearisation has no solution.
+        InfeasibleError: a vehicle has no plan without the obstacles, or no way round was found.
         SolverError: the solvers fail numerically.
     """
-    plan = plan_convex(scenario, reference=reference, solver=solver)
+    try:
+        plan = plan_convex(scenario, reference=reference, solver=solver)
+    except InfeasibleError as error:
+        if not error.about_linearisation:
+            raise
+        plan = _plan_round(scenario, error, solver)
     if not scenario.obstacles:
         return plan
     for _ in range(MAX_ITERATIONS):
@@ -61,6 +71,36 @@ def plan_scp(
 def scp_step(plan: Plan, *, solver: SolverInterface | None = None) -> Plan:
     """One iteration: the plan of least index with obstacles linearised around `plan`."""
     return plan_around(plan.scenario, plan, solver)
+
+
+def _plan_round(
+    scenario: Scenario, failure: InfeasibleError, solver: SolverInterface | None
+) -> Plan:
+    """A first plan where the first linearisation has none: detours for the vehicles it failed.
+
+    Raises:
+        InfeasibleError: for one of them no way round was found.
+    """
+    free = plan_around(scenario.without_obstacles(), None, solver)
+    accelerations = np.array(free.accelerations)
+    spent = failure.statistics + free.statistics
+    conflicts: dict[str, tuple[str, ...]] = {}
+    for name in failure.conflicts:
+        index = scenario.index_of(name)
+        alone = dataclasses.replace(scenario, vehicles=(scenario.vehicles[index],))
+        way = Plan.from_accelerations(alone, free.accelerations[index : index + 1])
+        try:
+            found = detour(alone, way, solver)
+        except InfeasibleError as error:
+            conflicts |= error.conflicts
+            spent += error.statistics
+        else:
+            accelerations[index] = found.accelerations[0]
+            spent += found.statistics
+    if conflicts:
+        raise InfeasibleError(conflicts, statistics=spent)
+    plan = plan_around(scenario, Plan.from_accelerations(scenario, accelerations), solver)
+    return dataclasses.replace(plan, statistics=spent + plan.statistics)
 
 
 def _stopped(plan: Plan) -> Plan:

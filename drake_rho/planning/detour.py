@@ -1,0 +1,110 @@
+"""Ways round the obstacles for a vehicle whose first linearisation (15) has no solution.
+
+A reference that runs through a sphere asks for one side of it at one knot and for the opposite
+side at the next. Here each sphere gets one side instead, a direction across the vehicle's way, and
+wherever the vehicle is inside the sphere it has to be beyond the tangent plane on that side. What
+comes out is outside every sphere, so it is a reference around which (15) has a solution.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+
+from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.halfspaces import HalfSpaces, across, beside, boxes_of
+from drake_rho.planning.loop import plan_with
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario, Sphere
+
+TURNS = np.radians([0.0, 90.0, -90.0, 180.0, 45.0, -45.0, 135.0, -135.0])
+"""Sides to try, as turns around the vehicle's way from the side on which it passes anyway."""
+
+MOST_TRIALS = 40
+"""Bound on the combinations of sides that are tried for one vehicle."""
+
+Turns = tuple[int, ...]
+
+
+def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None) -> Plan:
+    """A plan of one vehicle that passes every obstacle on one side.
+
+    The sides nearest to the free way come first; then those of the obstacles that a conflict
+    names are turned.
+
+    Args:
+        scenario: of one vehicle.
+        free: its plan without the obstacles.
+        solver: a Drake solver; Clarabel if not given.
+
+    Returns:
+        A plan that meets every constraint of the scenario at the knots.
+
+    Raises:
+        InfeasibleError: none of the combinations that were tried has a plan.
+        SolverError: the solvers fail numerically.
+    """
+    sides = [_sides(sphere, free.positions[0]) for sphere in scenario.obstacles]
+    waiting: list[Turns] = [(0,) * len(sides)]
+    seen = set(waiting)
+    spent = Statistics()
+    failures: list[InfeasibleError] = []
+    while waiting and len(failures) < MOST_TRIALS:
+        turns = waiting.pop(0)
+        try:
+            plan = plan_with(scenario, [_constraints(scenario, sides, turns)], solver)
+        except InfeasibleError as error:
+            failures.append(error)
+            spent += error.statistics
+            following = _following(turns, error, seen)
+            seen.update(following)
+            waiting = sorted([*waiting, *following], key=sum)
+        else:
+            return dataclasses.replace(plan, statistics=spent + plan.statistics)
+    raise InfeasibleError(failures[0].conflicts, statistics=spent)
+
+
+def _sides(sphere: Sphere, way: FloatArray) -> FloatArray:
+    """Directions from a sphere's centre square to the way past it, shape (len(TURNS), 3).
+
+    Args:
+        sphere: the obstacle.
+        way: positions at the knots [m], shape (K, 3).
+    """
+    offsets = way - sphere.center
+    nearest = int(np.argmin(np.linalg.norm(offsets, axis=1)))
+    ahead = way[min(nearest + 1, len(way) - 1)] - way[max(nearest - 1, 0)]
+    length = float(np.linalg.norm(ahead))
+    ahead = ahead / length if length else np.array([1.0, 0.0, 0.0])
+    first = offsets[nearest] - (offsets[nearest] @ ahead) * ahead
+    distance = float(np.linalg.norm(first))
+    first = first / distance if distance > sphere.tolerance else across(ahead)
+    second = np.cross(ahead, first)
+    sides: FloatArray = np.cos(TURNS)[:, None] * first + np.sin(TURNS)[:, None] * second
+    return sides
+
+
+def _constraints(scenario: Scenario, sides: Sequence[FloatArray], turns: Turns) -> list[HalfSpaces]:
+    inner = scenario.grid.times[1:-1]
+    return boxes_of(scenario, scenario.vehicles[0]) + [
+        beside(f"obstacle {number}", sphere, directions[turn], inner)
+        for number, (sphere, directions, turn) in enumerate(
+            zip(scenario.obstacles, sides, turns, strict=True), start=1
+        )
+    ]
+
+
+def _following(turns: Turns, error: InfeasibleError, seen: set[Turns]) -> list[Turns]:
+    """One more turn for each of the obstacles that take part in the conflict."""
+    names = [name for each in error.conflicts.values() for name in each]
+    named = {name.split()[1] for name in names if name.startswith("obstacle")}
+    following = [
+        tuple(turn + (index == changed) for index, turn in enumerate(turns))
+        for changed in range(len(turns))
+        if str(changed + 1) in named and turns[changed] + 1 < len(TURNS)
+    ]
+    return [each for each in following if each not in seen]
