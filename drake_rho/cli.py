@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import logging
 import os
+import signal
 import sys
-import time
+import threading
 import webbrowser
 import zipfile
 from collections.abc import Callable
@@ -233,12 +234,18 @@ def show(
     sys.stdout.flush()
     if browser and not webbrowser.open(meshcat.web_url()):
         _print("no browser found here: open the address in one")
-    try:
-        while True:
-            time.sleep(3600.0)
-    except KeyboardInterrupt:
-        _print("ended")
+    _wait_for_interrupt()
+    _print("ended")
     return 0
+
+
+def _wait_for_interrupt() -> None:
+    """Until Ctrl-C or a request to end, also where a shell in the background has them ignored."""
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    while not ended.wait(3600.0):
+        pass
 
 
 def _by_method(method: Method, convex: Callable[[], T], scp: Callable[[], T]) -> T:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,11 @@ def open_page(**options: Any) -> Iterator[tuple[Page, list[str]]]:
     Skips the test, with the reason, where no browser is installed.
     """
     installed = next(filter(None, map(shutil.which, NAMES)), None)
-    with sync_playwright() as playwright:
+    with ExitStack() as stack:
+        try:
+            playwright = stack.enter_context(sync_playwright())
+        except Exception as error:  # of no type of its own, where the driver does not start
+            pytest.skip(f"Playwright's driver does not start: {error}")
         path = installed or playwright.chromium.executable_path
         if not Path(path).exists():
             pytest.skip("no Chromium or Chrome is installed, nor one of Playwright's own")

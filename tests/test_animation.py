@@ -169,9 +169,8 @@ def _addresses(port: int) -> list[str]:
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")
 def test_show_serves_on_this_machine_alone_and_ends_on_interrupt() -> None:
     command = [sys.executable, "-m", "drake_rho", "show", "paper", "--no-browser", "--port", "7800"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as ran:
+    ran = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
         assert ran.stdout is not None
         address = re.search(r"http://localhost:(\d+)", ran.stdout.readline())
         assert address is not None
@@ -182,6 +181,8 @@ def test_show_serves_on_this_machine_alone_and_ends_on_interrupt() -> None:
         assert set(listening) <= {"0100007F", "00000000000000000000000001000000"}
         ran.send_signal(signal.SIGINT)
         out, err = ran.communicate(timeout=30)
+    finally:
+        ran.kill()
     assert ran.returncode == 0
     assert "ended" in out
     assert "Traceback" not in err
