@@ -22,6 +22,7 @@ def single(
     grid: rho.Grid | None = None,
     start: rho.State | None = None,
     goal: rho.State | None = None,
+    between_knots: bool = False,
 ) -> rho.Scenario:
     """One vehicle, 10 m from rest to rest in 8 s, unless told otherwise."""
     vehicle = rho.Vehicle(
@@ -33,6 +34,7 @@ def single(
         vehicles=(vehicle,),
         limits=limits or rho.Limits(),
         obstacles=obstacles,
+        between_knots=between_knots,
     )
 
 
@@ -87,11 +89,12 @@ def mapped(
 
 
 @st.composite
-def scenarios(draw: st.DrawFn, *, tight: bool = False) -> rho.Scenario:
+def scenarios(draw: st.DrawFn, *, tight: bool = False, between_knots: bool = False) -> rho.Scenario:
     """Random scenarios of any scale.
 
     Args:
         draw: hypothesis' own.
+        between_knots: whether obstacles and position boxes have to hold at every instant.
         tight: with boxes that leave most of them without a plan, instead of few.
     """
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
@@ -112,7 +115,7 @@ def scenarios(draw: st.DrawFn, *, tight: bool = False) -> rho.Scenario:
         acceleration=maybe(5 * room * force, 30 * room * force),
         jerk=maybe(60 * room * force / duration, 400 * room * force / duration),
     )
-    ends = [rng.uniform(-size, size, (2, 3)) for _ in range(rng.integers(1, 4))]
+    ends = [rng.uniform(-size, size, (2, 3)) for _ in range(rng.integers(1, 6))]
     obstacles: list[rho.Sphere] = []
     for _ in range(rng.integers(0, 5)):  # most of them on the way, none around an end
         first, last = ends[rng.integers(len(ends))]
@@ -130,5 +133,10 @@ def scenarios(draw: st.DrawFn, *, tight: bool = False) -> rho.Scenario:
         for number, (first, last) in enumerate(ends)
     ]
     return rho.Scenario(
-        "random", rho.Grid(duration / (knots - 1), knots), vehicles, limits, obstacles
+        "random",
+        rho.Grid(duration / (knots - 1), knots),
+        vehicles,
+        limits,
+        obstacles,
+        between_knots=between_knots,
     )

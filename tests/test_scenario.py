@@ -78,9 +78,9 @@ GRID = rho.Grid(1.0, 5)
             "within [0.5, -1.0, -1.0] to [2.0, 1.0, 1.0]",
         ),
         (
-            lambda: rho.Scenario("s", GRID, (VEHICLE,), between_knots=as_any(True)),
+            lambda: rho.Scenario("s", GRID, (VEHICLE,), between_knots=as_any("perhaps")),
             "scenario.between_knots",
-            "false",
+            "boolean",
         ),
     ],
 )

@@ -113,6 +113,16 @@ class Plan:
         before = np.array([acceleration_before(each.start) for each in self.scenario.vehicles])
         return Motion(step, self.positions, self.velocities, self.accelerations, before)
 
+    def motions(self) -> list[Motion]:
+        """The motion of each vehicle alone."""
+        whole = self.motion()
+        return [
+            Motion(whole.step, *each)
+            for each in zip(
+                whole.positions, whole.velocities, whole.accelerations, whole.before, strict=True
+            )
+        ]
+
     def trajectory(self, name: str) -> PiecewisePolynomial:
         """The path of the vehicle called `name`, exact at every time, as Drake's own type.
 

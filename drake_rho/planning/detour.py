@@ -16,7 +16,14 @@ from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.halfspaces import HalfSpaces, across, beside, boxes_of
+from drake_rho.planning.halfspaces import (
+    Constraints,
+    HalfSpaces,
+    across,
+    beside,
+    boxes_of,
+    obstacles_as,
+)
 from drake_rho.planning.loop import plan_with
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario, Sphere
@@ -88,14 +95,11 @@ def _sides(sphere: Sphere, way: FloatArray) -> FloatArray:
     return sides
 
 
-def _constraints(scenario: Scenario, sides: Sequence[FloatArray], turns: Turns) -> list[HalfSpaces]:
-    inner = scenario.grid.times[1:-1]
-    return boxes_of(scenario, scenario.vehicles[0]) + [
-        beside(f"obstacle {number}", sphere, directions[turn], inner)
-        for number, (sphere, directions, turn) in enumerate(
-            zip(scenario.obstacles, sides, turns, strict=True), start=1
-        )
-    ]
+def _constraints(scenario: Scenario, sides: Sequence[FloatArray], turns: Turns) -> Constraints:
+    def beside_it(index: int, sphere: Sphere, times: FloatArray) -> HalfSpaces:
+        return beside(f"obstacle {index + 1}", sphere, sides[index][turns[index]], times)
+
+    return boxes_of(scenario, scenario.vehicles[0]) + obstacles_as(scenario, beside_it)
 
 
 def _following(turns: Turns, error: InfeasibleError, seen: set[Turns]) -> list[Turns]:

@@ -6,10 +6,13 @@ All of them have one form, normal · quantity(time) >= bound.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
+from drake_rho.motion.clearance import closest_approach, turning_points
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Quantity, Scenario, Sphere, Vehicle
@@ -60,6 +63,16 @@ class HalfSpaces:
         count[len(count) - reach :] = count[len(count) - reach - 1]
         return (count[2 * reach + 1 :] > count[: len(count) - 2 * reach - 1]).reshape(-1)
 
+    def with_rows(self, other: HalfSpaces) -> HalfSpaces:
+        """These rows and then those of `other`, of the same constraint."""
+        return dataclasses.replace(
+            self,
+            times=np.concatenate([self.times, other.times]),
+            normals=np.concatenate([self.normals, other.normals]),
+            bounds=np.concatenate([self.bounds, other.bounds]),
+            tolerances=np.concatenate([self.tolerances, other.tolerances]),
+        )
+
     def select(self, rows: BoolArray) -> HalfSpaces:
         """Only the rows of the mask `rows`."""
         return dataclasses.replace(
@@ -93,8 +106,8 @@ def box_sides(quantity: Quantity, box: Box, scale: float, times: FloatArray) -> 
     )
 
 
-def linearise(name: str, sphere: Sphere, reference: FloatArray, times: FloatArray) -> HalfSpaces:
-    """(15): the sphere (8) replaced by its tangent plane that faces a reference.
+def linearise(name: str, sphere: Sphere, reference: Motion, times: FloatArray) -> HalfSpaces:
+    """(15): the sphere (8) replaced by its tangent planes that face a reference.
 
     With n = (q - p_m) / |q - p_m|, the row n · (p - q) + |q - p_m| >= R_m is the half-space
     n · p >= R_m + n · p_m. Every point it allows is outside the sphere. Where the reference is at
@@ -103,14 +116,14 @@ def linearise(name: str, sphere: Sphere, reference: FloatArray, times: FloatArra
     Args:
         name: what the constraint is called in messages.
         sphere: the obstacle.
-        reference: q [m] at `times`, shape (R, 3).
+        reference: q, the motion of one vehicle.
         times: since the first knot [s], shape (R,).
     """
-    offsets = reference - sphere.center
+    offsets = reference.at("position", times) - sphere.center
     distances = np.linalg.norm(offsets, axis=1)
     at_centre = distances <= sphere.tolerance
     if np.any(at_centre):
-        offsets[at_centre] = across(reference[-1] - reference[0])
+        offsets[at_centre] = across(reference.positions[-1] - reference.positions[0])
         distances = np.linalg.norm(offsets, axis=1)
     n = offsets / distances[:, None]
     bounds = sphere.radius + n @ sphere.center
@@ -138,10 +151,29 @@ def beside(name: str, sphere: Sphere, side: FloatArray, times: FloatArray) -> Ha
     )
 
 
-def boxes_of(scenario: Scenario, vehicle: Vehicle) -> list[HalfSpaces]:
-    """The boxes of position, velocity and jerk that a vehicle has to keep to at the knots.
+@dataclasses.dataclass(frozen=True)
+class Constraints:
+    """What a vehicle has to keep to beside its goal and its acceleration box."""
 
-    The first and the last knot are left out where the start and the goal decide.
+    rows: tuple[HalfSpaces, ...]
+    """every row at the knots"""
+    watches: tuple[Watch, ...] = ()
+    """for what has to hold at every instant: each finds the rows that a motion breaks"""
+
+    def __add__(self, other: Constraints) -> Constraints:
+        """Both."""
+        return Constraints(self.rows + other.rows, self.watches + other.watches)
+
+
+Watch = Callable[[Motion], HalfSpaces]
+"""The worst instants of a motion, as rows: those that it breaks are to be added to its program."""
+
+
+def boxes_of(scenario: Scenario, vehicle: Vehicle) -> Constraints:
+    """The boxes of position, velocity and jerk that a vehicle has to keep to.
+
+    The first and the last knot are left out where the start and the goal decide. Between knots
+    only positions need a watch: velocity is linear there, and jerk is of the knots.
     """
     limits = scenario.limits_of(vehicle)
     times, inner = scenario.grid.times, scenario.grid.times[1:-1]
@@ -151,24 +183,51 @@ def boxes_of(scenario: Scenario, vehicle: Vehicle) -> list[HalfSpaces]:
         ("velocity", limits.velocity, inner),
         ("jerk", limits.jerk, times[first:-1]),
     )
-    return [
+    rows = tuple(
         box_sides(quantity, box, scenario.scale(vehicle, quantity), when)
         for quantity, box, when in boxes
         if box is not None
-    ]
+    )
+    if limits.position is None or not scenario.between_knots:
+        return Constraints(rows)
+    scale = scenario.scale(vehicle, "position")
+    return Constraints(rows, (partial(_turns, limits.position, scale),))
 
 
-def obstacles_around(scenario: Scenario, reference: FloatArray) -> list[HalfSpaces]:
-    """The obstacles as half-spaces (15) around a reference, at the knots between its ends.
+def _turns(box: Box, scale: float, motion: Motion) -> HalfSpaces:
+    """A watch: the sides of a position box where the motion turns round between knots."""
+    times, positions = turning_points(motion)
+    tolerance = box.tolerance(scale)
+    outside = (positions < box.lower - tolerance / 10) | (positions > box.upper + tolerance / 10)
+    return box_sides("position", box, scale, np.unique(times[outside]))
+
+
+def obstacles_as(
+    scenario: Scenario, rows_for: Callable[[int, Sphere, FloatArray], HalfSpaces]
+) -> Constraints:
+    """The obstacles as half-spaces, at the knots between start and goal or at every instant.
 
     Args:
         scenario: with the obstacles.
-        reference: q at the knots [m], shape (K, 3).
+        rows_for: makes the rows of an obstacle: (its index, the sphere, times) -> half-spaces.
     """
-    return [
-        linearise(f"obstacle {number}", sphere, reference[1:-1], scenario.grid.times[1:-1])
-        for number, sphere in enumerate(scenario.obstacles, start=1)
-    ]
+    spheres = list(enumerate(scenario.obstacles))
+    rows = tuple(rows_for(index, sphere, scenario.grid.times[1:-1]) for index, sphere in spheres)
+    if not scenario.between_knots:
+        return Constraints(rows)
+    watches = tuple(
+        partial(_dips, sphere, partial(rows_for, index, sphere)) for index, sphere in spheres
+    )
+    return Constraints(rows, watches)
+
+
+def _dips(
+    sphere: Sphere, rows_for: Callable[[FloatArray], HalfSpaces], motion: Motion
+) -> HalfSpaces:
+    """A watch: the closest approaches of a motion that are inside a sphere."""
+    approach = closest_approach(motion, sphere.center)
+    inside = approach.distances < sphere.radius - sphere.tolerance / 10
+    return rows_for(np.unique(approach.times[inside]))
 
 
 def across(direction: FloatArray) -> FloatArray:

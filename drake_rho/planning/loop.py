@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from pydrake.solvers import SolverInterface
@@ -18,10 +19,19 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflict import conflict
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.halfspaces import BoolArray, HalfSpaces, boxes_of, obstacles_around
+from drake_rho.planning.halfspaces import (
+    BoolArray,
+    Constraints,
+    HalfSpaces,
+    Watch,
+    boxes_of,
+    linearise,
+    obstacles_as,
+)
 from drake_rho.planning.program import VehicleProgram, add_halfspaces
 from drake_rho.planning.solve import Solution, solve
-from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario, Sphere
 
 MAX_ROUNDS = 50
 """Bound on the rounds. Every round adds rows, and after the first few a growing neighbourhood of
@@ -40,7 +50,8 @@ class _Task:
     """One vehicle's program on its way to a solution."""
 
     program: VehicleProgram
-    constraints: list[HalfSpaces]
+    rows: list[HalfSpaces]  # at the knots, and what the watches have found
+    watches: Sequence[Watch]
     absent: list[BoolArray]  # which rows of each constraint are not in the program yet
     motion: Motion  # the latest solution; before the first, coasting
 
@@ -60,20 +71,26 @@ def plan_around(
         SolverError: the solvers fail numerically.
         ValueError: the reference has other vehicles or another grid.
     """
-    constraints = [boxes_of(scenario, vehicle) for vehicle in scenario.vehicles]
+    boxes = [boxes_of(scenario, vehicle) for vehicle in scenario.vehicles]
     if reference is None:
-        return plan_with(scenario, constraints, solver)
+        return plan_with(scenario, boxes, solver)
     _check_fits(reference, scenario)
-    for each, positions in zip(constraints, reference.positions, strict=True):
-        each += obstacles_around(scenario, positions)
+    constraints = [
+        own + obstacles_as(scenario, partial(_around, motion))
+        for own, motion in zip(boxes, reference.motions(), strict=True)
+    ]
     plan = plan_with(scenario, constraints, solver)
     statistics = dataclasses.replace(plan.statistics, linearisations=1)
     return dataclasses.replace(plan, statistics=statistics)
 
 
+def _around(reference: Motion, index: int, sphere: Sphere, times: FloatArray) -> HalfSpaces:
+    return linearise(f"obstacle {index + 1}", sphere, reference, times)
+
+
 def plan_with(
     scenario: Scenario,
-    constraints: Sequence[list[HalfSpaces]],
+    constraints: Sequence[Constraints],
     solver: SolverInterface | None = None,
 ) -> Plan:
     """The plan of least index that meets linear constraints: the loop itself.
@@ -101,7 +118,7 @@ def plan_with(
         for task, solution in zip(pending, latest, strict=True):
             if not solution.feasible:
                 present = [~absent for absent in task.absent]
-                found = conflict(task.program, task.constraints, present)
+                found = conflict(task.program, task.rows, present)
                 conflicts[task.program.vehicle.name] = found
                 continue
             task.motion = task.program.motion(solution.result)
@@ -129,19 +146,19 @@ def _check_fits(reference: Plan, scenario: Scenario) -> None:
 
 
 def _tasks(
-    scenario: Scenario, constraints: Sequence[list[HalfSpaces]]
+    scenario: Scenario, constraints: Sequence[Constraints]
 ) -> tuple[list[_Task], dict[str, tuple[str, ...]]]:
     """A task for every vehicle; those whose goal alone is out of reach become conflicts."""
     tasks: list[_Task] = []
     conflicts: dict[str, tuple[str, ...]] = {}
     for vehicle, own in zip(scenario.vehicles, constraints, strict=True):
-        absent = [np.ones(len(rows.times), dtype=bool) for rows in own]
+        absent = [np.ones(len(rows.times), dtype=bool) for rows in own.rows]
         try:
             program = VehicleProgram(scenario, vehicle)
         except InfeasibleError as error:
             conflicts |= error.conflicts
         else:
-            tasks.append(_Task(program, own, absent, program.coasting))
+            tasks.append(_Task(program, list(own.rows), own.watches, absent, program.coasting))
     return tasks, conflicts
 
 
@@ -166,7 +183,7 @@ def _add_broken(task: _Task, reach: int) -> bool:
         SolverError: a row that is in the program does not hold.
     """
     found = False
-    for rows, absent in zip(task.constraints, task.absent, strict=True):
+    for rows, absent in zip(task.rows, task.absent, strict=True):
         margins = rows.margins(task.motion)
         if np.any(~absent & (margins < -rows.tolerances)):
             name = task.program.vehicle.name
@@ -177,4 +194,20 @@ def _add_broken(task: _Task, reach: int) -> bool:
             add_halfspaces(task.program, rows.select(added))
             absent &= ~added
             found = True
-    return found
+    if found:
+        return True
+    beside = [_add_worst_instants(task, watch) for watch in task.watches]  # now between the knots
+    return any(beside)
+
+
+def _add_worst_instants(task: _Task, watch: Watch) -> bool:
+    """Add the rows of the instants that a watch finds; False if there are none."""
+    worst = watch(task.motion)
+    if len(worst.times) == 0:
+        return False
+    add_halfspaces(task.program, worst)
+    names = [rows.name for rows in task.rows]
+    index = names.index(worst.name)
+    task.rows[index] = task.rows[index].with_rows(worst)
+    task.absent[index] = np.append(task.absent[index], np.zeros(len(worst.times), dtype=bool))
+    return True

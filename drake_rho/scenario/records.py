@@ -194,9 +194,8 @@ class Scenario:
     """the spheres to keep out of; numbered from 1 in reports"""
     separation: None = None
     """reserved: vehicles are planned without regard to each other in this version"""
-    between_knots: Literal[False] = False
-    """whether obstacles and position box must hold at every instant too; in this version they
-    hold at the knots only, so only false is accepted"""
+    between_knots: bool = True
+    """whether obstacles and position boxes must hold at every instant, or at the knots only"""
 
     if TYPE_CHECKING:
 
@@ -208,7 +207,7 @@ class Scenario:
             limits: Limits = ...,
             obstacles: Sequence[Sphere] = (),
             separation: None = None,
-            between_knots: Literal[False] = False,
+            between_knots: bool = True,
         ) -> None: ...
 
     @model_validator(mode="after")
