@@ -6,6 +6,8 @@ The method of Zhou et al., ASCC 2017, on Drake's `MathematicalProgram`. SI units
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from drake_rho.assurance.feasibility import Diagnosis, diagnose, shortest_plan
+from drake_rho.assurance.optimality import Certificate, VehicleCertificate, certify
 from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
@@ -36,7 +38,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Box",
+    "Certificate",
     "Check",
+    "Diagnosis",
     "DrakeRhoError",
     "Flight",
     "Grid",
@@ -52,9 +56,12 @@ __all__ = [
     "State",
     "Statistics",
     "Vehicle",
+    "VehicleCertificate",
     "Window",
     "accelerations_figure",
     "animate",
+    "certify",
+    "diagnose",
     "distances_figure",
     "free_reference",
     "library",
@@ -68,6 +75,7 @@ __all__ = [
     "save_scenario",
     "scenario_schema",
     "scp_step",
+    "shortest_plan",
     "tail_reference",
     "velocities_figure",
     "verify",

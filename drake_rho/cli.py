@@ -329,7 +329,10 @@ def _run() -> int:
     try:
         status = app(standalone_mode=False)
     except InfeasibleError as error:
-        return _complain(error, 3)
+        with _err.status("finding out why"):
+            reason = error.diagnosis
+        _err.print(str(reason or error), markup=False, emoji=False, highlight=False, soft_wrap=True)
+        return 3
     except SolverError as error:
         return _complain(error, 4)
     except BrokenPipeError:  # whoever read our output has seen enough

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -119,7 +120,7 @@ def test_bad_input_is_one_line_and_status_2(
     assert complaint in err
 
 
-def test_no_plan_is_one_line_and_status_3(
+def test_no_plan_is_a_diagnosis_and_status_3(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rho.save_scenario(single(limits=rho.Limits(acceleration=box(0.3))), tmp_path / "s.yaml")
@@ -127,7 +128,23 @@ def test_no_plan_is_one_line_and_status_3(
     status, _, err = run(capsys, monkeypatch, "plan", str(tmp_path / "s.yaml"), "-o", str(kept))
     assert status == 3
     assert "acceleration box x" in err
+    assert "a duration of 11.5" in err
+    assert "acceleration limits 2.083 times as wide" in err
+    assert err.count("\n") <= 12
     assert not kept.exists()
+
+
+def test_a_plan_with_a_dip_between_knots_exits_1_and_names_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paper = rho.load_scenario("paper")
+    careful = dataclasses.replace(paper, between_knots=True)
+    dipping = dataclasses.replace(rho.plan_scp(paper), scenario=careful)
+    rho.save(dipping, tmp_path / "dip.npz")
+    status, out, _ = run(capsys, monkeypatch, "verify", str(tmp_path / "dip.npz"))
+    assert status == 1
+    assert "UAV-3        obstacle 1 at all times" in out
+    assert "31.49" in out
 
 
 def test_a_reader_that_leaves_early_loses_no_plan(tmp_path: Path) -> None:

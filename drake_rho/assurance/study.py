@@ -7,7 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from drake_rho.assurance.optimality import Certificate, certify
 from drake_rho.assurance.verification import Report, verify
+from drake_rho.motion.clearance import closest_approach
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.rho import plan_rho
@@ -38,6 +40,8 @@ class Example:
     """with the windows, for the receding horizon"""
     report: Report
     """verification of `plan` against the scenario it was made for"""
+    certificate: Certificate
+    """how far `plan` is above the best plan of that scenario"""
 
     @property
     def seconds(self) -> float:
@@ -77,6 +81,16 @@ class Study:
     """the scenario with its obstacles, also where an example ignores them"""
     examples: tuple[Example, ...]
     """Examples 1 to 4"""
+
+    def clearances_at_all_times(self, example: Example) -> FloatArray:
+        """The same as `clearances` at every instant, exactly [m], shape (N,)."""
+        motion = example.plan.motion()
+        nearest = [
+            closest_approach(motion, sphere.center).nearest()[1] - sphere.radius
+            for sphere in self.scenario.obstacles
+        ]
+        clearances: FloatArray = np.min(nearest, axis=0)
+        return clearances
 
     def clearances(self, example: Example) -> FloatArray:
         """Least distance of each vehicle from any sphere's surface at the knots [m], shape (N,).
@@ -140,7 +154,7 @@ def _example(number: int, method: str, obstacle: str, runs: list[Plan | Flight])
     result = runs[len(runs) // 2]  # they differ in nothing but their time
     flight = result if isinstance(result, Flight) else None
     plan = result.plan if isinstance(result, Flight) else result
-    return Example(number, method, obstacle, plan, flight, verify(plan))
+    return Example(number, method, obstacle, plan, flight, verify(plan), certify(plan))
 
 
 def _through_the_obstacle(study: Study) -> Claim:

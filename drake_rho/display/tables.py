@@ -6,14 +6,14 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from drake_rho.assurance.study import REPEATS, Study
+from drake_rho.assurance.study import REPEATS, Example, Study
 from drake_rho.scenario.fields import FloatArray
 
 
 def study_table(study: Study) -> Table:
     """One column for each example, one row for each quantity.
 
-    Clearance is the least distance at the knots from the obstacle's surface.
+    Clearance is the least distance from the obstacle's surface, at the knots and at every instant.
     """
     table = Table(title=f"The four examples of {study.scenario.name!r}")
     table.add_column("")
@@ -25,10 +25,14 @@ def study_table(study: Study) -> Table:
     table.add_row(
         f"index f {_unit('m²/s⁴')}", *(f"{example.plan.cost:.3f}" for example in examples)
     )
-    clearances = [study.clearances(example) for example in examples]
-    for index, vehicle in enumerate(study.scenario.vehicles):
-        row = (f"{values[index] + 0.0:.2f}".replace("-0.00", "0.00") for values in clearances)
-        table.add_row(f"clearance, {escape(vehicle.name)} {_unit('m')}", *row)
+    for when, clearances in (
+        ("at knots", [study.clearances(example) for example in examples]),
+        ("always", [study.clearances_at_all_times(example) for example in examples]),
+    ):
+        for index, vehicle in enumerate(study.scenario.vehicles):
+            row = (f"{values[index] + 0.0:.2f}".replace("-0.00", "0.00") for values in clearances)
+            name = escape(vehicle.name)
+            table.add_row(f"clear {when}, {name} {_unit('m')}", *row)
     for quantity, name, unit in (
         ("speed", "velocities", "m/s"),
         ("acceleration", "accelerations", "m/s²"),
@@ -37,6 +41,10 @@ def study_table(study: Study) -> Table:
         lengths = (np.linalg.norm(value, axis=2) for value in values)
         table.add_row(f"largest {quantity} {_unit(unit)}", *map(_largest, lengths))
         table.add_row(f"  on one axis {_unit(unit)}", *map(_largest, values))
+    bounds = (f"{example.certificate.lower_bound:.3f}" for example in examples)
+    table.add_row(f"no plan below {_unit('m²/s⁴')}", *bounds)
+    gaps = (f"{100 * max(0.0, _above(example)):.4f}" for example in examples)
+    table.add_row(f"above the optimum {_unit('%')}", *gaps)
     verdicts = ("yes" if example.report.ok else "[bold red]no[/]" for example in examples)
     table.add_row("all constraints hold", *verdicts)
     programs = (example.plan.statistics.programs for example in examples)
@@ -58,6 +66,10 @@ def claims_table(study: Study) -> Table:
         verdict = "yes" if claim.found else "[bold]no[/]"
         table.add_row(str(claim.number), f"{claim.text}\n[dim]{claim.evidence}[/]", verdict)
     return table
+
+
+def _above(example: Example) -> float:
+    return example.plan.cost / example.certificate.lower_bound - 1.0
 
 
 def _unit(unit: str) -> str:

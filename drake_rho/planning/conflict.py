@@ -82,6 +82,41 @@ def conflict(
     return tuple(_describe(name, weights[name], rows) for name in kept if name in weights)
 
 
+def least_breach(
+    of: VehicleProgram, constraints: Sequence[HalfSpaces], present: Sequence[BoolArray]
+) -> Motion:
+    """The motion that breaks goal and constraints least in total, each in its own scale.
+
+    Args:
+        of: a program, with or without a solution.
+        constraints: as for `conflict`.
+        present: as for `conflict`.
+
+    Raises:
+        SolverError: an elastic program cannot be solved.
+    """
+    masks = zip(constraints, present, strict=True)
+    rows = {each.name: _Rows(each, mask.copy()) for each, mask in masks}
+    box = [] if of.acceleration_box is None else [_BOX]
+    names = [*(f"goal {axis}" for axis in "xyz"), *box, *rows]
+    for number in range(_ROUNDS):
+        elastic = _solve_elastic(of, names, rows)
+        if not _add_needed(list(rows.values()), elastic.motion, number):
+            break
+    return elastic.motion
+
+
+def _add_needed(each_of: Sequence[_Rows], motion: Motion, number: int) -> bool:
+    """Make the rows present that the motion breaks, and their neighbours; False if none."""
+    found = False
+    for each in each_of:
+        broken = ~each.present & (each.all.margins(motion) < -each.all.tolerances)
+        if np.any(broken):
+            each.present |= each.all.near(broken, 2**number)
+            found = True
+    return found
+
+
 def _cannot_be_met(of: VehicleProgram, names: Sequence[str], rows: dict[str, _Rows]) -> bool:
     """Whether the constraints `names` contradict each other, with all their rows.
 
@@ -91,13 +126,8 @@ def _cannot_be_met(of: VehicleProgram, names: Sequence[str], rows: dict[str, _Ro
         elastic = _solve_elastic(of, names, rows)
         if elastic.total > _MET:
             return True
-        broken_ones = False
-        for each in (rows[name] for name in names if name in rows):
-            broken = ~each.present & (each.all.margins(elastic.motion) < -each.all.tolerances)
-            if np.any(broken):
-                each.present |= each.all.near(broken, 2**number)
-                broken_ones = True
-        if not broken_ones:
+        needed = [rows[name] for name in names if name in rows]
+        if not _add_needed(needed, elastic.motion, number):
             return False
     raise SolverError(f"a conflict could not be narrowed down in {_ROUNDS} rounds")
 

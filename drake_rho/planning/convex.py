@@ -57,7 +57,7 @@ def plan_convex(
         else:
             statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
             return dataclasses.replace(plan, statistics=statistics)
-    raise InfeasibleError(failures[0].conflicts, steps_tried, statistics)
+    raise InfeasibleError(failures[0].conflicts, steps_tried, statistics, scenario)
 
 
 def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | None) -> Plan:

@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from drake_rho.motion.plan import Statistics
 from drake_rho.scenario.errors import DrakeRhoError
+from drake_rho.scenario.records import Scenario
+
+_diagnose: list[Callable[[Scenario], Any]] = []
+
+
+def diagnosed_by(diagnose: Callable[[Scenario], Any]) -> None:
+    """Tell errors how to make their diagnosis: it stands on this room and cannot be imported."""
+    _diagnose[:] = [diagnose]
 
 
 class InfeasibleError(DrakeRhoError):
@@ -16,6 +27,7 @@ class InfeasibleError(DrakeRhoError):
         conflicts: for each vehicle without a plan, by name, constraints that cannot be met
             together; those left out have no part in the contradiction.
         steps_tried: steps h for which no plan was found [s], in the order tried.
+        scenario: what was asked; None where it is not known.
         statistics: what it took to find out.
     """
 
@@ -24,11 +36,23 @@ class InfeasibleError(DrakeRhoError):
         conflicts: dict[str, tuple[str, ...]],
         steps_tried: tuple[float, ...] = (),
         statistics: Statistics | None = None,
+        scenario: Scenario | None = None,
     ) -> None:
         self.conflicts = conflicts
         self.steps_tried = steps_tried
         self.statistics = statistics or Statistics()
-        super().__init__(conflicts, steps_tried, self.statistics)
+        self.scenario = scenario
+        super().__init__(conflicts, steps_tried, self.statistics, scenario)
+
+    @property
+    def diagnosis(self) -> Any:
+        """What `drake_rho.diagnose` says of the scenario; found when it is asked for.
+
+        It takes many programs, so an error that is caught and dealt with does not pay for it.
+        """
+        if self.scenario is None or not _diagnose:
+            return None
+        return _diagnose[0](self.scenario)
 
     @property
     def about_linearisation(self) -> bool:

@@ -17,6 +17,9 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Quantity, Scenario, Sphere, Vehicle
 
+WORST = 0.01
+"""Part of the verifier's tolerance beyond which a constraint is broken and its rows are added."""
+
 BoolArray = npt.NDArray[np.bool_]
 
 
@@ -197,8 +200,8 @@ def boxes_of(scenario: Scenario, vehicle: Vehicle) -> Constraints:
 def _turns(box: Box, scale: float, motion: Motion) -> HalfSpaces:
     """A watch: the sides of a position box where the motion turns round between knots."""
     times, positions = turning_points(motion)
-    tolerance = box.tolerance(scale)
-    outside = (positions < box.lower - tolerance / 10) | (positions > box.upper + tolerance / 10)
+    room = WORST * box.tolerance(scale)
+    outside = (positions < box.lower - room) | (positions > box.upper + room)
     return box_sides("position", box, scale, np.unique(times[outside]))
 
 
@@ -226,7 +229,7 @@ def _dips(
 ) -> HalfSpaces:
     """A watch: the closest approaches of a motion that are inside a sphere."""
     approach = closest_approach(motion, sphere.center)
-    inside = approach.distances < sphere.radius - sphere.tolerance / 10
+    inside = approach.distances < sphere.radius - WORST * sphere.tolerance
     return rows_for(np.unique(approach.times[inside]))
 
 

@@ -13,13 +13,14 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from pydrake.solvers import SolverInterface
+from pydrake.solvers import MathematicalProgramResult, SolverInterface
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflict import conflict
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.halfspaces import (
+    WORST,
     BoolArray,
     Constraints,
     HalfSpaces,
@@ -41,19 +42,17 @@ _PATIENCE = 3
 """Rounds in which only broken rows are added. Most scenarios need no more; where an active
 stretch creeps along the knots, as jerk does, neighbours then come too, twice as many each round."""
 
-_BROKEN = 0.01
-"""Part of the verifier's tolerance beyond which a row counts as broken and is added."""
-
 
 @dataclasses.dataclass
-class _Task:
-    """One vehicle's program on its way to a solution."""
+class Task:
+    """One vehicle's program on its way to a solution, and in the end with it."""
 
     program: VehicleProgram
     rows: list[HalfSpaces]  # at the knots, and what the watches have found
     watches: Sequence[Watch]
     absent: list[BoolArray]  # which rows of each constraint are not in the program yet
     motion: Motion  # the latest solution; before the first, coasting
+    result: MathematicalProgramResult | None = None  # Drake's, of the latest solution
 
 
 def plan_around(
@@ -71,17 +70,25 @@ def plan_around(
         SolverError: the solvers fail numerically.
         ValueError: the reference has other vehicles or another grid.
     """
+    plan = plan_with(scenario, constraints_around(scenario, reference), solver)
+    statistics = dataclasses.replace(plan.statistics, linearisations=0 if reference is None else 1)
+    return dataclasses.replace(plan, statistics=statistics)
+
+
+def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraints]:
+    """For each vehicle its boxes and the obstacles linearised (15) around `reference`.
+
+    Raises:
+        ValueError: the reference has other vehicles or another grid.
+    """
     boxes = [boxes_of(scenario, vehicle) for vehicle in scenario.vehicles]
     if reference is None:
-        return plan_with(scenario, boxes, solver)
+        return boxes
     _check_fits(reference, scenario)
-    constraints = [
+    return [
         own + obstacles_as(scenario, partial(_around, motion))
         for own, motion in zip(boxes, reference.motions(), strict=True)
     ]
-    plan = plan_with(scenario, constraints, solver)
-    statistics = dataclasses.replace(plan.statistics, linearisations=1)
-    return dataclasses.replace(plan, statistics=statistics)
 
 
 def _around(reference: Motion, index: int, sphere: Sphere, times: FloatArray) -> HalfSpaces:
@@ -104,6 +111,20 @@ def plan_with(
         InfeasibleError: the program of a vehicle has no solution.
         SolverError: the solvers fail numerically.
     """
+    tasks, statistics = solve_tasks(scenario, constraints, solver)
+    accelerations = np.array([task.motion.accelerations for task in tasks])
+    return Plan.from_accelerations(scenario, accelerations, statistics)
+
+
+def solve_tasks(
+    scenario: Scenario, constraints: Sequence[Constraints], solver: SolverInterface | None = None
+) -> tuple[list[Task], Statistics]:
+    """The loop of `plan_with`, which gives the solved programs rather than the plan.
+
+    Raises:
+        InfeasibleError: the program of a vehicle has no solution.
+        SolverError: the solvers fail numerically.
+    """
     began = time.perf_counter()
     tasks, conflicts = _tasks(scenario, constraints)
     solutions: list[Solution] = []
@@ -121,6 +142,7 @@ def plan_with(
                 found = conflict(task.program, task.rows, present)
                 conflicts[task.program.vehicle.name] = found
                 continue
+            task.result = solution.result
             task.motion = task.program.motion(solution.result)
             if _add_broken(task, reach):
                 unfinished.append(task)
@@ -130,8 +152,7 @@ def plan_with(
     statistics = _statistics(tasks, solutions, began)
     if conflicts:
         raise InfeasibleError(conflicts, statistics=statistics)
-    accelerations = np.array([task.motion.accelerations for task in tasks])
-    return Plan.from_accelerations(scenario, accelerations, statistics)
+    return tasks, statistics
 
 
 def _check_fits(reference: Plan, scenario: Scenario) -> None:
@@ -147,9 +168,9 @@ def _check_fits(reference: Plan, scenario: Scenario) -> None:
 
 def _tasks(
     scenario: Scenario, constraints: Sequence[Constraints]
-) -> tuple[list[_Task], dict[str, tuple[str, ...]]]:
+) -> tuple[list[Task], dict[str, tuple[str, ...]]]:
     """A task for every vehicle; those whose goal alone is out of reach become conflicts."""
-    tasks: list[_Task] = []
+    tasks: list[Task] = []
     conflicts: dict[str, tuple[str, ...]] = {}
     for vehicle, own in zip(scenario.vehicles, constraints, strict=True):
         absent = [np.ones(len(rows.times), dtype=bool) for rows in own.rows]
@@ -158,21 +179,21 @@ def _tasks(
         except InfeasibleError as error:
             conflicts |= error.conflicts
         else:
-            tasks.append(_Task(program, list(own.rows), own.watches, absent, program.coasting))
+            tasks.append(Task(program, list(own.rows), own.watches, absent, program.coasting))
     return tasks, conflicts
 
 
-def _statistics(tasks: Sequence[_Task], solutions: Sequence[Solution], began: float) -> Statistics:
+def _statistics(tasks: Sequence[Task], solutions: Sequence[Solution], began: float) -> Statistics:
     return Statistics(
         programs=len(solutions),
-        rows=sum(task.program.rows for task in tasks),
+        rows=sum(len(rows.times) for task in tasks for _, rows in task.program.rows),
         solver=solutions[-1].solver if solutions else "",
         solver_seconds=sum(solution.seconds for solution in solutions),
         seconds=time.perf_counter() - began,
     )
 
 
-def _add_broken(task: _Task, reach: int) -> bool:
+def _add_broken(task: Task, reach: int) -> bool:
     """Add the rows that the task's motion breaks; False if it breaks none.
 
     Args:
@@ -188,7 +209,7 @@ def _add_broken(task: _Task, reach: int) -> bool:
         if np.any(~absent & (margins < -rows.tolerances)):
             name = task.program.vehicle.name
             raise SolverError(f"the solver does not keep the {rows.name} of {name}")
-        broken = absent & (margins < -_BROKEN * rows.tolerances)
+        broken = absent & (margins < -WORST * rows.tolerances)
         if np.any(broken):
             added = absent & rows.near(broken, reach)
             add_halfspaces(task.program, rows.select(added))
@@ -200,7 +221,7 @@ def _add_broken(task: _Task, reach: int) -> bool:
     return any(beside)
 
 
-def _add_worst_instants(task: _Task, watch: Watch) -> bool:
+def _add_worst_instants(task: Task, watch: Watch) -> bool:
     """Add the rows of the instants that a watch finds; False if there are none."""
     worst = watch(task.motion)
     if len(worst.times) == 0:

@@ -38,12 +38,12 @@ class VehicleProgram:
         self.coasting = Motion.from_start(
             vehicle.start, np.zeros((self.grid.knots - 1, 3)), self.grid.step
         )
-        self.rows = 0  # how many half-spaces have been added
+        self.rows: list[tuple[Binding[LinearConstraint], HalfSpaces]] = []
         self.program = MathematicalProgram()
         self.accelerations = self.program.NewContinuousVariables(self.grid.knots - 1, 3, "a")
-        self._goal_rows, self._goal_values = goal_equations(self.grid, vehicle)
+        self.goal_rows, self.goal_values = goal_equations(self.grid, vehicle)
         add_index(self)
-        self.goal = add_goal(self, self._goal_rows, self._goal_values)
+        self.goal = add_goal(self, self.goal_rows, self.goal_values)
         box = scenario.limits_of(vehicle).acceleration
         self.acceleration_box = None if box is None else add_acceleration_box(self, box)
 
@@ -54,7 +54,7 @@ class VehicleProgram:
         the smallest change of the accelerations.
         """
         a = self.unit * result.GetSolution(self.accelerations).reshape(-1, 3)
-        a -= self._goal_rows.T @ (self._goal_rows @ a - self._goal_values)
+        a -= self.goal_rows.T @ (self.goal_rows @ a - self.goal_values)
         return Motion.from_start(self.vehicle.start, a, self.grid.step)
 
 
@@ -130,7 +130,7 @@ def add_halfspaces(to: VehicleProgram, halfspaces: HalfSpaces) -> None:
         matrix, lower, np.full(len(lower), np.inf), to.accelerations.reshape(-1)
     )
     binding.evaluator().set_description(f"{to.vehicle.name}: {halfspaces.name}")
-    to.rows += len(lower)
+    to.rows.append((binding, halfspaces))
 
 
 def rows_of(of: VehicleProgram, halfspaces: HalfSpaces) -> tuple[csc_matrix, FloatArray]:

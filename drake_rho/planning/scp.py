@@ -98,7 +98,7 @@ def _plan_round(
             accelerations[index] = found.accelerations[0]
             spent += found.statistics
     if conflicts:
-        raise InfeasibleError(conflicts, statistics=spent)
+        raise InfeasibleError(conflicts, statistics=spent, scenario=scenario)
     plan = plan_around(scenario, Plan.from_accelerations(scenario, accelerations), solver)
     return dataclasses.replace(plan, statistics=spent + plan.statistics)
 

@@ -1,0 +1,265 @@
+"""`diagnose`: why a scenario has no plan, by how much it fails, and what would mend it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+
+from drake_rho.assurance.verification import Check, verify
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.conflict import least_breach
+from drake_rho.planning.errors import InfeasibleError, SolverError, diagnosed_by
+from drake_rho.planning.loop import constraints_around
+from drake_rho.planning.program import VehicleProgram
+from drake_rho.planning.scp import plan_scp
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.records import Box, Grid, Limits, Scenario, Vehicle
+
+BISECTED = 1e-4
+"""Relative precision of the shortest duration and of the smallest relaxation."""
+
+LARGEST_FACTOR = 2.0**10
+"""How much longer, or how much stronger vehicles, are looked at."""
+
+_SHOWN = 5
+"""Breaches that a printed diagnosis shows."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+    """Why there is no plan, and what would mend it; prints in at most twelve lines."""
+
+    scenario: Scenario
+    """what was asked"""
+    conflicts: dict[str, tuple[str, ...]]
+    """for each vehicle without a plan, constraints that cannot be met together; empty if there is
+    a plan"""
+    violations: tuple[Check, ...]
+    """what the motion breaks that breaks the constraints least in total, the worst first"""
+    shortest_duration: float | None
+    """least T for which a plan was found with everything else unchanged [s]; None if there is none
+    up to `LARGEST_FACTOR` times the scenario's"""
+    is_monotone: bool
+    """whether a plan for one duration means a plan for every longer one, so that the shortest is
+    exact to `BISECTED`; else shorter ones may have been passed over"""
+    acceleration_factor: float | None
+    """least factor on every acceleration box for which a plan was found; None if there is no such
+    box, or no factor up to `LARGEST_FACTOR` helps"""
+
+    @property
+    def feasible(self) -> bool:
+        """Whether a plan was found after all."""
+        return not self.conflicts
+
+    def __str__(self) -> str:
+        if self.feasible:
+            return f"{self.scenario.name}: there is a plan"
+        shown = list(self.conflicts.items())[:3]
+        reasons = [f"  {vehicle}: {', '.join(names)}" for vehicle, names in shown]
+        breaches = [
+            f"  {one.vehicle}: {one.constraint} {one.part} by {one.excess:.3g} {one.unit} "
+            f"at {one.time:.4g} s"
+            for one in self.violations[:_SHOWN]
+        ]
+        more = len(self.conflicts) - len(reasons)
+        return "\n".join(
+            [
+                f"{self.scenario.name}: no plan was found; these cannot be met together:",
+                *reasons,
+                *([f"  and {more} more vehicles"] if more > 0 else []),
+                *(["the least breach of them is"] if breaches else []),
+                *breaches[: 12 - 4 - len(reasons) - (more > 0)],
+                self._repairs(),
+            ]
+        )
+
+    def _repairs(self) -> str:
+        ways = []
+        if self.shortest_duration is not None:
+            steps = self.scenario.grid.knots - 1
+            note = "" if self.is_monotone else " or perhaps less"
+            ways.append(
+                f"a duration of {self.shortest_duration:.5g} s{note} instead of "
+                f"{self.scenario.grid.duration:.5g} s (a step of "
+                f"{self.shortest_duration / steps:.5g} s)"
+            )
+        if self.acceleration_factor is not None:
+            ways.append(f"acceleration limits {self.acceleration_factor:.4g} times as wide")
+        if not ways:
+            return "neither more time nor stronger vehicles would help"
+        return f"there is one with {', or with '.join(ways)}"
+
+
+def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Diagnosis:
+    """Say why a scenario has no plan, by how much, and what would mend it.
+
+    Obstacles are taken as in the first linearisation, around the plan without them; the repairs
+    are found with `plan_scp`, which also tries ways round.
+
+    Args:
+        scenario: what is asked.
+        solver: a Drake solver; Clarabel if not given.
+
+    Raises:
+        SolverError: the solvers fail numerically.
+    """
+    try:
+        plan = plan_scp(scenario, solver=solver)
+    except InfeasibleError as error:
+        conflicts = error.conflicts
+        violations = verify(_least_breach(scenario, solver)).violations
+    else:
+        conflicts, violations = {}, verify(plan).violations
+    return Diagnosis(
+        scenario=scenario,
+        conflicts=conflicts,
+        violations=tuple(one for one in violations if one.vehicle in conflicts),
+        shortest_duration=_least(lambda factor: _lasting(scenario, factor), solver, scenario),
+        is_monotone=is_monotone(scenario),
+        acceleration_factor=_smallest_relaxation(scenario, solver),
+    )
+
+
+def shortest_plan(scenario: Scenario, *, solver: SolverInterface | None = None) -> Plan:
+    """The plan of least duration, on as many knots, everything else unchanged.
+
+    The duration is found by bisection to a relative `BISECTED`. Where feasibility grows with the
+    duration (`is_monotone`) none is shorter; else a shorter one may have been passed over.
+
+    Args:
+        scenario: what is asked; its own duration need not be feasible.
+        solver: a Drake solver; Clarabel if not given.
+
+    Raises:
+        InfeasibleError: no duration up to `LARGEST_FACTOR` times the scenario's has a plan.
+    """
+    duration = _least(lambda factor: _lasting(scenario, factor), solver, scenario)
+    if duration is None:
+        plan_scp(scenario, solver=solver)  # raises, with the reason
+        raise SolverError("a duration had a plan that could not be found again")
+    return plan_scp(_lasting(scenario, duration / scenario.grid.duration), solver=solver)
+
+
+def is_monotone(scenario: Scenario) -> bool:
+    """Whether a plan for one duration can be flown slower for any longer one.
+
+    That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
+    motion can be stretched in time, which leaves its path and makes its derivatives smaller.
+    With obstacles it is true of the problem too, but not claimed, since the planner may miss the
+    plan of one duration and find that of another.
+    """
+    if scenario.obstacles:
+        return False
+    for vehicle in scenario.vehicles:
+        limits = scenario.limits_of(vehicle)
+        moving = np.any(vehicle.start.velocity) or np.any(vehicle.goal.velocity)
+        pushed = vehicle.start.acceleration is not None and np.any(vehicle.start.acceleration)
+        if moving or pushed:
+            return False
+        for box in (limits.velocity, limits.acceleration, limits.jerk):
+            if box is not None and (np.any(box.lower > 0.0) or np.any(box.upper < 0.0)):
+                return False
+    return True
+
+
+def _lasting(scenario: Scenario, factor: float) -> Scenario:
+    """The scenario with `factor` times its duration, on as many knots."""
+    grid = Grid(scenario.grid.step * factor, scenario.grid.knots)
+    return dataclasses.replace(scenario, grid=grid)
+
+
+def _least(
+    make: Callable[[float], Scenario], solver: SolverInterface | None, scenario: Scenario
+) -> float | None:
+    """The least duration [s] with a plan, by doubling or halving and then bisection."""
+    factor = _least_factor(make, solver, 1.0 / LARGEST_FACTOR)
+    return None if factor is None else factor * scenario.grid.duration
+
+
+def _least_factor(
+    make: Callable[[float], Scenario], solver: SolverInterface | None, smallest: float
+) -> float | None:
+    """The least factor for which `make(factor)` has a plan; None if none up to the largest has."""
+    high = 1.0
+    if _has_plan(make, high, solver):
+        while high > smallest and _has_plan(make, high / 2.0, solver):
+            high /= 2.0
+        if high <= smallest:
+            return high
+    else:
+        while not _has_plan(make, high, solver):
+            high *= 2.0
+            if high > LARGEST_FACTOR:
+                return None
+    low = high / 2.0
+    while high - low > BISECTED * high:
+        middle = (low + high) / 2.0
+        if _has_plan(make, middle, solver):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def _has_plan(
+    make: Callable[[float], Scenario], factor: float, solver: SolverInterface | None
+) -> bool:
+    try:
+        plan_scp(make(factor), solver=solver)
+    except (InfeasibleError, SolverError, ScenarioError):
+        return False
+    return True
+
+
+def _smallest_relaxation(scenario: Scenario, solver: SolverInterface | None) -> float | None:
+    boxes = [scenario.limits_of(vehicle).acceleration for vehicle in scenario.vehicles]
+    if not any(boxes):
+        return None
+    return _least_factor(lambda factor: _stronger(scenario, factor), solver, 1.0)
+
+
+def _stronger(scenario: Scenario, factor: float) -> Scenario:
+    """The scenario with every acceleration box `factor` times as wide, around zero."""
+
+    def wider(limits: Limits | None) -> Limits | None:
+        if limits is None or limits.acceleration is None:
+            return limits
+        box = limits.acceleration
+        return dataclasses.replace(limits, acceleration=Box(factor * box.lower, factor * box.upper))
+
+    def stronger(vehicle: Vehicle) -> Vehicle:
+        return dataclasses.replace(vehicle, limits=wider(vehicle.limits))
+
+    return dataclasses.replace(
+        scenario,
+        limits=wider(scenario.limits) or Limits(),
+        vehicles=tuple(stronger(vehicle) for vehicle in scenario.vehicles),
+    )
+
+
+def _least_breach(scenario: Scenario, solver: SolverInterface | None) -> Plan:
+    """The plan that breaks goals and constraints least, obstacles linearised around it."""
+    knots = dataclasses.replace(scenario, between_knots=False)
+    free = _motions(knots.without_obstacles(), None)
+    plan = _motions(knots, free) if scenario.obstacles else free
+    return dataclasses.replace(plan, scenario=scenario)
+
+
+def _motions(scenario: Scenario, reference: Plan | None) -> Plan:
+    accelerations = []
+    constraints = constraints_around(scenario, reference)
+    for vehicle, own in zip(scenario.vehicles, constraints, strict=True):
+        try:
+            program = VehicleProgram(scenario, vehicle)
+        except InfeasibleError:  # a single step that misses the goal
+            accelerations.append(np.zeros((scenario.grid.knots - 1, 3)))
+            continue
+        present = [np.zeros(len(rows.times), dtype=bool) for rows in own.rows]
+        accelerations.append(least_breach(program, own.rows, present).accelerations)
+    return Plan.from_accelerations(scenario, np.array(accelerations))
+
+
+diagnosed_by(diagnose)

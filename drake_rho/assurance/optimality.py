@@ -1,0 +1,205 @@
+"""`certify`: how far a plan is above the best one there is, by a lower bound that needs no trust.
+
+The bound is the minimum of a Lagrangian (`drake_rho.assurance.lagrangian`), computed in closed form
+with what rounding may lose taken off, so it does not lean on any solver's tolerance: solvers only
+propose the multipliers. A constraint that is left out only lowers it, so a bound found with some
+instants of an obstacle holds for plans that keep out of it at every instant.
+
+The bound is one for plans that keep their constraints exactly. A plan may break them by the
+verifier's tolerance, a millionth, and then cost less than the bound by as little.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from contextlib import suppress
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+from scipy.optimize import minimize
+
+from drake_rho.assurance.lagrangian import Lagrangian
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.loop import Task, constraints_around, solve_tasks
+from drake_rho.planning.scp import plan_scp
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
+
+GLOBAL_GAP = 1e-6
+"""Relative gap up to which a plan counts as globally optimal."""
+
+_ENOUGH = 1e-8
+"""Relative distance from a converged plan's index at which a bound is not improved any more."""
+
+
+@dataclasses.dataclass(frozen=True)
+class VehicleCertificate:
+    """What is known of one vehicle's part of a plan."""
+
+    vehicle: str
+    """name"""
+    cost: float
+    """its part of the index [m²/s⁴]"""
+    lower_bound: float
+    """no plan of this vehicle can cost less [m²/s⁴]"""
+    least_eigenvalue: float
+    """of the Lagrangian's Hessian at the converged plan, on the motions that leave the goal where
+    it is; 2 is that of the index alone; above 0, the bound meets the converged plan's index"""
+    stationarity: float
+    """KKT: what is left of the Lagrangian's gradient at the converged plan, over the index's"""
+    complementarity: float
+    """KKT: the largest product of a multiplier and what its constraint is off, over the index"""
+
+    @property
+    def gap(self) -> float:
+        """(cost - lower bound) / cost; 0 for a plan that costs nothing."""
+        return (self.cost - self.lower_bound) / self.cost if self.cost > 0.0 else 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """How far a plan is above the optimum; prints as a short table."""
+
+    scenario: Scenario
+    """what was asked"""
+    vehicles: tuple[VehicleCertificate, ...]
+    """one for each vehicle: no constraint couples them"""
+
+    @property
+    def cost(self) -> float:
+        """The plan's index [m²/s⁴]."""
+        return sum(each.cost for each in self.vehicles)
+
+    @property
+    def lower_bound(self) -> float:
+        """No plan of the scenario can cost less [m²/s⁴]."""
+        return sum(each.lower_bound for each in self.vehicles)
+
+    @property
+    def gap(self) -> float:
+        """(cost - lower bound) / cost; 0 for a plan that costs nothing."""
+        return (self.cost - self.lower_bound) / self.cost if self.cost > 0.0 else 0.0
+
+    @property
+    def is_globally_optimal(self) -> bool:
+        """Whether the gap is at most `GLOBAL_GAP`."""
+        return self.gap <= GLOBAL_GAP
+
+    @property
+    def least_eigenvalue(self) -> float:
+        """The least of the vehicles'."""
+        return min(each.least_eigenvalue for each in self.vehicles)
+
+    def __str__(self) -> str:
+        verdict = "globally optimal" if self.is_globally_optimal else "not proved optimal"
+        lines = [
+            f"{self.scenario.name}: {verdict}; index {self.cost:.6f}, no plan below "
+            f"{self.lower_bound:.6f} m²/s⁴, gap {self.gap:.1e}",
+            f"{'vehicle':<12} {'index':>14} {'lower bound':>14} {'gap':>9} {'eigenvalue':>11}",
+        ]
+        lines += [
+            f"{each.vehicle:<12} {each.cost:>14.6f} {each.lower_bound:>14.6f} {each.gap:>9.1e} "
+            f"{each.least_eigenvalue:>11.4f}"
+            for each in self.vehicles
+        ]
+        return "\n".join(lines)
+
+
+def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> Certificate:
+    """Bound from below what any plan of the scenario costs, and compare.
+
+    The multipliers come from plans iterated to convergence, from this one and from the plan
+    without obstacles; where the Lagrangian is not convex there, they are scaled down and the bound
+    is then maximised over them. Whatever multipliers are used, the bound is one.
+
+    Args:
+        flown: any plan or flight of a scenario; it need not be optimal, nor hold.
+        solver: a Drake solver; Clarabel if not given.
+
+    Raises:
+        InfeasibleError: no plan was found to take multipliers from.
+        SolverError: the solvers fail numerically.
+    """
+    plan = flown.plan if isinstance(flown, Flight) else flown
+    proposals = [_solved_around(each, solver) for each in _converged(plan, solver)]
+    certificates = []
+    for index, vehicle in enumerate(plan.scenario.vehicles):
+        lagrangians = [Lagrangian(plan.scenario, tasks[index]) for tasks in proposals]
+        bounds = [each.unit**2 * _best_bound(each) for each in lagrangians]
+        here = lagrangians[0]
+        stationarity, complementarity = here.kkt_residuals()
+        certificates.append(
+            VehicleCertificate(
+                vehicle=vehicle.name,
+                cost=float(np.sum(plan.accelerations[index] ** 2)),
+                lower_bound=max(0.0, *bounds),
+                least_eigenvalue=2.0 * here.curvature(here.weights),
+                stationarity=stationarity,
+                complementarity=complementarity,
+            )
+        )
+    return Certificate(plan.scenario, tuple(certificates))
+
+
+def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:
+    """Plans iterated to convergence: from this one, if it allows that, and from none."""
+    found = []
+    with suppress(InfeasibleError):  # a plan that breaks its scenario may lead nowhere
+        found.append(plan_scp(plan.scenario, reference=plan, solver=solver))
+    try:
+        found.append(plan_scp(plan.scenario, solver=solver))
+    except InfeasibleError:
+        if not found:
+            raise
+    return found
+
+
+def _solved_around(plan: Plan, solver: SolverInterface | None) -> list[Task]:
+    """The programs linearised around a converged plan, solved once more for their multipliers."""
+    reference = plan if plan.scenario.obstacles else None
+    return solve_tasks(plan.scenario, constraints_around(plan.scenario, reference), solver)[0]
+
+
+def _best_bound(lagrangian: Lagrangian) -> float:
+    """The largest minimum of the Lagrangian that is found, in its own unit.
+
+    First with the multipliers of the converged program; where the Lagrangian is convex there they
+    are the best. Else with those of the obstacles scaled down until it is, and then climbing: the
+    minimum is a concave function of the multipliers, whose slopes are the constraints' breaches.
+    """
+    weights, multipliers = lagrangian.weights, lagrangian.multipliers
+    first = lagrangian.minimum(weights, multipliers)
+    index = float(np.sum(lagrangian.solution**2))
+    if first.value >= index * (1 - _ENOUGH) or len(weights) + len(multipliers) == 0:
+        return first.value
+    bend = 1.0 - lagrangian.curvature(weights)  # grows in proportion to the weights
+    scaled = weights * min(1.0, 0.98 / bend if bend > 0.0 else 1.0)
+    return max(first.value, _climb(lagrangian, scaled, multipliers))
+
+
+def _climb(lagrangian: Lagrangian, weights: FloatArray, multipliers: FloatArray) -> float:
+    """Maximise the minimum over λ, y >= 0, from where the Lagrangian is convex."""
+    start = np.concatenate([weights, multipliers])
+    sizes = np.maximum(start, 1e-3 * start.max())
+    best = -np.inf
+
+    def descend(x: FloatArray) -> tuple[float, FloatArray]:
+        nonlocal best
+        given = np.maximum(x, 0.0) * sizes
+        found = lagrangian.minimum(given[: len(weights)], given[len(weights) :])
+        if not np.isfinite(found.value):
+            return 1e3 * scale, np.zeros_like(x)
+        best = max(best, found.value)
+        return -found.value, -np.concatenate(lagrangian.slopes(found.at)) * sizes
+
+    scale = float(np.sum(lagrangian.solution**2)) + 1.0
+    minimize(
+        descend,
+        start / sizes,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(0.0, None)] * len(start),
+        options={"maxiter": 300},
+    )
+    return best

@@ -1,0 +1,114 @@
+"""Diagnoses: known answers, and what they suggest works."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+
+import drake_rho as rho
+from drake_rho.assurance.feasibility import BISECTED, is_monotone
+from tests.scenarios import box, scenarios, single
+
+
+def test_from_rest_to_rest_full_thrust_and_full_brake_is_the_shortest() -> None:
+    """D = a T² / 4 on the longest axis."""
+    weak = single(limits=rho.Limits(acceleration=box(0.5)))
+    reason = rho.diagnose(weak)
+    assert not reason.feasible
+    assert reason.is_monotone
+    assert reason.shortest_duration == pytest.approx(np.sqrt(4 * 10.0 / 0.5), rel=2 * BISECTED)
+    assert reason.acceleration_factor == pytest.approx(4 * 10.0 / 8.0**2 / 0.5, rel=2 * BISECTED)
+    assert reason.conflicts == {"solo": ("goal x", "acceleration box x")}
+    assert {check.constraint for check in reason.violations} == {"goal"}
+
+
+def test_the_shortest_plan_is_planned_and_none_is_shorter() -> None:
+    weak = single(limits=rho.Limits(acceleration=box(0.5), velocity=box(2.0)))
+    plan = rho.shortest_plan(weak)
+    assert rho.verify(plan).ok
+    assert plan.scenario.grid.knots == weak.grid.knots
+    shorter = rho.Grid(plan.scenario.grid.step * (1 - 2 * BISECTED), weak.grid.knots)
+    with pytest.raises(rho.InfeasibleError):
+        rho.plan_scp(dataclasses.replace(weak, grid=shorter))
+
+
+def test_a_feasible_scenario_has_no_conflict_and_a_shorter_duration() -> None:
+    reason = rho.diagnose(single(limits=rho.Limits(acceleration=box(2.0))))
+    assert reason.feasible
+    assert reason.violations == ()
+    assert reason.acceleration_factor == 1.0
+    assert reason.shortest_duration == pytest.approx(np.sqrt(4 * 10.0 / 2.0), rel=2 * BISECTED)
+    assert "there is a plan" in str(reason)
+
+
+@given(scenario=scenarios(tight=True, between_knots=True))
+@settings(max_examples=10)
+def test_what_a_diagnosis_suggests_works(scenario: rho.Scenario) -> None:
+    scenario = scenario.without_obstacles()
+    reason = rho.diagnose(scenario)
+    assume(not reason.feasible)
+    _check_suggestions(scenario, reason)
+
+
+def test_what_a_diagnosis_suggests_works_past_an_obstacle() -> None:
+    weak = single(
+        limits=rho.Limits(acceleration=box(0.5)),
+        obstacles=(rho.Sphere([5.0, 2.3, -1.0], 1.0),),
+        between_knots=True,
+    )
+    reason = rho.diagnose(weak)
+    assert not reason.feasible
+    assert reason.shortest_duration is not None
+    assert reason.acceleration_factor is not None
+    _check_suggestions(weak, reason)
+
+
+def _check_suggestions(scenario: rho.Scenario, reason: rho.Diagnosis) -> None:
+    assert len(str(reason).splitlines()) <= 12
+    assert set(reason.conflicts) <= {vehicle.name for vehicle in scenario.vehicles}
+    assert reason.violations
+    if reason.shortest_duration is not None:
+        step = reason.shortest_duration / (scenario.grid.knots - 1)
+        longer = dataclasses.replace(scenario, grid=rho.Grid(step, scenario.grid.knots))
+        assert rho.verify(rho.plan_scp(longer)).ok
+    if reason.acceleration_factor is not None:
+        limits = scenario.limits.acceleration
+        assert limits is not None
+        factor = reason.acceleration_factor
+        wider = rho.Box(factor * limits.lower, factor * limits.upper)
+        stronger = dataclasses.replace(
+            scenario, limits=dataclasses.replace(scenario.limits, acceleration=wider)
+        )
+        assert rho.verify(rho.plan_scp(stronger)).ok
+
+
+def test_an_error_carries_its_diagnosis() -> None:
+    weak = single(limits=rho.Limits(acceleration=box(0.5)))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_rho(weak)
+    assert isinstance(caught.value.diagnosis, rho.Diagnosis)
+    assert caught.value.diagnosis.scenario == weak
+    assert rho.InfeasibleError({"a": ("goal x",)}).diagnosis is None
+
+
+def test_what_time_does_not_mend_is_said() -> None:
+    walls = rho.Limits(position=rho.Box([-1, -2, -3], [11, 6, 1]))
+    wall = rho.Sphere([5.0, 2.0, -1.0], 4.9)
+    reason = rho.diagnose(single(limits=walls, obstacles=(wall,), between_knots=True))
+    assert not reason.feasible
+    assert reason.shortest_duration is None
+    assert "neither more time nor stronger vehicles" in str(reason)
+    with pytest.raises(rho.InfeasibleError):
+        rho.shortest_plan(reason.scenario)
+
+
+def test_monotone_is_claimed_from_rest_to_rest_only() -> None:
+    assert is_monotone(single(limits=rho.Limits(box(50), box(2), box(2), box(2))))
+    assert not is_monotone(single(start=rho.State([0, 0, 0], [1, 0, 0])))
+    assert not is_monotone(single(obstacles=(rho.Sphere([5, 2, -1], 1),)))
+    forward = rho.Limits(velocity=rho.Box([0.1, -2, -2], [2, 2, 2]))
+    with pytest.raises(rho.ScenarioError):  # at rest it would not move forward
+        single(limits=forward)

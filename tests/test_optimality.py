@@ -1,0 +1,135 @@
+"""Certificates: bounds that are bounds, tight where the plan is the best, and silent elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import drake_rho as rho
+from drake_rho.assurance.lagrangian import Lagrangian
+from drake_rho.planning.loop import constraints_around, solve_tasks
+from tests.scenarios import box, scenarios, single
+from tests.tolerances import INDEX
+
+BESIDE = rho.Sphere([5.0, 2.6, -1.0], 1.2)
+
+
+def test_the_converged_plan_of_the_paper_is_globally_optimal(paper: rho.Scenario) -> None:
+    proof = rho.certify(rho.plan_scp(paper))
+    assert proof.is_globally_optimal
+    assert abs(proof.gap) < INDEX
+    assert all(abs(each.gap) < INDEX for each in proof.vehicles)
+    assert proof.least_eigenvalue > 0.3
+    for each in proof.vehicles:
+        assert each.stationarity < 1e-4
+        assert each.complementarity < 1e-6
+    assert "globally optimal" in str(proof)
+
+
+def test_the_papers_examples_are_measured_against_it(paper: rho.Scenario) -> None:
+    best = rho.plan_scp(paper).cost
+    for flown in (rho.plan_convex(paper), rho.plan_rho(paper)):
+        proof = rho.certify(flown)
+        assert not proof.is_globally_optimal
+        assert proof.lower_bound == pytest.approx(best, rel=INDEX)
+        assert proof.gap == pytest.approx(1 - best / flown.cost, abs=1e-6)
+
+
+def test_the_plan_for_every_instant_is_the_best_of_those(paper: rho.Scenario) -> None:
+    careful = dataclasses.replace(paper, between_knots=True)
+    assert rho.certify(rho.plan_scp(careful)).is_globally_optimal
+
+
+def test_without_obstacles_every_plan_of_a_convex_program_is_the_best() -> None:
+    for limits in (
+        rho.Limits(),
+        rho.Limits(acceleration=box(0.8)),
+        rho.Limits(velocity=box(1.6)),
+        rho.Limits(velocity=box(1.8), acceleration=box(1.2)),
+    ):
+        plan = rho.plan_convex(single(limits=limits))
+        assert rho.certify(plan).is_globally_optimal
+        worse = rho.Plan.from_accelerations(plan.scenario, 1.01 * plan.accelerations)
+        proof = rho.certify(worse)
+        assert proof.lower_bound == pytest.approx(plan.cost, rel=INDEX)
+        assert proof.gap == pytest.approx(1 - 1 / 1.01**2, abs=1e-6)
+
+
+def _on_the_other_side() -> tuple[rho.Scenario, rho.Plan, rho.Plan]:
+    """A scenario with two ways past a sphere, the best plan, and the worse local optimum."""
+    scenario = single(obstacles=(BESIDE,))
+    other = rho.Sphere([5.0, 1.2, -1.0], 2.4)  # pushes past the far side of the first
+    beyond = rho.plan_scp(single(obstacles=(other,)))
+    worse = rho.plan_scp(scenario, reference=dataclasses.replace(beyond, scenario=scenario))
+    return scenario, rho.plan_scp(scenario), worse
+
+
+def test_a_worse_local_optimum_is_not_certified() -> None:
+    _, best, worse = _on_the_other_side()
+    assert rho.verify(worse).ok
+    assert worse.statistics.converged
+    assert rho.scp_step(worse).cost == pytest.approx(worse.cost, rel=INDEX)  # it is one
+    assert worse.cost > 1.05 * best.cost
+    proof = rho.certify(worse)
+    assert not proof.is_globally_optimal
+    assert proof.lower_bound <= best.cost * (1 + INDEX)
+    assert rho.certify(best).lower_bound <= best.cost * (1 + INDEX)
+
+
+@given(scenario=scenarios())
+@settings(max_examples=6)
+def test_no_feasible_plan_of_random_restarts_is_below_the_bound(scenario: rho.Scenario) -> None:
+    try:
+        plan = rho.plan_scp(scenario)
+    except rho.InfeasibleError:
+        return
+    bound = rho.certify(plan).lower_bound
+    assert bound <= plan.cost * (1 + INDEX)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        noise = rng.normal(size=plan.accelerations.shape) * np.abs(plan.accelerations).max()
+        start = rho.Plan.from_accelerations(scenario, plan.accelerations + noise)
+        try:
+            other = rho.plan_scp(scenario, reference=start)
+        except (rho.InfeasibleError, rho.SolverError):  # too wild a start to go on from
+            continue
+        if rho.verify(other).ok:
+            assert other.cost * (1 + INDEX) >= bound
+
+
+def test_any_multipliers_give_a_bound_and_too_large_ones_none() -> None:
+    scenario, best, _ = _on_the_other_side()
+    (task,), _ = solve_tasks(scenario, constraints_around(scenario, best))
+    lagrangian = Lagrangian(scenario, task)
+    index = best.cost / lagrangian.unit**2
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        weights = lagrangian.weights * rng.uniform(0, 1.5, lagrangian.weights.shape)
+        multipliers = lagrangian.multipliers * rng.uniform(0, 2, lagrangian.multipliers.shape)
+        assert lagrangian.minimum(weights, multipliers).value <= index * (1 + INDEX)
+    huge = lagrangian.minimum(1e6 * lagrangian.weights, lagrangian.multipliers)
+    assert huge.value == -np.inf
+    assert huge.curvature < 0
+
+
+def test_the_closed_form_is_the_minimum_and_its_slopes_are_true() -> None:
+    scenario, best, _ = _on_the_other_side()
+    (task,), _ = solve_tasks(scenario, constraints_around(scenario, best))
+    lagrangian = Lagrangian(scenario, task)
+    weights, multipliers = 0.7 * lagrangian.weights, lagrangian.multipliers
+    found = lagrangian.minimum(weights, multipliers)
+    rows, _ = lagrangian.slopes(found.at)
+    for s in range(len(weights)):
+        step = 1e-3 * weights.max()
+        if weights[s] < step:
+            continue
+        more = weights + step * (np.arange(len(weights)) == s)
+        less = weights - step * (np.arange(len(weights)) == s)
+        slope = (
+            lagrangian.minimum(more, multipliers).value
+            - lagrangian.minimum(less, multipliers).value
+        ) / (2 * step)
+        assert slope == pytest.approx(rows[s], rel=1e-3, abs=1e-6)
