@@ -53,9 +53,11 @@ def test_an_obstacle_in_the_way_is_named_with_its_times() -> None:
     goal = rho.State([10.0, 0.0, 0.0])
     obstacle = rho.Sphere([5.0, 0.1, 0.0], 2.0)
     limits = rho.Limits(position=walls, acceleration=box(5.0))
-    names = _conflict(single(goal=goal, limits=limits, obstacles=(obstacle,)))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(single(goal=goal, limits=limits, obstacles=(obstacle,)))
+    names = caught.value.conflicts["solo"]
     assert any(name.startswith("obstacle 1 ") for name in names), names
-    text = str(rho.InfeasibleError({"solo": names}))
+    text = str(caught.value)
     assert "linearised around this reference: solo cannot meet together: " in text
     assert "another reference" in text
 

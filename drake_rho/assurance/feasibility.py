@@ -109,7 +109,7 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
     try:
         plan = plan_scp(scenario, solver=solver)
     except InfeasibleError as error:
-        conflicts = error.conflicts
+        conflicts = dict(error.conflicts)
         violations = verify(_least_breach(scenario, solver)).violations
     else:
         conflicts, violations = {}, verify(plan).violations

@@ -57,7 +57,8 @@ def plan_convex(
         else:
             statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
             return dataclasses.replace(plan, statistics=statistics)
-    raise InfeasibleError(failures[0].conflicts, steps_tried, statistics, scenario)
+    first = failures[0]
+    raise InfeasibleError(first.conflicts, steps_tried, statistics, scenario, first.obstacles)
 
 
 def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | None) -> Plan:
@@ -71,7 +72,9 @@ def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | 
         plan = plan_around(scenario, free, solver)
     except InfeasibleError as error:
         raise InfeasibleError(
-            error.conflicts, statistics=free.statistics + error.statistics
+            error.conflicts,
+            statistics=free.statistics + error.statistics,
+            obstacles=error.obstacles,
         ) from None
     return dataclasses.replace(plan, statistics=free.statistics + plan.statistics)
 

@@ -40,8 +40,8 @@ Turns = tuple[int, ...]
 def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None) -> Plan:
     """A plan of one vehicle that passes every obstacle on one side.
 
-    The sides nearest to the free way come first; then those of the obstacles that a conflict
-    names are turned.
+    The sides nearest to the free way come first; then those of the obstacles that were in the way
+    are turned.
 
     Args:
         scenario: of one vehicle.
@@ -72,7 +72,8 @@ def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None
             waiting = sorted([*waiting, *following], key=sum)
         else:
             return dataclasses.replace(plan, statistics=spent + plan.statistics)
-    raise InfeasibleError(failures[0].conflicts, statistics=spent)
+    first = failures[0]
+    raise InfeasibleError(first.conflicts, statistics=spent, obstacles=first.obstacles)
 
 
 def _sides(sphere: Sphere, way: FloatArray) -> FloatArray:
@@ -103,9 +104,8 @@ def _constraints(scenario: Scenario, sides: Sequence[FloatArray], turns: Turns) 
 
 
 def _following(turns: Turns, error: InfeasibleError, seen: set[Turns]) -> list[Turns]:
-    """One more turn for each of the obstacles that take part in the conflict."""
-    names = [name for each in error.conflicts.values() for name in each]
-    named = {name.split()[1] for name in names if name.startswith("obstacle")}
+    """One more turn for each of the obstacles that the path came up against."""
+    named = {name.split()[1] for names in error.obstacles.values() for name in names}
     following = [
         tuple(turn + (index == changed) for index, turn in enumerate(turns))
         for changed in range(len(turns))

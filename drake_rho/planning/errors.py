@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from drake_rho.motion.plan import Statistics
@@ -17,6 +17,34 @@ def diagnosed_by(diagnose: Callable[[Scenario], Any]) -> None:
     _diagnose[:] = [diagnose]
 
 
+Names = tuple[str, ...]
+
+
+class Conflicts(Mapping[str, Names]):
+    """Vehicles without a plan, and for each the constraints that cannot be met together.
+
+    To narrow these down takes many small programs, so it is done when they are first looked at.
+    """
+
+    def __init__(self, finders: Mapping[str, Callable[[], Names]]) -> None:
+        self._finders = dict(finders)
+        self._found: dict[str, Names] = {}
+
+    def __getitem__(self, vehicle: str) -> Names:
+        if vehicle not in self._found:
+            self._found[vehicle] = self._finders[vehicle]()
+        return self._found[vehicle]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._finders)
+
+    def __len__(self) -> int:
+        return len(self._finders)
+
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
+
 class InfeasibleError(DrakeRhoError):
     """The constraints cannot be met together, obstacles as they were linearised.
 
@@ -26,6 +54,7 @@ class InfeasibleError(DrakeRhoError):
     Attributes:
         conflicts: for each vehicle without a plan, by name, constraints that cannot be met
             together; those left out have no part in the contradiction.
+        obstacles: for each of these vehicles, the names of obstacles that its path came up against.
         steps_tried: steps h for which no plan was found [s], in the order tried.
         scenario: what was asked; None where it is not known.
         statistics: what it took to find out.
@@ -33,16 +62,18 @@ class InfeasibleError(DrakeRhoError):
 
     def __init__(
         self,
-        conflicts: dict[str, tuple[str, ...]],
+        conflicts: Mapping[str, Names],
         steps_tried: tuple[float, ...] = (),
         statistics: Statistics | None = None,
         scenario: Scenario | None = None,
+        obstacles: Mapping[str, frozenset[str]] | None = None,
     ) -> None:
         self.conflicts = conflicts
+        self.obstacles = obstacles or {}
         self.steps_tried = steps_tried
         self.statistics = statistics or Statistics()
         self.scenario = scenario
-        super().__init__(conflicts, steps_tried, self.statistics, scenario)
+        super().__init__(conflicts, steps_tried, self.statistics, scenario, obstacles)
 
     @property
     def diagnosis(self) -> Any:
@@ -56,10 +87,8 @@ class InfeasibleError(DrakeRhoError):
 
     @property
     def about_linearisation(self) -> bool:
-        """Whether every conflict has an obstacle in it, so that another reference may help."""
-        return all(
-            any(name.startswith("obstacle") for name in names) for names in self.conflicts.values()
-        )
+        """Whether obstacles are in the way of every vehicle, so that another reference may help."""
+        return all(self.obstacles.get(vehicle) for vehicle in self.conflicts)
 
     def __str__(self) -> str:
         reasons = "; ".join(

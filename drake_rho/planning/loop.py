@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -18,7 +18,7 @@ from pydrake.solvers import MathematicalProgramResult, SolverInterface
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflict import conflict
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import Conflicts, InfeasibleError, Names, SolverError
 from drake_rho.planning.halfspaces import (
     WORST,
     BoolArray,
@@ -126,7 +126,8 @@ def solve_tasks(
         SolverError: the solvers fail numerically.
     """
     began = time.perf_counter()
-    tasks, conflicts = _tasks(scenario, constraints)
+    tasks, hopeless = _tasks(scenario, constraints)
+    stuck: list[Task] = []
     solutions: list[Solution] = []
     pending = tasks
     for number in range(MAX_ROUNDS):
@@ -138,9 +139,7 @@ def solve_tasks(
         unfinished = []
         for task, solution in zip(pending, latest, strict=True):
             if not solution.feasible:
-                present = [~absent for absent in task.absent]
-                found = conflict(task.program, task.rows, present)
-                conflicts[task.program.vehicle.name] = found
+                stuck.append(task)
                 continue
             task.result = solution.result
             task.motion = task.program.motion(solution.result)
@@ -150,9 +149,26 @@ def solve_tasks(
     else:
         raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
     statistics = _statistics(tasks, solutions, began)
-    if conflicts:
-        raise InfeasibleError(conflicts, statistics=statistics)
+    if stuck or hopeless:
+        raise _infeasible(stuck, hopeless, statistics)
     return tasks, statistics
+
+
+def _infeasible(
+    stuck: Sequence[Task], hopeless: Mapping[str, Names], statistics: Statistics
+) -> InfeasibleError:
+    """The error for vehicles without a solution, and those whose goal alone is out of reach."""
+    finders: dict[str, Callable[[], Names]] = {
+        name: partial(tuple, names) for name, names in hopeless.items()
+    }
+    obstacles = {}
+    for task in stuck:
+        name = task.program.vehicle.name
+        present = [~absent for absent in task.absent]
+        finders[name] = partial(conflict, task.program, task.rows, present)
+        touched = (rows.name for _, rows in task.program.rows)
+        obstacles[name] = frozenset(each for each in touched if each.startswith("obstacle"))
+    return InfeasibleError(Conflicts(finders), statistics=statistics, obstacles=obstacles)
 
 
 def _check_fits(reference: Plan, scenario: Scenario) -> None:
@@ -168,10 +184,10 @@ def _check_fits(reference: Plan, scenario: Scenario) -> None:
 
 def _tasks(
     scenario: Scenario, constraints: Sequence[Constraints]
-) -> tuple[list[Task], dict[str, tuple[str, ...]]]:
-    """A task for every vehicle; those whose goal alone is out of reach become conflicts."""
+) -> tuple[list[Task], dict[str, Names]]:
+    """A task for every vehicle, and the conflicts of those whose goal alone is out of reach."""
     tasks: list[Task] = []
-    conflicts: dict[str, tuple[str, ...]] = {}
+    conflicts: dict[str, Names] = {}
     for vehicle, own in zip(scenario.vehicles, constraints, strict=True):
         absent = [np.ones(len(rows.times), dtype=bool) for rows in own.rows]
         try:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from pydrake.solvers import SolverInterface
@@ -10,7 +12,7 @@ from pydrake.solvers import SolverInterface
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.detour import detour
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import Conflicts, InfeasibleError, Names, SolverError
 from drake_rho.planning.loop import plan_around
 from drake_rho.scenario.records import Scenario
 
@@ -84,7 +86,8 @@ def _plan_round(
     free = plan_around(scenario.without_obstacles(), None, solver)
     accelerations = np.array(free.accelerations)
     spent = failure.statistics + free.statistics
-    conflicts: dict[str, tuple[str, ...]] = {}
+    conflicts: dict[str, Callable[[], Names]] = {}
+    obstacles: dict[str, frozenset[str]] = {}
     for name in failure.conflicts:
         index = scenario.index_of(name)
         alone = dataclasses.replace(scenario, vehicles=(scenario.vehicles[index],))
@@ -92,13 +95,16 @@ def _plan_round(
         try:
             found = detour(alone, way, solver)
         except InfeasibleError as error:
-            conflicts |= error.conflicts
+            conflicts[name] = partial(error.conflicts.__getitem__, name)
+            obstacles |= error.obstacles
             spent += error.statistics
         else:
             accelerations[index] = found.accelerations[0]
             spent += found.statistics
     if conflicts:
-        raise InfeasibleError(conflicts, statistics=spent, scenario=scenario)
+        raise InfeasibleError(
+            Conflicts(conflicts), statistics=spent, scenario=scenario, obstacles=obstacles
+        )
     plan = plan_around(scenario, Plan.from_accelerations(scenario, accelerations), solver)
     return dataclasses.replace(plan, statistics=spent + plan.statistics)
 
