@@ -88,16 +88,24 @@ def mapped(
     )
 
 
-@st.composite
-def scenarios(draw: st.DrawFn, *, tight: bool = False, between_knots: bool = False) -> rho.Scenario:
-    """Random scenarios of any scale.
+def scenarios(
+    *, tight: bool = False, between_knots: bool = False
+) -> st.SearchStrategy[rho.Scenario]:
+    """Random scenarios of any scale; see `random_scenario`."""
+    return st.integers(0, 2**32 - 1).map(
+        lambda seed: random_scenario(seed, tight=tight, between_knots=between_knots)
+    )
+
+
+def random_scenario(seed: int, *, tight: bool = False, between_knots: bool = False) -> rho.Scenario:
+    """A scenario of any scale, with obstacles that mostly lie in the way.
 
     Args:
-        draw: hypothesis' own.
-        between_knots: whether obstacles and position boxes have to hold at every instant.
+        seed: which one.
         tight: with boxes that leave most of them without a plan, instead of few.
+        between_knots: whether obstacles and position boxes have to hold at every instant.
     """
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    rng = np.random.default_rng(seed)
     size, duration = 10 ** rng.uniform(0, 4), 10 ** rng.uniform(0.5, 2.5)
     knots = int(rng.integers(4, 40))
     speed, force = size / duration, size / duration**2

@@ -10,7 +10,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.planning.detour import detour
-from tests.scenarios import box, single
+from tests.scenarios import box, random_scenario, single
 
 STRAIGHT = rho.State([0.0, 1.0, 2.0]), rho.State([20.0, 1.0, 2.0])
 
@@ -102,3 +102,12 @@ def test_a_detour_stays_outside_at_every_knot() -> None:
         distances = np.linalg.norm(plan.positions[0] - sphere.center, axis=1)
         assert distances.min() >= sphere.radius * (1 - 1e-6)
     assert rho.plan_scp(scenario).cost < plan.cost
+
+
+@pytest.mark.parametrize("seed", [16, 39, 93, 217, 376])
+def test_a_way_between_obstacles_is_found_by_bending_the_free_one(seed: int) -> None:
+    """Random scenarios in which no choice of one side for each obstacle has a plan."""
+    scenario = random_scenario(seed)
+    with pytest.raises(rho.InfeasibleError):
+        rho.plan_convex(scenario)
+    assert rho.verify(rho.plan_scp(scenario)).ok

@@ -9,7 +9,8 @@ comes out is outside every sphere, so it is a reference around which (15) has a 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 from pydrake.solvers import SolverInterface
@@ -24,7 +25,7 @@ from drake_rho.planning.halfspaces import (
     boxes_of,
     obstacles_as,
 )
-from drake_rho.planning.loop import plan_with
+from drake_rho.planning.loop import plan_around, plan_with
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario, Sphere
 
@@ -34,14 +35,17 @@ TURNS = np.radians([0.0, 90.0, -90.0, 180.0, 45.0, -45.0, 135.0, -135.0])
 MOST_TRIALS = 40
 """Bound on the combinations of sides that are tried for one vehicle."""
 
+SIZES = (1.5, 3.0, 0.75)
+"""How far the free way is bent aside, in radii of the obstacle, where no side of it has a plan."""
+
 Turns = tuple[int, ...]
 
 
 def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None) -> Plan:
-    """A plan of one vehicle that passes every obstacle on one side.
+    """A plan of one vehicle that goes round the obstacles.
 
     The sides nearest to the free way come first; then those of the obstacles that were in the way
-    are turned.
+    are turned; and at last the free way is bent aside as a whole.
 
     Args:
         scenario: of one vehicle.
@@ -73,7 +77,35 @@ def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None
         else:
             return dataclasses.replace(plan, statistics=spent + plan.statistics)
     first = failures[0]
+    for reference in _bent(scenario, free, sides, first):
+        try:
+            plan = plan_around(scenario, reference, solver)
+        except InfeasibleError as error:
+            spent += error.statistics
+        else:
+            return dataclasses.replace(plan, statistics=spent + plan.statistics)
     raise InfeasibleError(first.conflicts, statistics=spent, obstacles=first.obstacles)
+
+
+def _bent(
+    scenario: Scenario, free: Plan, sides: Sequence[FloatArray], failure: InfeasibleError
+) -> Iterator[Plan]:
+    """The free way with a smooth bend towards each side of each obstacle that was in the way.
+
+    As references they ask for no one side along the whole of an obstacle, so they can lead
+    between obstacles where planes cannot. Full thrust aside for a quarter of the time, back for
+    half of it and aside again ends where it began.
+    """
+    steps = scenario.grid.knots - 1
+    quarters = 4 * np.arange(steps) // steps
+    thrust = np.where((quarters == 0) | (quarters == 3), 1.0, -1.0)
+    in_the_way = {int(name.split()[1]) for names in failure.obstacles.values() for name in names}
+    for size, number in product(SIZES, sorted(in_the_way)):
+        reach = size * scenario.obstacles[number - 1].radius
+        strength = reach / (scenario.grid.duration / 4.0) ** 2
+        for side in sides[number - 1]:
+            bend = strength * thrust[:, None] * side
+            yield Plan.from_accelerations(scenario, free.accelerations + bend)
 
 
 def _sides(sphere: Sphere, way: FloatArray) -> FloatArray:
