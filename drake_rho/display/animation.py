@@ -1,41 +1,32 @@
-"""The swarm in Meshcat, Drake's own: the scene, the vehicles' way through it, the replanning.
+"""The swarm in Meshcat, Drake's own: the vehicles' way through the scene, and the replanning.
 
-Everything stands under /flight in the scene tree, in the scenario's own coordinates and metres:
-/flight/vehicles/<name> is the vehicle's pose, x along its velocity.
+/flight/vehicles/<name> in the scene tree is the vehicle's pose, x along its velocity.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from itertools import pairwise, product
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.colors import to_rgb
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba
-from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform, RotationMatrix
 
-from drake_rho.display.plots import (
-    VIEW_AZIMUTH,
-    VIEW_ELEVATION,
-    vehicle_colours,
-    window_colours,
+from drake_rho.display.plots import window_colours
+from drake_rho.display.scene import (
+    ROOT,
+    Scene,
+    add_ends,
+    add_surroundings,
+    coloured,
+    set_camera,
 )
-from drake_rho.display.shapes import (
-    aircraft,
-    box_edges,
-    ground_grid,
-    nice_step,
-    tube,
-    words,
-)
+from drake_rho.display.shapes import aircraft, nice_step, tube
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Box, Scenario, Vehicle
 
-ROOT = "/flight"
 _FRAMES = 32.0
 """Recorded poses a second."""
 _LONGEST = 60.0
@@ -44,49 +35,6 @@ _MOST_PIECES = 1200
 """Most pieces of trail in a scene: each is an object of its own that appears when it is flown."""
 _MOST_POSES = 100_000
 """Most recorded poses, of all vehicles together."""
-_MOST_NAMES = 12
-"""Most vehicles whose names are written beside their starts."""
-_LIGHT = [-3.0, 10.0, 8.0]
-"""Where the light comes from, in three.js' axes (y is up)."""
-_ASPECT = 1.4
-"""Least width of a window over its height for which the whole scene is seen."""
-_FIELD_OF_VIEW = 40.0
-"""Of the camera, from top to bottom [deg]."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Scene:
-    """Where everything is, and how large it has to be drawn to be seen."""
-
-    lower: FloatArray
-    """least coordinates of all that is shown [m], shape (3,)"""
-    upper: FloatArray
-    """greatest coordinates [m], shape (3,)"""
-    vehicles: int
-    """how many have to find room"""
-
-    @classmethod
-    def of(cls, plan: Plan) -> Scene:
-        """The scene of a plan: its positions, obstacles, and the flyable boxes."""
-        scenario = plan.scenario
-        points = [plan.positions.reshape(-1, 3)]
-        for sphere in scenario.obstacles:
-            points.append(sphere.center + sphere.radius * np.array([[1.0] * 3, [-1.0] * 3]))
-        points += [np.stack([box.lower, box.upper]) for box in flyable_boxes(scenario)]
-        every = np.concatenate(points)
-        lower, upper = every.min(axis=0), every.max(axis=0)
-        margin = 0.05 * float(np.max(upper - lower)) or 1.0
-        return cls(lower - margin, upper + margin, len(scenario.vehicles))
-
-    @property
-    def size(self) -> float:
-        """Diagonal [m]."""
-        return float(np.linalg.norm(self.upper - self.lower))
-
-    @property
-    def vehicle_length(self) -> float:
-        """Length at which a vehicle is drawn [m]: large enough to be seen, small enough for all."""
-        return self.size * 0.06 / float(np.cbrt(max(1.0, self.vehicles / 4)))
 
 
 def animate(
@@ -126,9 +74,9 @@ def animate(
     scene = Scene.of(plan)
     meshcat.Delete(ROOT)
     meshcat.DeleteRecording()
-    _set_camera(meshcat, scene)
-    _add_surroundings(meshcat, scene, plan.scenario)
-    _add_ends(meshcat, scene, plan.scenario)
+    set_camera(meshcat, scene)
+    add_surroundings(meshcat, scene, plan.scenario)
+    add_ends(meshcat, scene, plan.scenario)
     _add_vehicles(meshcat, scene, plan)
     pace = _Pace.of(plan, rate)
     meshcat.StartRecording(
@@ -164,16 +112,6 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
     raise OSError(f"no free port from {first} on {host}")
 
 
-def flyable_boxes(scenario: Scenario) -> list[Box]:
-    """The position boxes of all vehicles, each once."""
-    boxes: list[Box] = []
-    for vehicle in scenario.vehicles:
-        box = scenario.limits_of(vehicle).position
-        if box is not None and box not in boxes:
-            boxes.append(box)
-    return boxes
-
-
 @dataclasses.dataclass(frozen=True)
 class _Pace:
     """How time in flight becomes time of playback."""
@@ -199,87 +137,9 @@ class _Pace:
         return float(time) / self.rate
 
 
-def _set_camera(meshcat: Meshcat, scene: Scene) -> None:
-    """Look at the whole scene from where the figures do."""
-    centre = (scene.lower + scene.upper) / 2
-    camera = Meshcat.PerspectiveCamera(
-        fov=_FIELD_OF_VIEW, near=scene.size / 1e3, far=scene.size * 1e2
-    )
-    meshcat.SetCamera(camera)
-    right, up, towards = _view()
-    corners = np.array(list(product(*np.array([scene.lower, scene.upper]).T))) - centre
-    half = np.tan(np.radians(_FIELD_OF_VIEW / 2))
-    # From a distance d a corner is seen if its offset is within the half-angle of d less its depth.
-    sideways = np.abs(corners @ right) / (_ASPECT * half) + corners @ towards
-    upwards = np.abs(corners @ up) / half + corners @ towards
-    distance = 1.05 * max(float(sideways.max()), float(upwards.max()))
-    meshcat.SetCameraPose(centre + distance * towards, centre)
-
-
-def _view() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unit vectors: to the right and up on the screen, and from the scene to the camera."""
-    azimuth, elevation = np.radians(VIEW_AZIMUTH), np.radians(VIEW_ELEVATION)
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    towards = np.array(
-        [
-            np.cos(azimuth) * np.cos(elevation),
-            np.sin(azimuth) * np.cos(elevation),
-            np.sin(elevation),
-        ]
-    )
-    return right, np.cross(towards, right), towards
-
-
-def _add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
-    """Obstacles, flyable boxes, a ground grid; Meshcat's own grid and axes are of 1 m."""
-    for name in ("/Grid", "/Axes"):
-        meshcat.SetProperty(name, "visible", False)
-    # Meshcat's lamps hang a metre or two from the origin; light from afar suits every scale.
-    for lamp in ("PointLightNegativeX", "PointLightPositiveX"):
-        meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
-    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.8)
-    meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.5)
-    meshcat.SetProperty("/Lights/FillLight/<object>", "position", _LIGHT)
-    meshcat.SetProperty("/Background/<object>", "top_color", [0.90, 0.93, 0.97])
-    meshcat.SetProperty("/Background/<object>", "bottom_color", [1.0, 1.0, 1.0])
-    for number, sphere in enumerate(scenario.obstacles, start=1):
-        path = f"{ROOT}/obstacles/{number}"
-        meshcat.SetObject(path, Ball(sphere.radius), Rgba(0.6, 0.6, 0.65, 0.45))
-        meshcat.SetTransform(path, RigidTransform(sphere.center))
-    for number, box in enumerate(flyable_boxes(scenario), start=1):
-        path = f"{ROOT}/flyable/{number}"
-        meshcat.SetLineSegments(path, *box_edges(box.lower, box.upper), rgba=Rgba(0.3, 0.3, 0.3))
-    boxes = flyable_boxes(scenario)
-    lower = np.min([box.lower for box in boxes], axis=0) if boxes else scene.lower
-    upper = np.max([box.upper for box in boxes], axis=0) if boxes else scene.upper
-    meshcat.SetLineSegments(
-        f"{ROOT}/ground", *ground_grid(lower, upper), rgba=Rgba(0.75, 0.75, 0.78)
-    )
-
-
-def _add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
-    """Starts and goals in the vehicles' colours, with their names if they are few."""
-    size = scene.vehicle_length
-    shared = Counter(tuple(vehicle.goal.position) for vehicle in scenario.vehicles)
-    for vehicle, colour in _coloured(scenario):
-        alone = shared[tuple(vehicle.goal.position)] == 1
-        for kind, state, radius, shown in (
-            ("starts", vehicle.start, 0.13, colour),
-            ("goals", vehicle.goal, 0.25, colour if alone else Rgba(0.1, 0.1, 0.1)),
-        ):
-            path = f"{ROOT}/{kind}/{vehicle.name}"
-            meshcat.SetObject(path, Ball(radius * size), shown)
-            meshcat.SetTransform(path, RigidTransform(state.position))
-        if len(scenario.vehicles) <= _MOST_NAMES:
-            right, up, _ = _view()
-            above = vehicle.start.position + 0.7 * size * up
-            letters = words(vehicle.name, 0.4 * size, above, right, up)
-            meshcat.SetTriangleMesh(f"{ROOT}/names/{vehicle.name}", *letters, rgba=colour)
-
-
 def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
     mesh = aircraft(scene.vehicle_length)
-    for vehicle, colour in _coloured(plan.scenario):
+    for vehicle, colour in coloured(plan.scenario):
         meshcat.SetTriangleMesh(_vehicle_path(vehicle.name), *mesh, rgba=colour)
 
 
@@ -305,7 +165,7 @@ def _record_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: _Pace) -> N
     for first, last in pairwise(knots):
         begin, end = plan.times[first], plan.times[last]
         paths = plan.motion().at("position", np.linspace(begin, end, 4 * (last - first) + 1))
-        for (vehicle, colour), path in zip(_coloured(plan.scenario), paths, strict=True):
+        for (vehicle, colour), path in zip(coloured(plan.scenario), paths, strict=True):
             name = f"{ROOT}/trails/{vehicle.name}/{first}"
             meshcat.SetTriangleMesh(name, *tube(path, radius), rgba=colour)
             _show_between(meshcat, name, pace.playback((begin + end) / 2), None)
@@ -343,13 +203,6 @@ def _show_between(meshcat: Meshcat, path: str, begin: float, end: float | None) 
 
 def _vehicle_path(name: str) -> str:
     return f"{ROOT}/vehicles/{name}"
-
-
-def _coloured(scenario: Scenario) -> Iterator[tuple[Vehicle, Rgba]]:
-    """The vehicles with the colours they have in the figures."""
-    colours = vehicle_colours(len(scenario.vehicles))
-    for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
-        yield vehicle, Rgba(*to_rgb(colour))
 
 
 def _headings(velocities: FloatArray) -> FloatArray:
