@@ -25,6 +25,21 @@ def test_from_rest_to_rest_full_thrust_and_full_brake_is_the_shortest() -> None:
     assert {check.constraint for check in reason.violations} == {"goal"}
 
 
+def test_what_is_printed_is_enough() -> None:
+    weak = 0.0944444444
+    start, goal = rho.State([0, 0, 0]), rho.State([10, 0, 0])
+
+    def asked(factor: float, step: float = 1.0) -> rho.Scenario:
+        limits = rho.Limits(acceleration=box(factor * weak))
+        return single(limits=limits, grid=rho.Grid(step, 11), start=start, goal=goal)
+
+    text = str(rho.diagnose(asked(1.0)))
+    factor = float(text.split("acceleration limits ")[1].split()[0])
+    step = float(text.split("a step of ")[1].split()[0])
+    assert rho.verify(rho.plan_scp(asked(factor))).ok
+    assert rho.verify(rho.plan_scp(asked(1.0, step))).ok
+
+
 def test_the_shortest_plan_is_planned_and_none_is_shorter() -> None:
     weak = single(limits=rho.Limits(acceleration=box(0.5), velocity=box(2.0)))
     plan = rho.shortest_plan(weak)
@@ -100,7 +115,7 @@ def test_what_time_does_not_mend_is_said() -> None:
     reason = rho.diagnose(single(limits=walls, obstacles=(wall,), between_knots=True))
     assert not reason.feasible
     assert reason.shortest_duration is None
-    assert "neither more time nor stronger vehicles" in str(reason)
+    assert "neither more time nor stronger vehicles were found" in str(reason)
     with pytest.raises(rho.InfeasibleError):
         rho.shortest_plan(reason.scenario)
 

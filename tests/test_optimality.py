@@ -133,3 +133,24 @@ def test_the_closed_form_is_the_minimum_and_its_slopes_are_true() -> None:
             - lagrangian.minimum(less, multipliers).value
         ) / (2 * step)
         assert slope == pytest.approx(rows[s], rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("knots", [2, 3])
+def test_where_the_goal_leaves_no_choice_the_only_plan_is_the_best(knots: int) -> None:
+    moving = rho.State([0, 0, 0], [1, 0, 0])
+    goal = rho.State([knots - 1.0, 0, 0], [1, 0, 0]) if knots == 2 else rho.State([1, 2, 3])
+    plan = rho.plan_convex(single(grid=rho.Grid(1.0, knots), start=moving, goal=goal))
+    assert rho.certify(plan).is_globally_optimal
+
+
+def test_a_plan_that_breaks_its_constraints_is_not_certified() -> None:
+    scenario = single(obstacles=(rho.Sphere([5.0, 2.1, -1.0], 2.0),))
+    through = rho.plan_convex(scenario.without_obstacles()).accelerations
+    for accelerations in (through, np.zeros_like(through)):
+        proof = rho.certify(rho.Plan.from_accelerations(scenario, accelerations))
+        assert not proof.holds
+        assert not proof.is_globally_optimal
+        assert proof.gap < 0
+        assert "breaks its constraints" in str(proof)
+    with pytest.raises(ValueError, match="not finite"):
+        rho.certify(rho.Plan.from_accelerations(scenario, np.full_like(through, np.nan)))

@@ -14,12 +14,15 @@ from drake_rho.planning.conflict import least_breach
 from drake_rho.planning.errors import InfeasibleError, SolverError, diagnosed_by
 from drake_rho.planning.loop import constraints_around
 from drake_rho.planning.program import VehicleProgram
-from drake_rho.planning.scp import plan_scp
+from drake_rho.planning.scp import first_plan, plan_scp
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Grid, Limits, Scenario, Vehicle
 
 BISECTED = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
+
+BISECTED_AROUND = 1e-3
+"""The same with obstacles, where a trial may have to look for ways round."""
 
 LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""
@@ -82,22 +85,30 @@ class Diagnosis:
             steps = self.scenario.grid.knots - 1
             note = "" if self.is_monotone else " or perhaps less"
             ways.append(
-                f"a duration of {self.shortest_duration:.5g} s{note} instead of "
+                f"a duration of {_rounded_up(self.shortest_duration)} s{note} instead of "
                 f"{self.scenario.grid.duration:.5g} s (a step of "
-                f"{self.shortest_duration / steps:.5g} s)"
+                f"{_rounded_up(self.shortest_duration / steps)} s)"
             )
         if self.acceleration_factor is not None:
-            ways.append(f"acceleration limits {self.acceleration_factor:.4g} times as wide")
+            ways.append(
+                f"acceleration limits {_rounded_up(self.acceleration_factor)} times as wide"
+            )
         if not ways:
-            return "neither more time nor stronger vehicles would help"
+            return "neither more time nor stronger vehicles were found to help"
         return f"there is one with {', or with '.join(ways)}"
+
+
+def _rounded_up(value: float) -> str:
+    """Five digits, none of which promises more than was found."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 4)
+    return f"{np.ceil(value / unit * (1 - 1e-12)) * unit:.5g}"
 
 
 def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Diagnosis:
     """Say why a scenario has no plan, by how much, and what would mend it.
 
     Obstacles are taken as in the first linearisation, around the plan without them; the repairs
-    are found with `plan_scp`, which also tries ways round.
+    are found with the first plan of `plan_scp`, which also tries ways round.
 
     Args:
         scenario: what is asked.
@@ -107,7 +118,7 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
         SolverError: the solvers fail numerically.
     """
     try:
-        plan = plan_scp(scenario, solver=solver)
+        plan = first_plan(scenario, solver=solver)
     except InfeasibleError as error:
         conflicts = dict(error.conflicts)
         violations = verify(_least_breach(scenario, solver)).violations
@@ -195,7 +206,8 @@ def _least_factor(
             if high > LARGEST_FACTOR:
                 return None
     low = high / 2.0
-    while high - low > BISECTED * high:
+    precision = BISECTED if not make(1.0).obstacles else BISECTED_AROUND
+    while high - low > precision * high:
         middle = (low + high) / 2.0
         if _has_plan(make, middle, solver):
             high = middle
@@ -208,7 +220,7 @@ def _has_plan(
     make: Callable[[float], Scenario], factor: float, solver: SolverInterface | None
 ) -> bool:
     try:
-        plan_scp(make(factor), solver=solver)
+        first_plan(make(factor), solver=solver)
     except (InfeasibleError, SolverError, ScenarioError):
         return False
     return True

@@ -93,6 +93,8 @@ class Lagrangian:
 
     def curvature(self, weights: FloatArray) -> float:
         """Least eigenvalue of the Hessian for λ = `weights`, over that of norm(u)²."""
+        if self._free.shape[1] == 0:  # the goal leaves no choice
+            return 1.0
         return float(eigvalsh(self._hessian(weights), subset_by_index=[0, 0])[0])
 
     def _hessian(self, weights: FloatArray) -> FloatArray:
@@ -104,17 +106,16 @@ class Lagrangian:
     def minimum(self, weights: FloatArray, multipliers: FloatArray) -> Minimum:
         """The least value of L for λ = `weights` and y = `multipliers`, both >= 0."""
         half, shape = weights / self._radii / 2, self._fixed.shape
-        if self._free.shape[1] == 0:  # the goal leaves no choice
-            return Minimum(self._value(self._fixed, half, multipliers), self._fixed, 1.0)
-        hessian = self._hessian(weights)
-        curvature = float(eigvalsh(hessian, subset_by_index=[0, 0])[0])
+        curvature = self.curvature(weights)
         if curvature < _LEAST_CURVATURE:
             return Minimum(-np.inf, self._fixed, curvature)
         linear = (self._matrix.T @ multipliers).reshape(shape)
         gradient = 2 * self._fixed - linear
         gradient -= self._pull.T @ (2 * half[:, None] * (self._pull @ self._fixed + self._offsets))
-        step = cho_solve(cho_factor(hessian), self._free.T @ gradient) / 2
-        at = self._fixed - self._free @ step
+        at = self._fixed
+        if self._free.shape[1] > 0:
+            hessian = cho_factor(self._hessian(weights))
+            at = at - self._free @ cho_solve(hessian, self._free.T @ gradient) / 2
         value = self._value(at, half, multipliers)
         sizes = np.sum(at**2) + np.sum(weights * self._radii) + np.abs(multipliers @ self._lower)
         lost = _ROUNDING * len(at) * float(sizes) / curvature

@@ -19,8 +19,9 @@ from pydrake.solvers import SolverInterface
 from scipy.optimize import minimize
 
 from drake_rho.assurance.lagrangian import Lagrangian
+from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Flight, Plan
-from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.loop import Task, constraints_around, solve_tasks
 from drake_rho.planning.scp import plan_scp
 from drake_rho.scenario.fields import FloatArray
@@ -53,8 +54,8 @@ class VehicleCertificate:
 
     @property
     def gap(self) -> float:
-        """(cost - lower bound) / cost; 0 for a plan that costs nothing."""
-        return (self.cost - self.lower_bound) / self.cost if self.cost > 0.0 else 0.0
+        """(cost - lower bound) / cost; negative for a plan that breaks its constraints to save."""
+        return _gap(self.cost, self.lower_bound)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +66,8 @@ class Certificate:
     """what was asked"""
     vehicles: tuple[VehicleCertificate, ...]
     """one for each vehicle: no constraint couples them"""
+    holds: bool
+    """whether the plan meets its constraints; what breaks them may cost less than the bound"""
 
     @property
     def cost(self) -> float:
@@ -78,13 +81,13 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """(cost - lower bound) / cost; 0 for a plan that costs nothing."""
-        return (self.cost - self.lower_bound) / self.cost if self.cost > 0.0 else 0.0
+        """(cost - lower bound) / cost; negative for a plan that breaks its constraints to save."""
+        return _gap(self.cost, self.lower_bound)
 
     @property
     def is_globally_optimal(self) -> bool:
-        """Whether the gap is at most `GLOBAL_GAP`."""
-        return self.gap <= GLOBAL_GAP
+        """Whether the plan holds and its gap is at most `GLOBAL_GAP`."""
+        return self.holds and abs(self.gap) <= GLOBAL_GAP
 
     @property
     def least_eigenvalue(self) -> float:
@@ -93,6 +96,7 @@ class Certificate:
 
     def __str__(self) -> str:
         verdict = "globally optimal" if self.is_globally_optimal else "not proved optimal"
+        verdict = verdict if self.holds else "breaks its constraints"
         lines = [
             f"{self.scenario.name}: {verdict}; index {self.cost:.6f}, no plan below "
             f"{self.lower_bound:.6f} m²/s⁴, gap {self.gap:.1e}",
@@ -120,8 +124,11 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
     Raises:
         InfeasibleError: no plan was found to take multipliers from.
         SolverError: the solvers fail numerically.
+        ValueError: an acceleration of the plan is no finite number.
     """
     plan = flown.plan if isinstance(flown, Flight) else flown
+    if not np.all(np.isfinite(plan.accelerations)):
+        raise ValueError("accelerations: got some that are not finite, expected finite numbers")
     proposals = [_solved_around(each, solver) for each in _converged(plan, solver)]
     certificates = []
     for index, vehicle in enumerate(plan.scenario.vehicles):
@@ -139,17 +146,17 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
                 complementarity=complementarity,
             )
         )
-    return Certificate(plan.scenario, tuple(certificates))
+    return Certificate(plan.scenario, tuple(certificates), verify(plan).ok)
 
 
 def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:
     """Plans iterated to convergence: from this one, if it allows that, and from none."""
     found = []
-    with suppress(InfeasibleError):  # a plan that breaks its scenario may lead nowhere
+    with suppress(InfeasibleError, SolverError):  # a plan that breaks its scenario may lead nowhere
         found.append(plan_scp(plan.scenario, reference=plan, solver=solver))
     try:
         found.append(plan_scp(plan.scenario, solver=solver))
-    except InfeasibleError:
+    except (InfeasibleError, SolverError):
         if not found:
             raise
     return found
@@ -159,6 +166,11 @@ def _solved_around(plan: Plan, solver: SolverInterface | None) -> list[Task]:
     """The programs linearised around a converged plan, solved once more for their multipliers."""
     reference = plan if plan.scenario.obstacles else None
     return solve_tasks(plan.scenario, constraints_around(plan.scenario, reference), solver)[0]
+
+
+def _gap(cost: float, lower_bound: float) -> float:
+    largest = max(cost, lower_bound)
+    return (cost - lower_bound) / (cost or largest) if largest > 0.0 else 0.0
 
 
 def _best_bound(lagrangian: Lagrangian) -> float:

@@ -47,12 +47,7 @@ def plan_scp(
         InfeasibleError: a vehicle has no plan without the obstacles, or no way round was found.
         SolverError: the solvers fail numerically.
     """
-    try:
-        plan = plan_convex(scenario, reference=reference, solver=solver)
-    except InfeasibleError as error:
-        if not error.about_linearisation:
-            raise
-        plan = _plan_round(scenario, error, solver)
+    plan = first_plan(scenario, reference=reference, solver=solver)
     if not scenario.obstacles:
         return plan
     for _ in range(MAX_ITERATIONS):
@@ -68,6 +63,21 @@ def plan_scp(
         if converged:
             break
     return plan
+
+
+def first_plan(
+    scenario: Scenario, *, reference: Plan | None = None, solver: SolverInterface | None = None
+) -> Plan:
+    """What `plan_scp` begins with: the convex method's plan or, where it has none, ways round.
+
+    Args and errors are those of `plan_scp`.
+    """
+    try:
+        return plan_convex(scenario, reference=reference, solver=solver)
+    except InfeasibleError as error:
+        if not error.about_linearisation:
+            raise
+        return _plan_round(scenario, error, solver)
 
 
 def scp_step(plan: Plan, *, solver: SolverInterface | None = None) -> Plan:
