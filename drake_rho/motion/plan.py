@@ -6,11 +6,14 @@ import dataclasses
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import ConfigDict
 
 from drake_rho.motion.dynamics import Motion, acceleration_before, roll_out
 from drake_rho.scenario.fields import FloatArray, locked
 from drake_rho.scenario.records import Box, Grid, Quantity, Scenario, State
+
+IntArray = npt.NDArray[np.int64]
 
 if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
@@ -106,6 +109,16 @@ class Plan:
     def cost(self) -> float:
         """The performance index f (13) [m²/s⁴]: the sum of squared accelerations."""
         return float(np.sum(self.accelerations**2))
+
+    def only(self, vehicles: IntArray) -> Plan:
+        """The plan of some of the vehicles, by their indices, as one of its own."""
+        kept = tuple(self.scenario.vehicles[index] for index in vehicles)
+        return Plan(
+            dataclasses.replace(self.scenario, vehicles=kept),
+            self.positions[vehicles],
+            self.velocities[vehicles],
+            self.accelerations[vehicles],
+        )
 
     def motion(self) -> Motion:
         """The motion of all vehicles, to be asked at any time; arrays of shape (N, ..., 3)."""

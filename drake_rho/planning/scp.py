@@ -20,7 +20,7 @@ MAX_ITERATIONS = 200
 """Bound on the linearisations of one call; `statistics.converged` says if it was reached."""
 
 CONVERGED = 1e-9
-"""The iteration stops when the index falls by less than this part of itself."""
+"""A vehicle's iteration stops when its part falls by less than this part of the whole index."""
 
 
 def plan_scp(
@@ -50,17 +50,22 @@ def plan_scp(
     plan = first_plan(scenario, reference=reference, solver=solver)
     if not scenario.obstacles:
         return plan
+    falling = np.arange(len(scenario.vehicles))  # nothing couples vehicles: each stops by itself
     for _ in range(MAX_ITERATIONS):
+        before = plan.only(falling)
         try:
-            following = scp_step(plan, solver=solver)
+            after = scp_step(before, solver=solver)
         except (InfeasibleError, SolverError):  # by rounding, where a plan has no room at all
             return _stopped(plan)
-        converged = plan.cost - following.cost <= CONVERGED * plan.cost
+        fallen = np.sum(before.accelerations**2 - after.accelerations**2, axis=(1, 2))
+        accelerations = np.array(plan.accelerations)
+        accelerations[falling[fallen > 0.0]] = after.accelerations[fallen > 0.0]
+        falling = falling[fallen > CONVERGED * plan.cost]
         statistics = dataclasses.replace(
-            plan.statistics + following.statistics, converged=converged
+            plan.statistics + after.statistics, converged=len(falling) == 0
         )
-        plan = dataclasses.replace(min(plan, following, key=_cost), statistics=statistics)
-        if converged:
+        plan = Plan.from_accelerations(scenario, accelerations, statistics)
+        if statistics.converged:
             break
     return plan
 
@@ -123,7 +128,3 @@ def _stopped(plan: Plan) -> Plan:
     """The plan with a note that the iteration did not come to its own end."""
     statistics = dataclasses.replace(plan.statistics, converged=False)
     return dataclasses.replace(plan, statistics=statistics)
-
-
-def _cost(plan: Plan) -> float:
-    return plan.cost
