@@ -59,7 +59,7 @@ class Lagrangian:
             raise ValueError("task: got one without a solution, expected a solved one")
         self.unit = program.unit
         self.solution = task.motion.accelerations / self.unit
-        self._goal, self._free = program.goal_rows, null_space(program.goal_rows)
+        self._free = null_space(program.goal_rows)
         self._fixed = program.goal_rows.T @ program.goal_values / self.unit
         obstacles = [_obstacle_terms(scenario, program, rows) for _, rows in program.rows]
         duals = [np.maximum(result.GetDualSolution(each), 0.0) for each, _ in program.rows]

@@ -35,7 +35,7 @@ def plan_convex(
         solver: a Drake solver; Clarabel if not given.
 
     Returns:
-        A plan that meets every constraint of the scenario at the knots.
+        A plan that meets every constraint of the scenario.
 
     Raises:
         InfeasibleError: no step has a solution; it names the constraints in the way.

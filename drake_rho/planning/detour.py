@@ -53,7 +53,7 @@ def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None
         solver: a Drake solver; Clarabel if not given.
 
     Returns:
-        A plan that meets every constraint of the scenario at the knots.
+        A plan that meets every constraint of the scenario.
 
     Raises:
         InfeasibleError: none of the combinations that were tried has a plan.

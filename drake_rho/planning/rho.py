@@ -70,7 +70,7 @@ def plan_rho(
         solver: a Drake solver; Clarabel if not given.
 
     Returns:
-        The flight; `flight.plan` meets every constraint of the scenario at the knots.
+        The flight; `flight.plan` meets every constraint of the scenario.
 
     Raises:
         InfeasibleError: the first window has no solution.

@@ -30,7 +30,9 @@ def plan_scp(
 
     The half-space of (15) lies inside what (8) allows, so every iterate meets the true
     constraints, and since it is itself allowed by the next linearisation, the index does not rise
-    (in exact arithmetic). Neither a trust region nor a line search is needed.
+    (in exact arithmetic). Neither a trust region nor a line search is needed. Where the first
+    linearisation has no solution, the vehicles it fails are given ways round the obstacles
+    (`drake_rho.planning.detour`) to begin with.
 
     Args:
         scenario: what is asked.
@@ -38,10 +40,7 @@ def plan_scp(
         solver: a Drake solver; Clarabel if not given.
 
     Returns:
-        A plan that meets every constraint of the scenario at the knots.
-
-    Where the first linearisation has no solution, vehicles it fails are given ways round the
-    obstacles (`drake_rho.planning.detour`) to begin with.
+        A plan that meets every constraint of the scenario.
 
     Raises:
         InfeasibleError: a vehicle has no plan without the obstacles, or no way round was found.
