@@ -113,7 +113,7 @@ def test_a_plans_motion_knows_the_acceleration_before_it() -> None:
 
 
 def test_an_unknown_quantity_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"'positon'.*position, velocity, jerk"):
+    with pytest.raises(ValueError, match=r"'positon'.*position, velocity, acceleration, jerk"):
         rho.plan_convex(single()).motion().at("positon", [0.0])  # type: ignore[arg-type]  # tested
 
 

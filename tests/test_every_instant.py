@@ -64,7 +64,7 @@ def test_random_plans_hold_when_sampled_a_thousand_times_a_step(scenario: rho.Sc
             assert distances.min() >= sphere.radius * (1 - 2e-6)
         limits = scenario.limits_of(vehicle).position
         if limits is not None:
-            room = 2e-6 * scenario.scale(vehicle, "position")
+            room = 2e-6 * scenario.fleet.lengths[scenario.index_of(vehicle.name)]
             assert np.all(dense >= limits.lower - room)
             assert np.all(dense <= limits.upper + room)
 

@@ -154,7 +154,7 @@ def test_what_is_planned_holds_by_other_means_too(scenario: rho.Scenario) -> Non
         limits = scenario.limits_of(vehicle)
         p, v = vehicle.start.position.copy(), vehicle.start.velocity.copy()
         before = vehicle.start.acceleration
-        way = vehicle.length_scale(scenario.grid.duration)
+        way = scenario.fleet.lengths[scenario.index_of(vehicle.name)]
         for a in plan.accelerations[index]:
             for sphere in scenario.obstacles:
                 assert np.linalg.norm(p - sphere.center) >= sphere.radius * (1 - 2e-6)

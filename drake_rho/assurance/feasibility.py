@@ -13,7 +13,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.conflict import least_breach
 from drake_rho.planning.errors import InfeasibleError, SolverError, diagnosed_by
 from drake_rho.planning.loop import constraints_around
-from drake_rho.planning.program import VehicleProgram
+from drake_rho.planning.program import Frame
 from drake_rho.planning.scp import first_plan, plan_scp
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Grid, Limits, Scenario, Vehicle
@@ -261,16 +261,12 @@ def _least_breach(scenario: Scenario, solver: SolverInterface | None) -> Plan:
 
 
 def _motions(scenario: Scenario, reference: Plan | None) -> Plan:
-    accelerations = []
-    constraints = constraints_around(scenario, reference)
-    for vehicle, own in zip(scenario.vehicles, constraints, strict=True):
-        try:
-            program = VehicleProgram(scenario, vehicle)
-        except InfeasibleError:  # a single step that misses the goal
-            accelerations.append(np.zeros((scenario.grid.knots - 1, 3)))
-            continue
-        present = [np.zeros(len(rows.times), dtype=bool) for rows in own.rows]
-        accelerations.append(least_breach(program, own.rows, present).accelerations)
+    frame, constraints = Frame(scenario), constraints_around(scenario, reference)
+    accelerations = [
+        # a single step that misses the goal leaves no choice
+        frame.free.accelerations[index] if hopeless else least_breach(frame, index, constraints)
+        for index, hopeless in enumerate(frame.hopeless)
+    ]
     return Plan.from_accelerations(scenario, np.array(accelerations))
 
 

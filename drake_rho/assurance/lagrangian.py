@@ -16,14 +16,11 @@ import dataclasses
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh, null_space
-from scipy.sparse import csc_matrix, identity, vstack
+from scipy.sparse import csc_array, vstack
 
-from drake_rho.motion.dynamics import position_response
-from drake_rho.planning.halfspaces import HalfSpaces
-from drake_rho.planning.loop import Task
-from drake_rho.planning.program import VehicleProgram, rows_of
+from drake_rho.planning.loop import Search
+from drake_rho.planning.program import rows_of
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Scenario
 
 _LEAST_CURVATURE = 1e-6
 """Least eigenvalue of the Hessian, over that of norm(u)², at which the minimum is computed."""
@@ -53,32 +50,32 @@ class Lagrangian:
         multipliers: y >= 0 that it proposes, shape (R,).
     """
 
-    def __init__(self, scenario: Scenario, task: Task) -> None:
-        program, result = task.program, task.result
-        if result is None:
-            raise ValueError("task: got one without a solution, expected a solved one")
-        self.unit = program.unit
-        self.solution = task.motion.accelerations / self.unit
-        self._free = null_space(program.goal_rows)
-        self._fixed = program.goal_rows.T @ program.goal_values / self.unit
-        obstacles = [_obstacle_terms(scenario, program, rows) for _, rows in program.rows]
-        duals = [np.maximum(result.GetDualSolution(each), 0.0) for each, _ in program.rows]
-        curved = [terms is not None for terms in obstacles]
-        kept = [terms for terms in obstacles if terms is not None]
-        steps = program.grid.knots - 1
-        self._pull = np.concatenate([np.zeros((0, steps)), *(each.pull for each in kept)])
-        self._offsets = np.concatenate([np.zeros((0, 3)), *(each.offsets for each in kept)])
-        self._radii = np.concatenate([np.zeros(0), *(each.radii for each in kept)])
-        pairs = zip(duals, obstacles, strict=True)
-        weights = [y / terms.lengths for y, terms in pairs if terms is not None]
-        self.weights = np.concatenate([np.zeros(0), *weights])
-        straight = [
-            (*rows_of(program, rows), y)
-            for (_, rows), y, bent in zip(program.rows, duals, curved, strict=True)
-            if not bent
-        ]
-        straight += _box_terms(program, task)
-        self._matrix = vstack([csc_matrix((0, 3 * steps)), *(each[0] for each in straight)]).tocsr()
+    def __init__(self, search: Search, vehicle: int) -> None:
+        frame = search.frame.alone(vehicle)
+        self.unit = float(frame.units[0])
+        self.solution = search.accelerations[vehicle] / self.unit
+        self._free = null_space(frame.goal_rows)
+        self._fixed = frame.free.accelerations[0] / self.unit
+        coasting = frame.free.with_accelerations(np.zeros_like(frame.free.accelerations))
+        bent: list[_ObstacleTerms] = []
+        straight: list[tuple[csc_array, FloatArray, FloatArray]] = []
+        for rows, y in search.multipliers(vehicle):
+            alone = dataclasses.replace(rows, vehicles=np.zeros_like(rows.vehicles))
+            if rows.name.startswith("obstacle"):
+                sphere = search.scenario.obstacles[int(rows.name.split()[1]) - 1]
+                pull = self.unit * alone.responses(frame.grid)
+                offsets = coasting.at("position", rows.times)[0] - sphere.center
+                radii = np.full(len(rows), sphere.radius)
+                bent.append(_ObstacleTerms(pull, offsets, radii, y / np.linalg.norm(pull, axis=1)))
+            else:
+                matrix, needed = rows_of(frame, 0, [alone])
+                straight.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
+        steps = frame.grid.knots - 1
+        self._pull = np.concatenate([np.zeros((0, steps)), *(each.pull for each in bent)])
+        self._offsets = np.concatenate([np.zeros((0, 3)), *(each.offsets for each in bent)])
+        self._radii = np.concatenate([np.zeros(0), *(each.radii for each in bent)])
+        self.weights = np.concatenate([np.zeros(0), *(each.weights for each in bent)])
+        self._matrix = vstack([csc_array((0, 3 * steps)), *(each[0] for each in straight)]).tocsr()
         self._lower = np.concatenate([np.zeros(0), *(each[1] for each in straight)])
         self.multipliers = np.concatenate([np.zeros(0), *(each[2] for each in straight)])
         self._only_used()
@@ -160,35 +157,4 @@ class _ObstacleTerms:
     pull: FloatArray  # what u adds to the position at each instant [m], shape (S, K-1)
     offsets: FloatArray  # where coasting is then, from the centre [m], shape (S, 3)
     radii: FloatArray  # [m], shape (S,)
-    lengths: FloatArray  # of the program's rows before they were made one [m], shape (S,)
-
-
-def _obstacle_terms(
-    scenario: Scenario, program: VehicleProgram, rows: HalfSpaces
-) -> _ObstacleTerms | None:
-    """What the Lagrangian needs of an obstacle's rows; None for rows of another constraint."""
-    if not rows.name.startswith("obstacle"):
-        return None
-    sphere = scenario.obstacles[int(rows.name.split()[1]) - 1]
-    pull = program.unit * position_response(program.grid.step, program.grid.knots, rows.times)
-    return _ObstacleTerms(
-        pull,
-        program.coasting.at("position", rows.times) - sphere.center,
-        np.full(len(rows.times), sphere.radius),
-        np.linalg.norm(pull, axis=1),
-    )
-
-
-def _box_terms(
-    program: VehicleProgram, task: Task
-) -> list[tuple[csc_matrix, FloatArray, FloatArray]]:
-    """The two sides of the acceleration box as rows, with their multipliers."""
-    if program.acceleration_box is None or task.result is None:
-        return []
-    sides = program.acceleration_box.evaluator()
-    y = task.result.GetDualSolution(program.acceleration_box)
-    every = identity(len(y), format="csc")
-    return [
-        (every, sides.lower_bound(), np.maximum(y, 0.0)),
-        (-every, -sides.upper_bound(), np.maximum(-y, 0.0)),
-    ]
+    weights: FloatArray  # λ [m], shape (S,): of rows of length one the multipliers are y

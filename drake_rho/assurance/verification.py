@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from drake_rho.motion.clearance import closest_approach, turning_points
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Flight, Plan
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import TOLERANCE, Quantity, Scenario, Vehicle
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.records import TOLERANCE, Quantity, Scenario
 
 _UNITS: dict[Quantity, str] = {
     "position": "m",
@@ -112,136 +112,186 @@ def verify(flown: Plan | Flight) -> Report:
         A report; `report.ok` says whether all holds.
     """
     plan = flown.plan if isinstance(flown, Flight) else flown
-    checks: list[Check] = []
-    for index, vehicle in enumerate(plan.scenario.vehicles):
-        step = plan.scenario.grid.step
-        motion = Motion.from_start(vehicle.start, plan.accelerations[index], step)
-        checks += _check_dynamics(plan, index, motion)
-        checks += _check_goal(plan.scenario, vehicle, motion)
-        checks += _check_boxes(plan.scenario, vehicle, motion)
-        checks += _check_obstacles(plan.scenario, vehicle, motion)
-    return Report(plan.scenario, tuple(checks))
+    scenario, fleet = plan.scenario, plan.scenario.fleet
+    motion = Motion.from_starts(fleet, plan.accelerations, scenario.grid.step)
+    columns = [
+        *_check_dynamics(plan, motion),
+        *_check_goal(scenario, motion),
+        *_check_boxes(scenario, motion),
+        *_check_obstacles(scenario, motion),
+    ]
+    names = [vehicle.name for vehicle in scenario.vehicles]
+    by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
+    checks = (check for checks in by_vehicle for check in checks if check is not None)
+    return Report(scenario, tuple(checks))
 
 
-def _check_dynamics(plan: Plan, index: int, motion: Motion) -> Iterator[Check]:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Column:
+    """One check of every vehicle: what `Check` has, as arrays of shape (N,)."""
+
+    constraint: str
+    parts: Sequence[str]
+    times: FloatArray
+    values: FloatArray
+    limits: FloatArray
+    excess: FloatArray
+    tolerances: FloatArray
+    unit: str
+    asked: bool = True
+    due: BoolArray | None = None  # which vehicles have this constraint; None for all
+
+    def checks(self, names: Sequence[str]) -> Iterator[Check | None]:
+        """The check of each vehicle; None where it does not have the constraint."""
+        numbers = (self.times, self.values, self.limits, self.excess, self.tolerances)
+        rows = zip(*(each.tolist() for each in numbers), strict=True)
+        due = [True] * len(names) if self.due is None else self.due.tolist()
+        for has_it, name, part, (time, value, limit, excess, tolerance) in zip(
+            due, names, self.parts, rows, strict=True
+        ):
+            if not has_it:
+                yield None
+                continue
+            yield Check(
+                vehicle=name,
+                constraint=self.constraint,
+                part=part,
+                time=time,
+                value=value,
+                limit=limit,
+                excess=excess,
+                tolerance=tolerance,
+                unit=self.unit,
+                asked=self.asked,
+            )
+
+
+def _check_dynamics(plan: Plan, motion: Motion) -> Iterator[_Column]:
     """(1)-(2): the plan's own positions and velocities are those that are flown."""
-    vehicle = plan.scenario.vehicles[index]
     pairs: tuple[tuple[Quantity, FloatArray, FloatArray], ...] = (
-        ("position", plan.positions[index], motion.positions),
-        ("velocity", plan.velocities[index], motion.velocities),
+        ("position", plan.positions, motion.positions),
+        ("velocity", plan.velocities, motion.velocities),
     )
     for quantity, own, flown in pairs:
-        differences = np.linalg.norm(own - flown, axis=1)
-        k = int(np.argmax(differences))
-        yield _difference(
-            plan.scenario, vehicle, "dynamics", quantity, plan.times[k], differences[k]
-        )
+        differences = np.linalg.norm(own - flown, axis=2)
+        k = np.argmax(differences, axis=1)
+        largest = _pick(differences, k)
+        yield _difference(plan.scenario, "dynamics", quantity, plan.times[k], largest)
 
 
-def _check_goal(scenario: Scenario, vehicle: Vehicle, motion: Motion) -> Iterator[Check]:
+def _check_goal(scenario: Scenario, motion: Motion) -> Iterator[_Column]:
     """(3): the last knot is the goal. The first is the start by construction."""
     pairs: tuple[tuple[Quantity, FloatArray, FloatArray], ...] = (
-        ("position", motion.positions[-1], vehicle.goal.position),
-        ("velocity", motion.velocities[-1], vehicle.goal.velocity),
+        ("position", motion.positions[:, -1], scenario.fleet.goal_positions),
+        ("velocity", motion.velocities[:, -1], scenario.fleet.goal_velocities),
     )
     for quantity, reached, wanted in pairs:
-        missed = np.linalg.norm(reached - wanted)
-        yield _difference(scenario, vehicle, "goal", quantity, scenario.grid.duration, missed)
+        missed = np.linalg.norm(reached - wanted, axis=1)
+        times = np.full(len(missed), scenario.grid.duration)
+        yield _difference(scenario, "goal", quantity, times, missed)
 
 
 def _difference(
-    scenario: Scenario,
-    vehicle: Vehicle,
-    constraint: str,
-    quantity: Quantity,
-    time: float,
-    value: np.floating,
-) -> Check:
-    """A check of something that should be zero."""
-    return Check(
-        vehicle=vehicle.name,
+    scenario: Scenario, constraint: str, quantity: Quantity, times: FloatArray, values: FloatArray
+) -> _Column:
+    """Checks of something that should be zero."""
+    return _Column(
         constraint=constraint,
-        part=quantity,
-        time=float(time),
-        value=float(value),
-        limit=0.0,
-        excess=float(value),
-        tolerance=TOLERANCE * scenario.scale(vehicle, quantity),
+        parts=[quantity] * len(values),
+        times=times,
+        values=values,
+        limits=np.zeros(len(values)),
+        excess=values,
+        tolerances=TOLERANCE * scenario.fleet.scale(quantity),
         unit=_UNITS[quantity],
     )
 
 
-def _check_boxes(scenario: Scenario, vehicle: Vehicle, motion: Motion) -> Iterator[Check]:
+def _check_boxes(scenario: Scenario, motion: Motion) -> Iterator[_Column]:
     """(4) to (7)."""
     times = scenario.grid.times
     values: dict[Quantity, FloatArray] = {
         "position": motion.positions,
         "velocity": motion.velocities,
         "acceleration": motion.accelerations,
-        "jerk": motion.at("jerk", times[:-1]),
+        "jerk": motion.jerks(),
     }
-    first = {"jerk": 1 if vehicle.start.acceleration is None else 0}  # free of a jerk limit
     for quantity, flown in values.items():
-        skipped = first.get(quantity, 0)
-        yield from _check_box(
-            scenario, vehicle, quantity, AT_KNOTS, times[skipped:], flown[skipped:]
-        )
+        yield from _check_box(scenario, quantity, AT_KNOTS, times[: flown.shape[1]], flown)
     turns, positions = turning_points(motion)
-    every = np.concatenate([motion.positions, positions])
-    instants = np.concatenate([np.repeat(times[:, None], 3, axis=1), turns])
-    yield from _check_box(scenario, vehicle, "position", AT_ALL_TIMES, instants, every)
+    every = np.concatenate([motion.positions, positions], axis=1)
+    knots = np.broadcast_to(times[:, None], motion.positions.shape)
+    when = np.concatenate([knots, turns], axis=1)
+    yield from _check_box(scenario, "position", AT_ALL_TIMES, when, every)
 
 
 def _check_box(
-    scenario: Scenario,
-    vehicle: Vehicle,
-    quantity: Quantity,
-    when: str,
-    times: FloatArray,
-    values: FloatArray,
-) -> Iterator[Check]:
-    """One box, if the vehicle has it; times of shape (M,) or, for each axis its own, (M, 3)."""
-    box = getattr(scenario.limits_of(vehicle), quantity)
-    if box is None or len(values) == 0:
+    scenario: Scenario, quantity: Quantity, when: str, times: FloatArray, values: FloatArray
+) -> Iterator[_Column]:
+    """One box: the side that is most exceeded, or closest to it, of each vehicle.
+
+    Args:
+        scenario: what is asked.
+        quantity: what the box bounds.
+        when: the instants that are looked at, in words.
+        times: these instants [s], shape (M,) or, each value its own, (N, M, 3).
+        values: of every vehicle, shape (N, M, 3).
+    """
+    bounds = scenario.fleet.bounds(quantity)
+    if bounds is None:
         return
-    tolerances = box.tolerance(scenario.scale(vehicle, quantity))
-    excess = np.stack([box.lower - values, values - box.upper])
-    side, k, axis = np.unravel_index(np.argmax(excess / tolerances), excess.shape)
-    where = f"{'xyz'[axis]} {('lower', 'upper')[side]}"
-    yield Check(
-        vehicle=vehicle.name,
+    excess = np.stack([bounds.lower[:, None] - values, values - bounds.upper[:, None]], axis=1)
+    due = np.isfinite(bounds.lower[:, 0])
+    if quantity == "jerk":  # no limit on the first, where no acceleration is given before it
+        free = np.isnan(scenario.fleet.accelerations_before[:, 0])
+        excess[free, :, 0] = -np.inf
+        due &= ~free | (values.shape[1] > 1)
+    badness = np.where(np.isnan(excess), np.inf, excess / bounds.tolerances[:, None, None])
+    worst = np.argmax(badness.reshape(len(values), -1), axis=1)
+    side, k, axis = np.unravel_index(worst, excess.shape[1:])
+    i = np.arange(len(values))
+    yield _Column(
         constraint=f"{quantity} box",
-        part=f"{where}{' ' + when if quantity == 'position' else ''}",
-        time=float(times[k, axis] if times.ndim == 2 else times[k]),
-        value=float(values[k, axis]),
-        limit=float((box.lower, box.upper)[side][axis]),
-        excess=float(excess[side, k, axis]),
-        tolerance=float(tolerances[axis]),
+        parts=[
+            f"{'xyz'[x]} {('lower', 'upper')[s]}{' ' + when if quantity == 'position' else ''}"
+            for s, x in zip(side, axis, strict=True)
+        ],
+        times=times[i, k, axis] if times.ndim == 3 else times[k],
+        values=values[i, k, axis],
+        limits=np.where(side == 0, bounds.lower[i, axis], bounds.upper[i, axis]),
+        excess=excess[i, side, k, axis],
+        tolerances=bounds.tolerances[i, axis],
         unit=_UNITS[quantity],
         asked=when == AT_KNOTS or scenario.between_knots,
+        due=due,
     )
 
 
-def _check_obstacles(scenario: Scenario, vehicle: Vehicle, motion: Motion) -> Iterator[Check]:
+def _check_obstacles(scenario: Scenario, motion: Motion) -> Iterator[_Column]:
     """(8), at the knots and at every instant."""
     for number, sphere in enumerate(scenario.obstacles, start=1):
-        distances = np.linalg.norm(motion.positions - sphere.center, axis=1)
-        k = int(np.argmin(distances))
-        knot = (scenario.grid.times[k], distances[k])
+        distances = np.linalg.norm(motion.positions - sphere.center, axis=2)
+        k = np.argmin(distances, axis=1)
+        knots = (scenario.grid.times[k], _pick(distances, k))
         nearest = closest_approach(motion, sphere.center).nearest()
-        for part, (time, distance) in ((AT_KNOTS, knot), (AT_ALL_TIMES, nearest)):
-            yield Check(
-                vehicle=vehicle.name,
+        for part, (times, values) in ((AT_KNOTS, knots), (AT_ALL_TIMES, nearest)):
+            yield _Column(
                 constraint=f"obstacle {number}",
-                part=part,
-                time=float(time),
-                value=float(distance),
-                limit=sphere.radius,
-                excess=sphere.radius - float(distance),
-                tolerance=sphere.tolerance,
+                parts=[part] * len(values),
+                times=times,
+                values=values,
+                limits=np.full(len(values), sphere.radius),
+                excess=sphere.radius - values,
+                tolerances=np.full(len(values), sphere.tolerance),
                 unit="m",
                 asked=part == AT_KNOTS or scenario.between_knots,
             )
+
+
+def _pick(values: FloatArray, k: IntArray) -> FloatArray:
+    """The k[i]-th of each row i."""
+    picked: FloatArray = np.take_along_axis(values, k[:, None], axis=1)[:, 0]
+    return picked
 
 
 def _kind(check: Check) -> tuple[str, bool]:

@@ -3,7 +3,8 @@
 In every step a motion is quadratic in time, so its squared distance from a point is a quartic and
 the derivative of that a cubic. A cubic is monotone between the roots of its own derivative, which
 are those of a quadratic: in each of these at most three pieces of a step its root, if there is
-one, is found by bisection to the last digit. Everything is vectorised over leading axes.
+one, is found to the last digit by Newton's steps, and by bisection where these lead outside.
+Everything is vectorised over leading axes.
 """
 
 from __future__ import annotations
@@ -14,10 +15,13 @@ from itertools import pairwise
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 
-_HALVINGS = 60
-"""Bisections of a piece: past the last digit of a double."""
+_STEPS = 60
+"""Bound on the steps to a root; bisections alone would be past the last digit of a double."""
+
+_LAST_DIGIT = 1e-15
+"""Relative change of a root below which it is found."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +42,18 @@ class Approach:
         )
 
 
+@dataclasses.dataclass(frozen=True)
+class Dips:
+    """Closest approaches that are too close, one for each step that has one."""
+
+    vehicles: IntArray
+    """whose, as indices into the motions, shape (D,)"""
+    times: FloatArray
+    """when, since the first knot [s], shape (D,)"""
+    distances: FloatArray
+    """how close [m], shape (D,)"""
+
+
 def closest_approach(motion: Motion, center: FloatArray) -> Approach:
     """The exact least distance of a motion from a point, in every step.
 
@@ -49,15 +65,42 @@ def closest_approach(motion: Motion, center: FloatArray) -> Approach:
         Times and distances, shape (..., K-1).
     """
     h = motion.step
-    p, v, a = (
-        motion.positions[..., :-1, :] - center,
-        motion.velocities[..., :-1, :],
-        motion.accelerations,
-    )
+    p, v, a = _steps_from(motion, center)
     s = _nearest_moments(p, v, a, h)
     at = p + s[..., None] * (v + s[..., None] / 2 * a)
     times = h * np.arange(a.shape[-2]) + s
     return Approach(times, np.linalg.norm(at, axis=-1))
+
+
+def dips(motion: Motion, center: FloatArray, radius: float) -> Dips:
+    """The steps of several motions that come closer to a point than `radius`, and where.
+
+    Only steps that begin close enough to get there are looked at.
+
+    Args:
+        motion: of several vehicles, arrays of shape (N, ..., 3).
+        center: the point [m], shape (3,).
+        radius: distance [m].
+    """
+    h = motion.step
+    p, v, a = _steps_from(motion, center)
+    reach = np.linalg.norm(p, axis=-1)
+    reach -= h * (np.linalg.norm(v, axis=-1) + h / 2 * np.linalg.norm(a, axis=-1))
+    vehicles, steps = np.nonzero(reach < radius)
+    p, v, a = p[vehicles, steps], v[vehicles, steps], a[vehicles, steps]
+    s = _nearest_moments(p, v, a, h)[:, None]
+    distances = np.linalg.norm(p + s * (v + s / 2 * a), axis=-1)
+    close = distances < radius
+    return Dips(vehicles[close], (h * steps + s[:, 0])[close], distances[close])
+
+
+def _steps_from(motion: Motion, center: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position from `center`, velocity and acceleration at the beginning of each step."""
+    return (
+        motion.positions[..., :-1, :] - center,
+        motion.velocities[..., :-1, :],
+        motion.accelerations,
+    )
 
 
 def _nearest_moments(p: FloatArray, v: FloatArray, a: FloatArray, h: float) -> FloatArray:
@@ -106,19 +149,27 @@ def _rising_root(
 ) -> FloatArray:
     """Where the cubic goes from below to above zero between `low` and `high`, else `low`."""
     c0, c1, c2, c3 = coefficients
-
-    def slope(s: FloatArray) -> FloatArray:
-        return c0 + s * (c1 + s * (c2 + s * c3))
-
-    rises = (slope(low) < 0) & (slope(high) > 0)
+    rises = (c0 + low * (c1 + low * (c2 + low * c3)) < 0) & (
+        c0 + high * (c1 + high * (c2 + high * c3)) > 0
+    )
     if not np.any(rises):
         return low
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        below = slope(middle) < 0
-        low = np.where(rises & below, middle, low)
-        high = np.where(rises & ~below, middle, high)
-    return low
+    roots = np.array(low)
+    c0, c1, c2, c3, low, high = (each[rises] for each in (c0, c1, c2, c3, low, high))
+    s = (low + high) / 2
+    for _ in range(_STEPS):
+        value = c0 + s * (c1 + s * (c2 + s * c3))
+        low, high = np.where(value < 0, s, low), np.where(value < 0, high, s)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = s - value / (c1 + s * (2 * c2 + s * 3 * c3))
+        inside = (newton > low) & (newton < high)  # never with a NaN
+        following = np.where(inside, newton, (low + high) / 2)
+        moved = np.abs(following - s) > _LAST_DIGIT * high
+        s = following
+        if not np.any(moved):
+            break
+    roots[rises] = s
+    return roots
 
 
 def turning_points(motion: Motion) -> tuple[FloatArray, FloatArray]:

@@ -13,8 +13,9 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Quantity, State
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.parts import Quantity, State
 
 
 def acceleration_before(start: State) -> FloatArray:
@@ -68,38 +69,74 @@ class Motion:
         p, v = roll_out(start.position, start.velocity, accelerations, step)
         return cls(step, p, v, accelerations, acceleration_before(start))
 
-    def at(self, quantity: Quantity, times: npt.ArrayLike) -> FloatArray:
-        """Exact position [m], velocity [m/s] or jerk [m/s³] at `times` [s].
+    @classmethod
+    def from_starts(cls, fleet: Fleet, accelerations: FloatArray, step: float) -> Self:
+        """The motions of a scenario's vehicles that fly `accelerations`, shape (N, K-1, 3)."""
+        p, v = roll_out(fleet.start_positions, fleet.start_velocities, accelerations, step)
+        return cls(step, p, v, accelerations, fleet.accelerations_before)
 
-        Times outside the flight follow its first or last step. Jerk is known at the knots that
-        begin a step: its value at a time is that of the nearest of them.
+    def with_accelerations(self, accelerations: FloatArray) -> Motion:
+        """The motions that fly other accelerations from the same starts."""
+        p, v = self.positions[..., 0, :], self.velocities[..., 0, :]
+        p, v = roll_out(p, v, accelerations, self.step)
+        return Motion(self.step, p, v, accelerations, self.before)
+
+    def of(self, vehicles: IntArray | slice) -> Motion:
+        """The motions of some of the vehicles."""
+        return Motion(
+            self.step,
+            self.positions[vehicles],
+            self.velocities[vehicles],
+            self.accelerations[vehicles],
+            self.before[vehicles],
+        )
+
+    def at(self, quantity: Quantity, times: npt.ArrayLike) -> FloatArray:
+        """Exact position [m], velocity [m/s], acceleration [m/s²] or jerk [m/s³] at `times` [s].
+
+        Times outside the flight follow its first or last step. Acceleration and jerk are known at
+        the knots that begin a step: their value at a time is that of the nearest of them.
 
         Args:
-            quantity: which of the three.
+            quantity: which of the four.
             times: since the first knot, shape (M,) or a single one.
 
         Returns:
             Values of shape (..., M, 3).
 
         Raises:
-            ValueError: the quantity is none of the three.
+            ValueError: the quantity is none of the four.
         """
+        times = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        return self._at(quantity, times, lambda array, k: array[..., k, :])
+
+    def each_at(self, quantity: Quantity, vehicles: IntArray, times: FloatArray) -> FloatArray:
+        """The same of one vehicle at each time: arrays of shape (M,) give values (M, 3)."""
+        return self._at(quantity, times, lambda array, k: array[vehicles, k])
+
+    def _at(
+        self,
+        quantity: Quantity,
+        times: FloatArray,
+        pick: Callable[[FloatArray, IntArray], FloatArray],
+    ) -> FloatArray:
         if quantity not in RESPONSES:
             raise ValueError(f"quantity: got {quantity!r}, expected one of {', '.join(RESPONSES)}")
-        times = np.atleast_1d(np.asarray(times, dtype=np.float64))
         last = self.accelerations.shape[-2] - 1
-        if quantity == "jerk":
-            return self._jerks()[..., np.clip(np.rint(times / self.step).astype(int), 0, last), :]
+        if quantity in ("acceleration", "jerk"):
+            k = np.clip(np.rint(times / self.step).astype(int), 0, last)
+            return pick(self.accelerations if quantity == "acceleration" else self.jerks(), k)
         k = np.clip((times / self.step).astype(int), 0, last)
         s = (times - k * self.step)[:, None]
-        v, a = self.velocities[..., k, :], self.accelerations[..., k, :]
+        v, a = pick(self.velocities, k), pick(self.accelerations, k)
         velocities: FloatArray = v + s * a
         if quantity == "velocity":
             return velocities
-        positions: FloatArray = self.positions[..., k, :] + s / 2 * (v + velocities)
+        positions: FloatArray = pick(self.positions, k) + s / 2 * (v + velocities)
         return positions
 
-    def _jerks(self) -> FloatArray:
+    def jerks(self) -> FloatArray:
+        """j[k] (7) at the knots that begin a step [m/s³], shape (..., K-1, 3)."""
         a = self.accelerations
         before = np.where(np.isnan(self.before), a[..., 0, :], self.before)
         return np.diff(a, axis=-2, prepend=before[..., None, :]) / self.step
@@ -165,9 +202,26 @@ def jerk_response(step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
     return response
 
 
+def acceleration_response(step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
+    """What one unit of each acceleration adds to the acceleration at a knot: 1 to its own.
+
+    Args:
+        step: h [s].
+        knots: K.
+        times: of knots, since the first one [s], shape (M,).
+
+    Returns:
+        The response [1], shape (M, K-1).
+    """
+    k = np.rint(np.asarray(times) / step)[:, None]
+    response: FloatArray = (np.arange(knots - 1) == k).astype(np.float64)
+    return response
+
+
 RESPONSES: dict[Quantity, Callable[[float, int, npt.ArrayLike], FloatArray]] = {
     "position": position_response,
     "velocity": velocity_response,
+    "acceleration": acceleration_response,
     "jerk": jerk_response,
 }
 """The response of each quantity that `Motion.at` knows."""

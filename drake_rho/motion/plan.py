@@ -6,14 +6,12 @@ import dataclasses
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ConfigDict
 
-from drake_rho.motion.dynamics import Motion, acceleration_before, roll_out
-from drake_rho.scenario.fields import FloatArray, locked
-from drake_rho.scenario.records import Box, Grid, Quantity, Scenario, State
-
-IntArray = npt.NDArray[np.int64]
+from drake_rho.motion.dynamics import Motion
+from drake_rho.scenario.fields import FloatArray, IntArray, locked, unchecked
+from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.records import Scenario
 
 if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
@@ -91,13 +89,8 @@ class Plan:
         cls, scenario: Scenario, accelerations: FloatArray, statistics: Statistics | None = None
     ) -> Self:
         """The plan that flies `accelerations` [m/s²], shape (N, K-1, 3), from the starts."""
-        starts = [vehicle.start for vehicle in scenario.vehicles]
-        positions, velocities = roll_out(
-            np.array([start.position for start in starts]),
-            np.array([start.velocity for start in starts]),
-            accelerations,
-            scenario.grid.step,
-        )
+        motion = Motion.from_starts(scenario.fleet, accelerations, scenario.grid.step)
+        positions, velocities = motion.positions, motion.velocities
         return cls(scenario, positions, velocities, accelerations, statistics or Statistics())
 
     @property
@@ -122,9 +115,13 @@ class Plan:
 
     def motion(self) -> Motion:
         """The motion of all vehicles, to be asked at any time; arrays of shape (N, ..., 3)."""
-        step = self.scenario.grid.step
-        before = np.array([acceleration_before(each.start) for each in self.scenario.vehicles])
-        return Motion(step, self.positions, self.velocities, self.accelerations, before)
+        return Motion(
+            self.scenario.grid.step,
+            self.positions,
+            self.velocities,
+            self.accelerations,
+            self.scenario.fleet.accelerations_before,
+        )
 
     def motions(self) -> list[Motion]:
         """The motion of each vehicle alone."""
@@ -168,33 +165,20 @@ class Plan:
             raise ValueError(f"knot: got {knot}, expected {expected}")
         if knot == 0:
             return self.scenario
-        grid = Grid(self.scenario.grid.step, self.scenario.grid.knots - knot)
-        vehicles = tuple(
-            dataclasses.replace(
-                vehicle,
-                start=self._state(i, knot),
-            )
-            for i, vehicle in enumerate(self.scenario.vehicles)
+        return self.scenario.from_states(
+            unchecked(self.scenario.grid, knots=self.scenario.grid.knots - knot),
+            self._kept("position", self.positions[:, knot]),
+            self._kept("velocity", self.velocities[:, knot]),
+            self._kept("acceleration", self.accelerations[:, knot - 1]),
         )
-        return dataclasses.replace(self.scenario, grid=grid, vehicles=vehicles)
 
-    def _state(self, index: int, knot: int) -> State:
-        """The state of a vehicle; rounding does not put it outside a box that it keeps to."""
-        vehicle = self.scenario.vehicles[index]
-        limits = self.scenario.limits_of(vehicle)
-
-        def kept(quantity: Quantity, value: FloatArray, box: Box | None) -> FloatArray:
-            if box is None:
-                return value
-            inside = np.clip(value, box.lower, box.upper)
-            tolerance = box.tolerance(self.scenario.scale(vehicle, quantity))
-            return inside if np.all(np.abs(inside - value) <= tolerance) else value
-
-        return State(
-            kept("position", self.positions[index, knot], limits.position),
-            kept("velocity", self.velocities[index, knot], limits.velocity),
-            kept("acceleration", self.accelerations[index, knot - 1], limits.acceleration),
-        )
+    def _kept(self, quantity: Quantity, values: FloatArray) -> FloatArray:
+        """Values of all vehicles; rounding does not put them outside a box that they keep to."""
+        bounds = self.scenario.fleet.bounds(quantity)
+        if bounds is None:
+            return values
+        bounds.check(f"start.{quantity}", values)
+        return np.clip(values, bounds.lower, bounds.upper)
 
     def tail(self, knot: int) -> Plan:
         """What is left of the plan from `knot` (counted from 0) on, as a plan of its own."""

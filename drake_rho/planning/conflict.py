@@ -13,14 +13,16 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram
-from scipy.sparse import csc_matrix, hstack, identity
+from scipy.ndimage import maximum_filter1d
+from scipy.sparse import csc_array, csc_matrix, eye_array, hstack
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.constraints import Constraint
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.halfspaces import BoolArray, HalfSpaces
-from drake_rho.planning.program import VehicleProgram, rows_of
+from drake_rho.planning.halfspaces import HalfSpaces
+from drake_rho.planning.program import Frame, add_rows, rows_of
 from drake_rho.planning.solve import solve
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray
 
 _NO_PART = 1e-6
 """Multipliers below this part of the largest one count as zero."""
@@ -32,15 +34,28 @@ this in total they count as met."""
 _ROUNDS = 40
 """Bound on the rounds of one trial; each adds rows, soon whole neighbourhoods of them."""
 
-_BOX = "acceleration box"
+_GOALS = ("goal x", "goal y", "goal z")
+
+_HARD = "acceleration box"
+"""Can always be met by itself, so it does not give way."""
 
 
 @dataclasses.dataclass
 class _Rows:
-    """A constraint, and which of its rows have been needed so far."""
+    """A constraint of one vehicle, and which of its rows have been needed so far."""
 
     all: HalfSpaces
+    """those at the knots, side by side, and then those already in the vehicle's program"""
     present: BoolArray
+    knots: int
+    """rows at the knots"""
+    sides: int
+
+    def near(self, rows: BoolArray, reach: int) -> BoolArray:
+        """The mask `rows` and, at the knots, neighbours of the same side up to `reach` away."""
+        by_side = rows[: self.knots].reshape(-1, self.sides)
+        near = maximum_filter1d(by_side, 2 * reach + 1, axis=0, mode="constant")
+        return np.concatenate([near.reshape(-1), rows[self.knots :]])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,54 +71,72 @@ class _Elastic:
 
 
 def conflict(
-    of: VehicleProgram, constraints: Sequence[HalfSpaces], present: Sequence[BoolArray]
+    frame: Frame, vehicle: int, constraints: Sequence[Constraint], present: Sequence[HalfSpaces]
 ) -> tuple[str, ...]:
     """Names of constraints, with axes and times, that cannot be met together.
 
     Args:
-        of: a program without a solution.
-        constraints: everything the vehicle has to keep to beside its goal and acceleration box.
-        present: which rows of each constraint are in the program.
+        frame: of the scenario.
+        vehicle: the index of one whose program has no solution.
+        constraints: everything the vehicles have to keep to beside their goals.
+        present: the rows in the program.
 
     Raises:
         SolverError: an elastic program cannot be solved.
     """
-    rows = {
-        each.name: _Rows(each, mask.copy()) for each, mask in zip(constraints, present, strict=True)
-    }
-    box = [] if of.acceleration_box is None else [_BOX]
-    names = [*(f"goal {axis}" for axis in "xyz"), *box, *rows]
-    kept = [name for name in names if name in _solve_elastic(of, names, rows).weights]
+    alone = frame.alone(vehicle)
+    rows = _rows(vehicle, constraints, present)
+    names = [*_GOALS, *rows]
+    kept = [name for name in names if name in _solve_elastic(alone, names, rows).weights]
     for name in list(kept):
         without = [other for other in kept if other != name]
-        if _cannot_be_met(of, without, rows):
+        if _cannot_be_met(alone, without, rows):
             kept = without
-    weights = _solve_elastic(of, kept, rows).weights
+    weights = _solve_elastic(alone, kept, rows).weights
     return tuple(_describe(name, weights[name], rows) for name in kept if name in weights)
 
 
-def least_breach(
-    of: VehicleProgram, constraints: Sequence[HalfSpaces], present: Sequence[BoolArray]
-) -> Motion:
+def least_breach(frame: Frame, vehicle: int, constraints: Sequence[Constraint]) -> FloatArray:
     """The motion that breaks goal and constraints least in total, each in its own scale.
 
     Args:
-        of: a program, with or without a solution.
+        frame: of the scenario.
+        vehicle: the index of one, with or without a plan.
         constraints: as for `conflict`.
-        present: as for `conflict`.
+
+    Returns:
+        Its accelerations [m/s²], shape (K-1, 3).
 
     Raises:
         SolverError: an elastic program cannot be solved.
     """
-    masks = zip(constraints, present, strict=True)
-    rows = {each.name: _Rows(each, mask.copy()) for each, mask in masks}
-    box = [] if of.acceleration_box is None else [_BOX]
-    names = [*(f"goal {axis}" for axis in "xyz"), *box, *rows]
+    alone = frame.alone(vehicle)
+    rows = _rows(vehicle, constraints, ())
+    names = [*_GOALS, *rows]
     for number in range(_ROUNDS):
-        elastic = _solve_elastic(of, names, rows)
+        elastic = _solve_elastic(alone, names, rows)
         if not _add_needed(list(rows.values()), elastic.motion, number):
             break
-    return elastic.motion
+    accelerations: FloatArray = elastic.motion.accelerations[0]
+    return accelerations
+
+
+def _rows(
+    vehicle: int, constraints: Sequence[Constraint], present: Sequence[HalfSpaces]
+) -> dict[str, _Rows]:
+    """For each constraint every row at the knots, none of them needed yet, and those present."""
+    found = {}
+    for constraint in constraints:
+        knots = constraint.rows_of(vehicle)
+        own = [part.of(vehicle) for part in present if part.name == constraint.name]
+        rows = HalfSpaces.joined([knots, *own])
+        found[constraint.name] = _Rows(
+            dataclasses.replace(rows, vehicles=np.zeros_like(rows.vehicles)),
+            np.arange(len(rows)) >= len(knots),
+            len(knots),
+            constraint.sides,
+        )
+    return found
 
 
 def _add_needed(each_of: Sequence[_Rows], motion: Motion, number: int) -> bool:
@@ -112,18 +145,18 @@ def _add_needed(each_of: Sequence[_Rows], motion: Motion, number: int) -> bool:
     for each in each_of:
         broken = ~each.present & (each.all.margins(motion) < -each.all.tolerances)
         if np.any(broken):
-            each.present |= each.all.near(broken, 2**number)
+            each.present |= each.near(broken, 2**number)
             found = True
     return found
 
 
-def _cannot_be_met(of: VehicleProgram, names: Sequence[str], rows: dict[str, _Rows]) -> bool:
+def _cannot_be_met(alone: Frame, names: Sequence[str], rows: dict[str, _Rows]) -> bool:
     """Whether the constraints `names` contradict each other, with all their rows.
 
     Rows that are found to be needed become present.
     """
     for number in range(_ROUNDS):
-        elastic = _solve_elastic(of, names, rows)
+        elastic = _solve_elastic(alone, names, rows)
         if elastic.total > _MET:
             return True
         needed = [rows[name] for name in names if name in rows]
@@ -132,28 +165,28 @@ def _cannot_be_met(of: VehicleProgram, names: Sequence[str], rows: dict[str, _Ro
     raise SolverError(f"a conflict could not be narrowed down in {_ROUNDS} rounds")
 
 
-def _solve_elastic(of: VehicleProgram, names: Sequence[str], rows: dict[str, _Rows]) -> _Elastic:
+def _solve_elastic(alone: Frame, names: Sequence[str], rows: dict[str, _Rows]) -> _Elastic:
     """Break the present rows of the constraints `names` as little as possible."""
+    steps = alone.grid.knots - 1
     elastic = MathematicalProgram()
-    variables = of.accelerations.reshape(-1)
-    elastic.AddDecisionVariables(variables)
+    u = elastic.NewContinuousVariables(3 * steps)
     bindings = {}
-    for axis, goal in zip("xyz", of.goal, strict=True):
-        if f"goal {axis}" in names:
-            equality = goal.evaluator()
-            bindings[f"goal {axis}"] = _add_elastic(
-                elastic,
-                equality.get_sparse_A(),
-                equality.lower_bound(),
-                goal.variables(),
-                both_ways=True,
-            )
+    for axis, name in enumerate(_GOALS):
+        if name in names:
+            goal = np.zeros((len(alone.goal_rows), 3 * steps))
+            goal[:, axis::3] = alone.goal_rows
+            zero = np.zeros(len(goal))
+            bindings[name] = _add_elastic(elastic, csc_array(goal), zero, u, both_ways=True)
     for name in names:
-        if name in rows and np.any(rows[name].present):
-            matrix, lower = rows_of(of, rows[name].all.select(rows[name].present))
-            bindings[name] = _add_elastic(elastic, matrix, lower, variables, both_ways=False)
-    if _BOX in names:  # can always be met, so it stays hard
-        bindings[_BOX] = elastic.AddConstraint(of.acceleration_box)
+        if name in rows and (name == _HARD or np.any(rows[name].present)):
+            if name == _HARD:
+                rows[name].present[:] = True
+            needed = rows[name].all.select(rows[name].present)
+            matrix, lower = rows_of(alone, 0, [needed])
+            if name == _HARD:
+                bindings[name] = add_rows(elastic, csc_matrix(matrix), lower, u)
+            else:
+                bindings[name] = _add_elastic(elastic, matrix, lower, u, both_ways=False)
     (solution,) = solve([elastic])
     multipliers = {
         name: np.abs(solution.result.GetDualSolution(binding)) for name, binding in bindings.items()
@@ -164,14 +197,14 @@ def _solve_elastic(of: VehicleProgram, names: Sequence[str], rows: dict[str, _Ro
         for name, each in multipliers.items()
         if np.any(each > least)
     }
-    accelerations = of.unit * solution.result.GetSolution(of.accelerations).reshape(-1, 3)
-    motion = Motion.from_start(of.vehicle.start, accelerations, of.grid.step)
+    from_free = alone.units[0] * solution.result.GetSolution(u).reshape(1, -1, 3)
+    motion = alone.free.with_accelerations(alone.free.accelerations + from_free)
     return _Elastic(float(solution.result.get_optimal_cost()), weights, motion)
 
 
 def _add_elastic(
     elastic: MathematicalProgram,
-    matrix: csc_matrix,
+    matrix: csc_array,
     lower: FloatArray,
     variables: np.ndarray,
     *,
@@ -179,12 +212,13 @@ def _add_elastic(
 ) -> object:
     """Rows matrix @ variables >= (or, both ways, ==) lower that may give way, at that cost."""
     size = len(lower)
-    ways = [identity(size), -identity(size)] if both_ways else [identity(size)]
+    one = eye_array(size)
+    ways = [one, -one] if both_ways else [one]
     give = elastic.NewContinuousVariables(size * len(ways), "give")
     elastic.AddBoundingBoxConstraint(0.0, np.inf, give)
     elastic.AddLinearCost(np.ones(give.size), give)
     return elastic.AddLinearConstraint(
-        hstack([matrix, *ways], format="csc"),
+        csc_matrix(hstack([matrix, *ways], format="csc")),
         lower,
         lower if both_ways else np.full(size, np.inf),
         np.concatenate([variables, give]),
@@ -193,12 +227,14 @@ def _add_elastic(
 
 def _describe(name: str, weights: FloatArray, rows: dict[str, _Rows]) -> str:
     """One constraint by its name, with the axes of its sides if it is a box, and its times."""
-    if name == _BOX:
-        return f"{name} {_axes(np.any(weights.reshape(-1, 3), axis=0))}"
     if name not in rows:  # an axis of the goal
         return name
-    part = rows[name].all.select(rows[name].present).select(weights > 0)
-    sides = f" {_axes(np.any(part.normals, axis=0))}" if part.sides > 1 else ""
+    own = rows[name]
+    part = own.all.select(own.present).select(weights > 0)
+    axes = np.any(part.normals, axis=0)
+    sides = f" {_axes(axes)}" if own.sides > 1 else ""
+    if name == _HARD:
+        return f"{name}{sides}"
     first, last = part.times.min(), part.times.max()
     when = f"at {first:g} s" if first == last else f"from {first:g} s to {last:g} s"
     return f"{name}{sides} {when}"

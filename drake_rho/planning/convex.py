@@ -42,15 +42,17 @@ def plan_convex(
         SolverError: the solvers fail numerically.
         ValueError: a step does not divide the duration, or the reference does not fit.
     """
-    grids = [scenario.grid, *(_grid(step, scenario.grid) for step in steps)]
-    if reference is not None and len(grids) > 1:
+    others = [_grid(step, scenario.grid) for step in steps]
+    if reference is not None and others:
         raise ValueError("steps: got some beside a reference, expected none: it has one step")
     failures: list[InfeasibleError] = []
     statistics = Statistics()
-    for tried, grid in enumerate(grids, start=1):
-        steps_tried = tuple(grid.step for grid in grids[:tried])
+    steps_tried: tuple[float, ...] = ()
+    for grid in (scenario.grid, *others):
+        asked = dataclasses.replace(scenario, grid=grid) if steps_tried else scenario
+        steps_tried += (grid.step,)
         try:
-            plan = _plan(dataclasses.replace(scenario, grid=grid), reference, solver)
+            plan = _plan(asked, reference, solver)
         except InfeasibleError as error:
             failures.append(error)
             statistics += error.statistics

@@ -16,15 +16,8 @@ import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
-from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.halfspaces import (
-    Constraints,
-    HalfSpaces,
-    across,
-    beside,
-    boxes_of,
-    obstacles_as,
-)
+from drake_rho.planning.constraints import Constraint, across, boxes_of, sides_of
+from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.loop import plan_around, plan_with
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario, Sphere
@@ -67,7 +60,7 @@ def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None
     while waiting and len(failures) < MOST_TRIALS:
         turns = waiting.pop(0)
         try:
-            plan = plan_with(scenario, [_constraints(scenario, sides, turns)], solver)
+            plan = plan_with(scenario, _constraints(scenario, sides, turns), solver)
         except InfeasibleError as error:
             failures.append(error)
             spent += error.statistics
@@ -80,6 +73,8 @@ def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None
     for reference in _bent(scenario, free, sides, first):
         try:
             plan = plan_around(scenario, reference, solver)
+        except SolverError:  # so near to having none that the solvers cannot tell: try the next
+            continue
         except InfeasibleError as error:
             spent += error.statistics
         else:
@@ -128,11 +123,9 @@ def _sides(sphere: Sphere, way: FloatArray) -> FloatArray:
     return sides
 
 
-def _constraints(scenario: Scenario, sides: Sequence[FloatArray], turns: Turns) -> Constraints:
-    def beside_it(index: int, sphere: Sphere, times: FloatArray) -> HalfSpaces:
-        return beside(f"obstacle {index + 1}", sphere, sides[index][turns[index]], times)
-
-    return boxes_of(scenario, scenario.vehicles[0]) + obstacles_as(scenario, beside_it)
+def _constraints(scenario: Scenario, sides: Sequence[FloatArray], turns: Turns) -> list[Constraint]:
+    chosen = [each[turn] for each, turn in zip(sides, turns, strict=True)]
+    return boxes_of(scenario) + sides_of(scenario, chosen)
 
 
 def _following(turns: Turns, error: InfeasibleError, seen: set[Turns]) -> list[Turns]:

@@ -103,15 +103,13 @@ def _judge(name: str, result: MathematicalProgramResult) -> Solution | None:
     feasible = bool(result.is_success())
     if not feasible and result.get_solution_result() not in _INFEASIBLE:
         return None
-    return Solution(result, feasible, name, _reported_seconds(result))
-
-
-def _reported_seconds(result: MathematicalProgramResult) -> float:
     details = result.get_solver_details()
+    if getattr(details, "status", "") == "AlmostSolved":  # Clarabel, far from its tolerances
+        return None
+    seconds = 0.0
     for field in ("solve_time", "run_time"):  # Clarabel's and OSQP's names for it
-        if hasattr(details, field):
-            return float(getattr(details, field))
-    return 0.0
+        seconds = float(getattr(details, field, seconds))
+    return Solution(result, feasible, name, seconds)
 
 
 def _name(solver: SolverInterface) -> str:

@@ -22,6 +22,8 @@ from pydantic.dataclasses import dataclass as pydantic_dataclass
 from drake_rho.scenario.errors import ScenarioError, Words
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 LARGEST = 1e12
 """Largest magnitude of any number in a record, SI: far beyond any flight, and safe to square."""
@@ -57,8 +59,11 @@ Name = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 
 
 def locked(values: npt.ArrayLike) -> FloatArray:
-    """A copy of `values` that cannot be written to."""
-    array = np.array(values, dtype=np.float64)
+    """`values` as an array that cannot be written to: a copy, unless it is one already."""
+    array = np.asarray(values, dtype=np.float64)
+    if array is values and array.base is None and not array.flags.writeable:
+        return array
+    array = np.array(array)
     array.setflags(write=False)
     return array
 
@@ -121,6 +126,18 @@ def record(cls: type[_Record]) -> type[_Record]:
     made.__reduce__ = _reduce
     made.__hash__ = None  # arrays inside: equal by value, so not usable as a key
     return made  # type: ignore[no-any-return]  # pydantic's decorator is typed as Any above
+
+
+def unchecked(old: _Record, **changes: object) -> _Record:
+    """A copy of a record with other values that are known to be valid, arrays write-locked.
+
+    For states that a plan has reached: to check every one of a thousand vehicles again in every
+    window costs more than to plan it.
+    """
+    copy = object.__new__(type(old))
+    values = {field.name: getattr(old, field.name) for field in dataclasses.fields(old)}  # type: ignore[arg-type]
+    copy.__dict__.update(values, **changes)
+    return copy
 
 
 def _equal(self: Any, other: Any) -> bool:

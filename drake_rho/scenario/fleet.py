@@ -1,0 +1,151 @@
+"""The vehicles of a scenario as arrays, one row each, for arithmetic on all of them at once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import TOLERANCE, Box, Grid, Limits, Quantity, Vehicle
+
+
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """A box for every vehicle; where a vehicle has none, its bounds are infinite."""
+
+    lower: FloatArray
+    """in the quantity's unit, shape (N, 3)"""
+    upper: FloatArray
+    """in the quantity's unit, shape (N, 3)"""
+    tolerances: FloatArray
+    """how far outside still counts as inside, in the quantity's unit, shape (N, 3)"""
+
+    def check(self, where: str, values: FloatArray) -> None:
+        """See that `values`, shape (N, 3), are inside; what is no number is not judged.
+
+        Raises:
+            ScenarioError: one is outside; `where` names it within its vehicle.
+        """
+        outside = values < self.lower - self.tolerances
+        outside |= values > self.upper + self.tolerances
+        if np.any(outside):
+            i = int(np.argmax(np.any(outside, axis=1)))
+            quantity, least, most = where.split(".")[1], self.lower[i], self.upper[i]
+            expected = f"a {quantity} within {least.tolist()} to {most.tolist()}"
+            raise ScenarioError(f"vehicles[{i}].{where}", values[i].tolist(), expected)
+
+
+class Fleet:
+    """Starts, goals, scales and bounds of all vehicles, each computed when first asked for."""
+
+    def __init__(self, grid: Grid, vehicles: Sequence[Vehicle], limits: Limits) -> None:
+        self._grid, self._vehicles, self._limits = grid, vehicles, limits
+        self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
+        self._bounds: dict[Quantity, Bounds | None] = {}
+
+    @cached_property
+    def start_positions(self) -> FloatArray:
+        """p[1] [m], shape (N, 3)."""
+        return np.array([vehicle.start.position for vehicle in self._vehicles])
+
+    @cached_property
+    def start_velocities(self) -> FloatArray:
+        """v[1] [m/s], shape (N, 3)."""
+        return np.array([vehicle.start.velocity for vehicle in self._vehicles])
+
+    @cached_property
+    def accelerations_before(self) -> FloatArray:
+        """Accelerations just before the first knot [m/s²], shape (N, 3); NaN where free."""
+        given = [vehicle.start.acceleration for vehicle in self._vehicles]
+        return np.array([np.full(3, np.nan) if each is None else each for each in given])
+
+    @cached_property
+    def goal_positions(self) -> FloatArray:
+        """p[K] [m], shape (N, 3)."""
+        return np.array([vehicle.goal.position for vehicle in self._vehicles])
+
+    @cached_property
+    def goal_velocities(self) -> FloatArray:
+        """v[K] [m/s], shape (N, 3)."""
+        return np.array([vehicle.goal.velocity for vehicle in self._vehicles])
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """Length scale of each motion [m], for tolerances and for a solver's numbers, shape (N,).
+
+        The largest of the way to go and the ways that the given velocities and acceleration
+        cover in the duration T, but no less than a millionth of the coordinates, which is what
+        their rounding leaves room for; 1 m for a vehicle that stays at the origin.
+        """
+        T = self._grid.duration
+        ways = np.stack(
+            [
+                self.goal_positions - self.start_positions,
+                1e-6 * self.start_positions,
+                1e-6 * self.goal_positions,
+                T * self.start_velocities,
+                T * self.goal_velocities,
+                T**2 * np.nan_to_num(self.accelerations_before),
+            ]
+        )
+        lengths: FloatArray = np.sqrt(np.einsum("wni,wni->wn", ways, ways).max(axis=0))
+        lengths[lengths == 0.0] = 1.0
+        return lengths
+
+    def scale(self, quantity: Quantity) -> FloatArray:
+        """What is large for a quantity of each motion, in its SI unit, shape (N,).
+
+        L, L/T, L/T² and L/(T² h) with the motion's length scale L.
+        """
+        h, T = self._grid.step, self._grid.duration
+        powers = {"position": 1.0, "velocity": T, "acceleration": T**2, "jerk": T**2 * h}
+        return self.lengths / powers[quantity]
+
+    def bounds(self, quantity: Quantity) -> Bounds | None:
+        """The boxes of a quantity, with their tolerances; None if no vehicle has one.
+
+        The tolerance is `TOLERANCE` of a box's side, but no more than of the motion's scale, so
+        that a side made wide to be no limit does not loosen the other, and no less than of a
+        thousandth of it, which a solver can still tell.
+        """
+        if quantity not in self._bounds:
+            self._bounds[quantity] = self._make_bounds(quantity)
+        return self._bounds[quantity]
+
+    def _make_bounds(self, quantity: Quantity) -> Bounds | None:
+        if quantity not in self._sides:
+            self._sides[quantity] = self._make_sides(quantity)
+        sides = self._sides[quantity]
+        if sides is None:
+            return None
+        lower, upper = sides
+        scale = self.scale(quantity)[:, None]
+        return Bounds(lower, upper, TOLERANCE * np.clip(upper - lower, 1e-3 * scale, scale))
+
+    def _make_sides(self, quantity: Quantity) -> tuple[FloatArray, FloatArray] | None:
+        """Lower and upper bounds, each of shape (N, 3)."""
+        count = len(self._vehicles)
+        lower, upper = np.full((count, 3), -np.inf), np.full((count, 3), np.inf)
+        common: Box | None = getattr(self._limits, quantity)
+        if common is not None:
+            lower[:], upper[:] = common.lower, common.upper
+        for index, vehicle in enumerate(self._vehicles):
+            own: Box | None = getattr(vehicle.limits, quantity, None)
+            if own is not None:
+                lower[index], upper[index] = own.lower, own.upper
+        return (lower, upper) if np.any(np.isfinite(lower)) else None
+
+    def started_at(
+        self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
+    ) -> Fleet:
+        """The same vehicles with other starts, arrays of shape (N, 3), on another grid."""
+        fleet = Fleet(grid, self._vehicles, self._limits)
+        fleet.start_positions, fleet.start_velocities = positions, velocities
+        fleet.accelerations_before = before
+        fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
+        fleet._sides = self._sides
+        return fleet

@@ -1,0 +1,154 @@
+"""The parts of a scenario: the grid, vehicles with start and goal, limits and obstacles.
+
+Records are frozen and checked when made; a changed situation is a new record
+(`dataclasses.replace`). SI units throughout; symbols of the paper stand in `docs/paper.md`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import Count, FloatArray, Name, Positive, Vector, locked, record
+
+TOLERANCE = 1e-6
+"""Relative tolerance to which a constraint counts as held, everywhere in the package: of a
+sphere's radius, of the length scale of a vehicle's motion, of a box's side if that is less."""
+
+Quantity = Literal["position", "velocity", "acceleration", "jerk"]
+"""What a box can bound."""
+
+
+@record
+class Grid:
+    """The knots k = 1..K of a flight and the step h between them."""
+
+    step: Positive
+    """h, the time from one knot to the next [s]"""
+    knots: Annotated[Count, Field(ge=2, le=100_000)]
+    """K, the number of knots, the first and the last included"""
+
+    @property
+    def duration(self) -> float:
+        """T = (K - 1) h [s]."""
+        return self.step * (self.knots - 1)
+
+    @property
+    def times(self) -> FloatArray:
+        """Time of every knot from the first one on [s], shape (K,)."""
+        return locked(self.step * np.arange(self.knots))
+
+
+@record
+class State:
+    """Where a vehicle is and how it moves at one knot."""
+
+    position: Vector
+    """p [m]"""
+    velocity: Vector = dataclasses.field(default_factory=lambda: locked(np.zeros(3)))
+    """v [m/s]; at rest if not given"""
+    acceleration: Vector | None = None
+    """acceleration just before the first knot [m/s²], for the jerk limit (7) there; if not
+    given, the first acceleration is free of it. Has no meaning in a goal."""
+
+    if TYPE_CHECKING:  # what is made of lists too is read as arrays
+
+        def __init__(
+            self,
+            position: npt.ArrayLike,
+            velocity: npt.ArrayLike = ...,
+            acceleration: npt.ArrayLike | None = None,
+        ) -> None: ...
+
+
+@record
+class Box:
+    """Lower and upper bound on each axis."""
+
+    lower: Vector
+    """least x, y and z"""
+    upper: Vector
+    """greatest x, y and z"""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike) -> None: ...
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not np.all(self.lower <= self.upper):
+            expected = f"no component above upper {self.upper.tolist()}"
+            raise ScenarioError("lower", self.lower.tolist(), expected)
+        return self
+
+
+@record
+class Limits:
+    """Boxes (4) to (7) that a vehicle keeps to; a box left out is no limit."""
+
+    position: Box | None = None
+    """the flyable volume (4) [m]"""
+    velocity: Box | None = None
+    """(6) [m/s]"""
+    acceleration: Box | None = None
+    """(5) [m/s²]"""
+    jerk: Box | None = None
+    """(7), j[k] = (a[k] - a[k-1]) / h [m/s³]"""
+
+    def overridden_by(self, own: Limits | None) -> Limits:
+        """These limits with the boxes that `own` has in place of them."""
+        if own is None:
+            return self
+        boxes = {
+            field.name: getattr(own, field.name) or getattr(self, field.name)
+            for field in dataclasses.fields(Limits)
+        }
+        return Limits(**boxes)
+
+
+@record
+class Vehicle:
+    """A point mass with a start and a goal."""
+
+    name: Name
+    """unique within the scenario"""
+    start: State
+    """state at the first knot"""
+    goal: State
+    """state at the last knot"""
+    limits: Limits | None = None
+    """own limits, where they differ from the scenario's"""
+
+    @model_validator(mode="after")
+    def _goal_has_no_acceleration(self) -> Self:
+        if self.goal.acceleration is not None:
+            raise ScenarioError(
+                "goal.acceleration",
+                self.goal.acceleration.tolist(),
+                "no acceleration in a goal: none acts after the last knot",
+            )
+        return self
+
+
+@record
+class Sphere:
+    """An obstacle (8) that stands still."""
+
+    center: Vector
+    """p_m [m]"""
+    radius: Positive
+    """R_m [m]"""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, center: npt.ArrayLike, radius: float) -> None: ...
+
+    @property
+    def tolerance(self) -> float:
+        """How deep inside still counts as outside: `TOLERANCE` of the radius [m]."""
+        return TOLERANCE * self.radius
