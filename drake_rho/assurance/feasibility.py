@@ -12,8 +12,8 @@ from drake_rho.assurance.verification import Check, verify
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.conflict import least_breach
 from drake_rho.planning.errors import InfeasibleError, SolverError, diagnosed_by
+from drake_rho.planning.frame import Frame
 from drake_rho.planning.loop import constraints_around
-from drake_rho.planning.program import Frame
 from drake_rho.planning.scp import first_plan, plan_scp
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Grid, Limits, Scenario, Vehicle

@@ -18,9 +18,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh, null_space
 from scipy.sparse import csc_array, vstack
 
-from drake_rho.planning.loop import Search
+from drake_rho.planning.loop import Solved
 from drake_rho.planning.program import rows_of
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
 
 _LEAST_CURVATURE = 1e-6
 """Least eigenvalue of the Hessian, over that of norm(u)², at which the minimum is computed."""
@@ -50,19 +51,19 @@ class Lagrangian:
         multipliers: y >= 0 that it proposes, shape (R,).
     """
 
-    def __init__(self, search: Search, vehicle: int) -> None:
-        frame = search.frame.alone(vehicle)
+    def __init__(self, scenario: Scenario, solved: Solved, vehicle: int) -> None:
+        frame = solved.frame.alone(vehicle)
         self.unit = float(frame.units[0])
-        self.solution = search.accelerations[vehicle] / self.unit
+        self.solution = solved.accelerations[vehicle] / self.unit
         self._free = null_space(frame.goal_rows)
         self._fixed = frame.free.accelerations[0] / self.unit
         coasting = frame.free.with_accelerations(np.zeros_like(frame.free.accelerations))
         bent: list[_ObstacleTerms] = []
         straight: list[tuple[csc_array, FloatArray, FloatArray]] = []
-        for rows, y in search.multipliers(vehicle):
+        for rows, y in solved.multipliers(vehicle):
             alone = dataclasses.replace(rows, vehicles=np.zeros_like(rows.vehicles))
             if rows.name.startswith("obstacle"):
-                sphere = search.scenario.obstacles[int(rows.name.split()[1]) - 1]
+                sphere = scenario.obstacles[int(rows.name.split()[1]) - 1]
                 pull = self.unit * alone.responses(frame.grid)
                 offsets = coasting.at("position", rows.times)[0] - sphere.center
                 radii = np.full(len(rows), sphere.radius)

@@ -22,7 +22,7 @@ from drake_rho.assurance.lagrangian import Lagrangian
 from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.loop import Search, constraints_around
+from drake_rho.planning.loop import Solved, constraints_around, solve_with
 from drake_rho.planning.scp import plan_scp
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -132,7 +132,7 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
     proposals = [_solved_around(each, solver) for each in _converged(plan, solver)]
     certificates = []
     for index, vehicle in enumerate(plan.scenario.vehicles):
-        lagrangians = [Lagrangian(search, index) for search in proposals]
+        lagrangians = [Lagrangian(plan.scenario, solved, index) for solved in proposals]
         bounds = [each.unit**2 * _best_bound(each) for each in lagrangians]
         here = lagrangians[0]
         stationarity, complementarity = here.kkt_residuals()
@@ -162,12 +162,10 @@ def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:
     return found
 
 
-def _solved_around(plan: Plan, solver: SolverInterface | None) -> Search:
+def _solved_around(plan: Plan, solver: SolverInterface | None) -> Solved:
     """The programs linearised around a converged plan, solved once more for their multipliers."""
     reference = plan if plan.scenario.obstacles else None
-    search = Search(plan.scenario, constraints_around(plan.scenario, reference))
-    search.run(solver)
-    return search
+    return solve_with(plan.scenario, constraints_around(plan.scenario, reference), solver)
 
 
 def _gap(cost: float, lower_bound: float) -> float:

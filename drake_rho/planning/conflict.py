@@ -19,8 +19,9 @@ from scipy.sparse import csc_array, csc_matrix, eye_array, hstack
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints import Constraint
 from drake_rho.planning.errors import SolverError
+from drake_rho.planning.frame import Frame
 from drake_rho.planning.halfspaces import HalfSpaces
-from drake_rho.planning.program import Frame, add_rows, rows_of
+from drake_rho.planning.program import add_rows, rows_of
 from drake_rho.planning.solve import solve
 from drake_rho.scenario.fields import BoolArray, FloatArray
 

@@ -81,7 +81,7 @@ class BoxConstraint(Constraint):
         """Each axis' lower bounds, then its upper ones."""
         values = self._values(motion)[:, self.first : self.first + len(self.times)]
         lower, upper = self.bounds.lower[vehicles], self.bounds.upper[vehicles]
-        if np.all(values.min(axis=1) >= lower) and np.all(values.max(axis=1) <= upper):
+        if not (np.any(values < lower[:, None]) or np.any(values > upper[:, None])):
             return None
         over = np.concatenate([values - lower[:, None], upper[:, None] - values], axis=2)
         over /= np.tile(self.bounds.tolerances[vehicles], 2)[:, None]

@@ -8,9 +8,12 @@ of the full program, because every row left out holds.
 from __future__ import annotations
 
 import dataclasses
+import os
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from itertools import islice
 
 import numpy as np
 from pydrake.solvers import SolverInterface
@@ -21,8 +24,9 @@ from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflict import conflict
 from drake_rho.planning.constraints import WORST, Constraint, boxes_of, tangents_of
 from drake_rho.planning.errors import Conflicts, InfeasibleError, Names, SolverError
+from drake_rho.planning.frame import Frame
 from drake_rho.planning.halfspaces import HalfSpaces
-from drake_rho.planning.program import Frame, VehicleProgram, programs_of
+from drake_rho.planning.program import Batch, programs_of
 from drake_rho.planning.solve import Solution, solve
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -30,6 +34,10 @@ from drake_rho.scenario.records import Scenario
 MAX_ROUNDS = 50
 """Bound on the rounds. Every round adds rows, and after the first few a growing neighbourhood of
 them, so that all of a constraint's rows are in long before."""
+
+BLOCK = 500
+"""Vehicles whose rows are looked for together: enough to make the arithmetic worth its calls, few
+enough for a processor's cache, and for all processors to have something to do."""
 
 _PIECES = 4
 """In the first round the worst row of each quarter of a broken stretch enters, in the next that
@@ -81,72 +89,123 @@ def plan_with(
         InfeasibleError: the program of a vehicle has no solution.
         SolverError: the solvers fail numerically.
     """
-    search = Search(scenario, constraints)
-    statistics = search.run(solver)
-    return Plan.from_accelerations(scenario, search.accelerations, statistics)
+    solved = solve_with(scenario, constraints, solver)
+    return Plan.from_accelerations(scenario, solved.accelerations, solved.statistics)
+
+
+@dataclasses.dataclass(frozen=True)
+class Solved:
+    """The solved programs of all vehicles."""
+
+    frame: Frame
+    """what the programs are written in"""
+    searches: list[Search]
+    """one for each block of vehicles"""
+    accelerations: FloatArray
+    """the solutions [m/s²], shape (N, K-1, 3)"""
+    statistics: Statistics
+    """what it took"""
+
+    def multipliers(self, vehicle: int) -> list[tuple[HalfSpaces, FloatArray]]:
+        """The rows in a vehicle's program and their multipliers, constraint by constraint."""
+        return self.searches[vehicle // BLOCK].multipliers(vehicle)
+
+
+def solve_with(
+    scenario: Scenario, constraints: Sequence[Constraint], solver: SolverInterface | None = None
+) -> Solved:
+    """The loop of `plan_with`, which gives the solved programs rather than the plan.
+
+    Nothing couples the vehicles, so blocks of them are worked on side by side.
+
+    Raises:
+        InfeasibleError: the program of a vehicle has no solution.
+        SolverError: the solvers fail numerically.
+    """
+    began = time.perf_counter()
+    frame = Frame(scenario)
+    every = np.arange(len(scenario.vehicles))
+    blocks = [every[first : first + BLOCK] for first in range(0, len(every), BLOCK)]
+    searches = [Search(scenario, frame, constraints, block) for block in blocks]
+    if len(searches) == 1:
+        searches[0].run(solver)
+    else:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(lambda search: search.run(solver), searches))
+    statistics = sum((search.statistics for search in searches), Statistics())
+    statistics = dataclasses.replace(statistics, seconds=time.perf_counter() - began)
+    failed = [search for search in searches if search.infeasible]
+    if failed:
+        raise _infeasible(scenario, frame, constraints, failed, statistics)
+    accelerations = np.concatenate([search.accelerations for search in searches])
+    return Solved(frame, searches, accelerations, statistics)
 
 
 class Search:
-    """The programs of all vehicles on their way to a solution, and in the end with it.
+    """The programs of a block of vehicles on their way to a solution, and in the end with it.
 
     Attributes:
         scenario: what is asked.
         frame: what the programs are written in.
-        accelerations: of the latest solutions [m/s²], shape (N, K-1, 3).
+        vehicles: the block, neighbouring indices, shape (B,).
+        accelerations: of the latest solutions [m/s²], shape (B, K-1, 3).
         rows: the rows in the programs, for each constraint that has some.
-        solved: for each vehicle with rows, its latest program and the solver's answer.
+        infeasible: vehicles found to have no solution.
     """
 
-    def __init__(self, scenario: Scenario, constraints: Sequence[Constraint]) -> None:
-        self.scenario = scenario
-        self.frame = Frame(scenario)
-        self.accelerations = np.array(self.frame.free.accelerations)
+    def __init__(
+        self,
+        scenario: Scenario,
+        frame: Frame,
+        constraints: Sequence[Constraint],
+        vehicles: IntArray,
+    ) -> None:
+        self.scenario, self.frame, self.vehicles = scenario, frame, vehicles
+        self.accelerations = np.array(frame.free.accelerations[vehicles])
         self.rows: dict[str, HalfSpaces] = {}
-        self.solved: dict[int, tuple[VehicleProgram, Solution]] = {}
+        self.infeasible: list[int] = vehicles[frame.hopeless[vehicles]].tolist()
         self._constraints = constraints
         self._present: dict[str, BoolArray] = {}
+        self._solutions: list[Solution] = []
+        self._solved: dict[int, tuple[Batch, int, Solution]] = {}
 
-    def run(self, solver: SolverInterface | None = None) -> Statistics:
+    def run(self, solver: SolverInterface | None = None) -> None:
         """Go on until nothing is broken.
 
         Raises:
-            InfeasibleError: the program of a vehicle has no solution.
             SolverError: the solvers fail numerically.
         """
-        began = time.perf_counter()
-        solutions: list[Solution] = []
-        pending = np.flatnonzero(~self.frame.hopeless)
-        stuck: list[int] = []
+        pending = self.vehicles[~self.frame.hopeless[self.vehicles]]
         for number in range(MAX_ROUNDS):
             pending = self._add_broken(pending, number)
             if len(pending) == 0:
-                break
-            latest = self._solve(pending, solver)
-            solutions += latest
-            infeasible = [
-                int(vehicle)
-                for vehicle, solution in zip(pending, latest, strict=True)
-                if not solution.feasible
-            ]
-            stuck += infeasible
+                return
+            infeasible = self._solve(pending, solver)
+            self.infeasible += infeasible
             pending = np.setdiff1d(pending, infeasible) if infeasible else pending
-        else:
-            raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
-        statistics = self._statistics(solutions, began)
-        if stuck or np.any(self.frame.hopeless):
-            raise self._infeasible(stuck, statistics)
-        return statistics
+        raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
+
+    @property
+    def statistics(self) -> Statistics:
+        """What it took so far; wall time is not counted here."""
+        return Statistics(
+            programs=len(self._solutions),
+            rows=sum(map(len, self.rows.values())),
+            solver=self._solutions[-1].solver if self._solutions else "",
+            solver_seconds=sum(solution.seconds for solution in self._solutions),
+        )
 
     def multipliers(self, vehicle: int) -> list[tuple[HalfSpaces, FloatArray]]:
         """The rows in a vehicle's program and their multipliers y >= 0, constraint by constraint.
 
         For rows of length one and the index in units squared, as the program is written.
         """
-        if vehicle not in self.solved:
+        if vehicle not in self._solved:
             return []
-        program, solution = self.solved[vehicle]
+        batch, index, solution = self._solved[vehicle]
         rows = self.rows_of(vehicle)
-        y = np.maximum(solution.result.GetDualSolution(program.rows), 0.0)
+        y = np.maximum(solution.result.GetDualSolution(batch.rows[index]), 0.0)
+        y *= batch.lengths[index]
         return list(zip(rows, np.split(y, np.cumsum(list(map(len, rows)))[:-1]), strict=True))
 
     def rows_of(self, vehicle: int) -> list[HalfSpaces]:
@@ -154,31 +213,33 @@ class Search:
         return [rows.of(vehicle) for rows in self.rows.values()]
 
     def motion(self, vehicles: IntArray) -> Motion:
-        """The latest motions of some vehicles."""
-        start = self.frame.free.of(vehicles)
-        return start.with_accelerations(self.accelerations[vehicles])
+        """The latest motions of some vehicles of the block."""
+        latest = self.accelerations[vehicles - self.vehicles[0]]
+        return self.frame.free.of(vehicles).with_accelerations(latest)
 
-    def _solve(self, vehicles: IntArray, solver: SolverInterface | None) -> list[Solution]:
-        """Solve the programs of `vehicles`, all of which have rows."""
-        if len(vehicles) == len(self.accelerations):
-            rows = list(self.rows.values())
-        else:
-            wanted = np.zeros(len(self.accelerations), dtype=bool)
+    def _solve(self, vehicles: IntArray, solver: SolverInterface | None) -> list[int]:
+        """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
+        rows = list(self.rows.values())
+        if len(vehicles) < len(self.vehicles):
+            wanted = np.zeros(len(self.scenario.vehicles), dtype=bool)
             wanted[vehicles] = True
-            rows = [rows.select(wanted[rows.vehicles]) for rows in self.rows.values()]
-        programs = programs_of(self.frame, rows)
-        solutions = solve([each.program for each in programs], solver)
+            rows = [part.select(wanted[part.vehicles]) for part in rows]
+        batches = programs_of(self.frame, rows)
+        answers = iter(solve([each for batch in batches for each in batch.programs], solver))
         units, free = self.frame.units, self.frame.free.accelerations
-        for program, solution in zip(programs, solutions, strict=True):
-            self.solved[program.vehicle] = program, solution
-            if solution.feasible:
-                u = program.solution(solution.result.get_x_val())
-                vehicle = program.vehicle
-                self.accelerations[vehicle] = free[vehicle] + units[vehicle] * u
-        self.accelerations[vehicles] = self.frame.reaching_goals(
-            self.accelerations[vehicles], vehicles
-        )
-        return solutions
+        infeasible: list[int] = []
+        for batch in batches:
+            solutions = list(islice(answers, len(batch.programs)))
+            x = np.array([solution.result.get_x_val() for solution in solutions])
+            u = units[batch.vehicles, None, None] * batch.solutions(x, self.frame.grid.knots - 1)
+            reached = self.frame.reaching_goals(free[batch.vehicles] + u, batch.vehicles)
+            feasible = np.array([solution.feasible for solution in solutions])
+            self.accelerations[batch.vehicles[feasible] - self.vehicles[0]] = reached[feasible]
+            infeasible += batch.vehicles[~feasible].tolist()
+            self._solutions += solutions
+            for index, vehicle in enumerate(batch.vehicles.tolist()):
+                self._solved[vehicle] = batch, index, solutions[index]
+        return infeasible
 
     def _add_broken(self, vehicles: IntArray, number: int) -> IntArray:
         """Add the rows that the motions of `vehicles` break, and say whose were broken.
@@ -189,7 +250,7 @@ class Search:
             SolverError: a row that is in a program does not hold.
         """
         motion = self.motion(vehicles)
-        broken = np.zeros(len(self.accelerations), dtype=bool)
+        broken = np.zeros(len(self.scenario.vehicles), dtype=bool)
         for constraint in self._constraints:
             self._add_knots(constraint, motion, vehicles, number, broken)
         here = ~broken[vehicles]
@@ -216,9 +277,9 @@ class Search:
             return
         name = constraint.name
         if name not in self._present:
-            shape = (len(self.accelerations), *margins.shape[1:])
+            shape = (len(self.vehicles), *margins.shape[1:])
             self._present[name] = np.zeros(shape, dtype=bool)
-        present = self._present[name][vehicles]
+        present = self._present[name][vehicles - self.vehicles[0]]
         if np.any(present & (margins < -1.0)):
             first = int(np.argwhere(present & (margins < -1.0))[0, 0])
             vehicle = self.scenario.vehicles[vehicles[first]].name
@@ -228,7 +289,7 @@ class Search:
         if len(which) == 0:
             return
         whose = vehicles[which]
-        self._present[name][whose, sides, knots] = True
+        self._present[name][whose - self.vehicles[0], sides, knots] = True
         self._add(constraint.rows(whose, sides, constraint.times[knots]))
         broken[whose] = True
 
@@ -236,30 +297,27 @@ class Search:
         known = self.rows.get(rows.name)
         self.rows[rows.name] = rows if known is None else HalfSpaces.joined([known, rows])
 
-    def _statistics(self, solutions: Sequence[Solution], began: float) -> Statistics:
-        return Statistics(
-            programs=len(solutions),
-            rows=sum(map(len, self.rows.values())),
-            solver=solutions[-1].solver if solutions else "",
-            solver_seconds=sum(solution.seconds for solution in solutions),
-            seconds=time.perf_counter() - began,
-        )
 
-    def _infeasible(self, stuck: Sequence[int], statistics: Statistics) -> InfeasibleError:
-        """The error for vehicles without a solution, and those whose goal alone is out of reach."""
-        vehicles = self.scenario.vehicles
-        finders: dict[str, Callable[[], Names]] = {}
-        obstacles = {}
-        for index in np.flatnonzero(self.frame.hopeless).tolist():
-            reason = ("goal position", "goal velocity", "a single step")
-            finders[vehicles[index].name] = partial(tuple, reason)
-        for index in stuck:
-            name = vehicles[index].name
-            rows = self.rows_of(index)
-            finders[name] = partial(conflict, self.frame, index, self._constraints, rows)
-            touched = (part.name for part in rows if len(part) > 0)
-            obstacles[name] = frozenset(each for each in touched if each.startswith("obstacle"))
-        return InfeasibleError(Conflicts(finders), statistics=statistics, obstacles=obstacles)
+def _infeasible(
+    scenario: Scenario,
+    frame: Frame,
+    constraints: Sequence[Constraint],
+    failed: Sequence[Search],
+    statistics: Statistics,
+) -> InfeasibleError:
+    """The error for vehicles without a solution, or whose goal alone is out of reach."""
+    finders: dict[str, Callable[[], Names]] = {}
+    obstacles = {}
+    for search, index in ((each, index) for each in failed for index in each.infeasible):
+        name = scenario.vehicles[index].name
+        if frame.hopeless[index]:
+            finders[name] = partial(tuple, ("goal position", "goal velocity", "a single step"))
+            continue
+        rows = search.rows_of(index)
+        finders[name] = partial(conflict, frame, index, constraints, rows)
+        touched = (part.name for part in rows if len(part) > 0)
+        obstacles[name] = frozenset(each for each in touched if each.startswith("obstacle"))
+    return InfeasibleError(Conflicts(finders), statistics=statistics, obstacles=obstacles)
 
 
 def _chosen(

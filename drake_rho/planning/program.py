@@ -14,119 +14,56 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from copy import copy
+from functools import lru_cache
 
 import numpy as np
 from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 from scipy.sparse import csc_array, csc_matrix, diags_array, hstack, vstack
 
-from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.frame import Frame
 from drake_rho.planning.halfspaces import HalfSpaces
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.parts import TOLERANCE
-from drake_rho.scenario.records import Scenario
+from drake_rho.planning.states import StateRows
+from drake_rho.scenario.fields import FloatArray, IntArray
 
 _FEW = 32
-"""Rows up to which a program is written in their span, whatever they are. With more of them it is
-if the span's dense triangle has no more numbers than the rows themselves."""
+"""Rows up to which a program is written in their span, whatever they are."""
+
+_SPARSE = 2000
+"""Operations that each number of a sparse program costs, measured from 50 to 5000 knots within a
+factor of two. The span of R rows costs about R² (3 K + 5 R)."""
 
 _BLOCK = 150
 """Most variables in one quadratic cost: Drake takes a dense matrix for each."""
 
 
-class Frame:
-    """What all programs of a scenario are written in: goals, free motions and units.
-
-    Attributes:
-        grid: of the scenario.
-        goal_rows: orthonormal rows whose products with the accelerations of an axis the goal (12)
-            decides, shape (2 or 1, K-1).
-        free: the motions of least index that reach the goals, nothing else asked.
-        units: acceleration that counts as one [m/s²], shape (N,).
-        hopeless: vehicles that one step cannot bring to their goals, shape (N,).
-    """
-
-    def __init__(self, scenario: Scenario) -> None:
-        fleet, grid = scenario.fleet, scenario.grid
-        self.grid = grid
-        self.units = fleet.scale("acceleration")
-        self.goal_rows = _goal_rows(grid.knots - 1)
-        self._goal_values, self.hopeless = _goal_values(scenario, self.goal_rows)
-        accelerations = np.einsum("gj,ngx->njx", self.goal_rows, self._goal_values)
-        self.free = Motion.from_starts(fleet, accelerations, grid.step)
-
-    def alone(self, vehicle: int) -> Frame:
-        """The same for one of the vehicles, whose index then is 0."""
-        other = copy(self)
-        own = slice(vehicle, vehicle + 1)
-        other.units, other.hopeless = self.units[own], self.hopeless[own]
-        other.free, other._goal_values = self.free.of(own), self._goal_values[own]
-        return other
-
-    def reaching_goals(self, accelerations: FloatArray, vehicles: IntArray) -> FloatArray:
-        """The goals' equations (12), kept to a solver's tolerance, closed to rounding.
-
-        Args:
-            accelerations: of `vehicles`, shape (P, K-1, 3).
-            vehicles: their indices, shape (P,).
-        """
-        missed = np.einsum("gj,pjx->pgx", self.goal_rows, accelerations)
-        missed -= self._goal_values[vehicles]
-        closed: FloatArray = accelerations - np.einsum("gj,pgx->pjx", self.goal_rows, missed)
-        return closed
-
-
-def _goal_rows(steps: int) -> FloatArray:
-    """What velocity and position at the last knot depend on: the mean of the accelerations and,
-    with more than one step, their linear trend."""  # noqa: D205, D209
-    rows = np.ones((min(steps, 2), steps))
-    if steps > 1:
-        rows[1] = np.arange(steps) - (steps - 1) / 2
-    rows /= np.linalg.norm(rows, axis=1)[:, None]
-    return rows
-
-
-def _goal_values(scenario: Scenario, rows: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """(12) in terms of `rows`, with (10) and (11) at the last knot.
-
-    Returns:
-        Products of the rows with the accelerations [m/s²], shape (N, 2 or 1, 3), and which
-        vehicles cannot reach their goals by one step.
-    """
-    fleet, grid = scenario.fleet, scenario.grid
-    h, T, steps = grid.step, grid.duration, grid.knots - 1
-    faster = fleet.goal_velocities - fleet.start_velocities
-    further = (fleet.goal_positions - fleet.start_positions) / T - fleet.start_velocities
-    mean = faster / (h * np.sqrt(steps))  # velocity: h in every step
-    position = h * (T - h * np.arange(steps) - h / 2) / T  # (11) over T
-    rest = further - (rows[0] @ position) * mean
-    if steps == 1:
-        missed = np.abs(rest).max(axis=1) > TOLERANCE * fleet.lengths / T
-        return mean[:, None], missed
-    values = np.stack([mean, rest / (rows[1] @ position)], axis=1)
-    return values, np.zeros(len(values), dtype=bool)
-
-
 @dataclasses.dataclass(frozen=True)
-class VehicleProgram:
-    """The quadratic program of one vehicle."""
+class Batch:
+    """Quadratic programs of vehicles that have as many rows each, one for each vehicle."""
 
-    vehicle: int
-    """its index in the scenario"""
-    program: MathematicalProgram
+    vehicles: IntArray
+    """their indices in the scenario, shape (B,)"""
+    programs: list[MathematicalProgram]
     """minimise norm(x)² subject to the rows, u = basis @ x"""
-    rows: Binding[LinearConstraint]
+    rows: list[Binding[LinearConstraint]]
     """the half-spaces, in the order they were given in"""
     basis: FloatArray | None
-    """shape (3 (K-1), number of variables); None if the variables are u itself"""
+    """shape (B, 3 (K-1), number of variables); None if u are the first of the variables"""
+    lengths: FloatArray
+    """by what multipliers are multiplied to be those of rows of length one, shape (B, R)"""
 
-    def solution(self, x: FloatArray) -> FloatArray:
-        """The accelerations u from the free motion, in units, shape (K-1, 3)."""
-        return (x if self.basis is None else self.basis @ x).reshape(-1, 3)
+    def solutions(self, x: FloatArray, steps: int) -> FloatArray:
+        """The accelerations u from the free motions, in units, shape (B, K-1, 3).
+
+        Args:
+            x: the programs' variables, shape (B, number of variables).
+            steps: K - 1.
+        """
+        u = x[:, : 3 * steps] if self.basis is None else np.matvec(self.basis, x)
+        return u.reshape(len(x), steps, 3)
 
 
-def programs_of(frame: Frame, rows: Sequence[HalfSpaces]) -> list[VehicleProgram]:
-    """The program of every vehicle that has rows, by the order of their indices.
+def programs_of(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
+    """The programs of all vehicles that have rows.
 
     Args:
         frame: of the scenario.
@@ -134,44 +71,49 @@ def programs_of(frame: Frame, rows: Sequence[HalfSpaces]) -> list[VehicleProgram
     """
     vehicles = np.concatenate([part.vehicles for part in rows])
     count = np.bincount(vehicles)
-    few = count[vehicles] <= _FEW
-    first = np.cumsum([0, *(len(part) for part in rows)])
-    parts = [part.select(few[i : i + len(part)]) for part, i in zip(rows, first, strict=False)]
-    programs = _of_few(frame, [part for part in parts if len(part) > 0])
-    for vehicle in np.flatnonzero(count > _FEW).tolist():
-        programs.append(_of_many(frame, vehicle, [part.of(vehicle) for part in rows]))
-    return sorted(programs, key=lambda each: each.vehicle)
+    many = np.flatnonzero(count > _FEW)
+    if len(many) == 0:
+        return _of_few(frame, rows, count)
+    batches: list[Batch] = []
+    if np.any(count[vehicles] <= _FEW):
+        few = [part.select(count[part.vehicles] <= _FEW) for part in rows]
+        batches = _of_few(frame, few, count)
+    for vehicle in many.tolist():
+        batches.append(_of_many(frame, vehicle, [part.of(vehicle) for part in rows]))
+    return batches
 
 
-def _of_few(frame: Frame, rows: Sequence[HalfSpaces]) -> list[VehicleProgram]:
+def _of_few(frame: Frame, rows: Sequence[HalfSpaces], count: IntArray) -> list[Batch]:
     """Programs in the span of their rows; the arithmetic of all of them at once."""
-    if not rows:
-        return []
     vehicles = np.concatenate([part.vehicles for part in rows])
-    order = np.argsort(vehicles, kind="stable")
+    sizes = count[vehicles]
+    order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
     responses = np.concatenate([part.responses(frame.grid) for part in rows])[order]
     normals = np.concatenate([part.normals for part in rows])[order]
     short = -np.concatenate([part.margins(frame.free) for part in rows])[order]
     lengths = np.sqrt(np.einsum("rj,rj->r", responses, responses))
     inside = _without_goal(frame, responses / lengths[:, None])
-    needed = short / (lengths * frame.units[vehicles[order]])
+    vehicles, sizes = vehicles[order], sizes[order]
+    needed = short / (lengths * frame.units[vehicles])
     matrix = (inside[:, :, None] * normals[:, None, :]).reshape(len(order), -1)
-    names, first = np.unique(vehicles[order], return_index=True)
-    own = map(slice, first, [*first[1:], len(order)])
-    return [
-        _in_span(int(vehicle), matrix[rows], needed[rows])
-        for vehicle, rows in zip(names, own, strict=True)
-    ]
+    batches = []
+    for size in np.unique(sizes).tolist():
+        own = slice(*np.searchsorted(sizes, [size, size + 1]))
+        stack = matrix[own].reshape(-1, size, matrix.shape[1])
+        batches.append(_in_span(vehicles[own][::size], stack, needed[own].reshape(-1, size)))
+    return batches
 
 
-def _of_many(frame: Frame, vehicle: int, rows: Sequence[HalfSpaces]) -> VehicleProgram:
-    """One program, in the span of its rows or, if that is no smaller, in all accelerations."""
+def _of_many(frame: Frame, vehicle: int, rows: Sequence[HalfSpaces]) -> Batch:
+    """One program, in the span of its rows or, if that is cheaper, with sparse rows."""
+    sparse = StateRows(frame, vehicle, rows)
+    count = sum(map(len, rows))
+    if count**2 * (3 * frame.grid.knots + 5 * count) > _SPARSE * sparse.entries:
+        return _in_states(sparse)
     matrix, needed = rows_of(frame, vehicle, rows)
-    if matrix.nnz < len(needed) ** 2:
-        return _in_full(frame, vehicle, matrix, needed)
     dense = matrix.toarray().reshape(len(needed), -1, 3)
     inside = np.stack([_without_goal(frame, dense[:, :, axis]) for axis in range(3)], axis=2)
-    return _in_span(vehicle, inside.reshape(len(needed), -1), needed)
+    return _in_span(np.array([vehicle]), inside.reshape(1, len(needed), -1), needed[None])
 
 
 def rows_of(frame: Frame, vehicle: int, rows: Sequence[HalfSpaces]) -> tuple[csc_array, FloatArray]:
@@ -199,30 +141,52 @@ def _without_goal(frame: Frame, rows: FloatArray) -> FloatArray:
     return rows
 
 
-def _in_span(vehicle: int, matrix: FloatArray, needed: FloatArray) -> VehicleProgram:
-    """The program in coordinates of the span of its rows, which leave the goal alone."""
-    basis, triangle = np.linalg.qr(matrix.T)
-    program = MathematicalProgram()
-    x = program.NewContinuousVariables(basis.shape[1])
-    add_index(program, x)
-    return VehicleProgram(vehicle, program, add_rows(program, triangle.T, needed, x), basis)
+def _in_span(vehicles: IntArray, matrices: FloatArray, needed: FloatArray) -> Batch:
+    """Programs in coordinates of the span of their rows, which leave the goal alone.
+
+    Args:
+        vehicles: whose, shape (B,).
+        matrices: rows of length at most one, shape (B, R, 3 (K-1)).
+        needed: shape (B, R).
+    """
+    basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
+    programs, rows = [], []
+    for triangle, least in zip(np.swapaxes(triangles, 1, 2), needed, strict=True):
+        program = MathematicalProgram()
+        x = program.NewContinuousVariables(triangle.shape[1])
+        add_index(program, x)
+        rows.append(add_rows(program, triangle, least, x))
+        programs.append(program)
+    return Batch(vehicles, programs, rows, basis, np.ones_like(needed))
 
 
-def _in_full(frame: Frame, vehicle: int, matrix: csc_array, needed: FloatArray) -> VehicleProgram:
-    """The program in the accelerations themselves."""
+def _in_states(sparse: StateRows) -> Batch:
+    """The program in the accelerations, with the states that its rows speak of beside them."""
     program = MathematicalProgram()
-    u = program.NewContinuousVariables(matrix.shape[1])
+    x = program.NewContinuousVariables(sparse.columns)
+    u = x[: 3 * sparse.steps]
     add_index(program, u)
-    add_goal(program, frame, u)
-    return VehicleProgram(vehicle, program, add_rows(program, csc_matrix(matrix), needed, u), None)
+    add_goal(program, sparse.frame, u)
+    for equations in sparse.dynamics():
+        zero = np.zeros(equations.shape[0])
+        program.AddLinearEqualityConstraint(csc_matrix(equations), zero, x)
+    matrix, needed, lengths = sparse.matrix()
+    rows = add_rows(program, csc_matrix(matrix), needed, x)
+    return Batch(np.array([sparse.vehicle]), [program], [rows], None, lengths[None])
 
 
 def add_index(to: MathematicalProgram, x: np.ndarray) -> None:
     """(13): f less that of the free motion, in units squared: the sum of squares."""
     for first in range(0, len(x), _BLOCK):
         block = x[first : first + _BLOCK]
-        size = len(block)
-        to.AddQuadraticCost(2.0 * np.eye(size), np.zeros(size), block, is_convex=True)
+        hessian, linear = _sum_of_squares(len(block))
+        to.AddQuadraticCost(hessian, linear, block, is_convex=True)
+
+
+@lru_cache(maxsize=_BLOCK)
+def _sum_of_squares(size: int) -> tuple[FloatArray, FloatArray]:
+    """Hessian and linear part of norm(x)² for so many variables."""
+    return 2.0 * np.eye(size), np.zeros(size)
 
 
 def add_goal(to: MathematicalProgram, frame: Frame, u: np.ndarray) -> None:
@@ -236,4 +200,9 @@ def add_rows(
     to: MathematicalProgram, matrix: FloatArray | csc_matrix, needed: FloatArray, x: np.ndarray
 ) -> Binding[LinearConstraint]:
     """(4) to (7) and (15): matrix @ x >= needed."""
-    return to.AddLinearConstraint(matrix, needed, np.full(len(needed), np.inf), x)
+    return to.AddLinearConstraint(matrix, needed, _no_upper_bounds(len(needed)), x)
+
+
+@lru_cache(maxsize=_BLOCK)
+def _no_upper_bounds(size: int) -> FloatArray:
+    return np.full(size, np.inf)

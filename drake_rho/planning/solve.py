@@ -18,21 +18,25 @@ from pydrake.solvers import (
 
 from drake_rho.planning.errors import SolverError
 
-_OPTIONS: dict[str, dict[str, float | int]] = {
-    # One to two digits tighter than Drake's defaults, so that a row kept by the solver is kept
-    # by the verifier too.
-    "Clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
+_Options = dict[str, float | int]
+
+_CLARABEL: _Options = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
+"""One to two digits tighter than Drake's defaults, so that a row kept by the solver is kept by the
+verifier too."""
+
+_CLARABEL_AGAIN: _Options = {}
+"""Drake's defaults, 1e-8: for programs of many thousand variables, where rounding ends earlier."""
+
+_OSQP: _Options = {
     # At its default tolerances OSQP reports success with an index that is wrong in the fourth
     # digit; at these it agrees with Clarabel to 1e-6.
-    "OSQP": {
-        "eps_abs": 1e-9,
-        "eps_rel": 1e-9,
-        "eps_prim_inf": 1e-9,
-        "eps_dual_inf": 1e-9,
-        "max_iter": 200_000,
-        "polishing": 1,
-        "polish_refine_iter": 10,
-    },
+    "eps_abs": 1e-9,
+    "eps_rel": 1e-9,
+    "eps_prim_inf": 1e-9,
+    "eps_dual_inf": 1e-9,
+    "max_iter": 200_000,
+    "polishing": 1,
+    "polish_refine_iter": 10,
 }
 
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
@@ -57,45 +61,53 @@ def solve(
 ) -> list[Solution]:
     """Solve independent programs side by side, on all cores.
 
-    A program on which the solver fails numerically is given to another one: OSQP after Clarabel,
-    Clarabel after any other.
+    A program on which the solver fails numerically is given to others: Clarabel with tight and
+    then with its usual tolerances, and OSQP.
 
     Args:
         programs: convex quadratic programs.
         solver: a Drake solver; Clarabel if not given.
 
     Raises:
-        SolverError: neither solver found a solution or a proof that there is none.
+        SolverError: no solver found a solution or a proof that there is none.
         ValueError: the solver is not available.
     """
     first = solver or ClarabelSolver()
     if not (first.available() and first.enabled()):
         raise ValueError(f"solver: got {_name(first)}, expected one available and enabled here")
-    solutions = _solve_with(first, programs)
-    failed = [index for index, solution in enumerate(solutions) if solution is None]
+    solutions: dict[int, Solution] = {}
+    for attempt, options in _attempts(first):
+        left = [index for index in range(len(programs)) if index not in solutions]
+        if not left:
+            break
+        answers = _solve_with(attempt, options, [programs[index] for index in left])
+        for index, answer in zip(left, answers, strict=True):
+            if answer is not None:
+                solutions[index] = answer
+    failed = len(programs) - len(solutions)
     if failed:
-        second = OsqpSolver() if _name(first) == "Clarabel" else ClarabelSolver()
-        again = _solve_with(second, [programs[index] for index in failed])
-        for index, solution in zip(failed, again, strict=True):
-            solutions[index] = solution
-        if None in again:
-            raise SolverError(
-                f"{_name(first)} and then {_name(second)} failed numerically on "
-                f"{again.count(None)} of {len(programs)} programs"
-            )
-    return [solution for solution in solutions if solution is not None]
+        raise SolverError(f"all solvers failed numerically on {failed} of {len(programs)} programs")
+    return [solutions[index] for index in range(len(programs))]
+
+
+def _attempts(first: SolverInterface) -> list[tuple[SolverInterface, _Options]]:
+    clarabel = [(ClarabelSolver(), _CLARABEL), (ClarabelSolver(), _CLARABEL_AGAIN)]
+    if _name(first) == "Clarabel":
+        return [*clarabel, (OsqpSolver(), _OSQP)]
+    return [(first, _OSQP if _name(first) == "OSQP" else {}), *clarabel]
 
 
 def _solve_with(
-    solver: SolverInterface, programs: Sequence[MathematicalProgram]
+    solver: SolverInterface, values: _Options, programs: Sequence[MathematicalProgram]
 ) -> list[Solution | None]:
     options = SolverOptions()
-    for key, value in _OPTIONS.get(_name(solver), {}).items():
+    for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
     results = SolveInParallel(
         progs=list(programs), solver_options=options, solver_id=solver.solver_id()
     )
-    return [_judge(_name(solver), result) for result in results]
+    name = _name(solver)
+    return [_judge(name, result) for result in results]
 
 
 def _judge(name: str, result: MathematicalProgramResult) -> Solution | None:

@@ -131,12 +131,12 @@ def record(cls: type[_Record]) -> type[_Record]:
 def unchecked(old: _Record, **changes: object) -> _Record:
     """A copy of a record with other values that are known to be valid, arrays write-locked.
 
+    What the record has computed of itself is copied too; `changes` replace what does not hold.
     For states that a plan has reached: to check every one of a thousand vehicles again in every
     window costs more than to plan it.
     """
     copy = object.__new__(type(old))
-    values = {field.name: getattr(old, field.name) for field in dataclasses.fields(old)}  # type: ignore[arg-type]
-    copy.__dict__.update(values, **changes)
+    copy.__dict__.update(old.__dict__, **changes)
     return copy
 
 

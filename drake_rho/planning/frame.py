@@ -1,0 +1,85 @@
+"""What all programs of a scenario are written in: goals, free motions and units."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import TOLERANCE
+from drake_rho.scenario.records import Scenario
+
+
+class Frame:
+    """The free motions of a scenario, and its goals and units in arrays.
+
+    Attributes:
+        grid: of the scenario.
+        goal_rows: orthonormal rows whose products with the accelerations of an axis the goal (12)
+            decides, shape (2 or 1, K-1).
+        free: the motions of least index that reach the goals, nothing else asked.
+        units: acceleration that counts as one [m/s²], shape (N,).
+        hopeless: vehicles that one step cannot bring to their goals, shape (N,).
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        fleet, grid = scenario.fleet, scenario.grid
+        self.grid = grid
+        self.units = fleet.scale("acceleration")
+        self.goal_rows = _goal_rows(grid.knots - 1)
+        self._goal_values, self.hopeless = _goal_values(scenario, self.goal_rows)
+        accelerations = np.einsum("gj,ngx->njx", self.goal_rows, self._goal_values)
+        self.free = Motion.from_starts(fleet, accelerations, grid.step)
+
+    def alone(self, vehicle: int) -> Frame:
+        """The same for one of the vehicles, whose index then is 0."""
+        other = copy(self)
+        own = slice(vehicle, vehicle + 1)
+        other.units, other.hopeless = self.units[own], self.hopeless[own]
+        other.free, other._goal_values = self.free.of(own), self._goal_values[own]
+        return other
+
+    def reaching_goals(self, accelerations: FloatArray, vehicles: IntArray) -> FloatArray:
+        """The goals' equations (12), kept to a solver's tolerance, closed to rounding.
+
+        Args:
+            accelerations: of `vehicles`, shape (P, K-1, 3).
+            vehicles: their indices, shape (P,).
+        """
+        missed = np.einsum("gj,pjx->pgx", self.goal_rows, accelerations)
+        missed -= self._goal_values[vehicles]
+        closed: FloatArray = accelerations - np.einsum("gj,pgx->pjx", self.goal_rows, missed)
+        return closed
+
+
+def _goal_rows(steps: int) -> FloatArray:
+    """What velocity and position at the last knot depend on: the mean of the accelerations and,
+    with more than one step, their linear trend."""  # noqa: D205, D209
+    rows = np.ones((min(steps, 2), steps))
+    if steps > 1:
+        rows[1] = np.arange(steps) - (steps - 1) / 2
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    return rows
+
+
+def _goal_values(scenario: Scenario, rows: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """(12) in terms of `rows`, with (10) and (11) at the last knot.
+
+    Returns:
+        Products of the rows with the accelerations [m/s²], shape (N, 2 or 1, 3), and which
+        vehicles cannot reach their goals by one step.
+    """
+    fleet, grid = scenario.fleet, scenario.grid
+    h, T, steps = grid.step, grid.duration, grid.knots - 1
+    faster = fleet.goal_velocities - fleet.start_velocities
+    further = (fleet.goal_positions - fleet.start_positions) / T - fleet.start_velocities
+    mean = faster / (h * np.sqrt(steps))  # velocity: h in every step
+    position = h * (T - h * np.arange(steps) - h / 2) / T  # (11) over T
+    rest = further - (rows[0] @ position) * mean
+    if steps == 1:
+        missed = np.abs(rest).max(axis=1) > TOLERANCE * fleet.lengths / T
+        return mean[:, None], missed
+    values = np.stack([mean, rest / (rows[1] @ position)], axis=1)
+    return values, np.zeros(len(values), dtype=bool)

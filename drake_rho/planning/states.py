@@ -1,0 +1,110 @@
+"""Sparse rows for a vehicle that has many: velocities and positions as variables of their own.
+
+In terms of the accelerations alone a row of velocity or position has as many entries as steps lie
+before it. With (1) and (2) as equalities it has a few, and the program grows with K as the rows do.
+
+The variables are u, then the velocities and the positions at the knots after the first, as far as
+rows speak of them, all counted from the free motion. Velocities are in units of u h and positions
+of u h², so that (1) and (2) have entries of about one, however many steps there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array, diags_array, eye_array, hstack, kron
+
+from drake_rho.planning.frame import Frame
+from drake_rho.planning.halfspaces import HalfSpaces
+from drake_rho.scenario.fields import FloatArray, IntArray
+
+_Term = tuple[IntArray, FloatArray]
+"""Where a row has entries, as numbers of vectors among the variables (-1 for none), and what."""
+
+
+class StateRows:
+    """Half-spaces of one vehicle as sparse rows matrix @ x >= needed.
+
+    Attributes:
+        frame: what programs are written in.
+        vehicle: the index of the vehicle.
+        steps: K - 1.
+    """
+
+    def __init__(self, frame: Frame, vehicle: int, rows: Sequence[HalfSpaces]) -> None:
+        self.frame, self.vehicle, self.steps = frame, vehicle, frame.grid.knots - 1
+        self._rows = [part for part in rows if len(part) > 0]
+        spoken_of = {part.quantity for part in self._rows}
+        self._positions = "position" in spoken_of
+        self._velocities = self._positions or "velocity" in spoken_of
+
+    @property
+    def columns(self) -> int:
+        """Number of variables."""
+        return 3 * self.steps * (1 + self._velocities + self._positions)
+
+    @property
+    def entries(self) -> int:
+        """About how many numbers the program has."""
+        return 4 * sum(map(len, self._rows)) + 3 * self.columns
+
+    def dynamics(self) -> Iterator[csc_array]:
+        """(1) and (2) for the states there are: matrices whose product with x is zero."""
+        n = self.steps
+        one, before = eye_array(n), diags_array([np.ones(n - 1)], offsets=[-1], shape=(n, n))
+        if self._velocities:
+            blocks = [-one, one - before]
+            yield self._by_axis(blocks)
+        if self._positions:
+            yield self._by_axis([-one / 2, -before, one - before])
+
+    def _by_axis(self, blocks: Sequence[csc_array]) -> csc_array:
+        """The same equations on each axis; blocks for the first of the variables."""
+        by_axis = kron(hstack(blocks), eye_array(3), format="csc")
+        by_axis.resize((by_axis.shape[0], self.columns))
+        return by_axis
+
+    def matrix(self) -> tuple[csc_array, FloatArray, FloatArray]:
+        """The rows.
+
+        Returns:
+            The matrix, `needed`, and by what multipliers of its rows are to be multiplied to
+            become those of rows of length one.
+        """
+        places, entries, needed, lengths = [], [], [], []
+        first = 0
+        for part in self._rows:
+            scale, terms = self._terms(part)
+            rows = first + np.arange(len(part))
+            for vectors, factors in terms:
+                there = vectors >= 0
+                columns = 3 * vectors[there, None] + np.arange(3)
+                places.append(np.stack([np.repeat(rows[there], 3), columns.reshape(-1)]))
+                entries.append((factors[there, None] * part.normals[there]).reshape(-1))
+            unit = self.frame.units[self.vehicle]
+            needed.append(-part.margins(self.frame.free) / (unit * scale))
+            lengths.append(np.linalg.norm(part.responses(self.frame.grid), axis=1) / scale)
+            first += len(part)
+        values, (rows, columns) = np.concatenate(entries), np.concatenate(places, axis=1)
+        matrix = coo_array((values, (rows, columns)), shape=(first, self.columns)).tocsc()
+        matrix.eliminate_zeros()
+        return matrix, np.concatenate(needed), np.concatenate(lengths)
+
+    def _terms(self, rows: HalfSpaces) -> tuple[float, list[_Term]]:
+        """What one unit of a quantity is worth, and the terms it is the sum of."""
+        n, h = self.steps, self.frame.grid.step
+        one = np.ones(len(rows))
+        if rows.quantity in ("acceleration", "jerk"):
+            k = np.rint(rows.times / h).astype(int)
+            if rows.quantity == "acceleration":
+                return 1.0, [(k, one)]
+            return 1.0 / h, [(k, one), (k - 1, -one)]
+        k = np.clip((rows.times / h).astype(int), 0, n - 1)
+        s = rows.times / h - k
+        # knots count from 0, the states' variables from the first knot after that
+        velocities = np.where(k > 0, n + k - 1, -1)
+        if rows.quantity == "velocity":
+            return h, [(velocities, one), (k, s)]
+        positions = np.where(k > 0, 2 * n + k - 1, -1)
+        return h**2, [(positions, one), (velocities, s), (k, s**2 / 2)]

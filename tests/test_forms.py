@@ -1,0 +1,127 @@
+"""Programs moved from window to window, and in few variables, against freshly built full ones."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import drake_rho as rho
+from drake_rho.planning import program
+from drake_rho.planning.frame import Frame
+from drake_rho.planning.loop import constraints_around, plan_around, solve_with
+from drake_rho.planning.program import programs_of, rows_of
+from drake_rho.planning.solve import solve
+from tests.scenarios import box, random_scenario, scenarios, single
+from tests.tolerances import MOTION
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def _fresh(scenario: rho.Scenario) -> rho.Scenario:
+    """The same scenario made and checked anew, with nothing that was computed of the old one."""
+
+    def state(old: rho.State) -> rho.State:
+        return rho.State(old.position, old.velocity, old.acceleration)
+
+    vehicles = [
+        rho.Vehicle(old.name, state(old.start), state(old.goal), old.limits)
+        for old in scenario.vehicles
+    ]
+    grid = rho.Grid(scenario.grid.step, scenario.grid.knots)
+    return dataclasses.replace(scenario, grid=grid, vehicles=tuple(vehicles))
+
+
+@given(seed=seeds)
+@settings(max_examples=40)
+def test_a_window_moved_on_is_planned_like_a_fresh_scenario(seed: int) -> None:
+    """Windows take over goals, bounds and states in arrays; a scenario made anew does not."""
+    scenario = random_scenario(seed, between_knots=bool(seed % 2))
+    try:
+        flight = rho.plan_rho(scenario, replan_every=1 + seed % 6)
+    except rho.InfeasibleError:
+        return
+    for window in flight.windows:
+        if window.infeasible:
+            continue
+        fresh = _fresh(window.plan.scenario)
+        assert fresh == window.plan.scenario
+        around = plan_around(fresh.without_obstacles(), None) if fresh.obstacles else None
+        plan = rho.plan_convex(fresh, reference=around)
+        largest = max(1e-12, np.abs(plan.accelerations).max())
+        np.testing.assert_allclose(
+            window.plan.accelerations, plan.accelerations, atol=MOTION * largest
+        )
+
+
+@given(scenario=scenarios())
+@settings(max_examples=40)
+def test_the_span_of_the_rows_loses_nothing(scenario: rho.Scenario) -> None:
+    """The same rows in all accelerations, with states beside them, give the same solution."""
+    try:
+        solved = solve_with(scenario, constraints_around(scenario, None))
+        reference = rho.plan_convex(scenario.without_obstacles())
+        solved = solve_with(scenario, constraints_around(scenario, reference))
+    except rho.InfeasibleError:
+        return
+    rows = [part for search in solved.searches for part in search.rows.values()]
+    if not rows:
+        return
+    frame = Frame(scenario)
+    steps = scenario.grid.knots - 1
+    for form in ({"_FEW": 10_000}, {"_FEW": 0, "_SPARSE": 0}):
+        with pytest.MonkeyPatch.context() as patched:
+            for name, value in form.items():
+                patched.setattr(program, name, value)
+            batches = programs_of(frame, rows)
+        assert all((batch.basis is None) == ("_SPARSE" in form) for batch in batches)
+        for batch in batches:
+            x = np.array([each.result.get_x_val() for each in solve(batch.programs)])
+            unit = frame.units[batch.vehicles, None, None]
+            free = frame.free.accelerations[batch.vehicles]
+            found = free + unit * batch.solutions(x, steps)
+            known = solved.accelerations[batch.vehicles]
+            np.testing.assert_allclose(found, known, atol=MOTION * np.abs(known).max())
+
+
+def test_multipliers_do_not_depend_on_the_form() -> None:
+    limits = rho.Limits(
+        position=rho.Box([-1, -1, -3], [10.2, 6, 1]), velocity=box(1.6), jerk=box(2)
+    )
+    scenario = single(limits=limits, start=rho.State([0, 0, 0], [1.5, 0, 0]))
+    found = []
+    for few in (10_000, 0):
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(program, "_FEW", few)
+            patched.setattr(program, "_SPARSE", 0)
+            solved = solve_with(scenario, constraints_around(scenario, None))
+        for rows, y in solved.multipliers(0):
+            matrix, needed = rows_of(solved.frame, 0, [rows])
+            u = solved.accelerations[0] - solved.frame.free.accelerations[0]
+            slack = matrix @ (u / solved.frame.units[0]).reshape(-1) - needed
+            assert np.abs(slack * y).max() < 1e-6
+        found.append({rows.name: float(y.sum()) for rows, y in solved.multipliers(0)})
+    assert found[0].keys() == found[1].keys()
+    for name, total in found[0].items():
+        assert found[1][name] == pytest.approx(total, rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["velocity", "acceleration", "jerk", "position"])
+def test_a_limit_that_binds_at_hundreds_of_knots_holds(kind: str) -> None:
+    """With more rows than a small program has the sparse form takes over, to the same plan."""
+    boxes = {"velocity": 1.5, "acceleration": 0.75, "jerk": 0.6, "position": 20.0}
+    start = rho.State([0, 0, 0], acceleration=[0, 0, 0])
+    limits = rho.Limits(**{kind: box(boxes[kind])})
+    if kind == "position":  # thrown at a wall
+        limits = rho.Limits(position=rho.Box([-1, -1, -3], [10.2, 5, 1]))
+        start = rho.State([0, 0, 0], [6, 1, 1])
+    fine = single(limits=limits, start=start, grid=rho.Grid(8 / 800, 801), between_knots=True)
+    coarse = dataclasses.replace(fine, grid=rho.Grid(8 / 100, 101))
+    plan = rho.plan_convex(fine)
+    assert rho.verify(plan).ok
+    assert plan.statistics.rows > (10 if kind == "position" else 100)
+    continuous = plan.cost * fine.grid.step  # the integral of the squared acceleration
+    assert continuous == pytest.approx(rho.plan_convex(coarse).cost * coarse.grid.step, rel=0.02)
