@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help reproduce animate notebooks pictures test lint format clean
+.PHONY: help reproduce animate notebooks pictures bench test lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -21,6 +21,9 @@ notebooks: $(VENV)/.notebooks ## Open the notebooks in JupyterLab
 pictures: $(READY) ## Take the README's picture of the swarm anew (needs Chromium)
 	@sh tools/setup-browser $(VENV)
 	$(BIN)/python -m tests.screenshot figures/meshcat.png
+
+bench: $(VENV)/.bench ## Time it against others, and its growth (ten minutes, benchmarks/results)
+	$(BIN)/python -m benchmarks
 
 test: $(READY) ## Run the tests, the notebooks among them
 	@sh tools/setup-browser $(VENV)
@@ -44,7 +47,7 @@ $(READY): pyproject.toml constraints.txt tools/setup
 	@sh tools/setup $(VENV)
 	@touch $@
 
-$(VENV)/.notebooks: $(READY)
+$(VENV)/.notebooks $(VENV)/.bench: $(VENV)/.%: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt --editable '.[notebooks]'
+	    --constraint constraints.txt --editable '.[$*]'
 	@touch $@

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.planning import program
 from drake_rho.planning.frame import Frame
-from drake_rho.planning.loop import constraints_around, plan_around, solve_with
+from drake_rho.planning.loop import Programs, constraints_around, plan_around
 from drake_rho.planning.program import programs_of, rows_of
 from drake_rho.planning.solve import solve
 from tests.scenarios import box, random_scenario, scenarios, single
@@ -62,12 +62,12 @@ def test_a_window_moved_on_is_planned_like_a_fresh_scenario(seed: int) -> None:
 def test_the_span_of_the_rows_loses_nothing(scenario: rho.Scenario) -> None:
     """The same rows in all accelerations, with states beside them, give the same solution."""
     try:
-        solved = solve_with(scenario, constraints_around(scenario, None))
         reference = rho.plan_convex(scenario.without_obstacles())
-        solved = solve_with(scenario, constraints_around(scenario, reference))
+        solved = Programs(scenario)
+        solved.keep_to(constraints_around(scenario, reference))
     except rho.InfeasibleError:
         return
-    rows = [part for search in solved.searches for part in search.rows.values()]
+    rows = solved.rows
     if not rows:
         return
     frame = Frame(scenario)
@@ -79,11 +79,10 @@ def test_the_span_of_the_rows_loses_nothing(scenario: rho.Scenario) -> None:
             batches = programs_of(frame, rows)
         assert all((batch.basis is None) == ("_SPARSE" in form) for batch in batches)
         for batch in batches:
-            x = np.array([each.result.get_x_val() for each in solve(batch.programs)])
-            unit = frame.units[batch.vehicles, None, None]
-            free = frame.free.accelerations[batch.vehicles]
-            found = free + unit * batch.solutions(x, steps)
-            known = solved.accelerations[batch.vehicles]
+            vehicles = batch.groups[:, 0]
+            u = batch.solutions([each.result for each in solve(batch.programs)], steps)[:, 0]
+            found = frame.free.accelerations[vehicles] + frame.units[vehicles, None, None] * u
+            known = solved.accelerations[vehicles]
             np.testing.assert_allclose(found, known, atol=MOTION * np.abs(known).max())
 
 
@@ -97,9 +96,10 @@ def test_multipliers_do_not_depend_on_the_form() -> None:
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(program, "_FEW", few)
             patched.setattr(program, "_SPARSE", 0)
-            solved = solve_with(scenario, constraints_around(scenario, None))
+            solved = Programs(scenario)
+            solved.keep_to(constraints_around(scenario, None))
         for rows, y in solved.multipliers(0):
-            matrix, needed = rows_of(solved.frame, 0, [rows])
+            matrix, needed, _ = rows_of(solved.frame, np.zeros(1, dtype=int), [rows])
             u = solved.accelerations[0] - solved.frame.free.accelerations[0]
             slack = matrix @ (u / solved.frame.units[0]).reshape(-1) - needed
             assert np.abs(slack * y).max() < 1e-6

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh, null_space
 from scipy.sparse import csc_array, vstack
 
-from drake_rho.planning.loop import Solved
+from drake_rho.planning.loop import Programs
 from drake_rho.planning.program import rows_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -51,7 +51,7 @@ class Lagrangian:
         multipliers: y >= 0 that it proposes, shape (R,).
     """
 
-    def __init__(self, scenario: Scenario, solved: Solved, vehicle: int) -> None:
+    def __init__(self, scenario: Scenario, solved: Programs, vehicle: int) -> None:
         frame = solved.frame.alone(vehicle)
         self.unit = float(frame.units[0])
         self.solution = solved.accelerations[vehicle] / self.unit
@@ -69,7 +69,7 @@ class Lagrangian:
                 radii = np.full(len(rows), sphere.radius)
                 bent.append(_ObstacleTerms(pull, offsets, radii, y / np.linalg.norm(pull, axis=1)))
             else:
-                matrix, needed = rows_of(frame, 0, [alone])
+                matrix, needed, _ = rows_of(frame, np.zeros(1, dtype=int), [alone])
                 straight.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
         steps = frame.grid.knots - 1
         self._pull = np.concatenate([np.zeros((0, steps)), *(each.pull for each in bent)])

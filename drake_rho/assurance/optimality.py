@@ -22,7 +22,7 @@ from drake_rho.assurance.lagrangian import Lagrangian
 from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.loop import Solved, constraints_around, solve_with
+from drake_rho.planning.loop import Programs, constraints_around
 from drake_rho.planning.scp import plan_scp
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -162,10 +162,12 @@ def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:
     return found
 
 
-def _solved_around(plan: Plan, solver: SolverInterface | None) -> Solved:
+def _solved_around(plan: Plan, solver: SolverInterface | None) -> Programs:
     """The programs linearised around a converged plan, solved once more for their multipliers."""
     reference = plan if plan.scenario.obstacles else None
-    return solve_with(plan.scenario, constraints_around(plan.scenario, reference), solver)
+    programs = Programs(plan.scenario)
+    programs.keep_to(constraints_around(plan.scenario, reference), solver)
+    return programs
 
 
 def _gap(cost: float, lower_bound: float) -> float:

@@ -81,6 +81,14 @@ class Motion:
         p, v = roll_out(p, v, accelerations, self.step)
         return Motion(self.step, p, v, accelerations, self.before)
 
+    def with_some(self, vehicles: IntArray, accelerations: FloatArray) -> Motion:
+        """The same motions, but for some vehicles that fly other accelerations."""
+        if len(vehicles) == len(self.accelerations):
+            return self.with_accelerations(accelerations)
+        every = np.array(self.accelerations)
+        every[vehicles] = accelerations
+        return self.with_accelerations(every)
+
     def of(self, vehicles: IntArray | slice) -> Motion:
         """The motions of some of the vehicles."""
         return Motion(
@@ -124,9 +132,9 @@ class Motion:
             raise ValueError(f"quantity: got {quantity!r}, expected one of {', '.join(RESPONSES)}")
         last = self.accelerations.shape[-2] - 1
         if quantity in ("acceleration", "jerk"):
-            k = np.clip(np.rint(times / self.step).astype(int), 0, last)
+            k = np.minimum(np.maximum(np.rint(times / self.step).astype(int), 0), last)
             return pick(self.accelerations if quantity == "acceleration" else self.jerks(), k)
-        k = np.clip((times / self.step).astype(int), 0, last)
+        k = np.minimum(np.maximum((times / self.step).astype(int), 0), last)
         s = (times - k * self.step)[:, None]
         v, a = pick(self.velocities, k), pick(self.accelerations, k)
         velocities: FloatArray = v + s * a

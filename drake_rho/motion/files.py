@@ -128,4 +128,5 @@ def _unpack(prefix: str, content: Mapping[str, np.ndarray]) -> Plan:
             raise ValueError(f"{prefix}.{name} has values that are no finite numbers")
     statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
     scenario = scenario_from_json(str(content[f"{prefix}.scenario"]))
-    return Plan(scenario, **arrays, statistics=statistics)
+    positions, velocities, accelerations = (arrays[name] for name in _ARRAYS)
+    return Plan(scenario, positions, velocities, accelerations, statistics)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from copy import copy
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -73,6 +74,8 @@ class Plan:
     """a[k] from knot k to knot k+1 [m/s²], shape (N, K-1, 3)"""
     statistics: Statistics = dataclasses.field(default_factory=Statistics)
     """what it took"""
+    reference: Plan | None = None
+    """the motion around which obstacles were linearised to find it; None if there was none"""
 
     def __post_init__(self) -> None:
         vehicles, knots = len(self.scenario.vehicles), self.scenario.grid.knots
@@ -92,6 +95,20 @@ class Plan:
         motion = Motion.from_starts(scenario.fleet, accelerations, scenario.grid.step)
         positions, velocities = motion.positions, motion.velocities
         return cls(scenario, positions, velocities, accelerations, statistics or Statistics())
+
+    def with_statistics(self, statistics: Statistics) -> Plan:
+        """The same plan with another account of what it took."""
+        plan = copy(self)
+        object.__setattr__(plan, "statistics", statistics)
+        return plan
+
+    def found_around(self, reference: Plan) -> Plan:
+        """The same plan with its reference, of which only the motion is kept."""
+        plan, motion = copy(self), copy(reference)
+        object.__setattr__(motion, "reference", None)
+        object.__setattr__(motion, "statistics", Statistics())
+        object.__setattr__(plan, "reference", motion)
+        return plan
 
     @property
     def times(self) -> FloatArray:

@@ -183,9 +183,9 @@ def _solve_elastic(alone: Frame, names: Sequence[str], rows: dict[str, _Rows]) -
             if name == _HARD:
                 rows[name].present[:] = True
             needed = rows[name].all.select(rows[name].present)
-            matrix, lower = rows_of(alone, 0, [needed])
+            matrix, lower, hard = rows_of(alone, np.zeros(1, dtype=int), [needed])
             if name == _HARD:
-                bindings[name] = add_rows(elastic, csc_matrix(matrix), lower, u)
+                bindings[name] = add_rows(elastic, matrix, lower, hard, u)
             else:
                 bindings[name] = _add_elastic(elastic, matrix, lower, u, both_ways=False)
     (solution,) = solve([elastic])

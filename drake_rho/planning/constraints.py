@@ -62,6 +62,41 @@ class Constraint(abc.ABC):
 
 
 @dataclasses.dataclass(frozen=True)
+class Listed(Constraint):
+    """A constraint given by the list of its rows, neighbours in time one after the other."""
+
+    every: HalfSpaces
+    sides: int = 1
+
+    @property
+    def name(self) -> str:  # type: ignore[override]  # that of the rows
+        """As the rows are called."""
+        return self.every.name
+
+    @property
+    def times(self) -> FloatArray:  # type: ignore[override]  # those of the rows
+        """Of every row."""
+        return self.every.times
+
+    def margins(self, motion: Motion, vehicles: IntArray) -> FloatArray | None:
+        """Of the rows, which are of all vehicles, shape (R,)."""
+        return self.every.margins(motion) / self.every.tolerances
+
+    def rows(self, vehicles: IntArray, sides: IntArray, times: FloatArray) -> HalfSpaces:
+        """The rows that there are."""
+        return self.every
+
+    def rows_of_block(self, vehicles: IntArray) -> HalfSpaces:
+        """Those of neighbouring vehicles."""
+        own = (self.every.vehicles >= vehicles[0]) & (self.every.vehicles <= vehicles[-1])
+        return self.every if np.all(own) else self.every.select(own)
+
+    def rows_of(self, vehicle: int) -> HalfSpaces:
+        """Those of one vehicle."""
+        return self.every.of(vehicle)
+
+
+@dataclasses.dataclass(frozen=True)
 class BoxConstraint(Constraint):
     """The box (4), (5), (6) or (7) of every vehicle."""
 

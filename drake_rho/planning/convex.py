@@ -9,8 +9,9 @@ import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.constraints import boxes_of, tangents_of
 from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.loop import plan_around
+from drake_rho.planning.loop import Programs, plan_around
 from drake_rho.scenario.records import Grid, Scenario
 
 
@@ -58,7 +59,7 @@ def plan_convex(
             statistics += error.statistics
         else:
             statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
-            return dataclasses.replace(plan, statistics=statistics)
+            return plan.with_statistics(statistics)
     first = failures[0]
     raise InfeasibleError(first.conflicts, steps_tried, statistics, scenario, first.obstacles)
 
@@ -67,18 +68,13 @@ def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | 
     """Steps 1 and 2 for one h."""
     if reference is not None:
         return plan_around(scenario, reference, solver)
-    free = plan_around(scenario.without_obstacles(), None, solver)
+    programs, boxes = Programs(scenario), boxes_of(scenario)
+    programs.keep_to(boxes, solver)
+    free = programs.plan()
     if not scenario.obstacles:
         return free
-    try:
-        plan = plan_around(scenario, free, solver)
-    except InfeasibleError as error:
-        raise InfeasibleError(
-            error.conflicts,
-            statistics=free.statistics + error.statistics,
-            obstacles=error.obstacles,
-        ) from None
-    return dataclasses.replace(plan, statistics=free.statistics + plan.statistics)
+    programs.keep_to(boxes + tangents_of(scenario, free), solver)
+    return programs.plan(free)
 
 
 def _grid(step: float, like: Grid) -> Grid:

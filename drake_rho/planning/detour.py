@@ -8,7 +8,6 @@ comes out is outside every sphere, so it is a reference around which (15) has a 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from itertools import product
 
@@ -68,7 +67,7 @@ def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None
             seen.update(following)
             waiting = sorted([*waiting, *following], key=sum)
         else:
-            return dataclasses.replace(plan, statistics=spent + plan.statistics)
+            return plan.with_statistics(spent + plan.statistics)
     first = failures[0]
     for reference in _bent(scenario, free, sides, first):
         try:
@@ -78,7 +77,7 @@ def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None
         except InfeasibleError as error:
             spent += error.statistics
         else:
-            return dataclasses.replace(plan, statistics=spent + plan.statistics)
+            return plan.with_statistics(spent + plan.statistics)
     raise InfeasibleError(first.conflicts, statistics=spent, obstacles=first.obstacles)
 
 

@@ -1,7 +1,8 @@
 """Linear constraints on motions: half-spaces normal · quantity(time) >= bound.
 
-Boxes (4) to (7) have this form, and obstacles (8) when made linear by (15). Which constraint asks
-for which half-spaces, and when a motion breaks them, is in `drake_rho.planning.constraints`.
+Boxes (4) to (7) have this form, and obstacles (8) and pairs of vehicles when made linear by (15).
+Which constraint asks for which half-spaces, and when a motion breaks them, is in
+`drake_rho.planning.constraints` and `drake_rho.planning.separation`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,11 @@ from drake_rho.scenario.parts import Grid, Quantity
 
 @dataclasses.dataclass(frozen=True)
 class HalfSpaces:
-    """Rows normal · quantity(vehicle, time) >= bound, all of one constraint."""
+    """Rows normal · quantity(vehicle, time) >= bound, all of one constraint.
+
+    The rows of a constraint that couples vehicles bound the quantity of a vehicle less that of
+    its partner.
+    """
 
     name: str
     """what the constraint is called in messages"""
@@ -35,6 +40,12 @@ class HalfSpaces:
     """least value along the normal, in the quantity's unit, shape (R,)"""
     tolerances: FloatArray
     """how far below the bound still counts as held, in the quantity's unit, shape (R,)"""
+    partners: IntArray | None = None
+    """the other vehicles, where a row is about two, shape (R,)"""
+    coupled: bool = False
+    """whether the rows bound the difference to the partner, rather than the vehicle alone"""
+    price: float = np.inf
+    """what the index may rise for each unit that a row gives way; infinite if it must not"""
 
     def __len__(self) -> int:
         """R."""
@@ -47,6 +58,8 @@ class HalfSpaces:
             motion: of all vehicles of the scenario.
         """
         values = motion.each_at(self.quantity, self.vehicles, self.times)
+        if self.coupled and self.partners is not None:
+            values = values - motion.each_at(self.quantity, self.partners, self.times)
         margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
         return margins
 
@@ -83,11 +96,18 @@ class HalfSpaces:
             normals=self.normals[rows],
             bounds=self.bounds[rows],
             tolerances=self.tolerances[rows],
+            partners=None if self.partners is None else self.partners[rows],
         )
+
+    def numbered(self, numbers: IntArray) -> HalfSpaces:
+        """The same with other indices: that of vehicle i becomes numbers[i]."""
+        partners = None if self.partners is None else numbers[self.partners]
+        return dataclasses.replace(self, vehicles=numbers[self.vehicles], partners=partners)
 
     @classmethod
     def joined(cls, parts: Sequence[HalfSpaces]) -> HalfSpaces:
         """Rows of one constraint, one part after the other."""
+        partners = [part.partners for part in parts if part.partners is not None]
         return dataclasses.replace(
             parts[0],
             vehicles=np.concatenate([part.vehicles for part in parts]),
@@ -95,4 +115,5 @@ class HalfSpaces:
             normals=np.concatenate([part.normals for part in parts]),
             bounds=np.concatenate([part.bounds for part in parts]),
             tolerances=np.concatenate([part.tolerances for part in parts]),
+            partners=np.concatenate(partners) if partners else None,
         )

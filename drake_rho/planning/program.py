@@ -17,8 +17,14 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
-from scipy.sparse import csc_array, csc_matrix, diags_array, hstack, vstack
+from pydrake.solvers import (
+    Binding,
+    LinearConstraint,
+    MathematicalProgram,
+    MathematicalProgramResult,
+)
+from scipy.sparse import coo_array, csc_array, csc_matrix, hstack
+from scipy.sparse.csgraph import connected_components
 
 from drake_rho.planning.frame import Frame
 from drake_rho.planning.halfspaces import HalfSpaces
@@ -38,28 +44,34 @@ _BLOCK = 150
 
 @dataclasses.dataclass(frozen=True)
 class Batch:
-    """Quadratic programs of vehicles that have as many rows each, one for each vehicle."""
+    """Quadratic programs of groups of as many vehicles and rows each, one for each group.
 
-    vehicles: IntArray
-    """their indices in the scenario, shape (B,)"""
+    A group is one vehicle, or several that rows couple.
+    """
+
+    groups: IntArray
+    """indices of the vehicles in the scenario, shape (B, G)"""
     programs: list[MathematicalProgram]
     """minimise norm(x)² subject to the rows, u = basis @ x"""
     rows: list[Binding[LinearConstraint]]
     """the half-spaces, in the order they were given in"""
     basis: FloatArray | None
-    """shape (B, 3 (K-1), number of variables); None if u are the first of the variables"""
+    """shape (B, 3 G (K-1), number of variables); None if u are the first of the variables"""
     lengths: FloatArray
     """by what multipliers are multiplied to be those of rows of length one, shape (B, R)"""
 
-    def solutions(self, x: FloatArray, steps: int) -> FloatArray:
-        """The accelerations u from the free motions, in units, shape (B, K-1, 3).
+    def solutions(self, results: Sequence[MathematicalProgramResult], steps: int) -> FloatArray:
+        """The accelerations u from the free motions, in units, shape (B, G, K-1, 3).
 
         Args:
-            x: the programs' variables, shape (B, number of variables).
+            results: one for each program.
             steps: K - 1.
         """
-        u = x[:, : 3 * steps] if self.basis is None else np.matvec(self.basis, x)
-        return u.reshape(len(x), steps, 3)
+        (count, vehicles), basis = self.groups.shape, self.basis
+        size = 3 * steps * vehicles if basis is None else basis.shape[2]
+        x = np.array([result.get_x_val()[:size] for result in results])
+        u = x if basis is None else np.matvec(basis, x)
+        return u.reshape(count, vehicles, steps, 3)
 
 
 def programs_of(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
@@ -67,70 +79,105 @@ def programs_of(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
 
     Args:
         frame: of the scenario.
-        rows: constraint by constraint; those of a vehicle keep their order.
+        rows: constraint by constraint; those of a group keep their order.
     """
-    vehicles = np.concatenate([part.vehicles for part in rows])
-    count = np.bincount(vehicles)
-    many = np.flatnonzero(count > _FEW)
-    if len(many) == 0:
-        return _of_few(frame, rows, count)
+    groups = groups_of(len(frame.units), rows)
+    count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
+    members = np.bincount(groups)[: len(count)]
+    alone = (count <= _FEW) & (members == 1)
     batches: list[Batch] = []
-    if np.any(count[vehicles] <= _FEW):
-        few = [part.select(count[part.vehicles] <= _FEW) for part in rows]
-        batches = _of_few(frame, few, count)
-    for vehicle in many.tolist():
-        batches.append(_of_many(frame, vehicle, [part.of(vehicle) for part in rows]))
+    if np.any(alone & (count > 0)):
+        few = [part.select(alone[groups[part.vehicles]]) for part in rows]
+        batches = _of_few(frame, few)
+    for group in np.flatnonzero(~alone & (count > 0)):
+        own = [part.select(groups[part.vehicles] == group) for part in rows]
+        batches.append(_of_many(frame, np.flatnonzero(groups == group), own))
     return batches
 
 
-def _of_few(frame: Frame, rows: Sequence[HalfSpaces], count: IntArray) -> list[Batch]:
+def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
+    """For each vehicle the number of its group: those that rows couple have the same."""
+    coupled = [part for part in rows if part.coupled and part.partners is not None]
+    if not coupled:
+        return np.arange(vehicles)
+    one = np.concatenate([part.vehicles for part in coupled])
+    other = np.concatenate([part.partners for part in coupled if part.partners is not None])
+    links = coo_array((np.ones(len(one)), (one, other)), shape=(vehicles, vehicles))
+    labels: IntArray = connected_components(links, directed=False)[1]
+    return labels
+
+
+def _of_few(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
     """Programs in the span of their rows; the arithmetic of all of them at once."""
     vehicles = np.concatenate([part.vehicles for part in rows])
-    sizes = count[vehicles]
+    sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
     responses = np.concatenate([part.responses(frame.grid) for part in rows])[order]
     normals = np.concatenate([part.normals for part in rows])[order]
     short = -np.concatenate([part.margins(frame.free) for part in rows])[order]
+    prices = np.repeat([part.price for part in rows], [len(part) for part in rows])[order]
     lengths = np.sqrt(np.einsum("rj,rj->r", responses, responses))
     inside = _without_goal(frame, responses / lengths[:, None])
     vehicles, sizes = vehicles[order], sizes[order]
-    needed = short / (lengths * frame.units[vehicles])
+    units = frame.units[vehicles]
+    needed, weights = short / (lengths * units), prices * lengths / units
     matrix = (inside[:, :, None] * normals[:, None, :]).reshape(len(order), -1)
     batches = []
     for size in np.unique(sizes).tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
         stack = matrix[own].reshape(-1, size, matrix.shape[1])
-        batches.append(_in_span(vehicles[own][::size], stack, needed[own].reshape(-1, size)))
+        numbers = (needed[own].reshape(-1, size), weights[own].reshape(-1, size))
+        batches.append(_in_span(vehicles[own][::size, None], stack, *numbers))
     return batches
 
 
-def _of_many(frame: Frame, vehicle: int, rows: Sequence[HalfSpaces]) -> Batch:
+def _of_many(frame: Frame, group: IntArray, rows: Sequence[HalfSpaces]) -> Batch:
     """One program, in the span of its rows or, if that is cheaper, with sparse rows."""
-    sparse = StateRows(frame, vehicle, rows)
-    count = sum(map(len, rows))
-    if count**2 * (3 * frame.grid.knots + 5 * count) > _SPARSE * sparse.entries:
+    sparse = StateRows(frame, group, rows)
+    count, steps = sum(map(len, rows)), frame.grid.knots - 1
+    if count**2 * (3 * len(group) * steps + 5 * count) > _SPARSE * sparse.entries:
         return _in_states(sparse)
-    matrix, needed = rows_of(frame, vehicle, rows)
-    dense = matrix.toarray().reshape(len(needed), -1, 3)
+    matrix, needed, weights = rows_of(frame, group, rows)
+    dense = matrix.toarray().reshape(count * len(group), steps, 3)
     inside = np.stack([_without_goal(frame, dense[:, :, axis]) for axis in range(3)], axis=2)
-    return _in_span(np.array([vehicle]), inside.reshape(1, len(needed), -1), needed[None])
+    return _in_span(group[None], inside.reshape(1, count, -1), needed[None], weights[None])
 
 
-def rows_of(frame: Frame, vehicle: int, rows: Sequence[HalfSpaces]) -> tuple[csc_array, FloatArray]:
+def rows_of(
+    frame: Frame, group: IntArray, rows: Sequence[HalfSpaces]
+) -> tuple[csc_array, FloatArray, FloatArray]:
     """Half-spaces as rows matrix @ u >= needed, by (10)-(11), each of length one.
 
-    Here u are the accelerations of one vehicle from its free motion, in its unit.
+    Here u are the accelerations of a group of vehicles from their free motions, in its unit.
+
+    Returns:
+        The matrix (R, 3 G (K-1)), `needed` (R,), and what it costs that a row gives way by one,
+        (R,).
     """
-    blocks, needed = [csc_array((0, 3 * (frame.grid.knots - 1)))], [np.zeros(0)]
+    steps, unit = frame.grid.knots - 1, frame.units[group].max()
+    place = np.zeros(len(frame.units), dtype=int)
+    place[group] = np.arange(len(group))
+    entries, where, needed, weights = [np.zeros(0)], [np.zeros((2, 0), dtype=int)], [], []
+    first = 0
     for part in rows:
-        responses = part.sparse_responses(frame.grid)
-        lengths = np.sqrt(responses.power(2).sum(axis=1))
-        along = [diags_array(part.normals[:, axis] / lengths) @ responses for axis in range(3)]
-        by_axis = hstack(along, format="csc")
-        steps = frame.grid.knots - 1
-        blocks.append(by_axis[:, np.arange(3 * steps).reshape(3, steps).T.reshape(-1)])
-        needed.append(-part.margins(frame.free) / (lengths * frame.units[vehicle]))
-    return vstack(blocks, format="csc"), np.concatenate(needed)
+        responses = part.sparse_responses(frame.grid).tocoo()
+        terms = [(part.vehicles, 1.0)]
+        if part.coupled and part.partners is not None:
+            terms.append((part.partners, -1.0))
+        lengths = np.sqrt(len(terms) * responses.power(2).sum(axis=1))
+        r, j = responses.coords
+        for vehicles, sign in terms:
+            vectors = place[vehicles[r]] * steps + j
+            values = (sign * responses.data / lengths[r])[:, None] * part.normals[r]
+            entries.append(values.reshape(-1))
+            columns = (3 * vectors[:, None] + np.arange(3)).reshape(-1)
+            where.append(np.stack([np.repeat(first + r, 3), columns]))
+        needed.append(-part.margins(frame.free) / (lengths * unit))
+        weights.append(part.price * lengths / unit)
+        first += len(part)
+    shape = (first, 3 * steps * len(group))
+    matrix = coo_array((np.concatenate(entries), tuple(np.concatenate(where, axis=1))), shape=shape)
+    return matrix.tocsc(), np.concatenate(needed), np.concatenate(weights)
 
 
 def _without_goal(frame: Frame, rows: FloatArray) -> FloatArray:
@@ -141,38 +188,41 @@ def _without_goal(frame: Frame, rows: FloatArray) -> FloatArray:
     return rows
 
 
-def _in_span(vehicles: IntArray, matrices: FloatArray, needed: FloatArray) -> Batch:
+def _in_span(
+    groups: IntArray, matrices: FloatArray, needed: FloatArray, weights: FloatArray
+) -> Batch:
     """Programs in coordinates of the span of their rows, which leave the goal alone.
 
     Args:
-        vehicles: whose, shape (B,).
-        matrices: rows of length at most one, shape (B, R, 3 (K-1)).
+        groups: whose, shape (B, G).
+        matrices: rows of length at most one, shape (B, R, 3 G (K-1)).
         needed: shape (B, R).
+        weights: what it costs that a row gives way by one, shape (B, R).
     """
     basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
     programs, rows = [], []
-    for triangle, least in zip(np.swapaxes(triangles, 1, 2), needed, strict=True):
+    for triangle, least, price in zip(np.swapaxes(triangles, 1, 2), needed, weights, strict=True):
         program = MathematicalProgram()
         x = program.NewContinuousVariables(triangle.shape[1])
         add_index(program, x)
-        rows.append(add_rows(program, triangle, least, x))
+        rows.append(add_rows(program, triangle, least, price, x))
         programs.append(program)
-    return Batch(vehicles, programs, rows, basis, np.ones_like(needed))
+    return Batch(groups, programs, rows, basis, np.ones_like(needed))
 
 
 def _in_states(sparse: StateRows) -> Batch:
     """The program in the accelerations, with the states that its rows speak of beside them."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(sparse.columns)
-    u = x[: 3 * sparse.steps]
+    u = x[: 3 * sparse.steps * len(sparse.group)]
     add_index(program, u)
     add_goal(program, sparse.frame, u)
     for equations in sparse.dynamics():
         zero = np.zeros(equations.shape[0])
         program.AddLinearEqualityConstraint(csc_matrix(equations), zero, x)
-    matrix, needed, lengths = sparse.matrix()
-    rows = add_rows(program, csc_matrix(matrix), needed, x)
-    return Batch(np.array([sparse.vehicle]), [program], [rows], None, lengths[None])
+    matrix, needed, weights, lengths = sparse.matrix()
+    rows = add_rows(program, matrix, needed, weights, x)
+    return Batch(sparse.group[None], [program], [rows], None, lengths[None])
 
 
 def add_index(to: MathematicalProgram, x: np.ndarray) -> None:
@@ -191,18 +241,33 @@ def _sum_of_squares(size: int) -> tuple[FloatArray, FloatArray]:
 
 def add_goal(to: MathematicalProgram, frame: Frame, u: np.ndarray) -> None:
     """(12): position and velocity at the last knot stay those of the free motion."""
-    rows = frame.goal_rows
-    for axis in range(3):
-        to.AddLinearEqualityConstraint(rows, np.zeros(len(rows)), u[axis::3])
+    rows, steps = frame.goal_rows, frame.grid.knots - 1
+    for first in range(0, len(u), 3 * steps):
+        for axis in range(3):
+            own = u[first + axis : first + 3 * steps : 3]
+            to.AddLinearEqualityConstraint(rows, np.zeros(len(rows)), own)
 
 
 def add_rows(
-    to: MathematicalProgram, matrix: FloatArray | csc_matrix, needed: FloatArray, x: np.ndarray
+    to: MathematicalProgram,
+    matrix: FloatArray | csc_array,
+    needed: FloatArray,
+    weights: FloatArray,
+    x: np.ndarray,
 ) -> Binding[LinearConstraint]:
-    """(4) to (7) and (15): matrix @ x >= needed."""
-    return to.AddLinearConstraint(matrix, needed, _no_upper_bounds(len(needed)), x)
+    """(4) to (8) and pairs, made linear: matrix @ x >= needed, or less at a price."""
+    soft = np.flatnonzero(np.isfinite(weights))
+    if len(soft) > 0:
+        give = to.NewContinuousVariables(len(soft))
+        to.AddBoundingBoxConstraint(np.zeros(len(soft)), _infinite(len(soft)), give)
+        to.AddLinearCost(weights[soft], give)
+        where = (soft, np.arange(len(soft)))
+        ones = coo_array((np.ones(len(soft)), where), shape=(len(needed), len(soft)))
+        matrix, x = hstack([csc_array(matrix), ones], format="csc"), np.concatenate([x, give])
+    if not isinstance(matrix, np.ndarray):
+        matrix = csc_matrix(matrix)  # what Drake knows
+    return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)
 
 
-@lru_cache(maxsize=_BLOCK)
-def _no_upper_bounds(size: int) -> FloatArray:
+def _infinite(size: int) -> FloatArray:
     return np.full(size, np.inf)

@@ -14,7 +14,6 @@ from pydrake.solvers import SolverInterface
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.loop import plan_around
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
@@ -29,22 +28,27 @@ class Planner(Protocol):
         ...
 
 
-Reference = Callable[[Scenario, Plan | None, SolverInterface | None], Plan]
+Reference = Callable[[Scenario, Plan | None, SolverInterface | None], Plan | None]
 """What a window is linearised around: (its scenario, the previous prediction's tail or None in the
-first window, the solver) -> a motion of the same vehicles on the same grid."""
+first window, the solver) -> a motion of the same vehicles on the same grid, or None for the one
+that planners make by themselves."""
 
 
-def free_reference(scenario: Scenario, tail: Plan | None, solver: SolverInterface | None) -> Plan:
-    """The paper's reference: each window's own solution without the obstacles."""
-    return plan_around(scenario.without_obstacles(), None, solver)
+def free_reference(scenario: Scenario, tail: Plan | None, solver: SolverInterface | None) -> None:
+    """The paper's reference: each window's own solution without the obstacles.
+
+    Planners begin with that one when they are given none.
+    """
 
 
-def tail_reference(scenario: Scenario, tail: Plan | None, solver: SolverInterface | None) -> Plan:
+def tail_reference(
+    scenario: Scenario, tail: Plan | None, solver: SolverInterface | None
+) -> Plan | None:
     """What is left of the previous prediction; in the first window, the paper's reference.
 
     The tail meets every constraint of the window, so there is always a plan, up to rounding.
     """
-    return free_reference(scenario, None, solver) if tail is None else tail
+    return tail
 
 
 def plan_rho(
@@ -133,6 +137,6 @@ def plan_window(
         if tail is None:
             raise
         spent = error.statistics if isinstance(error, InfeasibleError) else Statistics()
-        flown_on = dataclasses.replace(tail, statistics=spent)
+        flown_on = tail.with_statistics(spent)
         return Window(first_knot, flown_on, around or flown_on, infeasible=str(error))
-    return Window(first_knot, plan, around or plan)
+    return Window(first_knot, plan, around or plan.reference or plan)

@@ -120,10 +120,10 @@ def _plan_round(
             Conflicts(conflicts), statistics=spent, scenario=scenario, obstacles=obstacles
         )
     plan = plan_around(scenario, Plan.from_accelerations(scenario, accelerations), solver)
-    return dataclasses.replace(plan, statistics=spent + plan.statistics)
+    return plan.with_statistics(spent + plan.statistics)
 
 
 def _stopped(plan: Plan) -> Plan:
     """The plan with a note that the iteration did not come to its own end."""
     statistics = dataclasses.replace(plan.statistics, converged=False)
-    return dataclasses.replace(plan, statistics=statistics)
+    return plan.with_statistics(statistics)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
+from pydrake.common import Parallelism
 from pydrake.solvers import (
     ClarabelSolver,
     MathematicalProgram,
@@ -38,6 +39,10 @@ _OSQP: _Options = {
     "polishing": 1,
     "polish_refine_iter": 10,
 }
+
+_WORTH_THREADS = 200
+"""Variables in all programs together from which waking other cores takes less time than it saves;
+where these have other work, waiting for them takes a hundred times as long as a small program."""
 
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
 
@@ -103,8 +108,12 @@ def _solve_with(
     options = SolverOptions()
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
+    variables = sum(program.num_vars() for program in programs)
     results = SolveInParallel(
-        progs=list(programs), solver_options=options, solver_id=solver.solver_id()
+        progs=list(programs),
+        solver_options=options,
+        solver_id=solver.solver_id(),
+        parallelism=Parallelism.Max() if variables > _WORTH_THREADS else Parallelism(1),
     )
     name = _name(solver)
     return [_judge(name, result) for result in results]

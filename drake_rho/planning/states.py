@@ -1,4 +1,4 @@
-"""Sparse rows for a vehicle that has many: velocities and positions as variables of their own.
+"""Sparse rows for vehicles that have many: velocities and positions as variables of their own.
 
 In terms of the accelerations alone a row of velocity or position has as many entries as steps lie
 before it. With (1) and (2) as equalities it has a few, and the program grows with K as the rows do.
@@ -24,16 +24,16 @@ _Term = tuple[IntArray, FloatArray]
 
 
 class StateRows:
-    """Half-spaces of one vehicle as sparse rows matrix @ x >= needed.
+    """Half-spaces of a group of vehicles as sparse rows matrix @ x >= needed.
 
     Attributes:
         frame: what programs are written in.
-        vehicle: the index of the vehicle.
+        group: the indices of the vehicles, shape (G,).
         steps: K - 1.
     """
 
-    def __init__(self, frame: Frame, vehicle: int, rows: Sequence[HalfSpaces]) -> None:
-        self.frame, self.vehicle, self.steps = frame, vehicle, frame.grid.knots - 1
+    def __init__(self, frame: Frame, group: IntArray, rows: Sequence[HalfSpaces]) -> None:
+        self.frame, self.group, self.steps = frame, group, frame.grid.knots - 1
         self._rows = [part for part in rows if len(part) > 0]
         spoken_of = {part.quantity for part in self._rows}
         self._positions = "position" in spoken_of
@@ -42,7 +42,7 @@ class StateRows:
     @property
     def columns(self) -> int:
         """Number of variables."""
-        return 3 * self.steps * (1 + self._velocities + self._positions)
+        return 3 * self.steps * len(self.group) * (1 + self._velocities + self._positions)
 
     @property
     def entries(self) -> int:
@@ -54,25 +54,26 @@ class StateRows:
         n = self.steps
         one, before = eye_array(n), diags_array([np.ones(n - 1)], offsets=[-1], shape=(n, n))
         if self._velocities:
-            blocks = [-one, one - before]
-            yield self._by_axis(blocks)
+            yield self._of_all([-one, one - before])
         if self._positions:
-            yield self._by_axis([-one / 2, -before, one - before])
+            yield self._of_all([-one / 2, -before, one - before])
 
-    def _by_axis(self, blocks: Sequence[csc_array]) -> csc_array:
-        """The same equations on each axis; blocks for the first of the variables."""
-        by_axis = kron(hstack(blocks), eye_array(3), format="csc")
-        by_axis.resize((by_axis.shape[0], self.columns))
-        return by_axis
+    def _of_all(self, blocks: Sequence[csc_array]) -> csc_array:
+        """The same equations for each vehicle and axis; blocks for the first of the variables."""
+        vehicles, axes = eye_array(len(self.group)), eye_array(3)
+        every = hstack([kron(kron(vehicles, block), axes) for block in blocks], format="csc")
+        every.resize((every.shape[0], self.columns))
+        return every
 
-    def matrix(self) -> tuple[csc_array, FloatArray, FloatArray]:
+    def matrix(self) -> tuple[csc_array, FloatArray, FloatArray, FloatArray]:
         """The rows.
 
         Returns:
-            The matrix, `needed`, and by what multipliers of its rows are to be multiplied to
-            become those of rows of length one.
+            The matrix, `needed`, what it costs that a row gives way by one, and by what the
+            multipliers of the rows are to be multiplied to become those of rows of length one.
         """
-        places, entries, needed, lengths = [], [], [], []
+        unit = self.frame.units[self.group].max()
+        places, entries, needed, weights, lengths = [], [], [], [], []
         first = 0
         for part in self._rows:
             scale, terms = self._terms(part)
@@ -82,29 +83,39 @@ class StateRows:
                 columns = 3 * vectors[there, None] + np.arange(3)
                 places.append(np.stack([np.repeat(rows[there], 3), columns.reshape(-1)]))
                 entries.append((factors[there, None] * part.normals[there]).reshape(-1))
-            unit = self.frame.units[self.vehicle]
             needed.append(-part.margins(self.frame.free) / (unit * scale))
-            lengths.append(np.linalg.norm(part.responses(self.frame.grid), axis=1) / scale)
+            weights.append(np.full(len(part), part.price * scale / unit))
+            several = np.sqrt(2.0) if part.coupled else 1.0
+            norms = np.linalg.norm(part.responses(self.frame.grid), axis=1)
+            lengths.append(several * norms / scale)
             first += len(part)
         values, (rows, columns) = np.concatenate(entries), np.concatenate(places, axis=1)
         matrix = coo_array((values, (rows, columns)), shape=(first, self.columns)).tocsc()
         matrix.eliminate_zeros()
-        return matrix, np.concatenate(needed), np.concatenate(lengths)
+        return matrix, np.concatenate(needed), np.concatenate(weights), np.concatenate(lengths)
 
     def _terms(self, rows: HalfSpaces) -> tuple[float, list[_Term]]:
         """What one unit of a quantity is worth, and the terms it is the sum of."""
+        scale, terms = self._terms_of(rows, rows.vehicles)
+        if rows.coupled and rows.partners is not None:
+            less = self._terms_of(rows, rows.partners)[1]
+            terms += [(vectors, -factors) for vectors, factors in less]
+        return scale, terms
+
+    def _terms_of(self, rows: HalfSpaces, vehicles: IntArray) -> tuple[float, list[_Term]]:
         n, h = self.steps, self.frame.grid.step
-        one = np.ones(len(rows))
+        one, all_steps = np.ones(len(rows)), n * len(self.group)
+        u = n * np.searchsorted(self.group, vehicles)  # where the vehicle's variables begin
         if rows.quantity in ("acceleration", "jerk"):
             k = np.rint(rows.times / h).astype(int)
             if rows.quantity == "acceleration":
-                return 1.0, [(k, one)]
-            return 1.0 / h, [(k, one), (k - 1, -one)]
-        k = np.clip((rows.times / h).astype(int), 0, n - 1)
+                return 1.0, [(u + k, one)]
+            return 1.0 / h, [(u + k, one), (np.where(k > 0, u + k - 1, -1), -one)]
+        k = np.minimum((rows.times / h).astype(int), n - 1)
         s = rows.times / h - k
         # knots count from 0, the states' variables from the first knot after that
-        velocities = np.where(k > 0, n + k - 1, -1)
+        velocities = np.where(k > 0, all_steps + u + k - 1, -1)
         if rows.quantity == "velocity":
-            return h, [(velocities, one), (k, s)]
-        positions = np.where(k > 0, 2 * n + k - 1, -1)
-        return h**2, [(positions, one), (velocities, s), (k, s**2 / 2)]
+            return h, [(velocities, one), (u + k, s)]
+        positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
+        return h**2, [(positions, one), (velocities, s), (u + k, s**2 / 2)]

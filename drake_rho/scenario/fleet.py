@@ -89,10 +89,11 @@ class Fleet:
                 1e-6 * self.goal_positions,
                 T * self.start_velocities,
                 T * self.goal_velocities,
-                T**2 * np.nan_to_num(self.accelerations_before),
+                T**2 * self.accelerations_before,
             ]
         )
-        lengths: FloatArray = np.sqrt(np.einsum("wni,wni->wn", ways, ways).max(axis=0))
+        squares = np.einsum("wni,wni->wn", ways, ways)
+        lengths: FloatArray = np.sqrt(np.fmax.reduce(squares))  # a free acceleration is a NaN
         lengths[lengths == 0.0] = 1.0
         return lengths
 

@@ -1,0 +1,157 @@
+"""How time and memory grow with the knots and with the vehicles, each size in a process of its own.
+
+`python -m benchmarks.growth WORK SIZE CORES` is that process: it prints what one size took.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.progress import track
+
+import drake_rho as rho
+from benchmarks.tables import Cell, Goal, Table
+
+KNOTS, VEHICLES = (50, 500, 5000), (4, 40, 400, 4000)
+"""Sizes."""
+
+REPETITIONS = 5
+"""Processes for each size, of which the median is told."""
+
+PICTURE = Path(__file__).parents[1] / "figures" / "growth.png"
+
+
+def finer(knots: int) -> rho.Scenario:
+    """UAV-1 of the paper, avoiding the sphere at every instant, on `knots` knots in its 49 s."""
+    paper = rho.load_scenario("paper")
+    grid = rho.Grid(paper.grid.duration / (knots - 1), knots)
+    return rho.Scenario(f"{knots} knots", grid, paper.vehicles[:1], paper.limits, paper.obstacles)
+
+
+def larger(vehicles: int) -> rho.Scenario:
+    """The paper's four vehicles again and again, starts and goals shifted at random by up to 50 m."""
+    paper = rho.load_scenario("paper")
+    rng = np.random.default_rng(0)
+    fleet = []
+    for number in range(vehicles):
+        like = paper.vehicles[number % len(paper.vehicles)]
+        shifts = rng.uniform(-50.0, 50.0, (2, 3))
+        start = rho.State(like.start.position + shifts[0], like.start.velocity)
+        goal = rho.State(like.goal.position + shifts[1], like.goal.velocity)
+        fleet.append(rho.Vehicle(f"v{number}", start, goal))
+    name = f"{vehicles} vehicles"
+    return rho.Scenario(name, paper.grid, fleet, paper.limits, paper.obstacles, between_knots=False)
+
+
+def measure(work: str, size: int) -> dict[str, float]:
+    """Time [s] and peak memory [MB] of one plan, from the scenario to the verified plan."""
+    rho.plan_rho(larger(4))  # first calls
+    scenario = finer(size) if work == "knots" else larger(size)
+    began = time.perf_counter()
+    plan = rho.plan_convex(scenario) if work == "knots" else rho.plan_rho(scenario).plan
+    if not rho.verify(plan).ok:
+        raise RuntimeError(f"{scenario.name}: the plan does not hold")
+    seconds = time.perf_counter() - began
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in KiB
+    return {"seconds": seconds, "megabytes": peak, "solver": plan.statistics.solver_seconds}
+
+
+def run() -> Table:
+    """Every size, on all cores; and the largest fleet on one core and on two."""
+    cores = os.cpu_count() or 1
+    tasks = [("knots", size, cores) for size in KNOTS]
+    tasks += [("vehicles", size, cores) for size in VEHICLES]
+    tasks += [("vehicles", VEHICLES[-1], 1)]
+    found = {}
+    for task in track(tasks, description="sizes"):
+        runs = [_in_process(*task) for _ in range(REPETITIONS)]
+        found[task] = {key: median(each[key] for each in runs) for key in runs[0]}
+    knots = [found["knots", size, cores] for size in KNOTS]
+    vehicles = [found["vehicles", size, cores] for size in VEHICLES]
+    draw(knots, vehicles)
+    rows: list[tuple[Cell, ...]] = [
+        (work, size, used, each["seconds"], each["megabytes"], each["solver"])
+        for (work, size, used), each in found.items()
+    ]
+    alone = found["vehicles", VEHICLES[-1], 1]["seconds"]
+    return Table(
+        name="growth",
+        title="Growth with the knots and with the vehicles",
+        columns=("work", "size", "cores", "median_seconds", "peak_megabytes", "solver_seconds"),
+        rows=tuple(rows),
+        notes=(_ABOUT,),
+        goals=(
+            Goal("exponent of time in K, 50 to 5000 knots", 1.3, _exponent(KNOTS, knots)),
+            Goal("memory at 5000 knots [MB]", 500.0, knots[-1]["megabytes"]),
+            Goal(
+                "exponent of time in N, 40 to 4000 vehicles",
+                1.02,
+                _exponent(VEHICLES[1:], vehicles[1:]),
+            ),
+            Goal("memory with 4000 vehicles [MB]", 1000.0, vehicles[-1]["megabytes"]),
+            Goal(
+                "4000 vehicles: time on all cores / on one (goal: 1.6 times as fast)",
+                1 / 1.6,
+                vehicles[-1]["seconds"] / alone,
+            ),
+        ),
+    )
+
+
+_ABOUT = """Knots: UAV-1 of the paper around the sphere by `plan_convex`, safe at every instant, its
+49 s cut into ever finer steps. Vehicles: Example 4's work (ten windows) for fleets like the
+paper's, starts and goals shifted at random, nothing coupling them. Each size runs in a process of
+its own, five times; a time runs from the scenario record to the verified plan, after one small
+flight that is not counted. Memory is the process's largest, of which the interpreter and Drake take
+some 125 MB. The exponent is the slope of a straight line fitted to the logarithms; with few
+vehicles the calls cost more than the arithmetic, so the fit in N begins at 40. One core means that
+the process is confined to one."""
+
+
+def _in_process(work: str, size: int, cores: int) -> dict[str, float]:
+    command = [sys.executable, "-m", "benchmarks.growth", work, str(size), str(cores)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
+    answer: dict[str, float] = json.loads(done.stdout)
+    return answer
+
+
+def _exponent(sizes: tuple[int, ...], found: list[dict[str, float]]) -> float:
+    seconds = [each["seconds"] for each in found]
+    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
+
+
+def draw(knots: list[dict[str, float]], vehicles: list[dict[str, float]]) -> None:
+    """Draw time and memory against both sizes into `figures/growth.png`."""
+    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
+    series = (("knots K", KNOTS, knots), ("vehicles N", VEHICLES, vehicles))
+    quantities = (("seconds", "time [s]"), ("megabytes", "peak memory [MB]"))
+    for axes, (key, label) in zip(figure.subplots(1, 2), quantities, strict=True):
+        for name, sizes, found in series:
+            axes.loglog(sizes, [each[key] for each in found], "o-", label=name)
+        axes.set(xlabel="size", ylabel=label)
+        axes.grid(visible=True, which="both", alpha=0.3)
+        axes.legend()
+    largest = np.array([400.0, 4000.0])
+    time_axes = figure.axes[0]
+    time_axes.loglog(
+        largest, vehicles[-1]["seconds"] * largest / 4000, "k:", linewidth=3, alpha=0.4
+    )
+    time_axes.annotate("in proportion", (400, vehicles[-1]["seconds"] / 25), color="0.4")
+    figure.suptitle("From a scenario to a verified plan")
+    figure.savefig(PICTURE, dpi=150)
+
+
+if __name__ == "__main__":
+    name, size, cores = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, range(cores))
+    print(json.dumps(measure(name, size)))  # noqa: T201  # read by the process that started it

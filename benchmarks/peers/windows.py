@@ -1,0 +1,92 @@
+"""What the peers of Example 4 have in common: the loop over windows, apart from the solving.
+
+Every vehicle is taken to have the scenario's own limits, as in the paper.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from drake_rho import Scenario
+from drake_rho.scenario.fields import FloatArray
+
+REPLAN_EVERY = 5
+"""d, the steps flown of each window."""
+
+
+@dataclasses.dataclass(frozen=True)
+class HalfSpaces:
+    """Obstacles linearised as (15): normal · p[k] >= offset at every inner knot."""
+
+    normals: FloatArray
+    """outward unit normals, shape (N, M, K-2, 3)"""
+    offsets: FloatArray
+    """[m], shape (N, M, K-2)"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Window:
+    """What is left of the flight at some knot, for all vehicles."""
+
+    knots: int
+    """K of the window, its first and last knot included"""
+    positions: FloatArray
+    """p[1] [m], shape (N, 3)"""
+    velocities: FloatArray
+    """v[1] [m/s], shape (N, 3)"""
+    half_spaces: HalfSpaces | None = None
+    """the linearised obstacles; None while the reference is sought"""
+
+
+WindowSolver = Callable[[Window], FloatArray]
+"""Finds the accelerations of least index in a window [m/s²], shape (N, K-1, 3)."""
+
+
+def fly_windows(scenario: Scenario, solve: WindowSolver) -> FloatArray:
+    """The paper's receding horizon: solve without obstacles, linearise, solve again, fly d steps.
+
+    Args:
+        scenario: what is asked.
+        solve: the peer's own way to solve one window.
+
+    Returns:
+        The accelerations flown [m/s²], shape (N, K-1, 3).
+    """
+    step, knots = scenario.grid.step, scenario.grid.knots
+    p, v = scenario.fleet.start_positions, scenario.fleet.start_velocities
+    flown = []
+    for first in range(0, knots - 1, REPLAN_EVERY):
+        window = Window(knots - first, p, v)
+        reference, _ = roll_out(step, p, v, solve(window))
+        half_spaces = linearise(scenario, reference[:, 1:-1])
+        accelerations = solve(dataclasses.replace(window, half_spaces=half_spaces))
+        flown.append(accelerations[:, :REPLAN_EVERY])
+        positions, velocities = roll_out(step, p, v, flown[-1])
+        p, v = positions[:, -1], velocities[:, -1]
+    return np.concatenate(flown, axis=1)
+
+
+def roll_out(
+    step: float, start: FloatArray, velocity: FloatArray, accelerations: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions and velocities by (1) and (2), each of shape (N, K, 3)."""
+    N, steps, _ = accelerations.shape
+    p, v = np.empty((N, steps + 1, 3)), np.empty((N, steps + 1, 3))
+    p[:, 0], v[:, 0] = start, velocity
+    v[:, 1:] = velocity[:, None] + step * np.cumsum(accelerations, axis=1)
+    moved = step * v[:, :-1] + step**2 / 2 * accelerations
+    p[:, 1:] = start[:, None] + np.cumsum(moved, axis=1)
+    return p, v
+
+
+def linearise(scenario: Scenario, reference: FloatArray) -> HalfSpaces:
+    """Every obstacle as (15) around the inner knots of a reference [m], shape (N, K-2, 3)."""
+    centers = np.array([sphere.center for sphere in scenario.obstacles])
+    radii = np.array([sphere.radius for sphere in scenario.obstacles])
+    away = reference[:, None] - centers[:, None]
+    normals = away / np.linalg.norm(away, axis=-1, keepdims=True)
+    offsets = radii[:, None] + np.einsum("nmki,mi->nmk", normals, centers)
+    return HalfSpaces(normals, offsets)

@@ -1,0 +1,73 @@
+"""The results of a race as rows of a table, the fastest first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from benchmarks.race import SAME_INDEX, Result
+from benchmarks.tables import Cell
+
+THIS_PACKAGE = "this package"
+
+COLUMNS = (
+    "benchmark",
+    "implementation",
+    "median_seconds",
+    "min_seconds",
+    "repetitions",
+    "index",
+    "relative_index_error",
+    "verified",
+    "ratio_to_this_package",
+    "note",
+)
+
+
+def rows(benchmark: str, results: Sequence[Result]) -> tuple[tuple[Cell, ...], ...]:
+    """One row for each implementation, in the order of `COLUMNS`.
+
+    Times of an implementation that did not do the work are left out, and the note says why.
+    """
+    ours = next(result for result in results if result.name == THIS_PACKAGE)
+    ranked = sorted(results, key=lambda one: one.median if one.counts else math.inf)
+    return tuple(_row(benchmark, result, ours) for result in ranked)
+
+
+def ratio(results: Sequence[Result], *names: str) -> float | None:
+    """This package's median time over that of the fastest of `names`; None if there is none."""
+    by_name = {result.name: result for result in results if result.counts}
+    peers = [by_name[name].median for name in names if name in by_name]
+    if THIS_PACKAGE not in by_name or not peers:
+        return None
+    return by_name[THIS_PACKAGE].median / min(peers)
+
+
+def _row(benchmark: str, result: Result, ours: Result) -> tuple[Cell, ...]:
+    if not result.laps:
+        return (benchmark, result.name, None, None, 0, None, None, None, None, result.failure)
+    both_count = result.counts and ours.counts
+    return (
+        benchmark,
+        result.name,
+        result.median if result.counts else None,
+        result.least if result.counts else None,
+        len(result.laps),
+        result.laps[-1].index,
+        result.index_error,
+        result.verified,
+        result.median / ours.median if both_count else None,
+        _note(result),
+    )
+
+
+def _note(result: Result) -> str:
+    notes = []
+    if not result.verified:
+        notes.append("a constraint is broken: time not counted")
+    if abs(result.index_error) > SAME_INDEX:
+        notes.append("another index: time not counted")
+    solver = sorted(lap.solver_seconds for lap in result.laps)[len(result.laps) // 2]
+    if solver:
+        notes.append(f"solver's own {solver:.3g} s, {result.outside_solver:.1%} outside it")
+    return "; ".join(notes)
