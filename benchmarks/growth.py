@@ -38,7 +38,7 @@ def finer(knots: int) -> rho.Scenario:
 
 
 def larger(vehicles: int) -> rho.Scenario:
-    """The paper's four vehicles again and again, starts and goals shifted at random by up to 50 m."""
+    """The paper's vehicles again and again, starts and goals shifted by up to 50 m."""
     paper = rho.load_scenario("paper")
     rng = np.random.default_rng(0)
     fleet = []

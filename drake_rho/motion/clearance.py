@@ -66,7 +66,7 @@ def closest_approach(motion: Motion, center: FloatArray) -> Approach:
     """
     h = motion.step
     p, v, a = _steps_from(motion, center)
-    s = _nearest_moments(p, v, a, h)
+    s = nearest_moments(p, v, a, h)
     at = p + s[..., None] * (v + s[..., None] / 2 * a)
     times = h * np.arange(a.shape[-2]) + s
     return Approach(times, np.linalg.norm(at, axis=-1))
@@ -88,7 +88,7 @@ def dips(motion: Motion, center: FloatArray, radius: float) -> Dips:
     reach -= h * (np.linalg.norm(v, axis=-1) + h / 2 * np.linalg.norm(a, axis=-1))
     vehicles, steps = np.nonzero(reach < radius)
     p, v, a = p[vehicles, steps], v[vehicles, steps], a[vehicles, steps]
-    s = _nearest_moments(p, v, a, h)[:, None]
+    s = nearest_moments(p, v, a, h)[:, None]
     distances = np.linalg.norm(p + s * (v + s / 2 * a), axis=-1)
     close = distances < radius
     return Dips(vehicles[close], (h * steps + s[:, 0])[close], distances[close])
@@ -103,7 +103,7 @@ def _steps_from(motion: Motion, center: FloatArray) -> tuple[FloatArray, FloatAr
     )
 
 
-def _nearest_moments(p: FloatArray, v: FloatArray, a: FloatArray, h: float) -> FloatArray:
+def nearest_moments(p: FloatArray, v: FloatArray, a: FloatArray, h: float) -> FloatArray:
     """When in [0, h] the length of p + s v + s²/2 a is least; vectors of shape (..., 3)."""
 
     def dot(one: FloatArray, other: FloatArray) -> FloatArray:

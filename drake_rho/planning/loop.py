@@ -19,6 +19,7 @@ from drake_rho.planning.errors import Conflicts, InfeasibleError, Names
 from drake_rho.planning.frame import Frame
 from drake_rho.planning.halfspaces import HalfSpaces
 from drake_rho.planning.search import Search
+from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
@@ -78,15 +79,19 @@ class Programs:
 
     Where nothing couples the vehicles, blocks of them are worked on side by side.
 
+    Args:
+        scenario: what is asked.
+        together: whether rows may couple any two of the vehicles.
+
     Attributes:
         frame: what the programs are written in.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, *, together: bool = False) -> None:
         self.frame = Frame(scenario)
         self._scenario = scenario
         every = np.arange(len(scenario.vehicles))
-        self._size = BLOCK
+        self._size = len(every) if together else BLOCK
         blocks = [every[first : first + self._size] for first in range(0, len(every), self._size)]
         self._searches = [Search(scenario, self.frame, block) for block in blocks]
         self._seconds = 0.0
@@ -101,11 +106,12 @@ class Programs:
             SolverError: the solvers fail numerically.
         """
         began = time.perf_counter()
-        if len(self._searches) == 1:
-            self._searches[0].run(constraints, solver)
-        else:
-            with ThreadPoolExecutor(os.cpu_count()) as pool:
-                list(pool.map(lambda search: search.run(constraints, solver), self._searches))
+        with one_for_arrays():
+            if len(self._searches) == 1:
+                self._searches[0].run(constraints, solver)
+            else:
+                with ThreadPoolExecutor(os.cpu_count()) as pool:
+                    list(pool.map(lambda search: search.run(constraints, solver), self._searches))
         self._seconds += time.perf_counter() - began
         if any(search.infeasible for search in self._searches):
             raise self._infeasible(constraints)

@@ -54,8 +54,9 @@ class Search:
         self.rows: dict[str, HalfSpaces] = {}
         self.infeasible: list[int] = vehicles[frame.hopeless[vehicles]].tolist()
         self._scenario, self._frame = scenario, frame
-        self._present: dict[str, BoolArray] = {}
+        self._present: dict[int, BoolArray] = {}  # by the identity of a constraint
         self._held: list[Constraint] = []
+        self._kept_alive: list[Constraint] = []
         self._solutions: list[Solution] = []
         self._solved: dict[int, tuple[Batch, int, Solution]] = {}
 
@@ -65,6 +66,7 @@ class Search:
         Raises:
             SolverError: the solvers fail numerically.
         """
+        self._kept_alive += constraints
         new = [each for each in constraints if not any(each is held for held in self._held)]
         pending = self.vehicles
         if self.infeasible:
@@ -190,14 +192,13 @@ class Search:
         margins = constraint.margins(motion, vehicles)
         if margins is None or not np.any(mask := margins < -WORST):
             return
-        name, local = constraint.name, vehicles - self.vehicles[0]
-        if name not in self._present:
-            shape = (len(self.vehicles), *margins.shape[1:])
-            self._present[name] = np.zeros(shape, dtype=bool)
-        present = self._present[name][local]
+        local = vehicles - self.vehicles[0]
+        shape = (len(self.vehicles), *margins.shape[1:])
+        known = self._present.setdefault(id(constraint), np.zeros(shape, dtype=bool))
+        present = known[local]
         if np.any(present & (margins < -1.0)):
             first = int(np.argwhere(present & (margins < -1.0))[0, 0])
-            raise self._not_kept(name, vehicles[first])
+            raise self._not_kept(constraint.name, vehicles[first])
         mask &= ~present
         if number > _PATIENCE:
             reach = 2 ** (number - _PATIENCE) // 2
@@ -210,7 +211,7 @@ class Search:
             which, sides, knots = which[worst], sides[worst], knots[worst]
         if len(which) == 0:
             return
-        self._present[name][local[which], sides, knots] = True
+        known[local[which], sides, knots] = True
         self._add(constraint.rows(vehicles[which], sides, constraint.times[knots]))
         broken[vehicles[which]] = True
 
@@ -223,7 +224,7 @@ class Search:
         asked[self._with_groups(vehicles)] = True
         motion = self._frame.free.with_some(self.vehicles, self.accelerations)
         margins = rows.margins(motion) / rows.tolerances
-        present = self._present.setdefault(constraint.name, np.zeros(len(rows), dtype=bool))
+        present = self._present.setdefault(id(constraint), np.zeros(len(rows), dtype=bool))
         if np.isinf(rows.price) and np.any(present & (margins < -1.0)):
             raise self._not_kept(constraint.name, rows.vehicles[np.argmin(margins)])
         new = np.flatnonzero(asked[rows.vehicles] & ~present & (margins < -WORST))

@@ -42,8 +42,10 @@ class Bounds:
 class Fleet:
     """Starts, goals, scales and bounds of all vehicles, each computed when first asked for."""
 
-    def __init__(self, grid: Grid, vehicles: Sequence[Vehicle], limits: Limits) -> None:
-        self._grid, self._vehicles, self._limits = grid, vehicles, limits
+    def __init__(
+        self, grid: Grid, vehicles: Sequence[Vehicle], limits: Limits, aside: float = 0.0
+    ) -> None:
+        self._grid, self._vehicles, self._limits, self._aside = grid, vehicles, limits, aside
         self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
         self._bounds: dict[Quantity, Bounds | None] = {}
 
@@ -79,7 +81,8 @@ class Fleet:
 
         The largest of the way to go and the ways that the given velocities and acceleration
         cover in the duration T, but no less than a millionth of the coordinates, which is what
-        their rounding leaves room for; 1 m for a vehicle that stays at the origin.
+        their rounding leaves room for, nor than the separation, if there is one, by which others
+        may move it aside; 1 m for a vehicle that stays at the origin.
         """
         T = self._grid.duration
         ways = np.stack(
@@ -94,6 +97,7 @@ class Fleet:
         )
         squares = np.einsum("wni,wni->wn", ways, ways)
         lengths: FloatArray = np.sqrt(np.fmax.reduce(squares))  # a free acceleration is a NaN
+        lengths = np.maximum(lengths, self._aside)
         lengths[lengths == 0.0] = 1.0
         return lengths
 
@@ -144,7 +148,7 @@ class Fleet:
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
     ) -> Fleet:
         """The same vehicles with other starts, arrays of shape (N, 3), on another grid."""
-        fleet = Fleet(grid, self._vehicles, self._limits)
+        fleet = Fleet(grid, self._vehicles, self._limits, self._aside)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before
         fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
