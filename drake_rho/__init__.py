@@ -11,17 +11,21 @@ from drake_rho.assurance.optimality import Certificate, VehicleCertificate, cert
 from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.planning.assignment import assign_goals
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.rho import free_reference, plan_rho, tail_reference
 from drake_rho.planning.scp import plan_scp, scp_step
 from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
 from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
+from drake_rho.scenario.generators import circle_swap, flight_cube, random_transitions
+from drake_rho.scenario.missions import load_lsc_mission
 from drake_rho.scenario.records import (
     Box,
     Grid,
     Limits,
     Scenario,
+    Separation,
     Sphere,
     State,
     Vehicle,
@@ -51,6 +55,7 @@ __all__ = [
     "Report",
     "Scenario",
     "ScenarioError",
+    "Separation",
     "SolverError",
     "Sphere",
     "State",
@@ -60,17 +65,22 @@ __all__ = [
     "Window",
     "accelerations_figure",
     "animate",
+    "assign_goals",
     "certify",
+    "circle_swap",
     "diagnose",
     "distances_figure",
+    "flight_cube",
     "free_reference",
     "library",
     "load",
+    "load_lsc_mission",
     "load_scenario",
     "paths_figure",
     "plan_convex",
     "plan_rho",
     "plan_scp",
+    "random_transitions",
     "save",
     "save_scenario",
     "scenario_schema",

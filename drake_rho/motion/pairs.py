@@ -39,7 +39,6 @@ class Meetings:
             self.one[which], self.other[which], self.times[which], self.distances[which]
         )
 
-
     def and_also(self, more: Meetings) -> Meetings:
         """These and others, pair by pair and in the order of time; the same instant once."""
         one = np.concatenate([self.one, more.one])

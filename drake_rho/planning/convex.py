@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 
-import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.constraints import boxes_of, tangents_of
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.loop import Programs, plan_around
+from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
 
 
@@ -83,8 +83,7 @@ def _grid(step: float, like: Grid) -> Grid:
     Raises:
         ValueError: `step` is not positive or does not divide the duration.
     """
-    count = like.duration / step if step > 0 else 0.0
-    if round(count) < 1 or not np.isclose(count, round(count), rtol=0, atol=1e-9 * max(count, 1)):
-        expected = f"a step that divides the duration, {like.duration:g} s"
-        raise ValueError(f"steps: got {step}, expected {expected}")
-    return Grid(like.duration / round(count), round(count) + 1)
+    try:
+        return Grid.lasting(like.duration, step=step)
+    except ScenarioError as error:
+        raise ValueError(f"steps: got {step}, expected {error.expected}") from None

@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.parts import TOLERANCE
+from drake_rho.scenario.parts import TOLERANCE, Grid
 from drake_rho.scenario.records import Scenario
 
 
@@ -28,7 +28,7 @@ class Frame:
         fleet, grid = scenario.fleet, scenario.grid
         self.grid = grid
         self.units = fleet.scale("acceleration")
-        self.goal_rows = _goal_rows(grid.knots - 1)
+        self.goal_rows = goal_rows(grid.knots - 1)
         self._goal_values, self.hopeless = _goal_values(scenario, self.goal_rows)
         accelerations = np.einsum("gj,ngx->njx", self.goal_rows, self._goal_values)
         self.free = Motion.from_starts(fleet, accelerations, grid.step)
@@ -54,7 +54,7 @@ class Frame:
         return closed
 
 
-def _goal_rows(steps: int) -> FloatArray:
+def goal_rows(steps: int) -> FloatArray:
     """What velocity and position at the last knot depend on: the mean of the accelerations and,
     with more than one step, their linear trend."""  # noqa: D205, D209
     rows = np.ones((min(steps, 2), steps))
@@ -64,22 +64,35 @@ def _goal_rows(steps: int) -> FloatArray:
     return rows
 
 
-def _goal_values(scenario: Scenario, rows: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """(12) in terms of `rows`, with (10) and (11) at the last knot.
+def goal_values(
+    grid: Grid, rows: FloatArray, faster: FloatArray, further: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(12) in terms of `goal_rows`, with (10) and (11) at the last knot; linear in what to gain.
+
+    Args:
+        grid: knots and step.
+        rows: `goal_rows` of the grid.
+        faster: velocity to gain on the start's [m/s], shape (N, 3).
+        further: way to gain on that of the start's velocity, over T [m/s], shape (N, 3).
 
     Returns:
-        Products of the rows with the accelerations [m/s²], shape (N, 2 or 1, 3), and which
-        vehicles cannot reach their goals by one step.
+        Products of the rows with the accelerations [m/s²], shape (N, 2 or 1, 3), and how much of
+        `further` they leave: with one step what the velocity does not decide, else nothing.
     """
-    fleet, grid = scenario.fleet, scenario.grid
     h, T, steps = grid.step, grid.duration, grid.knots - 1
-    faster = fleet.goal_velocities - fleet.start_velocities
-    further = (fleet.goal_positions - fleet.start_positions) / T - fleet.start_velocities
     mean = faster / (h * np.sqrt(steps))  # velocity: h in every step
     position = h * (T - h * np.arange(steps) - h / 2) / T  # (11) over T
     rest = further - (rows[0] @ position) * mean
     if steps == 1:
-        missed = np.abs(rest).max(axis=1) > TOLERANCE * fleet.lengths / T
-        return mean[:, None], missed
-    values = np.stack([mean, rest / (rows[1] @ position)], axis=1)
-    return values, np.zeros(len(values), dtype=bool)
+        return mean[:, None], rest
+    return np.stack([mean, rest / (rows[1] @ position)], axis=1), np.zeros_like(rest)
+
+
+def _goal_values(scenario: Scenario, rows: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Products of the rows with accelerations that reach the goals, and the hopeless vehicles."""
+    fleet, grid = scenario.fleet, scenario.grid
+    faster = fleet.goal_velocities - fleet.start_velocities
+    way = fleet.goal_positions - fleet.start_positions
+    further = way / grid.duration - fleet.start_velocities
+    values, missed = goal_values(grid, rows, faster, further)
+    return values, np.abs(missed).max(axis=1) > TOLERANCE * fleet.lengths / grid.duration

@@ -96,7 +96,7 @@ def directions(
     """
     offsets = _offsets(separation, reference, where, "position")
     distances = np.linalg.norm(offsets, axis=1)
-    n = offsets / np.maximum(distances, 1e-300)[:, None]
+    n: FloatArray = offsets / np.maximum(distances, 1e-300)[:, None]
     ways = _offsets(separation, reference, where, "velocity")
     for row in np.flatnonzero(distances <= separation.tolerance):
         n[row] = _side(np.zeros(3), ways[row])
@@ -114,7 +114,8 @@ def _offsets(
 ) -> FloatArray:
     one = reference.each_at(quantity, where.one, where.times)
     other = reference.each_at(quantity, where.other, where.times)
-    return separation.scaled(one - other)
+    offsets: FloatArray = separation.scaled(one - other)
+    return offsets
 
 
 def _encounters(where: Meetings, close: BoolArray, step: float) -> list[IntArray]:

@@ -1,4 +1,4 @@
-"""The parts of a scenario: the grid, vehicles with start and goal, limits and obstacles.
+"""The parts of a scenario: grid, vehicles with start and goal, limits, obstacles, separation.
 
 Records are frozen and checked when made; a changed situation is a new record
 (`dataclasses.replace`). SI units throughout; symbols of the paper stand in `docs/paper.md`.
@@ -14,7 +14,16 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import Count, FloatArray, Name, Positive, Vector, locked, record
+from drake_rho.scenario.fields import (
+    LARGEST,
+    Count,
+    FloatArray,
+    Name,
+    Positive,
+    Vector,
+    locked,
+    record,
+)
 
 TOLERANCE = 1e-6
 """Relative tolerance to which a constraint counts as held, everywhere in the package: of a
@@ -32,6 +41,22 @@ class Grid:
     """h, the time from one knot to the next [s]"""
     knots: Annotated[Count, Field(ge=2, le=100_000)]
     """K, the number of knots, the first and the last included"""
+
+    @classmethod
+    def lasting(cls, duration: float, *, step: float) -> Self:
+        """The grid of a flight of `duration` [s] in steps of `step` [s].
+
+        Raises:
+            ScenarioError: one is not positive, the step does not divide the duration, or there
+                would be more knots than a grid can have.
+        """
+        for field, value in (("duration", duration), ("step", step)):
+            if not 1.0 / LARGEST <= value <= LARGEST:  # nor with a NaN
+                raise ScenarioError(field, value, "a time above 0 in seconds")
+        steps = duration / step
+        if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
+            raise ScenarioError("step", step, f"a step that divides the duration, {duration:g} s")
+        return cls(duration / round(steps), round(steps) + 1)
 
     @property
     def duration(self) -> float:
@@ -152,3 +177,28 @@ class Sphere:
     def tolerance(self) -> float:
         """How deep inside still counts as outside: `TOLERANCE` of the radius [m]."""
         return TOLERANCE * self.radius
+
+
+@record
+class Separation:
+    """How far every pair of vehicles keeps apart: norm((dx, dy, dz / downwash)) >= distance."""
+
+    distance: Positive
+    """least distance of two vehicles side by side [m]"""
+    downwash: Annotated[Positive, Field(ge=1e-3, le=1e3)] = 1.0
+    """how many times as far apart two vehicles above each other must be; from a thousandth to a
+    thousand, as a flatter or longer ellipsoid is a plane or a line to a solver"""
+
+    @property
+    def tolerance(self) -> float:
+        """How much closer still counts as apart: `TOLERANCE` of the distance [m]."""
+        return TOLERANCE * self.distance
+
+    def scaled(self, positions: FloatArray) -> FloatArray:
+        """Positions where the distance of two is that of two vehicles: z divided by `downwash`.
+
+        Args:
+            positions: of vehicles, or differences of two [m], shape (..., 3).
+        """
+        scaled: FloatArray = positions / np.array([1.0, 1.0, self.downwash])
+        return scaled

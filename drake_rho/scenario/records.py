@@ -1,4 +1,4 @@
-"""What is asked: a scenario of vehicles, limits and obstacles on a grid.
+"""What is asked: a scenario of vehicles, limits, obstacles and separation on a grid.
 
 Everything a user makes a scenario of can be had from here; the parts are defined in
 `drake_rho.scenario.parts`.
@@ -17,12 +17,14 @@ from pydantic import Field, model_validator
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, Name, locked, record, unchecked
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.pairs import check_apart
 from drake_rho.scenario.parts import (
     TOLERANCE,
     Box,
     Grid,
     Limits,
     Quantity,
+    Separation,
     Sphere,
     State,
     Vehicle,
@@ -35,6 +37,7 @@ __all__ = [
     "Limits",
     "Quantity",
     "Scenario",
+    "Separation",
     "Sphere",
     "State",
     "Vehicle",
@@ -55,10 +58,11 @@ class Scenario:
     """limits of every vehicle, box by box, unless it has its own"""
     obstacles: tuple[Sphere, ...] = ()
     """the spheres to keep out of; numbered from 1 in reports"""
-    separation: None = None
-    """reserved: vehicles are planned without regard to each other in this version"""
+    separation: Separation | None = None
+    """how far every pair of vehicles keeps apart at all times; not at all if not given"""
     between_knots: bool = True
-    """whether obstacles and position boxes must hold at every instant, or at the knots only"""
+    """whether obstacles, separation and position boxes must hold at every instant, or at the
+    knots only"""
 
     if TYPE_CHECKING:
 
@@ -69,14 +73,15 @@ class Scenario:
             vehicles: Sequence[Vehicle],
             limits: Limits = ...,
             obstacles: Sequence[Sphere] = (),
-            separation: None = None,
+            separation: Separation | None = None,
             between_knots: bool = True,
         ) -> None: ...
 
     @cached_property
     def fleet(self) -> Fleet:
         """The vehicles as arrays."""
-        return Fleet(self.grid, self.vehicles, self.limits)
+        aside = 0.0 if self.separation is None else self.separation.distance
+        return Fleet(self.grid, self.vehicles, self.limits, aside)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -90,7 +95,7 @@ class Scenario:
         return self
 
     def check_ends(self) -> None:
-        """See that all starts and goals are inside their boxes and outside the obstacles.
+        """See that all starts and goals are in their boxes, outside the obstacles and apart.
 
         Raises:
             ScenarioError: one is not.
@@ -107,10 +112,11 @@ class Scenario:
             bounds = fleet.bounds(quantity)
             if bounds is not None:
                 bounds.check(f"{end}.{quantity}", values)
-        for number, sphere in enumerate(self.obstacles, start=1):
-            for end, quantity, values in states:
-                if quantity == "position":
-                    self._check_outside(sphere, number, end, values)
+        for end, positions in (("start", fleet.start_positions), ("goal", fleet.goal_positions)):
+            for number, sphere in enumerate(self.obstacles, start=1):
+                self._check_outside(sphere, number, end, positions)
+            if self.separation is not None:
+                check_apart(self.separation, self.vehicles, f"{end}.position", positions)
 
     @staticmethod
     def _check_outside(sphere: Sphere, number: int, end: str, positions: FloatArray) -> None:
@@ -135,7 +141,7 @@ class Scenario:
     def from_states(
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
     ) -> Scenario:
-        """The same vehicles from other states on another grid; their boxes are not looked at.
+        """The same vehicles from other states on another grid; boxes and pairs are not looked at.
 
         Args:
             grid: what is left of the flight.

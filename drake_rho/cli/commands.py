@@ -1,0 +1,250 @@
+"""The commands, each a function."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+import webbrowser
+import zipfile
+from collections.abc import Callable
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Annotated, Any, NoReturn, TypeVar
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from drake_rho.assurance.study import REPEATS, run_study
+from drake_rho.cli.console import (
+    check_writable,
+    err,
+    finish,
+    out,
+    report,
+    say,
+    status_of,
+    wait_for_interrupt,
+)
+from drake_rho.cli.options import (
+    REFERENCES,
+    SOLVERS,
+    DurationOption,
+    Method,
+    MethodOption,
+    OutputOption,
+    Reference,
+    ScenarioArgument,
+    Solver,
+    SolverOption,
+    StepOption,
+    read,
+    refuse_grid,
+)
+from drake_rho.motion.files import load
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.rho import plan_rho
+from drake_rho.planning.scp import plan_scp
+from drake_rho.scenario.files import replacing, scenario_schema
+from drake_rho.scenario.missions import is_lsc_mission
+
+app = typer.Typer(
+    help="Plan cooperative trajectories for several UAVs by convex optimisation.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+T = TypeVar("T")
+
+
+@app.command()
+def reproduce(
+    figures: Annotated[Path, typer.Option(help="Folder for the sixteen figures.")] = Path(
+        "figures"
+    ),
+) -> int:
+    """Run the paper's four examples, draw Figs 3 to 18, check what the paper says it found."""
+    # matplotlib takes longer to load than the other commands take to run
+    from drake_rho.display.figures import NUMBERS, write_figures
+    from drake_rho.display.tables import claims_table, study_table
+
+    figures.mkdir(parents=True, exist_ok=True)
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=err, transient=True) as progress:
+        task = progress.add_task("planning", total=4 * REPEATS + len(NUMBERS))
+
+        def advance(done: str) -> None:
+            progress.update(task, advance=1, description=done)
+
+        study = run_study(advance)
+        write_figures(study, figures, advance)
+    out.print(study_table(study), claims_table(study), sep="\n")
+    out.print(f"{len(NUMBERS)} figures in {figures}", soft_wrap=True)
+    return 0 if all(example.report.ok for example in study.examples) else 1
+
+
+@app.command()
+def plan(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    method: MethodOption = Method.AUTO,
+    solver: SolverOption = Solver.CLARABEL,
+    duration: DurationOption = None,
+    step: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="First the step of a mission, in seconds; then, and with a scenario, a further "
+            "one for convex to try if there is no plan; repeatable."
+        ),
+    ] = None,
+) -> int:
+    """Plan a scenario in one piece, verify the plan and print the report."""
+    further = list(step or ())
+    own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
+    if further and method is Method.SCP:
+        raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
+    asked = read(scenario, duration, own_step)
+    check_writable(output)
+    chosen = SOLVERS[solver]()
+    with err.status("planning"):
+        planned = _by_method(
+            method,
+            lambda: plan_convex(asked, steps=further, solver=chosen),
+            lambda: plan_scp(asked, solver=chosen),
+        )
+    return finish(planned, output)
+
+
+@app.command()
+def fly(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    replan_every: Annotated[int, typer.Option(help="Steps flown of each window.")] = 5,
+    method: MethodOption = Method.AUTO,
+    reference: Annotated[
+        Reference,
+        typer.Option(
+            help="Linearise each window around its own solution without obstacles (the paper's) "
+            "or around the tail of the previous prediction."
+        ),
+    ] = Reference.FREE,
+    solver: SolverOption = Solver.CLARABEL,
+    duration: DurationOption = None,
+    step: StepOption = None,
+) -> int:
+    """Fly a scenario with a receding horizon, verify the flight and print the report."""
+    asked = read(scenario, duration, step)
+    check_writable(output)
+    options: dict[str, Any] = {
+        "replan_every": replan_every,
+        "reference": REFERENCES[reference],
+        "solver": SOLVERS[solver](),
+    }
+    with err.status("flying"):
+        flight = _by_method(
+            method,
+            lambda: plan_rho(asked, planner=plan_convex, **options),
+            lambda: plan_rho(asked, planner=plan_scp, **options),
+        )
+    return finish(flight, output)
+
+
+@app.command("verify")
+def verify_file(
+    file: Annotated[Path, typer.Argument(help="A plan or flight kept by 'plan' or 'fly'.")],
+) -> int:
+    """Judge every constraint of a plan or flight anew and print the report."""
+    return report(load(file))
+
+
+@app.command()
+def schema() -> int:
+    """Print the JSON schema of scenario files."""
+    say(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
+    return 0
+
+
+@app.command()
+def show(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|FILE",
+            help="A scenario, which is then flown first, or a plan or flight kept in a file.",
+        ),
+    ],
+    html: Annotated[
+        Path | None, typer.Option(help="Write one self-contained page here instead of serving.")
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Network interface to serve on; '*' is every one.")
+    ] = "localhost",
+    port: Annotated[
+        int, typer.Option(help="Port to serve on; the next free one if it is taken.")
+    ] = 7000,
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+    rate: Annotated[
+        float | None, typer.Option(help="Seconds of flight in a second of playback.")
+    ] = None,
+    duration: DurationOption = None,
+    step: StepOption = None,
+) -> int:
+    """Show the swarm in Meshcat: in the browser until interrupted, or as one page in a file."""
+    from drake_rho.display.animation import animate
+
+    check_writable(html, "--html")
+    with err.status("planning"):
+        flown = _load_or_fly(source, duration, step)
+    with err.status("drawing"):
+        meshcat = animate(flown, host=host, port=port, rate=rate)
+    if html is not None:
+        with replacing(html) as file:
+            file.write(meshcat.StaticHtml().encode())
+        say(f"one page in {html}")
+        return 0
+    say(f"{meshcat.web_url()}  (Ctrl-C ends)")
+    sys.stdout.flush()
+    if browser and not webbrowser.open(meshcat.web_url()):
+        say("no browser found here: open the address in one")
+    wait_for_interrupt()
+    say("ended")
+    return 0
+
+
+def _by_method(method: Method, convex: Callable[[], T], scp: Callable[[], T]) -> T:
+    """What the chosen method finds; `auto` is the first or, if that has none, the second."""
+    if method is Method.SCP:
+        return scp()
+    try:
+        return convex()
+    except InfeasibleError as error:
+        if method is Method.CONVEX or not error.about_linearisation:
+            raise
+        err.print("the convex method has no plan here; trying ways round the obstacles (scp)")
+        return scp()
+
+
+def _load_or_fly(source: str, duration: float | None, step: float | None) -> Plan | Flight:
+    """The plan or flight in a file, or else a scenario's flight."""
+    if source.endswith(".npz") or zipfile.is_zipfile(source):
+        refuse_grid(source, duration, step)
+        return load(source)
+    scenario = read(source, duration, step)
+    return _by_method(
+        Method.AUTO, lambda: plan_rho(scenario), lambda: plan_rho(scenario, planner=plan_scp)
+    )
+
+
+def main() -> NoReturn:
+    """Run the command line and leave with its exit status."""
+    logging.getLogger("drake").setLevel(logging.WARNING)  # what the solvers mutter
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a terminal that lacks a sign shows another
+            stream.reconfigure(errors="replace")
+    sys.exit(status_of(lambda: app(standalone_mode=False)))

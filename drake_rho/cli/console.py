@@ -1,0 +1,110 @@
+"""What the commands say and wait for, and the status they leave with."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+
+from drake_rho.assurance.verification import verify
+from drake_rho.motion.files import save
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.scenario.errors import DrakeRhoError
+from drake_rho.scenario.files import check_replaceable
+
+out = Console()
+err = Console(stderr=True)
+
+
+def say(text: str) -> None:
+    """As it is: names of vehicles are no markup, and a table's lines are not folded."""
+    out.print(text, markup=False, emoji=False, highlight=False, soft_wrap=True)
+
+
+def finish(planned: Plan | Flight, output: Path | None) -> int:
+    """Report on what was planned and keep it, whether or not it holds."""
+    if output is not None:  # before anything is said: a closed pipe must not lose the work
+        save(planned, output)
+    status = report(planned)
+    if output is not None:
+        say(f"kept in {output}")
+    return status
+
+
+def report(planned: Plan | Flight) -> int:
+    """Judge what was planned and say how it came about; the status is 0 if all of it holds."""
+    whole = planned.plan if isinstance(planned, Flight) else planned
+    judged = verify(whole)
+    say(str(judged))
+    numbers = whole.statistics
+    say(
+        f"index {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
+        f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver}"
+    )
+    if isinstance(planned, Flight):
+        kept = [window for window in planned.windows if window.infeasible]
+        say(f"{len(planned.windows)} windows, {len(kept)} of them without a plan of their own")
+        for window in kept:
+            say(f"  from knot {window.first_knot + 1}, along the previous: {window.infeasible}")
+    if not numbers.converged:
+        say("the iteration was stopped before the index settled")
+    return 0 if judged.ok else 1
+
+
+def check_writable(output: Path | None, option: str = "--output") -> None:
+    """Find out before the work, not after it, that its result cannot be kept."""
+    if output is None:
+        return
+    try:
+        check_replaceable(output)
+    except OSError as error:
+        reason = error.strerror or "not a regular file"
+        raise ValueError(f"{option}: got {output}, expected a file to write ({reason})") from None
+
+
+def wait_for_interrupt() -> None:
+    """Until Ctrl-C or a request to end, also where a shell in the background has them ignored."""
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    while not ended.wait(3600.0):
+        pass
+
+
+def status_of(command: Callable[[], int | None]) -> int:
+    """Run a command to its exit status; what it raises on purpose is said in a line or a few."""
+    try:
+        status = command()
+    except InfeasibleError as error:
+        with err.status("finding out why"):
+            reason = error.diagnosis
+        err.print(str(reason or error), markup=False, emoji=False, highlight=False, soft_wrap=True)
+        return 3
+    except SolverError as error:
+        return _complain(error, 4)
+    except BrokenPipeError:  # whoever read our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except (DrakeRhoError, ValueError, OSError) as error:
+        return _complain(error, 2)
+    except MemoryError:
+        return _complain("out of memory: the scenario is too large for this machine", 2)
+    except Exception as error:
+        # A word on the command line that typer does not accept. Its exceptions have no public
+        # name that holds from version to version; this method sets them apart.
+        if not hasattr(error, "format_message"):
+            raise
+        return _complain(error.format_message() or "see drake-rho --help", 2)
+    return int(status or 0)
+
+
+def _complain(error: object, status: int) -> int:
+    words = " ".join(str(error).split())
+    err.print(f"drake-rho: {words}", markup=False, emoji=False, highlight=False, soft_wrap=True)
+    return status

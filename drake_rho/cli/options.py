@@ -1,0 +1,99 @@
+"""The words of the command line: names of choices, and what a scenario argument can be."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydrake.solvers import ClarabelSolver, OsqpSolver
+
+from drake_rho.planning.rho import free_reference, tail_reference
+from drake_rho.scenario.files import library, load_scenario
+from drake_rho.scenario.missions import is_lsc_mission, load_lsc_mission
+from drake_rho.scenario.records import Grid, Scenario
+
+
+class Method(StrEnum):
+    """Planners by their names on the command line."""
+
+    AUTO = "auto"
+    CONVEX = "convex"
+    SCP = "scp"
+
+
+class Solver(StrEnum):
+    """Solvers by their names on the command line."""
+
+    CLARABEL = "clarabel"
+    OSQP = "osqp"
+
+
+class Reference(StrEnum):
+    """References of a window by their names on the command line."""
+
+    FREE = "free"
+    TAIL = "tail"
+
+
+SOLVERS = {Solver.CLARABEL: ClarabelSolver, Solver.OSQP: OsqpSolver}
+REFERENCES = {Reference.FREE: free_reference, Reference.TAIL: tail_reference}
+
+ScenarioArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help=f"A library scenario ({', '.join(library())}), a YAML file, or a mission of the LSC "
+        "planner (.json), which needs --duration and --step.",
+    ),
+]
+DurationOption = Annotated[
+    float | None, typer.Option(help="Duration of the flight of a mission, in seconds.")
+]
+StepOption = Annotated[
+    float | None, typer.Option(help="Step of the flight of a mission, in seconds.")
+]
+OutputOption = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Keep the result in this file (.npz).")
+]
+MethodOption = Annotated[
+    Method,
+    typer.Option(
+        help="One linearisation of the obstacles (convex, the paper's), or iterated to convergence "
+        "with ways round the obstacles where the first has no solution (scp), or convex and, "
+        "where that has no solution, scp (auto)."
+    ),
+]
+SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]
+
+
+def read(source: str, duration: float | None, step: float | None) -> Scenario:
+    """The scenario of a name or file; that of a mission has the grid that the options ask for.
+
+    Raises:
+        ScenarioError: there is no such scenario, or it is not a valid one, or the step does not
+            divide the duration.
+        ValueError: an option is missing for a mission, or given for what has its own grid.
+    """
+    if not is_lsc_mission(source):
+        scenario = load_scenario(source)
+        refuse_grid(source, duration, step)
+        return scenario
+    if duration is None or step is None:
+        missing = "--step" if duration is not None else "--duration"
+        expected = "--duration and --step: a mission has no grid of its own"
+        raise ValueError(f"{source}: got no {missing}, expected {expected}")
+    return load_lsc_mission(source, grid=Grid.lasting(duration, step=step))
+
+
+def refuse_grid(source: str, duration: float | None, step: float | None) -> None:
+    """See that no grid is asked for where there is one.
+
+    Raises:
+        ValueError: an option asks for one.
+    """
+    for option, value in (("--duration", duration), ("--step", step)):
+        if value is not None:
+            expected = f"a mission (.json) with it: {source} has a grid of its own"
+            raise ValueError(f"{option}: got {value:g}, expected {expected}")

@@ -1,0 +1,61 @@
+"""Which vehicle goes where, when the goals may be exchanged: the least total effort."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from drake_rho.planning.frame import goal_rows, goal_values
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import TOLERANCE
+from drake_rho.scenario.records import Scenario
+
+
+def assign_goals(scenario: Scenario) -> Scenario:
+    """The scenario with its goals exchanged so that the total index (13) is least.
+
+    The index of a vehicle and a goal, position and velocity, is that of the motion of least effort
+    between the two, in closed form. Obstacles, boxes and separation are not looked at: with any
+    of them another exchange may have the better plan. Names and limits stay with the vehicles.
+
+    Raises:
+        ScenarioError: a vehicle's own position or velocity box does not hold the goal it is given,
+            or there is a single step and it does not take the vehicles to all the goals.
+    """
+    try:
+        chosen = linear_sum_assignment(_efforts(scenario))[1]
+    except ValueError:  # too many of the pairs are infinite
+        expected = "more knots: a single step does not take the vehicles to the goals"
+        raise ScenarioError("grid.knots", scenario.grid.knots, expected) from None
+    goals = [vehicle.goal for vehicle in scenario.vehicles]
+    vehicles = tuple(
+        dataclasses.replace(vehicle, goal=goals[index])
+        for vehicle, index in zip(scenario.vehicles, chosen, strict=True)
+    )
+    return dataclasses.replace(scenario, vehicles=vehicles)
+
+
+def _efforts(scenario: Scenario) -> FloatArray:
+    """Least index from every start (rows) to every goal [m²/s⁴], shape (N, N); infinite for none.
+
+    The accelerations of least norm that meet (12) are combinations of `goal_rows`, which are
+    orthonormal, so the index is the sum of squares of their coefficients. These are linear in goal
+    less start: a point for each start and each goal, the index their squared distance.
+    """
+    fleet, grid = scenario.fleet, scenario.grid
+    T, rows = grid.duration, goal_rows(grid.knots - 1)
+    starts, start_rests = goal_values(
+        grid, rows, fleet.start_velocities, fleet.start_positions / T + fleet.start_velocities
+    )
+    goals, goal_rests = goal_values(grid, rows, fleet.goal_velocities, fleet.goal_positions / T)
+    count = len(starts)
+    efforts: FloatArray = cdist(
+        starts.reshape(count, -1), goals.reshape(count, -1), metric="sqeuclidean"
+    )
+    missed = cdist(start_rests, goal_rests, metric="chebyshev")
+    efforts[missed > TOLERANCE * fleet.lengths.max() / T] = np.inf
+    return efforts

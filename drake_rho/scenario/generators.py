@@ -1,0 +1,172 @@
+"""Missions of any number of vehicles, made to measure: random transitions and circle swaps."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from itertools import product
+
+import numpy as np
+
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
+from drake_rho.scenario.records import (
+    Box,
+    Grid,
+    Limits,
+    Scenario,
+    Separation,
+    State,
+    Vehicle,
+)
+
+TRIES = 10_000
+"""How many places are tried for a vehicle, one after another, before there counts as no room."""
+
+
+def flight_cube(volume: float) -> Box:
+    """A cube of `volume` [m³], centred over the origin, its lower side 0.2 m above the ground.
+
+    The room of the benchmark of Luis and Schoellig: 4 m³ for up to 20 vehicles, and N m³ for N.
+
+    Raises:
+        ScenarioError: `volume` is not a positive number.
+    """
+    if not 1.0 / LARGEST <= volume <= LARGEST:  # nor with a NaN
+        raise ScenarioError("volume", volume, "a number of cubic metres above 0")
+    side = volume ** (1 / 3)
+    return Box([-side / 2, -side / 2, 0.2], [side / 2, side / 2, 0.2 + side])
+
+
+def random_transitions(
+    n: int,
+    rng: np.random.Generator,
+    *,
+    volume: Box | None = None,
+    duration: float = 10.0,
+    step: float = 0.2,
+    limits: Limits | None = None,
+    separation: Separation | None = Separation(0.35, downwash=2.0),  # noqa: B008  # frozen
+    name: str = "random transitions",
+) -> Scenario:
+    """Vehicles that change places in a room, from rest to rest between random positions.
+
+    Starts, and goals apart from these, are drawn uniformly in the volume one after another, each
+    anew until it keeps its separation from those before. What is not given is that of the
+    benchmark of Luis and Schoellig with up to 20 vehicles in 4 m³; for its other series, of one
+    vehicle in every cubic metre, `volume=flight_cube(n), duration=15.0`. The same state of `rng`
+    gives the same scenario.
+
+    Args:
+        n: number of vehicles.
+        rng: where chance comes from.
+        volume: where starts and goals are drawn [m]; `flight_cube(4.0)` if not given.
+        duration: T [s].
+        step: h [s], which divides the duration.
+        limits: of every vehicle; if not given, accelerations of 1 m/s² along each axis and the
+            volume as position box.
+        separation: of every pair; None for vehicles that do not mind each other.
+        name: of the scenario.
+
+    Raises:
+        ScenarioError: an argument makes no sense, or so many vehicles do not fit in the volume:
+            there was none in `TRIES` random places for the next.
+    """
+    _check_count(n)
+    volume = volume or flight_cube(4.0)
+    limits = limits or Limits(position=volume, acceleration=Box([-1.0] * 3, [1.0] * 3))
+    starts = _draw(n, rng, volume, separation)
+    goals = _draw(n, rng, volume, separation)
+    grid = Grid.lasting(duration, step=step)
+    return Scenario(name, grid, _from_rest(starts, goals), limits, separation=separation)
+
+
+def circle_swap(
+    n: int,
+    *,
+    radius: float,
+    duration: float,
+    step: float,
+    height: float = 0.0,
+    limits: Limits | None = None,
+    separation: Separation | None = None,
+    name: str = "circle swap",
+) -> Scenario:
+    """Vehicles evenly on a level circle, from rest to rest, each to the point opposite its own.
+
+    They start without acceleration, so that a jerk limit holds from the first step on. (A goal
+    has no acceleration: what a vehicle ends with is free.)
+
+    Args:
+        n: number of vehicles; the first starts on the x axis, the others counter-clockwise.
+        radius: of the circle [m].
+        duration: T [s].
+        step: h [s], which divides the duration.
+        height: z of the circle [m].
+        limits: of every vehicle; none if not given.
+        separation: of every pair; not asked for if not given.
+        name: of the scenario.
+
+    Raises:
+        ScenarioError: an argument makes no sense, or neighbours are closer than the separation.
+    """
+    _check_count(n)
+    if not 1.0 / LARGEST <= radius <= LARGEST:
+        raise ScenarioError("radius", radius, "a length above 0 in metres")
+    angles = 2.0 * np.pi * np.arange(n) / n
+    circle = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(n)], axis=1)
+    above = np.array([0.0, 0.0, height])
+    vehicles = _from_rest(above + circle, above - circle)
+    grid = Grid.lasting(duration, step=step)
+    return Scenario(name, grid, vehicles, limits or Limits(), separation=separation)
+
+
+def _check_count(n: int) -> None:
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+        raise ScenarioError("n", n, "a whole number of vehicles, at least 1")
+
+
+def _from_rest(starts: FloatArray, goals: FloatArray) -> tuple[Vehicle, ...]:
+    """Vehicles `v1`, `v2`, ... from rest, without acceleration, to rest."""
+    rest = np.zeros(3)
+    return tuple(
+        Vehicle(f"v{number}", State(start, rest, rest), State(goal))
+        for number, (start, goal) in enumerate(zip(starts, goals, strict=True), start=1)
+    )
+
+
+def _draw(
+    n: int, rng: np.random.Generator, volume: Box, separation: Separation | None
+) -> FloatArray:
+    """Positions in the volume that keep the separation, shape (n, 3).
+
+    They are kept by cells as wide as the separation, in which it is a sphere: only those in the 27
+    cells around a place can be too close to it, and there is room for few in a cell.
+    """
+    if separation is None:
+        return rng.uniform(volume.lower, volume.upper, (n, 3))
+    drawn: list[FloatArray] = []
+    cells: defaultdict[tuple[int, ...], list[FloatArray]] = defaultdict(list)
+    while len(drawn) < n:
+        for _ in range(TRIES):
+            position = rng.uniform(volume.lower, volume.upper)
+            scaled = separation.scaled(position) / separation.distance
+            cell = np.floor(scaled).astype(np.int64)
+            if all(np.sum((scaled - other) ** 2) >= 1.0 for other in _around(cell, cells)):
+                break
+        else:
+            expected = (
+                f"at most {len(drawn)} vehicles, or more room: {TRIES} random places for the next "
+                f"in {volume.lower.tolist()} to {volume.upper.tolist()} were all too close"
+            )
+            raise ScenarioError("n", n, expected)
+        cells[tuple(cell)].append(scaled)
+        drawn.append(position)
+    return np.array(drawn)
+
+
+def _around(
+    cell: IntArray, cells: defaultdict[tuple[int, ...], list[FloatArray]]
+) -> list[FloatArray]:
+    x, y, z = cell.tolist()
+    near = product((x - 1, x, x + 1), (y - 1, y, y + 1), (z - 1, z, z + 1))
+    return [other for key in near for other in cells.get(key, ())]
