@@ -16,7 +16,6 @@ from contextlib import suppress
 
 import numpy as np
 from pydrake.solvers import SolverInterface
-from scipy.optimize import minimize
 
 from drake_rho.assurance.lagrangian import Lagrangian
 from drake_rho.assurance.verification import verify
@@ -194,6 +193,8 @@ def _best_bound(lagrangian: Lagrangian) -> float:
 
 def _climb(lagrangian: Lagrangian, weights: FloatArray, multipliers: FloatArray) -> float:
     """Maximise the minimum over λ, y >= 0, from where the Lagrangian is convex."""
+    from scipy.optimize import minimize  # slow to load, so only where needed
+
     start = np.concatenate([weights, multipliers])
     sizes = np.maximum(start, 1e-3 * start.max())
     best = -np.inf

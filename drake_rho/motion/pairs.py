@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from drake_rho.motion.clearance import nearest_moments
 from drake_rho.motion.dynamics import Motion
@@ -58,7 +57,7 @@ def at_knots(motion: Motion, separation: Separation, within: float) -> Meetings:
     scaled = separation.scaled(motion.positions)
     found = []
     for k in range(scaled.shape[1]):
-        pairs = cKDTree(scaled[:, k]).query_pairs(within, output_type="ndarray")
+        pairs = _pairs_within(scaled[:, k], within)
         found.append(np.column_stack([pairs, np.full(len(pairs), k)]))
     one, other, k = np.concatenate(found).T
     order = np.lexsort((k, other, one))
@@ -79,7 +78,7 @@ def closest(motion: Motion, separation: Separation, within: float) -> Meetings:
     found = []
     for k in range(p.shape[1]):
         radius = within + 2.0 * float(reach[:, k].max())
-        pairs = cKDTree(p[:, k]).query_pairs(radius, output_type="ndarray")
+        pairs = _pairs_within(p[:, k], radius)
         found.append(np.column_stack([pairs, np.full(len(pairs), k)]))
     one, other, k = np.concatenate(found).T
     apart = np.linalg.norm(p[one, k] - p[other, k], axis=1)
@@ -92,3 +91,11 @@ def closest(motion: Motion, separation: Separation, within: float) -> Meetings:
     distances = np.linalg.norm(dp + s * (dv + s / 2 * da), axis=1)
     close = distances < within
     return Meetings(one, other, h * k + s[:, 0], distances).select(close)
+
+
+def _pairs_within(points: FloatArray, radius: float) -> IntArray:
+    """Indices of all pairs of points closer than `radius`, rising, shape (P, 2)."""
+    from scipy.spatial import cKDTree  # takes a tenth of a second to load, so only where needed
+
+    pairs: IntArray = cKDTree(points).query_pairs(radius, output_type="ndarray")
+    return pairs

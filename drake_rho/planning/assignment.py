@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
 
 from drake_rho.planning.frame import goal_rows, goal_values
 from drake_rho.scenario.errors import ScenarioError
@@ -26,6 +24,8 @@ def assign_goals(scenario: Scenario) -> Scenario:
         ScenarioError: a vehicle's own position or velocity box does not hold the goal it is given,
             or there is a single step and it does not take the vehicles to all the goals.
     """
+    from scipy.optimize import linear_sum_assignment  # slow to load, so only where needed
+
     try:
         chosen = linear_sum_assignment(_efforts(scenario))[1]
     except ValueError:  # too many of the pairs are infinite
@@ -46,6 +46,8 @@ def _efforts(scenario: Scenario) -> FloatArray:
     orthonormal, so the index is the sum of squares of their coefficients. These are linear in goal
     less start: a point for each start and each goal, the index their squared distance.
     """
+    from scipy.spatial.distance import cdist  # slow to load, so only where needed
+
     fleet, grid = scenario.fleet, scenario.grid
     T, rows = grid.duration, goal_rows(grid.knots - 1)
     starts, start_rests = goal_values(

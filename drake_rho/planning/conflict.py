@@ -13,14 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram
-from scipy.ndimage import maximum_filter1d
 from scipy.sparse import csc_array, csc_matrix, eye_array, hstack
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints import Constraint
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.frame import Frame
-from drake_rho.planning.halfspaces import HalfSpaces
+from drake_rho.planning.halfspaces import HalfSpaces, near
 from drake_rho.planning.program import add_rows, rows_of
 from drake_rho.planning.solve import solve
 from drake_rho.scenario.fields import BoolArray, FloatArray
@@ -54,9 +53,8 @@ class _Rows:
 
     def near(self, rows: BoolArray, reach: int) -> BoolArray:
         """The mask `rows` and, at the knots, neighbours of the same side up to `reach` away."""
-        by_side = rows[: self.knots].reshape(-1, self.sides)
-        near = maximum_filter1d(by_side, 2 * reach + 1, axis=0, mode="constant")
-        return np.concatenate([near.reshape(-1), rows[self.knots :]])
+        by_side = near(rows[: self.knots].reshape(-1, self.sides).T, reach).T
+        return np.concatenate([by_side.reshape(-1), rows[self.knots :]])
 
 
 @dataclasses.dataclass(frozen=True)

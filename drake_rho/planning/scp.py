@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -13,7 +14,9 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.detour import detour
 from drake_rho.planning.errors import Conflicts, InfeasibleError, Names, SolverError
+from drake_rho.planning.fleet import MOST_TOGETHER, plan_apart, spread, too_close
 from drake_rho.planning.loop import plan_around
+from drake_rho.planning.separation import Coupling, by_halves, jointly
 from drake_rho.scenario.records import Scenario
 
 MAX_ITERATIONS = 200
@@ -23,20 +26,32 @@ CONVERGED = 1e-9
 """A vehicle's iteration stops when its part falls by less than this part of the whole index."""
 
 
+CLOSE = 1e-4
+"""The same for a fleet that keeps apart, where every iteration moves all of it."""
+
+
 def plan_scp(
-    scenario: Scenario, *, reference: Plan | None = None, solver: SolverInterface | None = None
+    scenario: Scenario,
+    *,
+    reference: Plan | None = None,
+    coupling: Coupling | None = None,
+    solver: SolverInterface | None = None,
 ) -> Plan:
-    """Linearise the obstacles around one plan after the other until the index stops falling.
+    """Linearise obstacles and pairs around one plan after the other until the index stops falling.
 
     The half-space of (15) lies inside what (8) allows, so every iterate meets the true
     constraints, and since it is itself allowed by the next linearisation, the index does not rise
     (in exact arithmetic). Neither a trust region nor a line search is needed. Where the first
     linearisation has no solution, the vehicles it fails are given ways round the obstacles
-    (`drake_rho.planning.detour`) to begin with.
+    (`drake_rho.planning.detour`), and fleets are spread (`drake_rho.planning.fleet`), to begin
+    with.
 
     Args:
         scenario: what is asked.
         reference: a motion to linearise around at first, in place of the plan without obstacles.
+        coupling: how pairs are kept apart: `by_halves`, every vehicle with a program of its own,
+            or `jointly`, at the least index. If not given, by halves, and then jointly as long as
+            the fleet is small (`drake_rho.planning.fleet.MOST_TOGETHER`).
         solver: a Drake solver; Clarabel if not given.
 
     Returns:
@@ -47,9 +62,16 @@ def plan_scp(
         SolverError: the solvers fail numerically.
     """
     plan = first_plan(scenario, reference=reference, solver=solver)
+    if scenario.separation is not None:
+        return _converged_apart(plan, coupling, solver)
     if not scenario.obstacles:
         return plan
-    falling = np.arange(len(scenario.vehicles))  # nothing couples vehicles: each stops by itself
+    return _converged(plan, solver)
+
+
+def _converged(plan: Plan, solver: SolverInterface | None) -> Plan:
+    """Iterate vehicles that nothing couples: each stops by itself."""
+    scenario, falling = plan.scenario, np.arange(len(plan.scenario.vehicles))
     for _ in range(MAX_ITERATIONS):
         before = plan.only(falling)
         try:
@@ -69,6 +91,28 @@ def plan_scp(
     return plan
 
 
+def _converged_apart(plan: Plan, coupling: Coupling | None, solver: SolverInterface | None) -> Plan:
+    """Iterate a fleet that keeps apart, by halves while that gains and then jointly if small."""
+    small = len(plan.scenario.vehicles) <= MOST_TOGETHER
+    couplings = [coupling or (jointly if small else by_halves)]
+    converged = False
+    for each in couplings:
+        for _ in range(MAX_ITERATIONS):
+            try:
+                after = plan_apart(plan.scenario, plan, each, solver)
+            except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
+                converged = False
+                break
+            fallen = plan.cost - after.cost
+            statistics = plan.statistics + after.statistics
+            plan = (after if fallen > 0.0 else plan).with_statistics(statistics)
+            converged = fallen <= CLOSE * plan.cost
+            if converged:
+                break
+    statistics = dataclasses.replace(plan.statistics, converged=converged)
+    return plan.with_statistics(statistics)
+
+
 def first_plan(
     scenario: Scenario, *, reference: Plan | None = None, solver: SolverInterface | None = None
 ) -> Plan:
@@ -76,6 +120,8 @@ def first_plan(
 
     Args and errors are those of `plan_scp`.
     """
+    if scenario.separation is not None:
+        return _first_apart(scenario, reference, solver)
     try:
         return plan_convex(scenario, reference=reference, solver=solver)
     except InfeasibleError as error:
@@ -84,8 +130,25 @@ def first_plan(
         return _plan_round(scenario, error, solver)
 
 
+def _first_apart(
+    scenario: Scenario, reference: Plan | None, solver: SolverInterface | None
+) -> Plan:
+    """A first plan of a fleet: around the reference if that is apart, else spread from it."""
+    if reference is not None and len(too_close(scenario, reference.motion())) == 0:
+        with suppress(InfeasibleError, SolverError):
+            return plan_apart(scenario, reference, by_halves, solver)
+    alone = first_plan(scenario.without_separation(), reference=reference, solver=solver)
+    plan = Plan.from_accelerations(scenario, alone.accelerations, alone.statistics)
+    return spread(scenario, plan, solver)
+
+
 def scp_step(plan: Plan, *, solver: SolverInterface | None = None) -> Plan:
-    """One iteration: the plan of least index with obstacles linearised around `plan`."""
+    """One iteration: the plan of least index with obstacles linearised around `plan`.
+
+    Pairs, if there is a separation, are linearised too, and kept apart jointly.
+    """
+    if plan.scenario.separation is not None:
+        return plan_apart(plan.scenario, plan, jointly, solver)
     return plan_around(plan.scenario, plan, solver)
 
 

@@ -12,14 +12,13 @@ from itertools import islice
 
 import numpy as np
 from pydrake.solvers import SolverInterface
-from scipy.ndimage import maximum_filter1d
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Statistics
 from drake_rho.planning.constraints import WORST, Constraint, Listed
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.frame import Frame
-from drake_rho.planning.halfspaces import HalfSpaces
+from drake_rho.planning.halfspaces import HalfSpaces, near
 from drake_rho.planning.program import Batch, groups_of, programs_of
 from drake_rho.planning.solve import Solution, solve
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -202,8 +201,7 @@ class Search:
         mask &= ~present
         if number > _PATIENCE:
             reach = 2 ** (number - _PATIENCE) // 2
-            near = maximum_filter1d(mask, 2 * reach + 1, axis=2, mode="constant")
-            which, sides, knots = np.nonzero(near & ~present)
+            which, sides, knots = np.nonzero(near(mask, reach) & ~present)
         else:
             which, sides, knots = np.nonzero(mask)
             follows = (np.diff(knots) == 1) & (np.diff(sides) == 0) & (np.diff(which) == 0)

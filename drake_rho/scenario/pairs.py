@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
@@ -41,6 +40,8 @@ def check_apart(
 
 def _closest(points: FloatArray) -> tuple[int, int, float]:
     """Indices, rising, and distance of the closest two of `points`, shape (N, 3), N >= 2."""
+    from scipy.spatial import cKDTree  # takes a tenth of a second to load, so only where needed
+
     distances, neighbours = cKDTree(points).query(points, k=2)
     one = int(np.argmin(distances[:, 1]))
     # where points coincide, either of the two that were found may be the point itself

@@ -138,6 +138,10 @@ class Scenario:
         """The same scenario with nothing in the way (the paper's Examples 1 and 3)."""
         return unchecked(self, obstacles=(), fleet=self.fleet)
 
+    def without_separation(self) -> Scenario:
+        """The same scenario with vehicles that do not mind each other."""
+        return dataclasses.replace(self, separation=None)
+
     def from_states(
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
     ) -> Scenario:
