@@ -17,7 +17,7 @@ from drake_rho.motion.clearance import dips, turning_points
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.halfspaces import HalfSpaces
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.parts import Quantity, Sphere
 from drake_rho.scenario.records import Scenario
@@ -66,6 +66,7 @@ class Listed(Constraint):
     """A constraint given by the list of its rows, neighbours in time one after the other."""
 
     every: HalfSpaces
+    likely: BoolArray | None = None  # those that are in the programs from the start
     sides: int = 1
 
     @property
@@ -86,10 +87,12 @@ class Listed(Constraint):
         """The rows that there are."""
         return self.every
 
-    def rows_of_block(self, vehicles: IntArray) -> HalfSpaces:
-        """Those of neighbouring vehicles."""
+    def of_block(self, vehicles: IntArray) -> Listed:
+        """Only the rows of neighbouring vehicles."""
         own = (self.every.vehicles >= vehicles[0]) & (self.every.vehicles <= vehicles[-1])
-        return self.every if np.all(own) else self.every.select(own)
+        if np.all(own):
+            return self
+        return Listed(self.every.select(own), None if self.likely is None else self.likely[own])
 
     def rows_of(self, vehicle: int) -> HalfSpaces:
         """Those of one vehicle."""

@@ -10,14 +10,16 @@ from pydrake.solvers import SolverInterface
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.pairs import Meetings, at_knots, closest
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.constraints import WORST
+from drake_rho.planning.constraints import WORST, Listed
 from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.halfspaces import HalfSpaces
 from drake_rho.planning.loop import Programs, constraints_around
-from drake_rho.planning.separation import Coupling, by_halves, directions, jointly, listed
+from drake_rho.planning.separation import NAME, Coupling, by_halves, directions, jointly
+from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.parts import Separation
 from drake_rho.scenario.records import Scenario
 
-MOST_TOGETHER = 30
+MOST_TOGETHER = 15
 """Vehicles up to which a fleet is planned jointly."""
 
 NEAR = 1.6
@@ -25,6 +27,12 @@ NEAR = 1.6
 
 ALMOST = 0.95
 """Part of the separation from which on the rows of a first plan are tried as hard ones."""
+
+GRAZING = 1.001
+"""Closest approaches between knots, in the reference, that get rows from the start."""
+
+_TOUCHING = 100.0
+"""Tolerances within which a row holds a solution back."""
 
 MAX_SPREADS = 60
 """Bound on the iterations towards a first plan."""
@@ -44,48 +52,73 @@ def too_close(scenario: Scenario, motion: Motion) -> Meetings:
     return meetings_of(scenario, motion, separation.distance - WORST * separation.tolerance)
 
 
-def plan_apart(
-    scenario: Scenario,
-    reference: Plan,
-    coupling: Coupling = by_halves,
-    solver: SolverInterface | None = None,
-    *,
-    price: float = np.inf,
-    aside: bool = False,
-) -> Plan:
-    """The plan of least index with obstacles and pairs linearised around `reference`.
+class Apart:
+    """Plans of a fleet around one reference after the other.
+
+    The rows that held one plan back are in the programs of the next from the start.
 
     Args:
         scenario: with a separation.
-        reference: a motion of the same vehicles on the same grid.
         coupling: how the rows of pairs are written.
         solver: a Drake solver; Clarabel if not given.
-        price: what the index may rise for each metre that a pair is too close.
-        aside: whether close encounters of the reference get one direction each.
-
-    Raises:
-        InfeasibleError: there is none.
-        SolverError: the solvers fail numerically.
     """
-    separation, motion = _separation(scenario), reference.motion()
-    programs = Programs(scenario, together=coupling is jointly)
-    constraints = constraints_around(scenario, reference)
 
-    def rows_at(where: Meetings) -> None:
-        n = directions(separation, motion, where, aside=aside)
-        constraints.append(listed(coupling(separation, motion, where, n, price)))
+    def __init__(
+        self, scenario: Scenario, coupling: Coupling, solver: SolverInterface | None = None
+    ) -> None:
+        self._scenario, self._coupling, self._solver = scenario, coupling, solver
+        self._held: IntArray = np.zeros(0, dtype=int)
+        self._boxes: list[HalfSpaces] = []
 
-    near = at_knots(motion, separation, NEAR * separation.distance)
-    rows_at(near.and_also(meetings_of(scenario, motion, separation.distance)))
-    while True:
-        programs.keep_to(constraints, solver)
-        if np.isfinite(price):
-            return programs.plan(reference)
-        plan = programs.plan(reference)
-        broken = too_close(scenario, plan.motion())
-        if len(broken) == 0:
-            return plan
-        rows_at(broken)
+    def around(self, reference: Plan, *, price: float = np.inf, aside: bool = False) -> Plan:
+        """The plan of least index with obstacles and pairs linearised around `reference`.
+
+        Args:
+            reference: a motion of the same vehicles on the same grid.
+            price: what the index may rise for each metre that a pair is too close.
+            aside: whether close encounters of the reference get one direction each.
+
+        Raises:
+            InfeasibleError: there is none.
+            SolverError: the solvers fail numerically.
+        """
+        scenario, motion = self._scenario, reference.motion()
+        separation = _separation(scenario)
+        programs = Programs(scenario, together=self._coupling is jointly)
+        constraints = constraints_around(scenario, reference)
+        constraints += [Listed(rows, np.ones(len(rows), dtype=bool)) for rows in self._boxes]
+        near = at_knots(motion, separation, NEAR * separation.distance)
+        where = near.and_also(meetings_of(scenario, motion, GRAZING * separation.distance))
+        while len(where) > 0:
+            n = directions(separation, motion, where, aside=aside)
+            rows = self._coupling(separation, motion, where, n, price)
+            constraints.append(Listed(rows, np.isin(self._keys(rows), self._held)))
+            programs.keep_to(constraints, self._solver)
+            if np.isfinite(price):
+                break
+            where = too_close(scenario, programs.motion)
+        else:
+            programs.keep_to(constraints, self._solver)
+        self._remember(programs)
+        return programs.plan(reference)
+
+    def _remember(self, programs: Programs) -> None:
+        """Which rows hold the solutions back; those of boxes are the same around any reference."""
+        motion = programs.motion
+        active = [
+            part.select(part.margins(motion) < _TOUCHING * part.tolerances)
+            for part in programs.rows
+        ]
+        keys = [self._keys(part) for part in active if part.name == NAME]
+        self._held = np.concatenate([self._held[:0], *keys])
+        self._boxes = [part for part in active if part.name.endswith("box") and len(part) > 0]
+
+    def _keys(self, rows: HalfSpaces) -> IntArray:
+        """A number for each pair and knot."""
+        grid, count = self._scenario.grid, len(self._scenario.vehicles)
+        partners = rows.vehicles if rows.partners is None else rows.partners
+        knots = np.rint(rows.times / grid.step).astype(int)
+        return (rows.vehicles * count + partners) * grid.knots + knots
 
 
 def spread(scenario: Scenario, plan: Plan, solver: SolverInterface | None = None) -> Plan:
@@ -97,17 +130,17 @@ def spread(scenario: Scenario, plan: Plan, solver: SolverInterface | None = None
     Raises:
         InfeasibleError: none was found.
     """
-    spent = plan.statistics
-    price = _first_price(scenario, plan)
+    spent, price = plan.statistics, _first_price(scenario, plan)
+    apart = Apart(scenario, by_halves, solver)
     for number in range(MAX_SPREADS):
         broken = too_close(scenario, plan.motion())
         if len(broken) == 0:
             return plan.with_statistics(spent)
         if broken.distances.min() > ALMOST * _separation(scenario).distance:
             with suppress(InfeasibleError, SolverError):
-                found = plan_apart(scenario, plan, by_halves, solver)
+                found = apart.around(plan)
                 return found.with_statistics(spent + found.statistics)
-        plan = plan_apart(scenario, plan, by_halves, solver, price=price, aside=number == 0)
+        plan = apart.around(plan, price=price, aside=number == 0)
         spent += plan.statistics
         price *= 2.0
     raise InfeasibleError({}, statistics=spent, scenario=scenario)

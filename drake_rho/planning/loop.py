@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 from pydrake.solvers import SolverInterface
 
+from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflict import conflict
 from drake_rho.planning.constraints import Constraint, boxes_of, tangents_of
@@ -120,6 +121,11 @@ class Programs:
     def accelerations(self) -> FloatArray:
         """The solutions [m/s²], shape (N, K-1, 3)."""
         return np.concatenate([search.accelerations for search in self._searches])
+
+    @property
+    def motion(self) -> Motion:
+        """The motions that the solutions are."""
+        return self.frame.free.with_accelerations(self.accelerations)
 
     @property
     def statistics(self) -> Statistics:

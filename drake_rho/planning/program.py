@@ -83,16 +83,23 @@ def programs_of(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
     """
     groups = groups_of(len(frame.units), rows)
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
-    members = np.bincount(groups)[: len(count)]
-    alone = (count <= _FEW) & (members == 1)
+    alone = np.bincount(groups)[: len(count)] == 1
     batches: list[Batch] = []
-    if np.any(alone & (count > 0)):
-        few = [part.select(alone[groups[part.vehicles]]) for part in rows]
-        batches = _of_few(frame, few)
-    for group in np.flatnonzero(~alone & (count > 0)):
+    for group in np.flatnonzero((count > 0) & (~alone | (count > _FEW))):
         own = [part.select(groups[part.vehicles] == group) for part in rows]
-        batches.append(_of_many(frame, np.flatnonzero(groups == group), own))
-    return batches
+        sparse = StateRows(frame, np.flatnonzero(groups == group), own)
+        if _cheaper_in_states(sparse, count[group]):
+            alone[group] = False
+            batches.append(_in_states(sparse))
+        elif not alone[group]:
+            batches.append(_in_span_of(frame, sparse.group, own))
+    single = [part.select(alone[groups[part.vehicles]]) for part in rows]
+    return _in_spans(frame, [part for part in single if len(part) > 0]) + batches
+
+
+def _cheaper_in_states(sparse: StateRows, count: int) -> bool:
+    width = 3 * len(sparse.group) * sparse.steps
+    return bool(count**2 * (width + 5 * count) > _SPARSE * sparse.entries)
 
 
 def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
@@ -107,8 +114,10 @@ def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
     return labels
 
 
-def _of_few(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
-    """Programs in the span of their rows; the arithmetic of all of them at once."""
+def _in_spans(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
+    """Programs of single vehicles in the span of their rows; the arithmetic of all at once."""
+    if not rows:
+        return []
     vehicles = np.concatenate([part.vehicles for part in rows])
     sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
@@ -131,16 +140,12 @@ def _of_few(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
     return batches
 
 
-def _of_many(frame: Frame, group: IntArray, rows: Sequence[HalfSpaces]) -> Batch:
-    """One program, in the span of its rows or, if that is cheaper, with sparse rows."""
-    sparse = StateRows(frame, group, rows)
-    count, steps = sum(map(len, rows)), frame.grid.knots - 1
-    if count**2 * (3 * len(group) * steps + 5 * count) > _SPARSE * sparse.entries:
-        return _in_states(sparse)
+def _in_span_of(frame: Frame, group: IntArray, rows: Sequence[HalfSpaces]) -> Batch:
+    """One program, in the span of its rows."""
     matrix, needed, weights = rows_of(frame, group, rows)
-    dense = matrix.toarray().reshape(count * len(group), steps, 3)
+    dense = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
     inside = np.stack([_without_goal(frame, dense[:, :, axis]) for axis in range(3)], axis=2)
-    return _in_span(group[None], inside.reshape(1, count, -1), needed[None], weights[None])
+    return _in_span(group[None], inside.reshape(1, len(needed), -1), needed[None], weights[None])
 
 
 def rows_of(
@@ -261,9 +266,13 @@ def add_rows(
         give = to.NewContinuousVariables(len(soft))
         to.AddBoundingBoxConstraint(np.zeros(len(soft)), _infinite(len(soft)), give)
         to.AddLinearCost(weights[soft], give)
-        where = (soft, np.arange(len(soft)))
-        ones = coo_array((np.ones(len(soft)), where), shape=(len(needed), len(soft)))
-        matrix, x = hstack([csc_array(matrix), ones], format="csc"), np.concatenate([x, give])
+        ones = np.zeros((len(needed), len(soft)))
+        ones[soft, np.arange(len(soft))] = 1.0
+        if isinstance(matrix, np.ndarray):
+            matrix = np.hstack([matrix, ones])
+        else:
+            matrix = hstack([matrix, csc_array(ones)], format="csc")
+        x = np.concatenate([x, give])
     if not isinstance(matrix, np.ndarray):
         matrix = csc_matrix(matrix)  # what Drake knows
     return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)

@@ -199,8 +199,8 @@ class Search:
             first = int(np.argwhere(present & (margins < -1.0))[0, 0])
             raise self._not_kept(constraint.name, vehicles[first])
         mask &= ~present
-        if number > _PATIENCE:
-            reach = 2 ** (number - _PATIENCE) // 2
+        reach = self._reach(number)
+        if reach > 0:
             which, sides, knots = np.nonzero(near(mask, reach) & ~present)
         else:
             which, sides, knots = np.nonzero(mask)
@@ -217,7 +217,8 @@ class Search:
         self, constraint: Listed, vehicles: IntArray, number: int, broken: BoolArray
     ) -> None:
         """The same for a constraint whose rows are listed."""
-        rows = constraint.rows_of_block(self.vehicles)
+        here = constraint.of_block(self.vehicles)
+        rows = here.every
         asked = np.zeros(len(self._frame.units), dtype=bool)
         asked[self._with_groups(vehicles)] = True
         motion = self._frame.free.with_some(self.vehicles, self.accelerations)
@@ -226,14 +227,22 @@ class Search:
         if np.isinf(rows.price) and np.any(present & (margins < -1.0)):
             raise self._not_kept(constraint.name, rows.vehicles[np.argmin(margins)])
         new = np.flatnonzero(asked[rows.vehicles] & ~present & (margins < -WORST))
-        if number <= _PATIENCE:
+        if self._reach(number) == 0:
             follows = (np.diff(new) == 1) & (np.diff(rows.times[new]) > 0.0)
             new = new[_worst_of_pieces(follows, margins[new], _PIECES * 2**number)]
+        if here.likely is not None and number == 0:
+            new = np.union1d(new, np.flatnonzero(here.likely))
         if len(new) == 0:
             return
         present[new] = True
         self._add(rows.select(new))
         broken[rows.vehicles[new]] = True
+
+    def _reach(self, number: int) -> int:
+        """How many neighbours of broken rows are added with them in a round."""
+        coupled = any(part.coupled for part in self.rows.values())
+        patience = 0 if coupled else _PATIENCE  # a round of a large group is dear
+        return 2 ** max(0, number - patience) // 2
 
     def _not_kept(self, name: str, vehicle: int) -> SolverError:
         who = self._scenario.vehicles[vehicle].name

@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.pairs import Meetings
-from drake_rho.planning.constraints import Listed, across
+from drake_rho.planning.constraints import across
 from drake_rho.planning.halfspaces import HalfSpaces
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
@@ -136,8 +136,3 @@ def _side(offset: FloatArray, way: FloatArray) -> FloatArray:
     side = offset - (offset @ ahead) * ahead
     length = float(np.linalg.norm(side))
     return side / length if length > 1e-3 * np.linalg.norm(offset) else across(ahead)
-
-
-def listed(rows: HalfSpaces) -> Listed:
-    """The rows as a constraint."""
-    return Listed(rows)
