@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import sys
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -67,6 +68,7 @@ class Listed(Constraint):
 
     every: HalfSpaces
     likely: BoolArray | None = None  # those that are in the programs from the start
+    rounds: int = sys.maxsize  # in which rows are added; fewer for what is only on the way
     sides: int = 1
 
     @property
@@ -92,7 +94,8 @@ class Listed(Constraint):
         own = (self.every.vehicles >= vehicles[0]) & (self.every.vehicles <= vehicles[-1])
         if np.all(own):
             return self
-        return Listed(self.every.select(own), None if self.likely is None else self.likely[own])
+        likely = None if self.likely is None else self.likely[own]
+        return Listed(self.every.select(own), likely, self.rounds)
 
     def rows_of(self, vehicle: int) -> HalfSpaces:
         """Those of one vehicle."""

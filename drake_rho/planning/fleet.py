@@ -14,8 +14,9 @@ from drake_rho.planning.constraints import WORST, Listed
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.halfspaces import HalfSpaces
 from drake_rho.planning.loop import Programs, constraints_around
+from drake_rho.planning.search import MAX_ROUNDS
 from drake_rho.planning.separation import NAME, Coupling, by_halves, directions, jointly
-from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.fields import BoolArray, IntArray, unchecked
 from drake_rho.scenario.parts import Separation
 from drake_rho.scenario.records import Scenario
 
@@ -31,8 +32,19 @@ ALMOST = 0.95
 GRAZING = 1.001
 """Closest approaches between knots, in the reference, that get rows from the start."""
 
+_AT_ONCE = 1e-6
+"""Part of a step after the start, or before the end, in which nothing can be changed."""
+
 _TOUCHING = 100.0
 """Tolerances within which a row holds a solution back."""
+
+ROOM = 1.02
+"""Times the separation that rows ask for while they may give way, so that what is given away, and
+what comes closer between knots, is none of the separation itself."""
+
+_SOFT_SOLVES = 2
+"""Times that a program whose pairs may give way is solved: with the rows of its reference, and with
+those of what it then breaks."""
 
 MAX_SPREADS = 60
 """Bound on the iterations towards a first plan."""
@@ -41,9 +53,17 @@ MAX_SPREADS = 60
 def meetings_of(scenario: Scenario, motion: Motion, within: float) -> Meetings:
     """Pairs closer than `within` [m]: at the knots or, if that is asked, at any instant."""
     separation = _separation(scenario)
-    if scenario.between_knots:
-        return closest(motion, separation, within)
-    return at_knots(motion, separation, within)
+    find = closest if scenario.between_knots else at_knots
+    return _under_way(scenario, find(motion, separation, within))
+
+
+def _under_way(scenario: Scenario, where: Meetings) -> Meetings:
+    """Those after the start and before the end, which starts and goals decide."""
+    grid = scenario.grid
+    inner = (where.times > _AT_ONCE * grid.step) & (
+        where.times < grid.duration - _AT_ONCE * grid.step
+    )
+    return where.select(inner)
 
 
 def too_close(scenario: Scenario, motion: Motion) -> Meetings:
@@ -70,13 +90,21 @@ class Apart:
         self._held: IntArray = np.zeros(0, dtype=int)
         self._boxes: list[HalfSpaces] = []
 
-    def around(self, reference: Plan, *, price: float = np.inf, aside: bool = False) -> Plan:
+    def around(
+        self,
+        reference: Plan,
+        *,
+        price: float = np.inf,
+        aside: bool = False,
+        rounds: int = MAX_ROUNDS,
+    ) -> Plan:
         """The plan of least index with obstacles and pairs linearised around `reference`.
 
         Args:
             reference: a motion of the same vehicles on the same grid.
             price: what the index may rise for each metre that a pair is too close.
             aside: whether close encounters of the reference get one direction each.
+            rounds: in which rows of pairs are added; with fewer they may be broken.
 
         Raises:
             InfeasibleError: there is none.
@@ -84,23 +112,38 @@ class Apart:
         """
         scenario, motion = self._scenario, reference.motion()
         separation = _separation(scenario)
-        programs = Programs(scenario, together=self._coupling is jointly)
+        soft = bool(np.isfinite(price))
+        kept = ~self._crowded(motion) if soft else np.zeros(len(scenario.vehicles), dtype=bool)
+        programs = Programs(
+            scenario,
+            together=self._coupling is jointly,
+            kept=(kept, reference.accelerations) if np.any(kept) else None,
+        )
         constraints = constraints_around(scenario, reference)
         constraints += [Listed(rows, np.ones(len(rows), dtype=bool)) for rows in self._boxes]
-        near = at_knots(motion, separation, NEAR * separation.distance)
+        near = _under_way(scenario, at_knots(motion, separation, NEAR * separation.distance))
         where = near.and_also(meetings_of(scenario, motion, GRAZING * separation.distance))
-        while len(where) > 0:
+        asked = separation
+        if soft:
+            asked = unchecked(separation, distance=ROOM * separation.distance)
+        solves = _SOFT_SOLVES if soft else MAX_ROUNDS
+        for _ in range(solves):
             n = directions(separation, motion, where, aside=aside)
-            rows = self._coupling(separation, motion, where, n, price)
-            constraints.append(Listed(rows, np.isin(self._keys(rows), self._held)))
+            rows = self._coupling(asked, motion, where, n, price)
+            constraints.append(Listed(rows, np.isin(self._keys(rows), self._held), rounds))
             programs.keep_to(constraints, self._solver)
-            if np.isfinite(price):
-                break
             where = too_close(scenario, programs.motion)
-        else:
-            programs.keep_to(constraints, self._solver)
+            if len(where) == 0:
+                break
         self._remember(programs)
         return programs.plan(reference)
+
+    def _crowded(self, motion: Motion) -> BoolArray:
+        """Which vehicles are too close to another."""
+        close = too_close(self._scenario, motion)
+        crowded = np.zeros(len(self._scenario.vehicles), dtype=bool)
+        crowded[close.one] = crowded[close.other] = True
+        return crowded
 
     def _remember(self, programs: Programs) -> None:
         """Which rows hold the solutions back; those of boxes are the same around any reference."""
@@ -118,14 +161,16 @@ class Apart:
         grid, count = self._scenario.grid, len(self._scenario.vehicles)
         partners = rows.vehicles if rows.partners is None else rows.partners
         knots = np.rint(rows.times / grid.step).astype(int)
-        return (rows.vehicles * count + partners) * grid.knots + knots
+        keys: IntArray = (rows.vehicles * count + partners) * grid.knots + knots
+        return keys
 
 
 def spread(scenario: Scenario, plan: Plan, solver: SolverInterface | None = None) -> Plan:
     """A plan whose vehicles keep apart, from one that need not.
 
-    Every pair's rows may give way at a price, which doubles from one linearisation to the next
-    until none of them does. Each vehicle yields half, so all are planned side by side.
+    Every pair's rows may give way at a price, which triples from one linearisation to the next
+    until none of them does. Each vehicle yields half, so all are planned side by side; those that
+    are in nobody's way keep to what they have.
 
     Raises:
         InfeasibleError: none was found.
@@ -140,9 +185,9 @@ def spread(scenario: Scenario, plan: Plan, solver: SolverInterface | None = None
             with suppress(InfeasibleError, SolverError):
                 found = apart.around(plan)
                 return found.with_statistics(spent + found.statistics)
-        plan = apart.around(plan, price=price, aside=number == 0)
+        plan = apart.around(plan, price=price, aside=number == 0, rounds=1 + number // 2)
         spent += plan.statistics
-        price *= 2.0
+        price *= 3.0
     raise InfeasibleError({}, statistics=spent, scenario=scenario)
 
 

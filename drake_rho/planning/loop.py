@@ -21,7 +21,7 @@ from drake_rho.planning.frame import Frame
 from drake_rho.planning.halfspaces import HalfSpaces
 from drake_rho.planning.search import Search
 from drake_rho.planning.threads import one_for_arrays
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import Scenario
 
 BLOCK = 500
@@ -83,18 +83,29 @@ class Programs:
     Args:
         scenario: what is asked.
         together: whether rows may couple any two of the vehicles.
+        kept: vehicles that fly given accelerations and are not planned, a mask of shape (N,) and
+            accelerations of all [m/s²], shape (N, K-1, 3).
 
     Attributes:
         frame: what the programs are written in.
     """
 
-    def __init__(self, scenario: Scenario, *, together: bool = False) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        together: bool = False,
+        kept: tuple[BoolArray, FloatArray] | None = None,
+    ) -> None:
         self.frame = Frame(scenario)
         self._scenario = scenario
         every = np.arange(len(scenario.vehicles))
         self._size = len(every) if together else BLOCK
         blocks = [every[first : first + self._size] for first in range(0, len(every), self._size)]
         self._searches = [Search(scenario, self.frame, block) for block in blocks]
+        if kept is not None:
+            for search in self._searches:
+                search.keep(*kept)
         self._seconds = 0.0
 
     def keep_to(

@@ -53,11 +53,18 @@ class Search:
         self.rows: dict[str, HalfSpaces] = {}
         self.infeasible: list[int] = vehicles[frame.hopeless[vehicles]].tolist()
         self._scenario, self._frame = scenario, frame
+        self._kept: list[int] = []
         self._present: dict[int, BoolArray] = {}  # by the identity of a constraint
         self._held: list[Constraint] = []
         self._kept_alive: list[Constraint] = []
         self._solutions: list[Solution] = []
         self._solved: dict[int, tuple[Batch, int, Solution]] = {}
+
+    def keep(self, mask: BoolArray, accelerations: FloatArray) -> None:
+        """Have some vehicles fly given accelerations; arguments are of all vehicles."""
+        own = self.vehicles[mask[self.vehicles]]
+        self.accelerations[own - self.vehicles[0]] = accelerations[own]
+        self._kept = own.tolist()
 
     def run(self, constraints: Sequence[Constraint], solver: SolverInterface | None = None) -> None:
         """Go on until nothing is broken, or everything left has no solution.
@@ -68,8 +75,8 @@ class Search:
         self._kept_alive += constraints
         new = [each for each in constraints if not any(each is held for held in self._held)]
         pending = self.vehicles
-        if self.infeasible:
-            pending = np.setdiff1d(pending, self.infeasible)
+        if self.infeasible or self._kept:
+            pending = np.setdiff1d(pending, self.infeasible + self._kept)
         for number in range(MAX_ROUNDS):
             pending = self._add_broken(constraints if number else new, pending, number)
             if len(pending) == 0:
@@ -219,6 +226,8 @@ class Search:
         """The same for a constraint whose rows are listed."""
         here = constraint.of_block(self.vehicles)
         rows = here.every
+        if number >= here.rounds:
+            return
         asked = np.zeros(len(self._frame.units), dtype=bool)
         asked[self._with_groups(vehicles)] = True
         motion = self._frame.free.with_some(self.vehicles, self.accelerations)
@@ -231,7 +240,7 @@ class Search:
             follows = (np.diff(new) == 1) & (np.diff(rows.times[new]) > 0.0)
             new = new[_worst_of_pieces(follows, margins[new], _PIECES * 2**number)]
         if here.likely is not None and number == 0:
-            new = np.union1d(new, np.flatnonzero(here.likely))
+            new = np.union1d(new, np.flatnonzero(here.likely & asked[rows.vehicles]))
         if len(new) == 0:
             return
         present[new] = True
@@ -242,7 +251,7 @@ class Search:
         """How many neighbours of broken rows are added with them in a round."""
         coupled = any(part.coupled for part in self.rows.values())
         patience = 0 if coupled else _PATIENCE  # a round of a large group is dear
-        return 2 ** max(0, number - patience) // 2
+        return int(2 ** max(0, number - patience) // 2)
 
     def _not_kept(self, name: str, vehicle: int) -> SolverError:
         who = self._scenario.vehicles[vehicle].name
