@@ -9,6 +9,7 @@ import numpy as np
 
 from drake_rho.motion.clearance import closest_approach, turning_points
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.pairs import nearest
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import TOLERANCE, Quantity, Scenario
@@ -96,9 +97,9 @@ def verify(flown: Plan | Flight) -> Report:
     """Judge every constraint of the scenario that was planned for.
 
     Positions and velocities are flown anew from the initial states and the accelerations; those
-    of the plan are only compared with them ("dynamics"). Obstacles and position boxes are examined
-    at the knots and, exactly, at every instant; a scenario that asks for the knots only
-    (`between_knots`) is judged by these, and the other is told beside it.
+    of the plan are only compared with them ("dynamics"). Obstacles, separation and position boxes
+    are examined at the knots and, exactly, at every instant; a scenario that asks for the knots
+    only (`between_knots`) is judged by these, and the other is told beside it.
 
     The arithmetic is that of double precision. A position at the knots is a sum of 2K terms, none
     larger than the largest of the motion's coordinates and its length scale, so with the unit
@@ -119,6 +120,7 @@ def verify(flown: Plan | Flight) -> Report:
         *_check_goal(scenario, motion),
         *_check_boxes(scenario, motion),
         *_check_obstacles(scenario, motion),
+        *_check_separation(scenario, motion),
     ]
     names = [vehicle.name for vehicle in scenario.vehicles]
     by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
@@ -286,6 +288,30 @@ def _check_obstacles(scenario: Scenario, motion: Motion) -> Iterator[_Column]:
                 unit="m",
                 asked=part == AT_KNOTS or scenario.between_knots,
             )
+
+
+def _check_separation(scenario: Scenario, motion: Motion) -> Iterator[_Column]:
+    """Every vehicle's distance from the one that comes closest, at the knots and at every instant.
+
+    The distance is that of the separation, with z divided by its downwash.
+    """
+    separation = scenario.separation
+    if separation is None or len(scenario.vehicles) < 2:
+        return
+    for part, every_instant in ((AT_KNOTS, False), (AT_ALL_TIMES, True)):
+        found = nearest(motion, separation, every_instant=every_instant)
+        names = [scenario.vehicles[partner].name for partner in found.partners]
+        yield _Column(
+            constraint="separation",
+            parts=[f"from {name} {part}" for name in names],
+            times=found.times,
+            values=found.distances,
+            limits=np.full(len(names), separation.distance),
+            excess=separation.distance - found.distances,
+            tolerances=np.full(len(names), separation.tolerance),
+            unit="m",
+            asked=part == AT_KNOTS or scenario.between_knots,
+        )
 
 
 def _pick(values: FloatArray, k: IntArray) -> FloatArray:

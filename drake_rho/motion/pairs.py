@@ -6,6 +6,7 @@ The distance of two is measured where the separation is a sphere: with z divided
 from __future__ import annotations
 
 import dataclasses
+from functools import reduce
 
 import numpy as np
 
@@ -52,6 +53,18 @@ class Meetings:
         return every.select(~again)
 
 
+@dataclasses.dataclass(frozen=True)
+class Nearest:
+    """The closest that any other vehicle comes to each."""
+
+    partners: IntArray
+    """which other, shape (N,)"""
+    times: FloatArray
+    """when, since the first knot [s], shape (N,)"""
+    distances: FloatArray
+    """how close [m], shape (N,)"""
+
+
 def at_knots(motion: Motion, separation: Separation, within: float) -> Meetings:
     """Pairs closer than `within` [m] at the knots, pair by pair and in the order of time."""
     scaled = separation.scaled(motion.positions)
@@ -91,6 +104,64 @@ def closest(motion: Motion, separation: Separation, within: float) -> Meetings:
     distances = np.linalg.norm(dp + s * (dv + s / 2 * da), axis=1)
     close = distances < within
     return Meetings(one, other, h * k + s[:, 0], distances).select(close)
+
+
+def nearest(motion: Motion, separation: Separation, *, every_instant: bool) -> Nearest:
+    """For every vehicle the closest that another comes to it in the whole flight.
+
+    Exact wherever it is less than four times the separation; for a vehicle that no other comes so
+    close to, that of the one which is nearest at a knot.
+
+    Args:
+        motion: of N >= 2 vehicles.
+        separation: how distances are measured.
+        every_instant: whether the time between knots is looked at too.
+    """
+    found = _nearest_at_knots(motion, separation)
+    if not every_instant or not np.all(np.isfinite(found.distances)):
+        return found
+    within = min(float(found.distances.max()), 4.0 * separation.distance)
+    close = closest(motion, separation, within)
+    if far := np.flatnonzero(found.distances > within).tolist():
+        alone = [_pair(motion, separation, one, int(found.partners[one])) for one in far]
+        close = reduce(Meetings.and_also, alone, close)
+    vehicles = np.concatenate([close.one, close.other])
+    partners = np.concatenate([close.other, close.one])
+    times, distances = np.tile(close.times, 2), np.tile(close.distances, 2)
+    order = np.lexsort((distances, vehicles))
+    first = order[np.append(True, np.diff(vehicles[order]) != 0)] if len(order) else order
+    first = first[distances[first] < found.distances[vehicles[first]]]
+    who = vehicles[first]
+    found.partners[who], found.times[who] = partners[first], times[first]
+    found.distances[who] = distances[first]
+    return found
+
+
+def _nearest_at_knots(motion: Motion, separation: Separation) -> Nearest:
+    from scipy.spatial import cKDTree  # takes a tenth of a second to load, so only where needed
+
+    count = len(motion.positions)
+    if not np.all(np.isfinite(motion.positions)):
+        return Nearest(np.zeros(count, dtype=int), np.zeros(count), np.full(count, np.nan))
+    found = Nearest(np.zeros(count, dtype=int), np.zeros(count), np.full(count, np.inf))
+    for k, points in enumerate(np.moveaxis(separation.scaled(motion.positions), 1, 0)):
+        distances, indices = cKDTree(points).query(points, k=2)
+        own = indices[:, 0] == np.arange(count)  # not where two are in the same place
+        partners = np.where(own, indices[:, 1], indices[:, 0])
+        closer = distances[:, 1] < found.distances
+        found.partners[closer], found.times[closer] = partners[closer], k * motion.step
+        found.distances[closer] = distances[closer, 1]
+    return found
+
+
+def _pair(motion: Motion, separation: Separation, one: int, other: int) -> Meetings:
+    """The closest approach of two vehicles."""
+    two = motion.of(np.array([one, other]))
+    far = float(np.linalg.norm(np.diff(separation.scaled(two.positions), axis=0), axis=2).max())
+    every = closest(two, separation, 2.0 * far + separation.distance)
+    best = every.select(np.argmin(every.distances, keepdims=True))
+    ends = np.array([min(one, other)]), np.array([max(one, other)])
+    return Meetings(*ends, best.times, best.distances)
 
 
 def _pairs_within(points: FloatArray, radius: float) -> IntArray:

@@ -92,7 +92,8 @@ def conflict(
         if _cannot_be_met(alone, without, rows):
             kept = without
     weights = _solve_elastic(alone, kept, rows).weights
-    return tuple(_describe(name, weights[name], rows) for name in kept if name in weights)
+    told = (_describe(name, weights[name], rows, frame.names) for name in kept if name in weights)
+    return tuple(told)
 
 
 def least_breach(frame: Frame, vehicle: int, constraints: Sequence[Constraint]) -> FloatArray:
@@ -224,8 +225,8 @@ def _add_elastic(
     )
 
 
-def _describe(name: str, weights: FloatArray, rows: dict[str, _Rows]) -> str:
-    """One constraint by its name, with the axes of its sides if it is a box, and its times."""
+def _describe(name: str, weights: FloatArray, rows: dict[str, _Rows], names: Sequence[str]) -> str:
+    """One constraint by its name, with a box's axes or a pair's other vehicle, and its times."""
     if name not in rows:  # an axis of the goal
         return name
     own = rows[name]
@@ -234,6 +235,8 @@ def _describe(name: str, weights: FloatArray, rows: dict[str, _Rows]) -> str:
     sides = f" {_axes(axes)}" if own.sides > 1 else ""
     if name == _HARD:
         return f"{name}{sides}"
+    if part.partners is not None:
+        sides = f" from {', '.join(names[other] for other in np.unique(part.partners))}"
     first, last = part.times.min(), part.times.max()
     when = f"at {first:g} s" if first == last else f"from {first:g} s to {last:g} s"
     return f"{name}{sides} {when}"

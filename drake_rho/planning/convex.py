@@ -10,6 +10,7 @@ from pydrake.solvers import SolverInterface
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.constraints import boxes_of, tangents_of
 from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.fleet import Apart, by_size
 from drake_rho.planning.loop import Programs, plan_around
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
@@ -26,6 +27,9 @@ def plan_convex(
 
     Step 1: the scenario's h. Step 2: solve without the obstacles, linearise (8) around the result
     as (15), solve again. Step 3: if there is no solution, try another h of the same duration.
+
+    A separation, which the paper leaves to future work, is linearised in step 2 as well. Where
+    vehicles meet, the plan without it is seldom a reference with a solution: `plan_scp` finds one.
 
     Args:
         scenario: what is asked.
@@ -66,11 +70,15 @@ def plan_convex(
 
 def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | None) -> Plan:
     """Steps 1 and 2 for one h."""
-    if reference is not None:
+    if reference is not None and scenario.separation is None:
         return plan_around(scenario, reference, solver)
     programs, boxes = Programs(scenario), boxes_of(scenario)
     programs.keep_to(boxes, solver)
     free = programs.plan()
+    if scenario.separation is not None:
+        around = reference or free
+        plan = Apart(scenario, by_size(scenario), solver).around(around)
+        return plan.with_statistics(free.statistics + plan.statistics)
     if not scenario.obstacles:
         return free
     programs.keep_to(boxes + tangents_of(scenario, free), solver)

@@ -54,7 +54,8 @@ class InfeasibleError(DrakeRhoError):
     Attributes:
         conflicts: for each vehicle without a plan, by name, constraints that cannot be met
             together; those left out have no part in the contradiction.
-        obstacles: for each of these vehicles, the names of obstacles that its path came up against.
+        obstacles: for each of these vehicles, the names of obstacles that its path came up against,
+            and "separation" for other vehicles.
         steps_tried: steps h for which no plan was found [s], in the order tried.
         scenario: what was asked; None where it is not known.
         statistics: what it took to find out.

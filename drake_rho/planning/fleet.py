@@ -9,7 +9,7 @@ from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.pairs import Meetings, at_knots, closest
-from drake_rho.motion.plan import Plan
+from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.constraints import WORST, Listed
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.halfspaces import HalfSpaces
@@ -48,6 +48,11 @@ those of what it then breaks."""
 
 MAX_SPREADS = 60
 """Bound on the iterations towards a first plan."""
+
+
+def by_size(scenario: Scenario) -> Coupling:
+    """How a fleet is kept apart if nothing else is asked: jointly as long as it is small."""
+    return jointly if len(scenario.vehicles) <= MOST_TOGETHER else by_halves
 
 
 def meetings_of(scenario: Scenario, motion: Motion, within: float) -> Meetings:
@@ -131,7 +136,13 @@ class Apart:
             n = directions(separation, motion, where, aside=aside)
             rows = self._coupling(asked, motion, where, n, price)
             constraints.append(Listed(rows, np.isin(self._keys(rows), self._held), rounds))
-            programs.keep_to(constraints, self._solver)
+            try:
+                programs.keep_to(constraints, self._solver)
+            except InfeasibleError:
+                if self._coupling is by_halves:
+                    raise
+                # by halves there is none either, and each vehicle's reasons can be told
+                return Apart(scenario, by_halves, self._solver).around(reference)
             where = too_close(scenario, programs.motion)
             if len(where) == 0:
                 break
@@ -188,7 +199,20 @@ def spread(scenario: Scenario, plan: Plan, solver: SolverInterface | None = None
         plan = apart.around(plan, price=price, aside=number == 0, rounds=1 + number // 2)
         spent += plan.statistics
         price *= 3.0
-    raise InfeasibleError({}, statistics=spent, scenario=scenario)
+    raise _crowded_error(scenario, plan.motion(), spent)
+
+
+def _crowded_error(scenario: Scenario, motion: Motion, spent: Statistics) -> InfeasibleError:
+    """The pairs that were left too close, and when."""
+    names = [vehicle.name for vehicle in scenario.vehicles]
+    left = too_close(scenario, motion)
+    conflicts: dict[str, tuple[str, ...]] = {}
+    for one, other, time in zip(left.one, left.other, left.times, strict=True):
+        for vehicle, partner in ((one, other), (other, one)):
+            reason = f"{NAME} from {names[partner]} at {time:.4g} s"
+            conflicts[names[vehicle]] = (*conflicts.get(names[vehicle], ()), reason)
+    touched = {name: frozenset([NAME]) for name in conflicts}
+    return InfeasibleError(conflicts, statistics=spent, scenario=scenario, obstacles=touched)
 
 
 def _first_price(scenario: Scenario, plan: Plan) -> float:

@@ -17,6 +17,7 @@ class Frame:
 
     Attributes:
         grid: of the scenario.
+        names: of the vehicles.
         goal_rows: orthonormal rows whose products with the accelerations of an axis the goal (12)
             decides, shape (2 or 1, K-1).
         free: the motions of least index that reach the goals, nothing else asked.
@@ -27,6 +28,7 @@ class Frame:
     def __init__(self, scenario: Scenario) -> None:
         fleet, grid = scenario.fleet, scenario.grid
         self.grid = grid
+        self.names = [vehicle.name for vehicle in scenario.vehicles]
         self.units = fleet.scale("acceleration")
         self.goal_rows = goal_rows(grid.knots - 1)
         self._goal_values, self.hopeless = _goal_values(scenario, self.goal_rows)

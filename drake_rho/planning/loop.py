@@ -176,7 +176,7 @@ class Programs:
             rows = search.rows_of(index)
             finders[name] = partial(conflict, self.frame, index, constraints, rows)
             touched = (part.name for part in rows if len(part) > 0)
-            obstacles[name] = frozenset(each for each in touched if each.startswith("obstacle"))
+            obstacles[name] = frozenset(each for each in touched if not each.endswith("box"))
         return InfeasibleError(Conflicts(finders), statistics=self.statistics, obstacles=obstacles)
 
 

@@ -56,7 +56,7 @@ def plan_rho(
     *,
     replan_every: int = 5,
     planner: Planner = plan_convex,
-    reference: Reference = free_reference,
+    reference: Reference | None = None,
     solver: SolverInterface | None = None,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
@@ -69,8 +69,9 @@ def plan_rho(
         scenario: what is asked.
         replan_every: d, the steps flown of each window; the last window has what is left.
         planner: plans one window.
-        reference: what a window's obstacles are linearised around, `free_reference` (the
-            paper's), `tail_reference`, or another function of this form.
+        reference: what a window is linearised around, `free_reference` (the paper's),
+            `tail_reference`, or another function of this form. If not given, the paper's and, for
+            fleets that keep apart, the tail, which is a plan for the next window already.
         solver: a Drake solver; Clarabel if not given.
 
     Returns:
@@ -83,6 +84,8 @@ def plan_rho(
     """
     if isinstance(replan_every, bool) or not isinstance(replan_every, Integral) or replan_every < 1:
         raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
+    if reference is None:
+        reference = free_reference if scenario.separation is None else tail_reference
     began = time.perf_counter()
     replan_every = int(replan_every)
     windows: list[Window] = []
@@ -130,7 +133,7 @@ def plan_window(
     """
     around = None
     try:
-        if scenario.obstacles:
+        if scenario.obstacles or scenario.separation is not None:
             around = reference(scenario, tail, solver)
         plan = planner(scenario, reference=around, solver=solver)
     except (InfeasibleError, SolverError) as error:

@@ -14,7 +14,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.detour import detour
 from drake_rho.planning.errors import Conflicts, InfeasibleError, Names, SolverError
-from drake_rho.planning.fleet import MOST_TOGETHER, Apart, spread, too_close
+from drake_rho.planning.fleet import Apart, by_size, spread, too_close
 from drake_rho.planning.loop import plan_around
 from drake_rho.planning.separation import Coupling, by_halves, jointly
 from drake_rho.scenario.records import Scenario
@@ -26,7 +26,7 @@ CONVERGED = 1e-9
 """A vehicle's iteration stops when its part falls by less than this part of the whole index."""
 
 
-CLOSE: dict[Coupling, float] = {jointly: 1e-4, by_halves: 1e-2}
+CLOSE: dict[Coupling, float] = {jointly: 1e-4, by_halves: 3e-2}
 """The same for a fleet that keeps apart, where every iteration moves all of it. By halves the index
 falls ever more slowly to no optimum: what vehicles could gain by trading room is left."""
 
@@ -51,8 +51,8 @@ def plan_scp(
         scenario: what is asked.
         reference: a motion to linearise around at first, in place of the plan without obstacles.
         coupling: how pairs are kept apart: `by_halves`, every vehicle with a program of its own,
-            or `jointly`, at the least index. If not given, by halves, and then jointly as long as
-            the fleet is small (`drake_rho.planning.fleet.MOST_TOGETHER`).
+            or `jointly`, at the least index. If not given, jointly as long as the fleet is small
+            (`drake_rho.planning.fleet.MOST_TOGETHER`).
         solver: a Drake solver; Clarabel if not given.
 
     Returns:
@@ -93,26 +93,20 @@ def _converged(plan: Plan, solver: SolverInterface | None) -> Plan:
 
 
 def _converged_apart(plan: Plan, coupling: Coupling | None, solver: SolverInterface | None) -> Plan:
-    """Iterate a fleet that keeps apart, by halves while that gains and then jointly if small."""
-    small = len(plan.scenario.vehicles) <= MOST_TOGETHER
-    couplings = [coupling or (jointly if small else by_halves)]
-    converged = False
-    for each in couplings:
-        apart = Apart(plan.scenario, each, solver)
-        for _ in range(MAX_ITERATIONS):
-            try:
-                after = apart.around(plan)
-            except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
-                converged = False
-                break
-            fallen = plan.cost - after.cost
-            statistics = plan.statistics + after.statistics
-            plan = (after if fallen > 0.0 else plan).with_statistics(statistics)
-            converged = fallen <= CLOSE.get(each, 1e-4) * plan.cost
-            if converged:
-                break
-    statistics = dataclasses.replace(plan.statistics, converged=converged)
-    return plan.with_statistics(statistics)
+    """Iterate a fleet that keeps apart, all of it at once."""
+    coupling = coupling or by_size(plan.scenario)
+    apart = Apart(plan.scenario, coupling, solver)
+    for _ in range(MAX_ITERATIONS):
+        try:
+            after = apart.around(plan)
+        except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
+            return _stopped(plan)
+        fallen = plan.cost - after.cost
+        statistics = plan.statistics + after.statistics
+        plan = (after if fallen > 0.0 else plan).with_statistics(statistics)
+        if fallen <= CLOSE.get(coupling, CLOSE[jointly]) * plan.cost:
+            return plan.with_statistics(dataclasses.replace(statistics, converged=True))
+    return _stopped(plan)
 
 
 def first_plan(
