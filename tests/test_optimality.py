@@ -104,7 +104,7 @@ def test_any_multipliers_give_a_bound_and_too_large_ones_none() -> None:
     scenario, best, _ = _on_the_other_side()
     solved = Programs(scenario)
     solved.keep_to(constraints_around(scenario, best))
-    lagrangian = Lagrangian(scenario, solved, 0)
+    lagrangian = Lagrangian(scenario, solved, np.array([0]))
     index = best.cost / lagrangian.unit**2
     rng = np.random.default_rng(1)
     for _ in range(200):
@@ -120,7 +120,7 @@ def test_the_closed_form_is_the_minimum_and_its_slopes_are_true() -> None:
     scenario, best, _ = _on_the_other_side()
     solved = Programs(scenario)
     solved.keep_to(constraints_around(scenario, best))
-    lagrangian = Lagrangian(scenario, solved, 0)
+    lagrangian = Lagrangian(scenario, solved, np.array([0]))
     weights, multipliers = 0.7 * lagrangian.weights, lagrangian.multipliers
     found = lagrangian.minimum(weights, multipliers)
     rows, _ = lagrangian.slopes(found.at)

@@ -13,14 +13,17 @@ leave the goal where it is.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh, null_space
 from scipy.sparse import csc_array, vstack
 
+from drake_rho.planning.frame import Frame
+from drake_rho.planning.halfspaces import HalfSpaces
 from drake_rho.planning.loop import Programs
 from drake_rho.planning.program import rows_of
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
 _LEAST_CURVATURE = 1e-6
@@ -43,7 +46,9 @@ class Minimum:
 
 
 class Lagrangian:
-    """The constraints that a converged program of one vehicle holds on to, and their multipliers.
+    """The constraints that a converged program holds on to, and their multipliers.
+
+    The program is that of a group of G vehicles: of one or, where pairs keep apart, of several.
 
     Attributes:
         unit: acceleration that is one [m/s²].
@@ -51,34 +56,32 @@ class Lagrangian:
         multipliers: y >= 0 that it proposes, shape (R,).
     """
 
-    def __init__(self, scenario: Scenario, solved: Programs, vehicle: int) -> None:
-        frame = solved.frame.alone(vehicle)
+    def __init__(self, scenario: Scenario, solved: Programs, group: IntArray) -> None:
+        frame = solved.frame.only(group)
+        count, steps = len(group), frame.grid.knots - 1
         self.unit = float(frame.units[0])
-        self.solution = solved.accelerations[vehicle] / self.unit
-        self._free = null_space(frame.goal_rows)
-        self._fixed = frame.free.accelerations[0] / self.unit
-        coasting = frame.free.with_accelerations(np.zeros_like(frame.free.accelerations))
-        bent: list[_ObstacleTerms] = []
-        straight: list[tuple[csc_array, FloatArray, FloatArray]] = []
-        for rows, y in solved.multipliers(vehicle):
-            alone = dataclasses.replace(rows, vehicles=np.zeros_like(rows.vehicles))
-            if rows.name.startswith("obstacle"):
-                sphere = scenario.obstacles[int(rows.name.split()[1]) - 1]
-                pull = self.unit * alone.responses(frame.grid)
-                offsets = coasting.at("position", rows.times)[0] - sphere.center
-                radii = np.full(len(rows), sphere.radius)
-                bent.append(_ObstacleTerms(pull, offsets, radii, y / np.linalg.norm(pull, axis=1)))
+        self.solution = solved.accelerations[group].reshape(-1, 3) / self.unit
+        self._free = np.kron(np.eye(count), null_space(frame.goal_rows))
+        self._fixed = frame.free.accelerations.reshape(-1, 3) / self.unit
+        numbers = np.zeros(len(scenario.vehicles), dtype=int)
+        numbers[group] = np.arange(count)
+        bent = [_no_terms(count * steps)]
+        straight = [(csc_array((0, 3 * count * steps)), np.zeros(0), np.zeros(0))]
+        for rows, y in _multipliers(solved, group, self.unit):
+            own = rows.numbered(numbers)
+            if own.quantity == "position" and not own.name.endswith("box"):
+                bent.append(_curved_terms(scenario, frame, own, y))
             else:
-                matrix, needed, _ = rows_of(frame, np.zeros(1, dtype=int), [alone])
+                matrix, needed, _ = rows_of(frame, np.arange(count), [own])
                 straight.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
-        steps = frame.grid.knots - 1
-        self._pull = np.concatenate([np.zeros((0, steps)), *(each.pull for each in bent)])
-        self._offsets = np.concatenate([np.zeros((0, 3)), *(each.offsets for each in bent)])
-        self._radii = np.concatenate([np.zeros(0), *(each.radii for each in bent)])
-        self.weights = np.concatenate([np.zeros(0), *(each.weights for each in bent)])
-        self._matrix = vstack([csc_array((0, 3 * steps)), *(each[0] for each in straight)]).tocsr()
-        self._lower = np.concatenate([np.zeros(0), *(each[1] for each in straight)])
-        self.multipliers = np.concatenate([np.zeros(0), *(each[2] for each in straight)])
+        self._pull = np.concatenate([each.pull for each in bent])
+        self._offsets = np.concatenate([each.offsets for each in bent])
+        self._scales = np.concatenate([each.scales for each in bent])
+        self._radii = np.concatenate([each.radii for each in bent])
+        self.weights = np.concatenate([each.weights for each in bent])
+        self._matrix = vstack([each[0] for each in straight]).tocsr()
+        self._lower = np.concatenate([each[1] for each in straight])
+        self.multipliers = np.concatenate([each[2] for each in straight])
         self._only_used()
 
     def _only_used(self) -> None:
@@ -86,6 +89,7 @@ class Lagrangian:
         bent, straight = self.weights > 0.0, self.multipliers > 0.0
         self._pull, self._offsets = self._pull[bent], self._offsets[bent]
         self._radii, self.weights = self._radii[bent], self.weights[bent]
+        self._scales = self._scales[bent]
         self._matrix, self._lower = self._matrix[straight], self._lower[straight]
         self.multipliers = self.multipliers[straight]
 
@@ -93,13 +97,22 @@ class Lagrangian:
         """Least eigenvalue of the Hessian for λ = `weights`, over that of norm(u)²."""
         if self._free.shape[1] == 0:  # the goal leaves no choice
             return 1.0
-        return float(eigvalsh(self._hessian(weights), subset_by_index=[0, 0])[0])
+        axes = (0, 2) if np.any(self._scales != 1.0) else (0,)
+        least = [eigvalsh(self._hessian(weights, x), subset_by_index=[0, 0])[0] for x in axes]
+        return float(min(least))
 
-    def _hessian(self, weights: FloatArray) -> FloatArray:
-        """Half the Hessian on the directions that leave the goal, the same on each axis."""
-        pull = np.sqrt(weights / self._radii / 2)[:, None] * (self._pull @ self._free)
+    def _hessian(self, weights: FloatArray, axis: int) -> FloatArray:
+        """Half the Hessian of an axis on the directions that leave the goals."""
+        sizes = np.sqrt(weights / self._radii / 2) * self._scales[:, axis]
+        pull = sizes[:, None] * (self._pull @ self._free)
         hessian: FloatArray = np.eye(self._free.shape[1]) - pull.T @ pull
         return hessian
+
+    def _bend(self, u: FloatArray, half: FloatArray) -> FloatArray:
+        """The gradient of the curved terms at u, less its sign."""
+        places = self._scales**2 * (self._pull @ u + self._offsets)
+        gradient: FloatArray = self._pull.T @ (2 * half[:, None] * places)
+        return gradient
 
     def minimum(self, weights: FloatArray, multipliers: FloatArray) -> Minimum:
         """The least value of L for λ = `weights` and y = `multipliers`, both >= 0."""
@@ -109,11 +122,11 @@ class Lagrangian:
             return Minimum(-np.inf, self._fixed, curvature)
         linear = (self._matrix.T @ multipliers).reshape(shape)
         gradient = 2 * self._fixed - linear
-        gradient -= self._pull.T @ (2 * half[:, None] * (self._pull @ self._fixed + self._offsets))
-        at = self._fixed
-        if self._free.shape[1] > 0:
-            hessian = cho_factor(self._hessian(weights))
-            at = at - self._free @ cho_solve(hessian, self._free.T @ gradient) / 2
+        gradient -= self._bend(self._fixed, half)
+        at = np.array(self._fixed)
+        for axis in range(3 if self._free.shape[1] > 0 else 0):
+            hessian = cho_factor(self._hessian(weights, axis))
+            at[:, axis] -= self._free @ cho_solve(hessian, self._free.T @ gradient[:, axis]) / 2
         value = self._value(at, half, multipliers)
         sizes = np.sum(at**2) + np.sum(weights * self._radii) + np.abs(multipliers @ self._lower)
         lost = _ROUNDING * len(at) * float(sizes) / curvature
@@ -128,7 +141,7 @@ class Lagrangian:
 
     def _breaches(self, u: FloatArray) -> FloatArray:
         """R_s² - norm(p_s - c_s)² of the motion u, shape (S,)."""
-        places = self._pull @ u + self._offsets
+        places = self._scales * (self._pull @ u + self._offsets)
         breaches: FloatArray = self._radii**2 - np.sum(places**2, axis=1)
         return breaches
 
@@ -148,14 +161,60 @@ class Lagrangian:
         """Norm of the gradient of L at the converged solution over that of norm(u)²."""
         u, half = self.solution, self.weights / self._radii / 2
         gradient = 2 * u - (self._matrix.T @ self.multipliers).reshape(u.shape)
-        gradient -= self._pull.T @ (2 * half[:, None] * (self._pull @ u + self._offsets))
+        gradient -= self._bend(u, half)
         size = float(np.linalg.norm(2 * u)) or 1.0
         return float(np.linalg.norm(self._free.T @ gradient)) / size
 
 
 @dataclasses.dataclass(frozen=True)
-class _ObstacleTerms:
-    pull: FloatArray  # what u adds to the position at each instant [m], shape (S, K-1)
-    offsets: FloatArray  # where coasting is then, from the centre [m], shape (S, 3)
-    radii: FloatArray  # [m], shape (S,)
+class _CurvedTerms:
+    pull: FloatArray  # what u adds to the place at each instant [m], shape (S, G (K-1))
+    offsets: FloatArray  # where coasting is then, from centre or partner [m], shape (S, 3)
+    scales: FloatArray  # of each axis: 1, but for z where a downwash counts, shape (S, 3)
+    radii: FloatArray  # of the sphere, or the separation [m], shape (S,)
     weights: FloatArray  # λ [m], shape (S,): of rows of length one the multipliers are y
+
+
+def _multipliers(
+    solved: Programs, group: IntArray, unit: float
+) -> Iterator[tuple[HalfSpaces, FloatArray]]:
+    """The rows of all programs of a group and their multipliers, for accelerations in `unit`."""
+    left = set(group.tolist())
+    while left:
+        vehicle = min(left)
+        own = solved.group(vehicle)
+        left -= set(own.tolist())
+        scale = solved.frame.units[own].max() / unit
+        for rows, y in solved.multipliers(vehicle):
+            if len(rows) > 0:
+                yield rows, scale * y
+
+
+def _no_terms(width: int) -> _CurvedTerms:
+    none = np.zeros((0, 3))
+    return _CurvedTerms(np.zeros((0, width)), none, none, np.zeros(0), np.zeros(0))
+
+
+def _curved_terms(
+    scenario: Scenario, frame: Frame, rows: HalfSpaces, y: FloatArray
+) -> _CurvedTerms:
+    """What the Lagrangian needs of the rows of an obstacle, or of pairs."""
+    coasting = frame.free.with_accelerations(np.zeros_like(frame.free.accelerations))
+    responses, count = frame.units[0] * rows.responses(frame.grid), len(frame.units)
+    offsets = coasting.each_at("position", rows.vehicles, rows.times)
+    blocks = np.zeros((len(rows), count, responses.shape[1]))
+    blocks[np.arange(len(rows)), rows.vehicles] = responses
+    scales, stretched = np.ones((len(rows), 3)), np.ones(len(rows))
+    if rows.partners is not None and scenario.separation is not None:
+        offsets = offsets - coasting.each_at("position", rows.partners, rows.times)
+        blocks[np.arange(len(rows)), rows.partners] = -responses
+        scales = scenario.separation.scaled(scales)
+        radii = np.full(len(rows), scenario.separation.distance)
+        stretched = radii / rows.bounds  # how long a scaled normal was before it was made one
+    else:
+        sphere = scenario.obstacles[int(rows.name.split()[1]) - 1]
+        offsets = offsets - sphere.center
+        radii = np.full(len(rows), sphere.radius)
+    pull = blocks.reshape(len(rows), -1)
+    weights = y / (np.linalg.norm(pull, axis=1) * stretched)
+    return _CurvedTerms(pull, offsets, scales, radii, weights)

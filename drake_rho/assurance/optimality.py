@@ -12,6 +12,7 @@ verifier's tolerance, a millionth, and then cost less than the bound by as littl
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -21,13 +22,21 @@ from drake_rho.assurance.lagrangian import Lagrangian
 from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.fleet import Apart
 from drake_rho.planning.loop import Programs, constraints_around
-from drake_rho.planning.scp import plan_scp
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.planning.scp import CONVERGED, plan_scp
+from drake_rho.planning.separation import jointly
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
 GLOBAL_GAP = 1e-6
 """Relative gap up to which a plan counts as globally optimal."""
+
+MOST_CERTIFIED_TOGETHER = 25
+"""Vehicles up to which pairs count for the bound; for larger fleets it is that without them."""
+
+_POLISHINGS = 30
+"""Bound on the linearisations with which a fleet's plan is brought to a certificate's precision."""
 
 _ENOUGH = 1e-8
 """Relative distance from a converged plan's index at which a bound is not improved any more."""
@@ -35,10 +44,10 @@ _ENOUGH = 1e-8
 
 @dataclasses.dataclass(frozen=True)
 class VehicleCertificate:
-    """What is known of one vehicle's part of a plan."""
+    """What is known of the part of a plan that one vehicle has, or several that pairs couple."""
 
     vehicle: str
-    """name"""
+    """name; where pairs couple vehicles, that of the first and how many more"""
     cost: float
     """its part of the index [m²/s⁴]"""
     lower_bound: float
@@ -64,7 +73,7 @@ class Certificate:
     scenario: Scenario
     """what was asked"""
     vehicles: tuple[VehicleCertificate, ...]
-    """one for each vehicle: no constraint couples them"""
+    """one for each vehicle or, where pairs couple them, for all"""
     holds: bool
     """whether the plan meets its constraints; what breaks them may cost less than the bound"""
 
@@ -128,17 +137,23 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
     plan = flown.plan if isinstance(flown, Flight) else flown
     if not np.all(np.isfinite(plan.accelerations)):
         raise ValueError("accelerations: got some that are not finite, expected finite numbers")
-    proposals = [_solved_around(each, solver) for each in _converged(plan, solver)]
+    scenario, vehicles = plan.scenario, len(plan.scenario.vehicles)
+    coupled = scenario.separation is not None and vehicles <= MOST_CERTIFIED_TOGETHER
+    if not coupled:  # without pairs the bound is lower, and still one
+        scenario = scenario.without_separation()
+    start = Plan.from_accelerations(scenario, plan.accelerations)
+    proposals = [_solved_around(each, solver) for each in _converged(start, solver)]
     certificates = []
-    for index, vehicle in enumerate(plan.scenario.vehicles):
-        lagrangians = [Lagrangian(plan.scenario, solved, index) for solved in proposals]
+    for group in _groups(vehicles, proposals):
+        lagrangians = [Lagrangian(scenario, solved, group) for solved in proposals]
         bounds = [each.unit**2 * _best_bound(each) for each in lagrangians]
         here = lagrangians[0]
         stationarity, complementarity = here.kkt_residuals()
+        name = scenario.vehicles[group[0]].name
         certificates.append(
             VehicleCertificate(
-                vehicle=vehicle.name,
-                cost=float(np.sum(plan.accelerations[index] ** 2)),
+                vehicle=name if len(group) == 1 else f"{name} and {len(group) - 1} more",
+                cost=float(np.sum(plan.accelerations[group] ** 2)),
                 lower_bound=max(0.0, *bounds),
                 least_eigenvalue=2.0 * here.curvature(here.weights),
                 stationarity=stationarity,
@@ -163,10 +178,34 @@ def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:
 
 def _solved_around(plan: Plan, solver: SolverInterface | None) -> Programs:
     """The programs linearised around a converged plan, solved once more for their multipliers."""
+    if plan.scenario.separation is not None:
+        return _solved_together(plan, solver)
     reference = plan if plan.scenario.obstacles else None
     programs = Programs(plan.scenario)
     programs.keep_to(constraints_around(plan.scenario, reference), solver)
     return programs
+
+
+def _groups(vehicles: int, proposals: Sequence[Programs]) -> list[IntArray]:
+    """Vehicles that have a program together in one of the proposals, group by group."""
+    label = np.arange(vehicles)
+    for solved in proposals:
+        for vehicle in range(vehicles):
+            met = np.unique(label[solved.group(vehicle)])
+            label[np.isin(label, met)] = met[0]
+    return [np.flatnonzero(label == each) for each in np.unique(label)]
+
+
+def _solved_together(plan: Plan, solver: SolverInterface | None) -> Programs:
+    """The same for a fleet, iterated on to the precision that a certificate needs."""
+    apart = Apart(plan.scenario, jointly, solver)
+    for _ in range(_POLISHINGS):
+        after = apart.around(plan)
+        fallen, plan = plan.cost - after.cost, after
+        if fallen <= CONVERGED * plan.cost:
+            break
+    assert apart.programs is not None  # noqa: S101  # solved above
+    return apart.programs
 
 
 def _gap(cost: float, lower_bound: float) -> float:

@@ -83,7 +83,7 @@ def conflict(
     Raises:
         SolverError: an elastic program cannot be solved.
     """
-    alone = frame.alone(vehicle)
+    alone = frame.only(np.array([vehicle]))
     rows = _rows(vehicle, constraints, present)
     names = [*_GOALS, *rows]
     kept = [name for name in names if name in _solve_elastic(alone, names, rows).weights]
@@ -110,7 +110,7 @@ def least_breach(frame: Frame, vehicle: int, constraints: Sequence[Constraint]) 
     Raises:
         SolverError: an elastic program cannot be solved.
     """
-    alone = frame.alone(vehicle)
+    alone = frame.only(np.array([vehicle]))
     rows = _rows(vehicle, constraints, ())
     names = [*_GOALS, *rows]
     for number in range(_ROUNDS):

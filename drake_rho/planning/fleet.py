@@ -86,6 +86,9 @@ class Apart:
         scenario: with a separation.
         coupling: how the rows of pairs are written.
         solver: a Drake solver; Clarabel if not given.
+
+    Attributes:
+        programs: those that were solved last.
     """
 
     def __init__(
@@ -94,6 +97,7 @@ class Apart:
         self._scenario, self._coupling, self._solver = scenario, coupling, solver
         self._held: IntArray = np.zeros(0, dtype=int)
         self._boxes: list[HalfSpaces] = []
+        self.programs: Programs | None = None
 
     def around(
         self,
@@ -147,6 +151,7 @@ class Apart:
             if len(where) == 0:
                 break
         self._remember(programs)
+        self.programs = programs
         return programs.plan(reference)
 
     def _crowded(self, motion: Motion) -> BoolArray:

@@ -35,12 +35,13 @@ class Frame:
         accelerations = np.einsum("gj,ngx->njx", self.goal_rows, self._goal_values)
         self.free = Motion.from_starts(fleet, accelerations, grid.step)
 
-    def alone(self, vehicle: int) -> Frame:
-        """The same for one of the vehicles, whose index then is 0."""
+    def only(self, vehicles: IntArray) -> Frame:
+        """The same for some of the vehicles, numbered from 0, in the largest of their units."""
         other = copy(self)
-        own = slice(vehicle, vehicle + 1)
-        other.units, other.hopeless = self.units[own], self.hopeless[own]
-        other.free, other._goal_values = self.free.of(own), self._goal_values[own]
+        other.units = np.full(len(vehicles), self.units[vehicles].max())
+        other.names = [self.names[vehicle] for vehicle in vehicles]
+        other.free, other.hopeless = self.free.of(vehicles), self.hopeless[vehicles]
+        other._goal_values = self._goal_values[vehicles]
         return other
 
     def reaching_goals(self, accelerations: FloatArray, vehicles: IntArray) -> FloatArray:

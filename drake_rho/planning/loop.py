@@ -21,7 +21,7 @@ from drake_rho.planning.frame import Frame
 from drake_rho.planning.halfspaces import HalfSpaces
 from drake_rho.planning.search import Search
 from drake_rho.planning.threads import one_for_arrays
-from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
 BLOCK = 500
@@ -162,6 +162,10 @@ class Programs:
     def multipliers(self, vehicle: int) -> list[tuple[HalfSpaces, FloatArray]]:
         """The rows in a vehicle's program and their multipliers, constraint by constraint."""
         return self._searches[vehicle // self._size].multipliers(vehicle)
+
+    def group(self, vehicle: int) -> IntArray:
+        """The vehicles that share a vehicle's program, itself among them."""
+        return self._searches[vehicle // self._size].group(vehicle)
 
     def _infeasible(self, constraints: Sequence[Constraint]) -> InfeasibleError:
         """The error for vehicles without a solution, or whose goal alone is out of reach."""

@@ -26,7 +26,7 @@ CONVERGED = 1e-9
 """A vehicle's iteration stops when its part falls by less than this part of the whole index."""
 
 
-CLOSE: dict[Coupling, float] = {jointly: 1e-4, by_halves: 3e-2}
+CLOSE: dict[Coupling, float] = {jointly: 1e-7, by_halves: 3e-2}
 """The same for a fleet that keeps apart, where every iteration moves all of it. By halves the index
 falls ever more slowly to no optimum: what vehicles could gain by trading room is left."""
 

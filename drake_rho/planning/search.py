@@ -82,6 +82,7 @@ class Search:
             if len(pending) == 0:
                 self._held = list(constraints)
                 return
+            pending = self._with_groups(pending)  # whose solutions change with theirs
             infeasible = self._solve(pending, solver)
             if infeasible:
                 self.infeasible += infeasible
@@ -107,11 +108,19 @@ class Search:
         if vehicle not in self._solved:
             return []
         batch, index, solution = self._solved[vehicle]
-        group = batch.groups[index]
+        group = self.group(vehicle)
         rows = [part.select(np.isin(part.vehicles, group)) for part in self.rows.values()]
         y = np.maximum(solution.result.GetDualSolution(batch.rows[index]), 0.0)
         y *= batch.lengths[index]
         return list(zip(rows, np.split(y, np.cumsum(list(map(len, rows)))[:-1]), strict=True))
+
+    def group(self, vehicle: int) -> IntArray:
+        """The vehicles that share a vehicle's program, itself among them."""
+        if vehicle not in self._solved:
+            return np.array([vehicle])
+        batch, index, _ = self._solved[vehicle]
+        own: IntArray = batch.groups[index]
+        return own
 
     def rows_of(self, vehicle: int) -> list[HalfSpaces]:
         """The rows in a vehicle's program, constraint by constraint, in the program's order."""
