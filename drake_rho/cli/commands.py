@@ -49,6 +49,7 @@ from drake_rho.planning.rho import plan_rho
 from drake_rho.planning.scp import plan_scp
 from drake_rho.scenario.files import replacing, scenario_schema
 from drake_rho.scenario.missions import is_lsc_mission
+from drake_rho.scenario.records import Scenario
 
 app = typer.Typer(
     help="Plan cooperative trajectories for several UAVs by convex optimisation.",
@@ -115,6 +116,7 @@ def plan(
     with err.status("planning"):
         planned = _by_method(
             method,
+            asked,
             lambda: plan_convex(asked, steps=further, solver=chosen),
             lambda: plan_scp(asked, solver=chosen),
         )
@@ -128,12 +130,13 @@ def fly(
     replan_every: Annotated[int, typer.Option(help="Steps flown of each window.")] = 5,
     method: MethodOption = Method.AUTO,
     reference: Annotated[
-        Reference,
+        Reference | None,
         typer.Option(
-            help="Linearise each window around its own solution without obstacles (the paper's) "
-            "or around the tail of the previous prediction."
+            help="Linearise each window around its own solution without obstacles (free, the "
+            "paper's) or around the tail of the previous prediction; if not given, free, and tail "
+            "for vehicles that keep apart."
         ),
-    ] = Reference.FREE,
+    ] = None,
     solver: SolverOption = Solver.CLARABEL,
     duration: DurationOption = None,
     step: StepOption = None,
@@ -143,12 +146,13 @@ def fly(
     check_writable(output)
     options: dict[str, Any] = {
         "replan_every": replan_every,
-        "reference": REFERENCES[reference],
+        "reference": None if reference is None else REFERENCES[reference],
         "solver": SOLVERS[solver](),
     }
     with err.status("flying"):
         flight = _by_method(
             method,
+            asked,
             lambda: plan_rho(asked, planner=plan_convex, **options),
             lambda: plan_rho(asked, planner=plan_scp, **options),
         )
@@ -217,9 +221,15 @@ def show(
     return 0
 
 
-def _by_method(method: Method, convex: Callable[[], T], scp: Callable[[], T]) -> T:
-    """What the chosen method finds; `auto` is the first or, if that has none, the second."""
-    if method is Method.SCP:
+def _by_method(
+    method: Method, scenario: Scenario, convex: Callable[[], T], scp: Callable[[], T]
+) -> T:
+    """What the chosen method finds; `auto` is the first or, if that has none, the second.
+
+    For vehicles that keep apart it is the second at once: where they meet, one linearisation
+    around motions that do not mind each other seldom has a plan.
+    """
+    if method is Method.SCP or (method is Method.AUTO and scenario.separation is not None):
         return scp()
     try:
         return convex()
@@ -231,13 +241,18 @@ def _by_method(method: Method, convex: Callable[[], T], scp: Callable[[], T]) ->
 
 
 def _load_or_fly(source: str, duration: float | None, step: float | None) -> Plan | Flight:
-    """The plan or flight in a file, or else a scenario's flight."""
+    """The plan or flight in a file, or else a scenario's flight; of a fleet, its plan."""
     if source.endswith(".npz") or zipfile.is_zipfile(source):
         refuse_grid(source, duration, step)
         return load(source)
     scenario = read(source, duration, step)
+    if scenario.separation is not None:  # ten windows of sixty vehicles are long to wait for
+        return plan_scp(scenario)
     return _by_method(
-        Method.AUTO, lambda: plan_rho(scenario), lambda: plan_rho(scenario, planner=plan_scp)
+        Method.AUTO,
+        scenario,
+        lambda: plan_rho(scenario),
+        lambda: plan_rho(scenario, planner=plan_scp),
     )
 
 
