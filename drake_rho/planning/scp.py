@@ -26,9 +26,19 @@ CONVERGED = 1e-9
 """A vehicle's iteration stops when its part falls by less than this part of the whole index."""
 
 
-CLOSE: dict[Coupling, float] = {jointly: 1e-7, by_halves: 3e-2}
-"""The same for a fleet that keeps apart, where every iteration moves all of it. By halves the index
-falls ever more slowly to no optimum: what vehicles could gain by trading room is left."""
+CLOSE = 1e-3
+"""The same for a fleet that keeps apart, where every iteration moves all of it: a further digit
+takes as long as all before, and changes the index in the fourth."""
+
+CLOSE_IF_SMALL = 1e-7
+"""The same for a few vehicles, which are quick and can be certified."""
+
+CLOSE_BY_HALVES = 3e-2
+"""The same by halves, where the index falls ever more slowly to no optimum: what vehicles could
+gain by trading room is left."""
+
+_SMALL = 6
+"""A few vehicles."""
 
 
 def plan_scp(
@@ -95,6 +105,8 @@ def _converged(plan: Plan, solver: SolverInterface | None) -> Plan:
 def _converged_apart(plan: Plan, coupling: Coupling | None, solver: SolverInterface | None) -> Plan:
     """Iterate a fleet that keeps apart, all of it at once."""
     coupling = coupling or by_size(plan.scenario)
+    close = CLOSE_IF_SMALL if len(plan.scenario.vehicles) <= _SMALL else CLOSE
+    close = CLOSE_BY_HALVES if coupling is by_halves else close
     apart = Apart(plan.scenario, coupling, solver)
     for _ in range(MAX_ITERATIONS):
         try:
@@ -104,7 +116,7 @@ def _converged_apart(plan: Plan, coupling: Coupling | None, solver: SolverInterf
         fallen = plan.cost - after.cost
         statistics = plan.statistics + after.statistics
         plan = (after if fallen > 0.0 else plan).with_statistics(statistics)
-        if fallen <= CLOSE.get(coupling, CLOSE[jointly]) * plan.cost:
+        if fallen <= close * plan.cost:
             return plan.with_statistics(dataclasses.replace(statistics, converged=True))
     return _stopped(plan)
 
