@@ -16,6 +16,7 @@ from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.rho import free_reference, plan_rho, tail_reference
 from drake_rho.planning.scp import plan_scp, scp_step
+from drake_rho.planning.separation import by_halves, jointly
 from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
 from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
 from drake_rho.scenario.generators import circle_swap, flight_cube, random_transitions
@@ -66,12 +67,14 @@ __all__ = [
     "accelerations_figure",
     "animate",
     "assign_goals",
+    "by_halves",
     "certify",
     "circle_swap",
     "diagnose",
     "distances_figure",
     "flight_cube",
     "free_reference",
+    "jointly",
     "library",
     "load",
     "load_lsc_mission",

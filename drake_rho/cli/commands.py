@@ -115,8 +115,7 @@ def plan(
     chosen = SOLVERS[solver]()
     with err.status("planning"):
         planned = _by_method(
-            method,
-            asked,
+            method if further else _for_fleet(method, asked),
             lambda: plan_convex(asked, steps=further, solver=chosen),
             lambda: plan_scp(asked, solver=chosen),
         )
@@ -151,8 +150,7 @@ def fly(
     }
     with err.status("flying"):
         flight = _by_method(
-            method,
-            asked,
+            _for_fleet(method, asked),
             lambda: plan_rho(asked, planner=plan_convex, **options),
             lambda: plan_rho(asked, planner=plan_scp, **options),
         )
@@ -221,15 +219,18 @@ def show(
     return 0
 
 
-def _by_method(
-    method: Method, scenario: Scenario, convex: Callable[[], T], scp: Callable[[], T]
-) -> T:
-    """What the chosen method finds; `auto` is the first or, if that has none, the second.
+def _for_fleet(method: Method, scenario: Scenario) -> Method:
+    """`auto` is scp for vehicles that keep apart.
 
-    For vehicles that keep apart it is the second at once: where they meet, one linearisation
-    around motions that do not mind each other seldom has a plan.
+    Where they meet, one linearisation around motions that do not mind each other seldom has a plan.
     """
-    if method is Method.SCP or (method is Method.AUTO and scenario.separation is not None):
+    fleet = method is Method.AUTO and scenario.separation is not None
+    return Method.SCP if fleet else method
+
+
+def _by_method(method: Method, convex: Callable[[], T], scp: Callable[[], T]) -> T:
+    """What the chosen method finds; `auto` is the first or, if that has none, the second."""
+    if method is Method.SCP:
         return scp()
     try:
         return convex()
@@ -250,7 +251,6 @@ def _load_or_fly(source: str, duration: float | None, step: float | None) -> Pla
         return plan_scp(scenario)
     return _by_method(
         Method.AUTO,
-        scenario,
         lambda: plan_rho(scenario),
         lambda: plan_rho(scenario, planner=plan_scp),
     )
