@@ -29,7 +29,7 @@ NEAR = 1.6
 ALMOST = 0.95
 """Part of the separation from which on the rows of a first plan are tried as hard ones."""
 
-GRAZING = 1.001
+GRAZING = 1.1
 """Closest approaches between knots, in the reference, that get rows from the start."""
 
 _AT_ONCE = 1e-6
@@ -201,7 +201,10 @@ def spread(scenario: Scenario, plan: Plan, solver: SolverInterface | None = None
             with suppress(InfeasibleError, SolverError):
                 found = apart.around(plan)
                 return found.with_statistics(spent + found.statistics)
-        plan = apart.around(plan, price=price, aside=number == 0, rounds=1 + number // 2)
+        try:
+            plan = apart.around(plan, price=price, aside=number == 0, rounds=1 + number // 2)
+        except SolverError:  # a price beyond all numbers: the pairs cannot be paid apart
+            break
         spent += plan.statistics
         price *= 3.0
     raise _crowded_error(scenario, plan.motion(), spent)

@@ -242,8 +242,9 @@ class Search:
         motion = self._frame.free.with_some(self.vehicles, self.accelerations)
         margins = rows.margins(motion) / rows.tolerances
         present = self._present.setdefault(id(constraint), np.zeros(len(rows), dtype=bool))
-        if np.isinf(rows.price) and np.any(present & (margins < -1.0)):
-            raise self._not_kept(constraint.name, rows.vehicles[np.argmin(margins)])
+        lost = asked[rows.vehicles] & present & (margins < -1.0)
+        if np.isinf(rows.price) and np.any(lost):
+            raise self._not_kept(constraint.name, rows.vehicles[np.argmax(lost)])
         new = np.flatnonzero(asked[rows.vehicles] & ~present & (margins < -WORST))
         if self._reach(number) == 0:
             follows = (np.diff(new) == 1) & (np.diff(rows.times[new]) > 0.0)

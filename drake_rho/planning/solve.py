@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pydrake.common import Parallelism
 from pydrake.solvers import (
     ClarabelSolver,
+    ClpSolver,
     MathematicalProgram,
     MathematicalProgramResult,
     OsqpSolver,
@@ -67,10 +68,10 @@ def solve(
     """Solve independent programs side by side, on all cores.
 
     A program on which the solver fails numerically is given to others: Clarabel with tight and
-    then with its usual tolerances, and OSQP.
+    then with its usual tolerances, and OSQP or, for one that is linear and thus none for OSQP, CLP.
 
     Args:
-        programs: convex quadratic programs.
+        programs: convex quadratic programs, or linear ones.
         solver: a Drake solver; Clarabel if not given.
 
     Raises:
@@ -82,9 +83,13 @@ def solve(
         raise ValueError(f"solver: got {_name(first)}, expected one available and enabled here")
     solutions: dict[int, Solution] = {}
     for attempt, options in _attempts(first):
-        left = [index for index in range(len(programs)) if index not in solutions]
+        left = [
+            index
+            for index, program in enumerate(programs)
+            if index not in solutions and _knows(attempt, program)
+        ]
         if not left:
-            break
+            continue
         answers = _solve_with(attempt, options, [programs[index] for index in left])
         for index, answer in zip(left, answers, strict=True):
             if answer is not None:
@@ -98,8 +103,14 @@ def solve(
 def _attempts(first: SolverInterface) -> list[tuple[SolverInterface, _Options]]:
     clarabel = [(ClarabelSolver(), _CLARABEL), (ClarabelSolver(), _CLARABEL_AGAIN)]
     if _name(first) == "Clarabel":
-        return [*clarabel, (OsqpSolver(), _OSQP)]
+        return [*clarabel, (OsqpSolver(), _OSQP), (ClpSolver(), {})]
     return [(first, _OSQP if _name(first) == "OSQP" else {}), *clarabel]
+
+
+def _knows(solver: SolverInterface, program: MathematicalProgram) -> bool:
+    """Whether a program is of a kind that the solver takes: OSQP refuses linear ones, CLP others."""
+    linear = not program.quadratic_costs()
+    return {"OSQP": not linear, "Clp": linear}.get(_name(solver), True)
 
 
 def _solve_with(
