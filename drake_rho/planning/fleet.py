@@ -30,7 +30,8 @@ ALMOST = 0.95
 """Part of the separation from which on the rows of a first plan are tried as hard ones."""
 
 GRAZING = 1.1
-"""Closest approaches between knots, in the reference, that get rows from the start."""
+"""Times the separation within which closest approaches between knots, in the reference, may get
+rows from the start; where these may give way, only those that are too close."""
 
 _AT_ONCE = 1e-6
 """Part of a step after the start, or before the end, in which nothing can be changed."""
@@ -131,7 +132,8 @@ class Apart:
         constraints = constraints_around(scenario, reference)
         constraints += [Listed(rows, np.ones(len(rows), dtype=bool)) for rows in self._boxes]
         near = _under_way(scenario, at_knots(motion, separation, NEAR * separation.distance))
-        where = near.and_also(meetings_of(scenario, motion, GRAZING * separation.distance))
+        within = separation.distance * (1.0 if soft else GRAZING)
+        where = near.and_also(meetings_of(scenario, motion, within))
         asked = separation
         if soft:
             asked = unchecked(separation, distance=ROOM * separation.distance)

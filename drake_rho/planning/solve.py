@@ -108,7 +108,7 @@ def _attempts(first: SolverInterface) -> list[tuple[SolverInterface, _Options]]:
 
 
 def _knows(solver: SolverInterface, program: MathematicalProgram) -> bool:
-    """Whether a program is of a kind that the solver takes: OSQP refuses linear ones, CLP others."""
+    """Whether the solver takes a program of this kind: OSQP no linear ones, CLP no others."""
     linear = not program.quadratic_costs()
     return {"OSQP": not linear, "Clp": linear}.get(_name(solver), True)
 
