@@ -55,9 +55,9 @@ they need not stay."""
 _END = """\
 The end of a flight is limited in jerk with the others and not here: a goal has no acceleration, and
 in the last step there is still one of {:.3g} m/s² along an axis. One vehicle alone that flies along
-an axis and has to end without acceleration needs 3.155 s: twice 2 (10 / 30)^½ = 1.155 s, and 5.77 m,
-from rest to 10 m/s or back, and between them 0.845 s at that. That is some 0.3 s more than the line
-with nobody in the way says, and so much is to be added for a fair comparison."""
+an axis and has to end without acceleration needs 3.155 s: twice 2 (10 / 30)^½ = 1.155 s, and
+5.77 m, from rest to 10 m/s or back, and 0.845 s at that between them. That is some 0.3 s more than
+the line with nobody in the way says, and so much is to be added for a fair comparison."""
 
 _LIMITATIONS = """\
 Limitations. The published planners fly on line, each vehicle for itself, with delays in what they
