@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 import drake_rho as rho
-from benchmarks.fleets import COLUMNS, Trial, attempts, faults, percent, summary
+from benchmarks.fleets import COLUMNS, Trial, attempts, findings, percent, summary
 from benchmarks.tables import Cell, Goal, Table
 
 DURATIONS = {4: 3.6, 8: 4.6, 12: 6.6, 16: 8.6, 20: 9.8}
@@ -47,7 +47,7 @@ def run(seeds: int = 50) -> Table:
         title="B1: random transitions in 4 m³, up to 20 vehicles",
         columns=COLUMNS,
         rows=tuple(rows),
-        notes=(faults(every), _WORK, _LIMITATIONS),
+        notes=(findings(every), _WORK, _LIMITATIONS),
         goals=_goals(found),
     )
 

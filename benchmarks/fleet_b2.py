@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 import drake_rho as rho
-from benchmarks.fleets import COLUMNS, attempts, faults, percent, summary
+from benchmarks.fleets import COLUMNS, attempts, findings, percent, summary
 from benchmarks.tables import Cell, Goal, Table
 
 VEHICLES, DURATION = tuple(range(20, 201, 20)), 15.0
@@ -61,7 +61,7 @@ def run(seeds: int = 10) -> Table:
         columns=COLUMNS,
         rows=tuple(rows),
         notes=(
-            faults(trial for trials in found.values() for trial in trials),
+            findings([trial for trials in found.values() for trial in trials]),
             _WORK,
             _LIMITATIONS,
         ),

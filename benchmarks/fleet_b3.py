@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import drake_rho as rho
-from benchmarks.fleets import COLUMNS, Trial, attempts, faults, percent, summary
+from benchmarks.fleets import COLUMNS, Trial, attempts, findings, percent, summary
 from benchmarks.race import Skipped
 from benchmarks.tables import Goal, Table
 
@@ -40,7 +40,7 @@ def run(folder: Path | None = None) -> Table:
         title="B3: missions of the LSC planner",
         columns=COLUMNS,
         rows=tuple(summary(trials) for _, trials in sorted(found.items())),
-        notes=(faults(every), _WORK, _LIMITATIONS),
+        notes=(findings(every), _WORK, _LIMITATIONS),
         goals=(
             Goal(f"{len(every)} missions, failures [%]", 0.0, 100.0 - percent(every)),
             Goal(f"{TIMED} vehicles, median [s]", 2.0, statistics.median(timed) if timed else None),

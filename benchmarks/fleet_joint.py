@@ -29,6 +29,7 @@ COLUMNS = (
     "median_seconds",
     "worst_seconds",
     "median_part_of_joint_seconds",
+    "median_index_above_joint_percent",
     "worst_index_above_joint_percent",
 )
 
@@ -69,9 +70,13 @@ def run(seeds: int = 5) -> Table:
         notes=(_faults(found), _WORK, _LIMITATIONS),
         goals=(
             Goal(f"{last} vehicles, time / joint SCP, median", 1 / 50, _times(ours, joint)),
-            Goal(f"{last} vehicles, index above joint SCP's, worst [%]", 0.5, _above(ours, joint)),
+            Goal(
+                f"{last} vehicles, index above joint SCP's, worst [%]",
+                0.5,
+                _above(ours, joint, max),
+            ),
             Goal("the same at the knots: time", 1 / 50, _times(knots, joint)),
-            Goal("the same at the knots: index [%]", 0.5, _above(knots, joint)),
+            Goal("the same at the knots: index [%]", 0.5, _above(knots, joint, max)),
         ),
         packages=("drake-rho", "drake", "numpy", "scipy", "cvxpy", "clarabel"),
     )
@@ -122,7 +127,8 @@ def _row(count: int, method: str, laps: Sequence[Lap], joint: Sequence[Lap]) -> 
         statistics.median(seconds),
         max(seconds),
         _times(laps, joint),
-        _above(laps, joint),
+        _above(laps, joint, statistics.median),
+        _above(laps, joint, max),
     )
 
 
@@ -133,11 +139,13 @@ def _times(laps: Sequence[Lap], joint: Sequence[Lap]) -> float | None:
     return statistics.median(parts) if parts else None
 
 
-def _above(laps: Sequence[Lap], joint: Sequence[Lap]) -> float | None:
-    """By how much the index is above joint SCP's, at worst, of the fleets that both planned [%]."""
+def _above(
+    laps: Sequence[Lap], joint: Sequence[Lap], of: Callable[[list[float]], float]
+) -> float | None:
+    """How much the index is above joint SCP's, of the fleets that both planned [%]."""
     both = zip(laps, joint, strict=True)
     parts = [a.index / b.index for a, b in both if not (a.fault or b.fault)]
-    return 100.0 * (max(parts) - 1.0) if parts else None
+    return 100.0 * (of(parts) - 1.0) if parts else None
 
 
 _WORK = """\
@@ -153,4 +161,5 @@ _LIMITATIONS = """\
 Limitations. Joint SCP is judged at the knots only, as it is published; this package's first line
 holds at every instant, its second, at the knots, is what compares one to one. Its success was
 published with 5 cm of breach allowed, here none is. Both end in local optima, which need not be
-the same. The machine has other work at times: trust the ratios."""
+the same, so on a single fleet either may be far below the other. The machine has other work at
+times: trust the ratios."""

@@ -141,9 +141,12 @@ def percent(trials: Sequence[Trial]) -> float:
     return 100.0 * sum(trial.counts for trial in trials) / len(trials)
 
 
-def faults(trials: Iterable[Trial]) -> str:
-    """A note on the fleets that do not count."""
-    lines = [f"- {trial.name}: {trial.fault}" for trial in trials if not trial.counts]
-    if not lines:
-        return "Every fleet was planned and keeps everything asked."
-    return "\n".join(["Fleets without a plan that keeps everything asked:", "", *lines])
+def findings(trials: Sequence[Trial]) -> str:
+    """A note on the fleets that do not count, and on the slowest."""
+    slowest = max(trials, key=lambda trial: trial.seconds)
+    told = [f"The slowest: {slowest.name}, {slowest.seconds:.3g} s."]
+    told += [f"- {trial.name}: {trial.fault}" for trial in trials if not trial.counts]
+    if len(told) == 1:
+        return f"Every fleet was planned and keeps everything asked. {told[0]}"
+    told[1:1] = ["", "Fleets without a plan that keeps everything asked:", ""]
+    return "\n".join(told)
