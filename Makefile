@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help reproduce animate notebooks pictures bench test lint format clean
+.PHONY: help reproduce animate notebooks pictures bench bench-fleet test lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -24,6 +24,9 @@ pictures: $(READY) ## Take the README's picture of the swarm anew (needs Chromiu
 
 bench: $(VENV)/.bench ## Time it against others, and its growth (ten minutes, benchmarks/results)
 	$(BIN)/python -m benchmarks
+
+bench-fleet: $(VENV)/.bench ## The same for fleets (forty minutes); MISSIONS=folder of the LSC planner's
+	$(BIN)/python -m benchmarks --fleets $(if $(MISSIONS),--missions "$(MISSIONS)")
 
 test: $(READY) ## Run the tests, the notebooks among them
 	@sh tools/setup-browser $(VENV)

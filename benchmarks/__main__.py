@@ -5,43 +5,77 @@ from __future__ import annotations
 import argparse
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 
 from rich.console import Console
 from rich.markdown import Markdown
 
+from benchmarks.race import Skipped
 from benchmarks.tables import Table, to_markdown, write
 
 RACES = ("example_4", "converged")
 """Those that run every implementation in rounds: `run(repetitions) -> Table`."""
 
 STUDIES = ("growth", "import_time")
-"""The others: `run() -> Table`."""
+"""The others without fleets: `run() -> Table`."""
+
+DRAWN = {"fleet_b1": 50, "fleet_joint": 5, "fleet_b2": 10}
+"""Those of random fleets, and how many of each size: `run(seeds) -> Table`."""
+
+MISSIONS = ("fleet_b3",)
+"""Those of missions in files: `run(folder) -> Table`."""
+
+SWAPS = ("fleet_b4", "fleet_b5")
+"""Those of given fleets: `run() -> Table`."""
 
 
 def main() -> None:
-    """Run the benchmarks named on the command line, by default all there are."""
-    known = [name for name in RACES + STUDIES if find_spec(f"benchmarks.{name}")]
+    """Run the benchmarks named on the command line, by default all without fleets."""
+    known = [
+        name
+        for name in (*RACES, *STUDIES, *DRAWN, *MISSIONS, *SWAPS)
+        if find_spec(f"benchmarks.{name}")
+    ]
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(known)}")
+    parser.add_argument("--fleets", action="store_true", help="all those of fleets")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
+    parser.add_argument("--seeds", type=int, help="random fleets of each size (50, 5 and 10)")
+    parser.add_argument("--missions", type=Path, help="folder with missions of the LSC planner")
     arguments = parser.parse_args()
     unknown = [name for name in arguments.names if name not in known]
     if unknown:
         parser.error(f"no benchmark {', '.join(unknown)}; there are {', '.join(known)}")
     if arguments.repetitions < 5:
         parser.error("--repetitions: at least 5, for a median that means something")
+    if arguments.seeds is not None and arguments.seeds < 1:
+        parser.error("--seeds: at least 1")
     console = Console()
-    for name in arguments.names or known:
+    alone = RACES + STUDIES
+    by_default = [name for name in known if (name not in alone) == arguments.fleets]
+    for name in arguments.names or by_default:
         console.rule(name)
-        table = _run(name, arguments.repetitions)
+        try:
+            table = _run(name, arguments)
+        except Skipped as reason:
+            console.print(f"skipped: {reason}")
+            continue
         written = write(table)
         console.print(Markdown(to_markdown(table)))
         console.print("written:", *(path.name for path in written))
 
 
-def _run(name: str, repetitions: int) -> Table:
+def _run(name: str, arguments: argparse.Namespace) -> Table:
     run = import_module(f"benchmarks.{name}").run
-    table: Table = run(repetitions) if name in RACES else run()
+    table: Table
+    if name in RACES:
+        table = run(arguments.repetitions)
+    elif name in DRAWN:
+        table = run(arguments.seeds or DRAWN[name])
+    elif name in MISSIONS:
+        table = run(arguments.missions)
+    else:
+        table = run()
     return table
 
 

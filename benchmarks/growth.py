@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import time
@@ -19,6 +18,7 @@ from matplotlib.figure import Figure
 from rich.progress import track
 
 import drake_rho as rho
+from benchmarks.memory import peak
 from benchmarks.tables import Cell, Goal, Table
 
 KNOTS, VEHICLES = (50, 500, 5000), (4, 40, 400, 4000)
@@ -61,17 +61,7 @@ def measure(work: str, size: int) -> dict[str, float]:
     if not rho.verify(plan).ok:
         raise RuntimeError(f"{scenario.name}: the plan does not hold")
     seconds = time.perf_counter() - began
-    return {"seconds": seconds, "megabytes": _peak(), "solver": plan.statistics.solver_seconds}
-
-
-def _peak() -> float:
-    """Largest memory of this process [MB]."""
-    status = Path("/proc/self/status")
-    if not status.exists():
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # macOS counts in bytes
-    # not from `getrusage`, which on Linux begins with what the process that started this one had
-    line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-    return int(line.split()[1]) / 1024
+    return {"seconds": seconds, "megabytes": peak(), "solver": plan.statistics.solver_seconds}
 
 
 def run() -> Table:

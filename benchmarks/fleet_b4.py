@@ -1,0 +1,66 @@
+"""Ten vehicles on a circle change sides under a limit on the jerk."""
+
+from __future__ import annotations
+
+from rich.console import Console
+
+import drake_rho as rho
+from benchmarks.fleets import THIS_PACKAGE
+from benchmarks.swaps import ALONE, COLUMNS, METHOD, box, published, shortest
+from benchmarks.tables import Goal, Table
+
+STEPS = 60
+"""Of the flight, whatever its duration."""
+
+BEGIN = 4.0
+"""The duration that the search begins with [s]."""
+
+
+def scenario() -> rho.Scenario:
+    """Radius 10 m; limits and diameter of MADER's benchmark."""
+    limits = rho.Limits(velocity=box(10.0), acceleration=box(20.0), jerk=box(30.0))
+    apart = rho.Separation(0.25)
+    return rho.circle_swap(
+        10, radius=10.0, duration=BEGIN, step=BEGIN / STEPS, limits=limits, separation=apart
+    )
+
+
+def run() -> Table:
+    """Look for the shortest flight, with the others in the way and without."""
+    with Console().status("the shortest flight"):
+        alone = shortest(scenario().without_separation())
+        found = shortest(scenario())
+    return Table(
+        name="fleet_b4",
+        title="B4: ten vehicles change sides on a circle of 10 m, jerk limited",
+        columns=COLUMNS,
+        rows=(
+            found.row(THIS_PACKAGE),
+            alone.row(ALONE),
+            published("MADER, published", "7.7", "77 to 97"),
+            published("RMADER, published", "9.7 to 10.9", "100"),
+            published("EGO-Swarm, published", "5.3 to 5.6", "38 to 53"),
+        ),
+        notes=(_WORK, METHOD, _END.format(found.end), _LIMITATIONS),
+        goals=(Goal("shortest flight [s]", 4.0, found.duration if found.kept else None),),
+    )
+
+
+_WORK = f"""\
+The circle swap of mit-acl/rmader and lis-epfl/multi_agent_pkgs: antipodal goals, velocity up to
+10 m/s, acceleration up to 20 m/s², jerk up to 30 m/s³ along each axis, spheres of 0.25 m diameter,
+from rest without acceleration to rest; {STEPS} steps. All vehicles start in one plane, in which
+they need not stay."""
+
+_END = """\
+The end of a flight is limited in jerk with the others and not here: a goal has no acceleration, and
+in the last step there is still one of {:.3g} m/s² along an axis. One vehicle alone that flies along
+an axis and has to end without acceleration needs 3.155 s: twice 2 (10 / 30)^½ = 1.155 s, and
+5.77 m, from rest to 10 m/s or back, and 0.845 s at that between them. That is some 0.3 s more than
+the line with nobody in the way says, and so much is to be added for a fair comparison."""
+
+_LIMITATIONS = """\
+Limitations. The published planners fly on line, each vehicle for itself, with delays in what they
+tell each other, and the times are means of what they travel; here the whole flight is planned at
+once, beforehand, and all arrive together. That and the knots' piecewise constant acceleration make
+the times a bound on what such planners could gain, not a race with them."""

@@ -1,0 +1,152 @@
+"""Planning one fleet after another: what each took, and whether it keeps what was asked."""
+
+from __future__ import annotations
+
+import dataclasses
+import multiprocessing
+import statistics
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+from rich.progress import track
+
+import drake_rho as rho
+from benchmarks.memory import peak
+from benchmarks.sampling import Sampled, sample
+from benchmarks.tables import Cell
+
+SAMPLED = 1e-6
+"""How much closer than the separation a sampled pair may be [m]: what the verifier allows, and
+rounding."""
+
+THIS_PACKAGE = "this package"
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """One fleet, planned or not."""
+
+    name: str
+    """which it was"""
+    vehicles: int
+    """how many"""
+    seconds: float
+    """from the scenario record to the verified plan, or to the failure [s]"""
+    megabytes: float
+    """largest memory of the process until then [MB]"""
+    index: float = np.nan
+    """f (13) [m²/s⁴]; NaN if there is no plan"""
+    sampled: Sampled | None = None
+    """what dense samples of the plan say; None if there is no plan"""
+    fault: str = ""
+    """why it does not count; empty if it does"""
+
+    @property
+    def counts(self) -> bool:
+        """Whether there is a plan that keeps everything."""
+        return not self.fault
+
+    @property
+    def metres(self) -> float:
+        """Total distance flown [m]; NaN if there is no plan."""
+        return np.nan if self.sampled is None else self.sampled.metres
+
+
+Planner = Callable[[rho.Scenario], rho.Plan]
+
+
+def attempt(scenario: rho.Scenario, planner: Planner = rho.plan_scp) -> Trial:
+    """Plan a fleet, and judge the plan by the package's verifier and by dense samples.
+
+    Samples do not judge a scenario that asks for the knots only.
+    """
+    count = len(scenario.vehicles)
+    began = time.perf_counter()
+    try:
+        plan = planner(scenario)
+        report = rho.verify(plan)
+    except (rho.InfeasibleError, rho.SolverError) as error:
+        seconds = time.perf_counter() - began
+        fault = f"{type(error).__name__}: {str(error).splitlines()[0]}"
+        return Trial(scenario.name, count, seconds, peak(), fault=fault)
+    seconds, megabytes = time.perf_counter() - began, peak()
+    found = sample(plan)
+    fault = "" if report.ok else f"{len(report.violations)} constraints broken"
+    asked = scenario.separation if scenario.between_knots else None
+    if not fault and asked is not None and found.least < asked.distance - SAMPLED:
+        fault = f"two are {found.least:.7g} m apart by the samples"
+    return Trial(scenario.name, count, seconds, megabytes, plan.cost, found, fault)
+
+
+def attempts(makes: Iterable[Callable[[], rho.Scenario]], what: str) -> list[Trial]:
+    """Plan several fleets, one after another, in a process of their own.
+
+    So the memory that is told is theirs, and what one benchmark leaves behind slows no other.
+
+    Args:
+        makes: make the scenarios; what they are is sent to the process, so no lambdas.
+        what: for the progress bar.
+    """
+    makes = list(makes)
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=fresh, initializer=_first_calls) as process:
+        done = process.map(_make_and_attempt, makes)
+        return list(track(done, what, total=len(makes)))
+
+
+def _first_calls() -> None:
+    """What is loaded and set up with the first plan is not to count for it."""
+    rho.verify(rho.plan_scp(rho.random_transitions(4, np.random.default_rng(0))))
+
+
+def _make_and_attempt(make: Callable[[], rho.Scenario]) -> Trial:
+    return attempt(make())
+
+
+COLUMNS = (
+    "vehicles",
+    "method",
+    "fleets",
+    "success_percent",
+    "median_seconds",
+    "worst_seconds",
+    "mean_index",
+    "mean_distance_m",
+    "peak_megabytes",
+)
+"""Of tables with a row for each size of fleet."""
+
+
+def summary(trials: Sequence[Trial], method: str = THIS_PACKAGE) -> tuple[Cell, ...]:
+    """The row of all fleets of one size; times are of all, the rest of those that count."""
+    good = [trial for trial in trials if trial.counts]
+    seconds = [trial.seconds for trial in trials]
+    return (
+        trials[0].vehicles,
+        method,
+        len(trials),
+        percent(trials),
+        statistics.median(seconds),
+        max(seconds),
+        statistics.fmean(trial.index for trial in good) if good else None,
+        statistics.fmean(trial.metres for trial in good) if good else None,
+        max(trial.megabytes for trial in trials),
+    )
+
+
+def percent(trials: Sequence[Trial]) -> float:
+    """How many of 100 count."""
+    return 100.0 * sum(trial.counts for trial in trials) / len(trials)
+
+
+def findings(trials: Sequence[Trial]) -> str:
+    """A note on the fleets that do not count, and on the slowest."""
+    slowest = max(trials, key=lambda trial: trial.seconds)
+    told = [f"The slowest: {slowest.name}, {slowest.seconds:.3g} s."]
+    told += [f"- {trial.name}: {trial.fault}" for trial in trials if not trial.counts]
+    if len(told) == 1:
+        return f"Every fleet was planned and keeps everything asked. {told[0]}"
+    told[1:1] = ["", "Fleets without a plan that keeps everything asked:", ""]
+    return "\n".join(told)

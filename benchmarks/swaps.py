@@ -1,0 +1,93 @@
+"""The shortest time in which a fleet on a circle changes sides."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+
+import drake_rho as rho
+from benchmarks.fleets import SAMPLED, THIS_PACKAGE
+from benchmarks.sampling import sample
+from benchmarks.tables import Cell
+
+COLUMNS = (
+    "method",
+    "flight_seconds",
+    "collision_free_percent",
+    "least_distance_m",
+    "index",
+    "distance_m",
+    "seconds",
+)
+
+ALONE = f"{THIS_PACKAGE}, nobody in the way"
+
+
+@dataclasses.dataclass(frozen=True)
+class Swap:
+    """The shortest flight found."""
+
+    duration: float
+    """T [s]"""
+    kept: bool
+    """whether it keeps everything asked"""
+    least: float
+    """least distance of any two, of dense samples [m]"""
+    metres: float
+    """distance that all fly together [m]"""
+    index: float
+    """f (13) [m²/s⁴]"""
+    end: float
+    """largest acceleration along an axis in the last step [m/s²]"""
+    seconds: float
+    """to find and verify it"""
+
+    def row(self, method: str) -> tuple[Cell, ...]:
+        """In the order of `COLUMNS`."""
+        free = 100.0 if self.kept else 0.0
+        return (method, self.duration, free, self.least, self.index, self.metres, self.seconds)
+
+
+def box(most: float) -> rho.Box:
+    """Up to `most` in both directions of every axis."""
+    return rho.Box([-most] * 3, [most] * 3)
+
+
+def shortest(scenario: rho.Scenario) -> Swap:
+    """Look for the least duration on as many knots, and judge the plan.
+
+    Raises:
+        InfeasibleError: there is none.
+    """
+    began = time.perf_counter()
+    plan = rho.shortest_plan(scenario)
+    report = rho.verify(plan)
+    seconds = time.perf_counter() - began
+    found, asked = sample(plan), scenario.separation
+    apart = asked is None or found.least >= asked.distance - SAMPLED
+    return Swap(
+        duration=plan.scenario.grid.duration,
+        kept=report.ok and apart,
+        least=found.least,
+        metres=found.metres,
+        index=plan.cost,
+        end=float(np.max(np.abs(plan.accelerations[:, -1]))),
+        seconds=seconds,
+    )
+
+
+def published(method: str, duration: str, free: str) -> tuple[Cell, ...]:
+    """The row of a figure that is quoted."""
+    return (method, duration, free, None, None, None, None)
+
+
+METHOD = """\
+The duration is that of `shortest_plan`: bisection to 1e-4 of it, the knots kept; without a
+proof that none is shorter, as the planner may miss a plan. The line with nobody in the way is the
+same fleet without separation: the time that its slowest vehicle needs alone, which no fleet can
+beat on these knots. A flight counts if `verify` finds nothing broken at any instant, and no two
+vehicles are closer than the separation less 1 µm at any of 100 samples of each step, computed apart
+from the package; for the line with nobody in the way there is no separation to keep, and the least
+distance shows how much is asked. Seconds are of the whole search with the verification."""
