@@ -30,6 +30,7 @@ from drake_rho.cli.options import (
     REFERENCES,
     SOLVERS,
     DurationOption,
+    FiguresOption,
     Method,
     MethodOption,
     OutputOption,
@@ -67,7 +68,7 @@ def reproduce(
 ) -> int:
     """Run the paper's four examples, draw Figs 3 to 18, check what the paper says it found."""
     # matplotlib takes longer to load than the other commands take to run
-    from drake_rho.display.figures import NUMBERS, write_figures
+    from drake_rho.display.paper import NUMBERS, write_paper_figures
     from drake_rho.display.tables import claims_table, study_table
 
     figures.mkdir(parents=True, exist_ok=True)
@@ -84,7 +85,7 @@ def reproduce(
             progress.update(task, advance=1, description=done)
 
         study = run_study(advance)
-        write_figures(study, figures, advance)
+        write_paper_figures(study, figures, advance)
     out.print(study_table(study), claims_table(study), sep="\n")
     out.print(f"{len(NUMBERS)} figures in {figures}", soft_wrap=True)
     return 0 if all(example.report.ok for example in study.examples) else 1
@@ -104,6 +105,7 @@ def plan(
             "one for convex to try if there is no plan; repeatable."
         ),
     ] = None,
+    figures: FiguresOption = None,
 ) -> int:
     """Plan a scenario in one piece, verify the plan and print the report."""
     further = list(step or ())
@@ -120,7 +122,7 @@ def plan(
             lambda: plan_convex(asked, steps=further, solver=chosen),
             lambda: plan_scp(asked, solver=chosen),
         )
-    return finish(planned, output)
+    return finish(planned, output, figures)
 
 
 @app.command()
@@ -140,6 +142,7 @@ def fly(
     solver: SolverOption = Solver.CLARABEL,
     duration: DurationOption = None,
     step: StepOption = None,
+    figures: FiguresOption = None,
 ) -> int:
     """Fly a scenario with a receding horizon, verify the flight and print the report."""
     asked = read(scenario, duration, step)
@@ -156,7 +159,7 @@ def fly(
             lambda: plan_rho(asked, planner=plan_convex, **options),
             lambda: plan_rho(asked, planner=plan_scp, **options),
         )
-    return finish(flight, output)
+    return finish(flight, output, figures)
 
 
 @app.command("verify")

@@ -14,7 +14,6 @@ from matplotlib.colors import to_rgb
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
-from drake_rho.display.plots import window_colours
 from drake_rho.display.scene import (
     ROOT,
     Scene,
@@ -24,6 +23,7 @@ from drake_rho.display.scene import (
     set_camera,
 )
 from drake_rho.display.shapes import aircraft, nice_step, tube
+from drake_rho.display.style import window_colours
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.scenario.fields import FloatArray
 

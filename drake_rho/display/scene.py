@@ -16,8 +16,8 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
-from drake_rho.display.plots import VIEW_AZIMUTH, VIEW_ELEVATION, vehicle_colours
 from drake_rho.display.shapes import box_edges, ground_grid, words
+from drake_rho.display.style import VIEW_AZIMUTH, VIEW_ELEVATION, vehicle_colours
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Scenario, Vehicle
