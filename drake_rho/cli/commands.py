@@ -199,6 +199,9 @@ def show(
     rate: Annotated[
         float | None, typer.Option(help="Seconds of flight in a second of playback.")
     ] = None,
+    trails: Annotated[
+        bool | None, typer.Option(help="Draw trails; by default for up to a hundred vehicles.")
+    ] = None,
     duration: DurationOption = None,
     step: StepOption = None,
 ) -> int:
@@ -209,7 +212,7 @@ def show(
     with err.status("planning"):
         flown = _load_or_fly(source, duration, step)
     with err.status("drawing"):
-        meshcat = animate(flown, host=host, port=port, rate=rate)
+        meshcat = animate(flown, host=host, port=port, rate=rate, trails=trails)
     if html is not None:
         with replacing(html) as file:
             file.write(meshcat.StaticHtml().encode())
