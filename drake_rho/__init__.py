@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         accelerations_figure,
         distances_figure,
         paths_figure,
+        separation_figure,
         velocities_figure,
     )
 
@@ -88,6 +89,7 @@ __all__ = [
     "save_scenario",
     "scenario_schema",
     "scp_step",
+    "separation_figure",
     "shortest_plan",
     "tail_reference",
     "velocities_figure",
@@ -100,6 +102,7 @@ _DRAWING = {
     "accelerations_figure": "drake_rho.display.figures",
     "distances_figure": "drake_rho.display.figures",
     "paths_figure": "drake_rho.display.figures",
+    "separation_figure": "drake_rho.display.figures",
     "velocities_figure": "drake_rho.display.figures",
 }
 

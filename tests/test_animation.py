@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import signal
 import socket
@@ -16,8 +17,19 @@ from matplotlib.textpath import TextPath
 from playwright.sync_api import Page
 
 import drake_rho as rho
-from drake_rho.display.animation import _headings, start_meshcat
-from drake_rho.display.shapes import box_edges, ground_grid, nice_step, tube, words
+from drake_rho.display.animation import _headings, _poses, start_meshcat
+from drake_rho.display.scene import Scene
+from drake_rho.display.shapes import (
+    aircraft,
+    box_edges,
+    ground_grid,
+    nice_step,
+    octahedron,
+    scattered,
+    tube,
+    words,
+)
+from drake_rho.motion.plan import Window
 from tests.browser import open_page
 from tests.scenarios import single
 
@@ -140,6 +152,105 @@ def test_a_plan_in_a_small_room_is_shown_too() -> None:
         assert errors == []
 
 
+def _crossing(vehicles: int, *, separation: rho.Separation | None = None) -> rho.Plan:
+    """Vehicles that change places in a room; they pass through each other, if that is no matter."""
+    rng = np.random.default_rng(0)
+    room = rho.flight_cube(vehicles)
+    asked = rho.random_transitions(
+        vehicles, rng, volume=room, duration=10.0, step=0.5, separation=rho.Separation(0.3)
+    )
+    plan = rho.plan_convex(dataclasses.replace(asked, separation=None))
+    scenario = dataclasses.replace(asked, separation=separation)
+    return rho.Plan.from_accelerations(scenario, plan.accelerations)
+
+
+def _count(page: Page, *path: str) -> int:
+    """How many objects are drawn under a path."""
+    drawn: int = page.evaluate(
+        """path => {
+            let count = 0;
+            const object = viewer.scene_tree.find(path).object;
+            object.traverse(each => { if (each.isMesh || each.isLine) count += 1; });
+            return count;
+        }""",
+        ["flight", *path],
+    )
+    return drawn
+
+
+def test_a_light_scene_has_little_but_the_vehicles() -> None:
+    plan = _crossing(60)
+    meshcat = rho.animate(plan)
+    with open_page() as (page, errors):
+        page.goto(meshcat.web_url())
+        _wait_for_scene(page)
+        assert set(_children(page)) == {"flyable", "goals", "ground", "trails", "vehicles"}
+        assert len(_children(page, "vehicles")) == _count(page, "vehicles") == 60
+        assert _count(page, "goals") == 6  # one for each colour
+        assert _count(page, "trails") == 6 * 20  # one for each colour and step
+        for time in (0.0, 3.3, 10.0):
+            _seek(page, time)
+            positions = plan.motion().at("position", time)[:, 0]
+            for index in (0, 17, 59):
+                seen, _ = _pose(page, f"v{index + 1}")
+                np.testing.assert_allclose(seen, positions[index], atol=1e-3)
+            pieces = _children(page, "trails", "1")
+            flown = [piece for piece in pieces if _visible(page, "trails", "1", piece)]
+            assert abs(len(flown) - 2 * time) <= 1.0
+        page.screenshot(path=SCREENSHOTS / "sixty.png")
+        assert errors == []
+
+
+def test_a_thousand_vehicles_are_one_object_each(tmp_path: Path) -> None:
+    plan = _crossing(1000)
+    page_file = tmp_path / "thousand.html"
+    page_file.write_text(rho.animate(plan).StaticHtml())
+    assert page_file.stat().st_size < 15e6
+    with open_page(offline=True) as (page, errors):
+        page.goto(page_file.as_uri())
+        _wait_for_scene(page)
+        assert set(_children(page)) == {"flyable", "goals", "ground", "vehicles"}
+        assert _count(page) == 1000 + 6 + 2
+        _seek(page, 5.0)
+        page.wait_for_timeout(500)
+        page.screenshot(path=SCREENSHOTS / "thousand.png")
+        assert errors == []
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "trails", "drawn"),
+    [(3, None, True), (3, False, False), (60, False, False), (101, None, False), (101, True, True)],
+)
+def test_trails_are_drawn_for_up_to_a_hundred_vehicles_or_as_asked(
+    vehicles: int, trails: bool | None, drawn: bool
+) -> None:
+    meshcat = rho.animate(_crossing(vehicles), trails=trails)
+    assert meshcat.HasPath("/flight/trails") == drawn
+
+
+def test_a_light_scene_draws_no_predictions() -> None:
+    plan = _crossing(30)
+    flight = rho.Flight(plan, (Window(0, plan, plan),))
+    assert not rho.animate(flight).HasPath("/flight/predictions")
+    few = plan.only(np.arange(3))
+    assert rho.animate(rho.Flight(few, (Window(0, few, few),))).HasPath("/flight/predictions")
+
+
+@pytest.mark.parametrize("vehicles", [3, 60])
+@pytest.mark.parametrize("separation", [rho.Separation(0.3, 2.0), rho.Separation(0.3, 0.5)])
+def test_what_is_apart_does_not_touch(vehicles: int, separation: rho.Separation) -> None:
+    scene = Scene.of(_crossing(vehicles, separation=separation))
+    corners = aircraft(scene.vehicle_length)[0].T
+    half = separation.distance / 2 * min(1.0, separation.downwash)
+    assert np.linalg.norm(corners, axis=1).max() < half
+    free = Scene.of(_crossing(vehicles))
+    assert scene.vehicle_length <= free.vehicle_length
+    far_apart = dataclasses.replace(scene, separation=rho.Separation(100.0))
+    assert far_apart.vehicle_length == free.vehicle_length
+    too_small = dataclasses.replace(scene, separation=rho.Separation(1e-6))
+    assert too_small.vehicle_length == pytest.approx(free.vehicle_length / 4)
+
+
 def test_a_taken_port_is_passed_over() -> None:
     first = start_meshcat(port=7700)
     second = start_meshcat(port=first.port())
@@ -208,6 +319,29 @@ def test_shapes_have_the_sizes_asked_for() -> None:
     assert set(starts[2]) == set(ends[2]) == {-2000.0}
     steps = [nice_step(value) for value in (0.3, 0.5, 7.0, 1000.0, 1100.0)]
     assert steps == pytest.approx([0.5, 0.5, 10.0, 1000.0, 2000.0])
+
+
+def test_octahedra_are_scattered_as_one_mesh() -> None:
+    places = np.array([[0.0, 0, 0], [5.0, 6, 7], [-1.0, 2, 0]])
+    vertices, faces = scattered(octahedron(0.5), places)
+    assert (vertices.shape, faces.shape) == ((3, 18), (3, 24))
+    corners = vertices.T[faces.T].reshape(3, 8, 3, 3) - places[:, None, None]
+    np.testing.assert_allclose(np.linalg.norm(corners, axis=3), 0.5)
+    outwards = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+    assert np.all(np.sum(outwards * corners.mean(axis=2), axis=2) > 0)
+
+
+@pytest.mark.parametrize("heading", [[1.0, 0, 0], [0, 0, 1.0], [0.6, 0, -0.8], [0, -1.0, 0]])
+def test_poses_have_the_nose_ahead_and_level_wings(heading: list[float]) -> None:
+    (((nose, left, above, place),),) = np.moveaxis(
+        _poses(np.array([[[1.0, 2, 3]]]), np.array([[heading]])), 3, 2
+    )
+    np.testing.assert_allclose(nose, heading)
+    np.testing.assert_allclose(place, [1.0, 2.0, 3.0])
+    assert left[2] == 0.0
+    turn = np.stack([nose, left, above])
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
 
 
 def test_letters_fill_their_outline() -> None:

@@ -178,6 +178,23 @@ def test_the_schema_is_json(
     assert json.loads(out)["title"] == "Scenario"
 
 
+@pytest.mark.parametrize("command", ["plan", "fly"])
+def test_figures_of_the_result_are_written_where_asked(
+    command: str,
+    scenario_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    folder = tmp_path / "drawn"
+    words = (command, str(scenario_file), "--figures", str(folder))
+    status, out, _ = run(capsys, monkeypatch, *words)
+    assert status == 0
+    names = ["paths.png", "distances.png", "velocities.png", "accelerations.png"]
+    assert f"{', '.join(names)} in {folder}" in out
+    assert {path.name for path in folder.iterdir()} == set(names)
+
+
 def test_reproduce_writes_sixteen_figures_and_the_tables(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

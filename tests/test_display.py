@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
@@ -16,8 +17,9 @@ from rich.console import Console
 
 import drake_rho as rho
 from drake_rho.assurance.study import Study
-from drake_rho.display import plots
-from drake_rho.display.figures import NUMBERS, draw_figure, write_figures
+from drake_rho.display import curves, space
+from drake_rho.display.figures import write_figures
+from drake_rho.display.paper import NUMBERS, draw_figure, write_paper_figures
 from drake_rho.display.tables import claims_table, study_table
 from tests.tolerances import ROUNDING
 
@@ -35,7 +37,7 @@ def _points(lines: Sequence[Any]) -> np.ndarray:
 
 def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    lines = plots.draw_paths(ax, plan)
+    lines = space.draw_paths(ax, plan)
     assert [line.get_label() for line in lines] == ["UAV-1", "UAV-2", "UAV-3", "UAV-4"]
     assert len({line.get_color() for line in lines}) == 4
     for index, line in enumerate(lines):
@@ -52,10 +54,10 @@ def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> Non
 def test_what_is_in_front_of_an_obstacle_is_drawn_over_it(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     spheres = (*plan.scenario.obstacles, rho.Sphere([1500.0, 500.0, 1500.0], 300.0))
-    plots.frame_scene(ax, plan.positions, spheres)
+    space.frame_scene(ax, plan.positions, spheres)
     assert ax.computed_zorder is False
-    balls = plots.draw_obstacles(ax, spheres)
-    lines = plots.draw_paths(ax, plan, spheres)
+    balls = space.draw_obstacles(ax, spheres)
+    lines = space.draw_paths(ax, plan, spheres)
     towards = np.array(
         [
             np.cos(np.radians(ax.azim)) * np.cos(np.radians(ax.elev)),
@@ -75,7 +77,7 @@ def test_what_is_in_front_of_an_obstacle_is_drawn_over_it(plan: rho.Plan) -> Non
 
 def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    plots.frame_scene(ax, plan.positions, plan.scenario.obstacles)
+    space.frame_scene(ax, plan.positions, plan.scenario.obstacles)
     limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
     aspect = ax._box_aspect  # matplotlib has no public name to read it back
     ratio = np.diff(limits)[:, 0] / aspect
@@ -88,7 +90,7 @@ def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
 def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     (sphere,) = plan.scenario.obstacles
-    (ball,) = plots.draw_obstacles(ax, (sphere,))
+    (ball,) = space.draw_obstacles(ax, (sphere,))
     assert 0.0 < ball.get_alpha() < 0.6
     corners = ball._faces.reshape(-1, 3)  # matplotlib has no public name to read them back
     distances = np.linalg.norm(corners - sphere.center, axis=1)
@@ -98,7 +100,7 @@ def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
 def test_distances_show_the_radius_as_threshold(plan: rho.Plan) -> None:
     ax = Figure().add_subplot()
     (sphere,) = plan.scenario.obstacles
-    lines = plots.draw_distances(ax, plan, sphere)
+    lines = curves.draw_distances(ax, plan, sphere)
     for index, line in enumerate(lines):
         times, distances = np.array(line.get_data())
         exact = plan.motion().at("position", times)[index] - sphere.center
@@ -115,8 +117,8 @@ def _levels(ax: Axes) -> set[float]:
 @pytest.mark.parametrize(
     ("draw", "quantity", "bound"),
     [
-        (plots.draw_velocities, "velocities", 200.0),
-        (plots.draw_accelerations, "accelerations", 20.0),
+        (curves.draw_velocities, "velocities", 200.0),
+        (curves.draw_accelerations, "accelerations", 20.0),
     ],
 )
 def test_components_show_their_bounds(
@@ -135,7 +137,7 @@ def test_components_show_their_bounds(
 
 def test_acceleration_is_constant_in_every_step(plan: rho.Plan) -> None:
     axes = list(Figure().subplots(3))
-    line = plots.draw_accelerations(axes, plan)[0]
+    line = curves.draw_accelerations(axes, plan)[0]
     times, values = np.array(line.get_data())
     np.testing.assert_array_equal(values[::2], values[1::2])
     np.testing.assert_array_equal(times[1:-1:2], times[2::2])
@@ -145,7 +147,7 @@ def test_windows_have_colours_of_their_own_and_make_up_the_flight(study: Study) 
     flight = study.examples[3].flight
     assert flight is not None
     ax = Figure().add_subplot(projection="3d")
-    windows = plots.draw_windows(ax, flight)
+    windows = space.draw_windows(ax, flight)
     colours = [{line.get_color() for line in lines} for lines in windows]
     assert all(len(colour) == 1 for colour in colours)
     assert len(set.union(*colours)) == 10
@@ -162,9 +164,75 @@ def test_windows_have_colours_of_their_own_and_make_up_the_flight(study: Study) 
         assert np.allclose(ends, window.plan.positions[:, -1])
 
 
+@pytest.fixture(scope="module")
+def fleet() -> rho.Plan:
+    """Twenty vehicles that keep apart, as flat ellipsoids."""
+    asked = rho.random_transitions(20, np.random.default_rng(1), duration=9.8, step=0.2)
+    return rho.plan_scp(asked)
+
+
+def test_separation_is_the_least_distance_of_any_two_with_the_limit(fleet: rho.Plan) -> None:
+    ax = Figure().add_subplot()
+    curve, ring = curves.draw_separation(ax, fleet)
+    times, distances = np.array(curve.get_data())
+    positions = fleet.motion().at("position", times)
+    one, other = np.triu_indices(20, 1)
+    apart = np.linalg.norm((positions[one] - positions[other]) / [1.0, 1.0, 2.0], axis=2)
+    np.testing.assert_allclose(distances, apart.min(axis=0), rtol=ROUNDING)
+    assert set(fleet.times.round(9)) <= set(times.round(9))
+    assert len(times) > 10 * 49
+    m = np.argmin(distances)
+    assert tuple(np.array(ring.get_data())[:, 0]) == (times[m], distances[m])
+    names = {f"v{1 + one[p]} and v{1 + other[p]}" for p in [np.argmin(apart[:, m])]}
+    assert any(name in str(ring.get_label()) for name in names)
+    assert 0.35 in _levels(ax)
+    low, high = ax.get_ylim()
+    assert low < 0.35 <= distances.max() < high
+    assert ax.get_ylabel() == "least distance of any two, z / 2 [m]"
+
+
+def test_separation_is_drawn_where_there_is_one(plan: rho.Plan) -> None:
+    with pytest.raises(ValueError, match="separation: got none"):
+        rho.separation_figure(plan)
+    asked = dataclasses.replace(
+        plan.scenario,
+        vehicles=plan.scenario.vehicles[:1],
+        separation=rho.Separation(1.0),
+    )
+    with pytest.raises(ValueError, match="a single vehicle"):
+        rho.separation_figure(rho.plan_convex(asked))
+
+
+def test_a_large_fleet_is_drawn_without_knots_and_names(fleet: rho.Plan) -> None:
+    ax = Figure().add_subplot(projection="3d")
+    space.draw_paths(ax, fleet)
+    marked = [line for line in ax.lines if line.get_linestyle() == "None"]
+    assert marked == []
+    assert len(ax.lines) == 3 * 20  # a path, a start and a goal each
+    assert rho.paths_figure(fleet).legends[0].get_texts() == []
+
+
+@pytest.mark.parametrize(
+    ("scenario", "names"),
+    [
+        ("paper", ["paths", "distances", "velocities", "accelerations"]),
+        ("fleet", ["paths", "separation", "velocities", "accelerations"]),
+    ],
+)
+def test_every_figure_there_is_of_a_plan_is_written(
+    scenario: str, names: list[str], plan: rho.Plan, fleet: rho.Plan, tmp_path: Path
+) -> None:
+    paths = write_figures(plan if scenario == "paper" else fleet, tmp_path / "new")
+    assert [path.stem for path in paths] == names
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(
+        f"{name}.png" for name in names
+    )
+    assert all(imread(path).std() > 0.05 for path in paths)
+
+
 def test_sixteen_figures_are_written(study: Study, tmp_path: Path) -> None:
     done: list[str] = []
-    paths = write_figures(study, tmp_path / "new" / "figures", done.append)
+    paths = write_paper_figures(study, tmp_path / "new" / "figures", done.append)
     names = [f"fig{number:02}.png" for number in range(3, 19)]
     assert [path.name for path in paths] == names == done
     assert sorted(path.name for path in paths[0].parent.iterdir()) == names

@@ -30,6 +30,7 @@ from drake_rho.cli.options import (
     REFERENCES,
     SOLVERS,
     DurationOption,
+    FiguresOption,
     Method,
     MethodOption,
     OutputOption,
@@ -67,7 +68,7 @@ def reproduce(
 ) -> int:
     """Run the paper's four examples, draw Figs 3 to 18, check what the paper says it found."""
     # matplotlib takes longer to load than the other commands take to run
-    from drake_rho.display.figures import NUMBERS, write_figures
+    from drake_rho.display.paper import NUMBERS, write_paper_figures
     from drake_rho.display.tables import claims_table, study_table
 
     figures.mkdir(parents=True, exist_ok=True)
@@ -84,7 +85,7 @@ def reproduce(
             progress.update(task, advance=1, description=done)
 
         study = run_study(advance)
-        write_figures(study, figures, advance)
+        write_paper_figures(study, figures, advance)
     out.print(study_table(study), claims_table(study), sep="\n")
     out.print(f"{len(NUMBERS)} figures in {figures}", soft_wrap=True)
     return 0 if all(example.report.ok for example in study.examples) else 1
@@ -104,6 +105,7 @@ def plan(
             "one for convex to try if there is no plan; repeatable."
         ),
     ] = None,
+    figures: FiguresOption = None,
 ) -> int:
     """Plan a scenario in one piece, verify the plan and print the report."""
     further = list(step or ())
@@ -119,7 +121,7 @@ def plan(
             lambda: plan_convex(asked, steps=further, solver=chosen),
             lambda: plan_scp(asked, solver=chosen),
         )
-    return finish(planned, output)
+    return finish(planned, output, figures)
 
 
 @app.command()
@@ -139,6 +141,7 @@ def fly(
     solver: SolverOption = Solver.CLARABEL,
     duration: DurationOption = None,
     step: StepOption = None,
+    figures: FiguresOption = None,
 ) -> int:
     """Fly a scenario with a receding horizon, verify the flight and print the report."""
     asked = read(scenario, duration, step)
@@ -154,7 +157,7 @@ def fly(
             lambda: plan_rho(asked, planner=plan_convex, **options),
             lambda: plan_rho(asked, planner=plan_scp, **options),
         )
-    return finish(flight, output)
+    return finish(flight, output, figures)
 
 
 @app.command("verify")
@@ -194,6 +197,9 @@ def show(
     rate: Annotated[
         float | None, typer.Option(help="Seconds of flight in a second of playback.")
     ] = None,
+    trails: Annotated[
+        bool | None, typer.Option(help="Draw trails; by default for up to a hundred vehicles.")
+    ] = None,
     duration: DurationOption = None,
     step: StepOption = None,
 ) -> int:
@@ -204,7 +210,7 @@ def show(
     with err.status("planning"):
         flown = _load_or_fly(source, duration, step)
     with err.status("drawing"):
-        meshcat = animate(flown, host=host, port=port, rate=rate)
+        meshcat = animate(flown, host=host, port=port, rate=rate, trails=trails)
     if html is not None:
         with replacing(html) as file:
             file.write(meshcat.StaticHtml().encode())

@@ -27,13 +27,20 @@ def say(text: str) -> None:
     out.print(text, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
-def finish(planned: Plan | Flight, output: Path | None) -> int:
-    """Report on what was planned and keep it, whether or not it holds."""
+def finish(planned: Plan | Flight, output: Path | None, figures: Path | None = None) -> int:
+    """Report on what was planned, keep it and draw it, whether or not it holds."""
     if output is not None:  # before anything is said: a closed pipe must not lose the work
         save(planned, output)
     status = report(planned)
     if output is not None:
         say(f"kept in {output}")
+    if figures is not None:
+        # matplotlib takes longer to load than the other commands take to run
+        from drake_rho.display.figures import write_figures
+
+        with err.status("drawing"):
+            drawn = write_figures(planned, figures)
+        say(f"{', '.join(path.name for path in drawn)} in {figures}")
     return status
 
 

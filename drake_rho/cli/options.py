@@ -57,6 +57,9 @@ StepOption = Annotated[
 OutputOption = Annotated[
     Path | None, typer.Option("--output", "-o", help="Keep the result in this file (.npz).")
 ]
+FiguresOption = Annotated[
+    Path | None, typer.Option(help="Folder for figures of the result, made if it is not there.")
+]
 MethodOption = Annotated[
     Method,
     typer.Option(

@@ -5,36 +5,27 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
-from itertools import pairwise
-
 import numpy as np
-from matplotlib.colors import to_rgb
-from pydrake.geometry import Meshcat, MeshcatParams, Rgba
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform
 
-from drake_rho.display.plots import window_colours
+from drake_rho.display.pace import Pace
 from drake_rho.display.scene import (
     ROOT,
     Scene,
     add_ends,
+    add_light_goals,
     add_surroundings,
     coloured,
     set_camera,
 )
-from drake_rho.display.shapes import aircraft, nice_step, tube
-from drake_rho.motion.plan import Flight, Plan, Window
+from drake_rho.display.shapes import aircraft
+from drake_rho.display.trails import record_light_trails, record_predictions, record_trails
+from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.fields import FloatArray
 
-_FRAMES = 32.0
-"""Recorded poses a second."""
-_LONGEST = 60.0
-"""Longest playback [s]; a flight of up to this runs in real time."""
-_MOST_PIECES = 1200
-"""Most pieces of trail in a scene: each is an object of its own that appears when it is flown."""
-_MOST_POSES = 100_000
-"""Most recorded poses, of all vehicles together."""
+_MOST_TRAILS = 100
+"""Most vehicles whose trails are drawn without being asked for: more would hide the vehicles."""
 
 
 def animate(
@@ -44,12 +35,18 @@ def animate(
     host: str = "localhost",
     port: int | None = None,
     rate: float | None = None,
+    trails: bool | None = None,
 ) -> Meshcat:
     """Show a plan or a flight in the browser, with Meshcat's time slider.
 
     Obstacles are translucent, trails grow as they are flown, starts are small balls and goals
     larger ones; with a `Flight`, each window's whole prediction is drawn as a thin line while it
-    is the one that is flown. Colours are those of the figures.
+    is the one that is flown. Colours are those of the figures. Where there is a separation, a
+    vehicle is drawn within half of it around its position, so that what is apart does not touch,
+    unless that would be too small to be seen in the scene.
+
+    More than 24 vehicles make a light scene, in which little but the vehicles is an object: goals
+    are small, trails thin, and starts, names and predictions are left out.
 
     Args:
         flown: what to show.
@@ -58,6 +55,7 @@ def animate(
         port: of a new server, or the next free one; from 7000 if not given.
         rate: seconds of flight in a second of playback; if not given, 1 for flights of up to a
             minute and what makes longer ones a minute at most.
+        trails: whether to draw them; if not given, for up to a hundred vehicles.
 
     Returns:
         The Meshcat; `web_url()` is its address, `StaticHtml()` the same as one page.
@@ -76,15 +74,20 @@ def animate(
     meshcat.DeleteRecording()
     set_camera(meshcat, scene)
     add_surroundings(meshcat, scene, plan.scenario)
-    add_ends(meshcat, scene, plan.scenario)
+    if scene.light:
+        add_light_goals(meshcat, scene, plan.scenario)
+    else:
+        add_ends(meshcat, scene, plan.scenario)
     _add_vehicles(meshcat, scene, plan)
-    pace = _Pace.of(plan, rate)
+    pace = Pace.of(plan, rate)
     meshcat.StartRecording(
         frames_per_second=pace.frames_per_second, set_visualizations_while_recording=False
     )
     _record_motion(meshcat, plan, pace)
-    _record_trails(meshcat, scene, plan, pace)
-    _record_predictions(meshcat, windows, pace)
+    if len(plan.positions) <= _MOST_TRAILS if trails is None else trails:
+        (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, pace)
+    if not scene.light:
+        record_predictions(meshcat, windows, pace)
     meshcat.StopRecording()
     meshcat.PublishRecording()
     return meshcat
@@ -112,93 +115,22 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
     raise OSError(f"no free port from {first} on {host}")
 
 
-@dataclasses.dataclass(frozen=True)
-class _Pace:
-    """How time in flight becomes time of playback."""
-
-    rate: float
-    frames_per_second: float
-    times: FloatArray  # of the recorded poses, in flight [s]
-
-    @classmethod
-    def of(cls, plan: Plan, rate: float | None) -> _Pace:
-        duration = plan.scenario.grid.duration
-        if rate is None:
-            rate = 1.0 if duration <= _LONGEST else nice_step(duration / _LONGEST)
-        playback = duration / rate
-        most = _MOST_POSES / len(plan.positions)
-        frames_per_second = min(_FRAMES, max(4.0, most / playback))
-        frames = int(np.ceil(playback * frames_per_second))
-        times = np.minimum(np.arange(frames + 1) * rate / frames_per_second, duration)
-        return cls(rate, frames_per_second, times)
-
-    def playback(self, time: float) -> float:
-        """When `time` [s] in flight is shown, since the beginning of the playback [s]."""
-        return float(time) / self.rate
-
-
 def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
     mesh = aircraft(scene.vehicle_length)
     for vehicle, colour in coloured(plan.scenario):
         meshcat.SetTriangleMesh(_vehicle_path(vehicle.name), *mesh, rgba=colour)
 
 
-def _record_motion(meshcat: Meshcat, plan: Plan, pace: _Pace) -> None:
+def _record_motion(meshcat: Meshcat, plan: Plan, pace: Pace) -> None:
     motion = plan.motion()
     positions = motion.at("position", pace.times)
     headings = _headings(motion.at("velocity", pace.times))
-    for index, vehicle in enumerate(plan.scenario.vehicles):
+    playback = [pace.playback(time) for time in pace.times]
+    for vehicle, poses in zip(plan.scenario.vehicles, _poses(positions, headings), strict=True):
         path = _vehicle_path(vehicle.name)
-        meshcat.SetTransform(path, _pose(positions[index, 0], headings[index, 0]))
-        for time, position, heading in zip(
-            pace.times, positions[index], headings[index], strict=True
-        ):
-            meshcat.SetTransform(path, _pose(position, heading), pace.playback(time))
-
-
-def _record_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: _Pace) -> None:
-    """A tube for every few steps of every vehicle, to be seen from when it has been flown."""
-    steps = plan.scenario.grid.knots - 1
-    pieces = max(1, min(steps, _MOST_PIECES // len(plan.positions)))
-    knots = np.unique(np.linspace(0, steps, pieces + 1).round().astype(int))
-    radius = 0.05 * scene.vehicle_length
-    for first, last in pairwise(knots):
-        begin, end = plan.times[first], plan.times[last]
-        paths = plan.motion().at("position", np.linspace(begin, end, 4 * (last - first) + 1))
-        for (vehicle, colour), path in zip(coloured(plan.scenario), paths, strict=True):
-            name = f"{ROOT}/trails/{vehicle.name}/{first}"
-            meshcat.SetTriangleMesh(name, *tube(path, radius), rgba=colour)
-            _show_between(meshcat, name, pace.playback((begin + end) / 2), None)
-
-
-def _record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: _Pace) -> None:
-    """Each window's whole prediction, while it is the one that is flown, as lines."""
-    starts = [window.plan.scenario.grid.step * window.first_knot for window in windows]
-    for number, (window, colour) in enumerate(
-        zip(windows, window_colours(len(windows)), strict=True), start=1
-    ):
-        duration = window.plan.scenario.grid.duration
-        times = np.linspace(0.0, duration, 4 * window.plan.scenario.grid.knots)
-        paths = window.plan.motion().at("position", times)
-        begins, ends = np.concatenate(paths[:, :-1]), np.concatenate(paths[:, 1:])
-        name = f"{ROOT}/predictions/{number}"
-        meshcat.SetLineSegments(
-            name,
-            np.asfortranarray(begins.T),
-            np.asfortranarray(ends.T),
-            rgba=Rgba(*to_rgb(colour)),
-        )
-        until = pace.playback(starts[number]) if number < len(windows) else None
-        _show_between(meshcat, name, pace.playback(starts[number - 1]), until)
-
-
-def _show_between(meshcat: Meshcat, path: str, begin: float, end: float | None) -> None:
-    """Record that the object is seen from `begin` to `end` [s of playback] only."""
-    if begin > 0.0:
-        meshcat.SetProperty(path, "visible", False, 0.0)
-    meshcat.SetProperty(path, "visible", True, begin)
-    if end is not None:
-        meshcat.SetProperty(path, "visible", False, end)
+        meshcat.SetTransform(path, RigidTransform(poses[0]))
+        for time, pose in zip(playback, poses, strict=True):
+            meshcat.SetTransform(path, RigidTransform(pose), time)
 
 
 def _vehicle_path(name: str) -> str:
@@ -218,10 +150,11 @@ def _headings(velocities: FloatArray) -> FloatArray:
     return np.where(lengths > 0, headings / np.where(lengths > 0, lengths, 1.0), [1.0, 0.0, 0.0])
 
 
-def _pose(position: FloatArray, heading: FloatArray) -> RigidTransform:
-    """Nose along `heading`, wings level."""
-    left = np.cross([0.0, 0.0, 1.0], heading)
-    length = np.linalg.norm(left)
-    left = left / length if length > 1e-6 else np.array([0.0, 1.0, 0.0])
-    above = np.cross(heading, left)
-    return RigidTransform(RotationMatrix(np.column_stack([heading, left, above])), position)
+def _poses(positions: FloatArray, headings: FloatArray) -> FloatArray:
+    """Nose along the heading, wings level: arrays of shape (N, M, 3) give (N, M, 3, 4)."""
+    left = np.cross([0.0, 0.0, 1.0], headings)
+    lengths = np.linalg.norm(left, axis=2, keepdims=True)
+    steep = lengths <= 1e-6
+    left = np.where(steep, [0.0, 1.0, 0.0], left / np.where(steep, 1.0, lengths))
+    above = np.cross(headings, left)
+    return np.stack([headings, left, above, positions], axis=3)

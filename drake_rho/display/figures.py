@@ -1,9 +1,8 @@
-"""Whole figures of a plan or a flight, and by them the paper's sixteen, 3 to 18."""
+"""Whole figures of a plan or a flight."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -12,77 +11,20 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from drake_rho.assurance.study import Study
-from drake_rho.display.plots import (
-    LIMIT_STYLE,
+from drake_rho.display.curves import (
     draw_accelerations,
     draw_distances,
-    draw_obstacles,
-    draw_paths,
+    draw_separation,
     draw_velocities,
-    draw_windows,
-    frame_scene,
-    vehicle_handles,
-    window_colours,
 )
+from drake_rho.display.space import draw_obstacles, draw_paths, draw_windows, frame_scene
+from drake_rho.display.style import LIMIT_STYLE, vehicle_handles, window_colours
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.files import replacing
 from drake_rho.scenario.records import Sphere
 
-NUMBERS = range(3, 19)
-"""Numbers of the figures; 1 and 2 of the paper are diagrams of the method."""
-
 _WIDTH = 6.5
 """Width of a page's text [in]."""
-
-
-def draw_figure(number: int, study: Study) -> Figure:
-    """Figure `number` of the paper, 3 to 18.
-
-    Raises:
-        ValueError: the paper has no such figure.
-    """
-    if number not in NUMBERS:
-        raise ValueError(f"number: got {number}, expected 3 to 18")
-    index, view = divmod(number - 3, 4)
-    example, obstacles = study.examples[index], study.scenario.obstacles
-    draw = (
-        partial(paths_figure, obstacles=obstacles),
-        partial(distances_figure, obstacles=obstacles),
-        velocities_figure,
-        accelerations_figure,
-    )[view]
-    figure = draw(example.flight or example.plan)
-    figure.suptitle(f"Example {example.number}: {example.title}", fontsize=10)
-    return figure
-
-
-def write_figures(
-    study: Study, folder: str | Path, advance: Callable[[str], None] = lambda done: None
-) -> list[Path]:
-    """Write `fig03.png` to `fig18.png`, each whole or not at all.
-
-    Args:
-        study: the examples to draw.
-        folder: made if it is not there.
-        advance: called with the file's name after each.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for number in NUMBERS:
-        path = folder / f"fig{number:02}.png"
-        # Without the writer's version inside, the same drawing is the same file.
-        with replacing(path) as file:
-            draw_figure(number, study).savefig(
-                file, format="png", dpi=200, metadata={"Software": None}
-            )
-        paths.append(path)
-        advance(path.name)
-    return paths
 
 
 def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = None) -> Figure:
@@ -106,7 +48,7 @@ def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = N
         draw_paths(ax, plan, spheres)
         handles = vehicle_handles(plan.scenario)
         figure.legend(handles=handles, loc="center right", fontsize=9, frameon=False)
-        note = "ring: start; star: goal; a mark at every knot"
+        note = "ring: start; star: goal" + ("; a mark at every knot" if handles else "")
     figure.text(0.02, 0.02, note, fontsize=8)
     return figure
 
@@ -134,6 +76,17 @@ def distances_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None
     return _with_legend(figure, plan)
 
 
+def separation_figure(flown: Plan | Flight) -> Figure:
+    """The least distance of any two vehicles over time, exact, with the separation.
+
+    Raises:
+        ValueError: the scenario has no separation, or one vehicle only.
+    """
+    figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
+    draw_separation(figure.subplots(), _plan(flown))
+    return figure
+
+
 def velocities_figure(flown: Plan | Flight) -> Figure:
     """The components of the velocities over time, with their bounds."""
     return _components(_plan(flown), draw_velocities)
@@ -142,6 +95,39 @@ def velocities_figure(flown: Plan | Flight) -> Figure:
 def accelerations_figure(flown: Plan | Flight) -> Figure:
     """The components of the accelerations over time, with their bounds."""
     return _components(_plan(flown), draw_accelerations)
+
+
+def write_figures(flown: Plan | Flight, folder: str | Path) -> list[Path]:
+    """Write every figure that there is of a plan or a flight, as `paths.png`.
+
+    Args:
+        flown: what to draw.
+        folder: made if it is not there.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    scenario = flown.scenario
+    draw: dict[str, Callable[[Plan | Flight], Figure]] = {"paths": paths_figure}
+    if scenario.obstacles:
+        draw["distances"] = distances_figure
+    if scenario.separation is not None and len(scenario.vehicles) > 1:
+        draw["separation"] = separation_figure
+    draw |= {"velocities": velocities_figure, "accelerations": accelerations_figure}
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return [write_figure(each(flown), folder / f"{name}.png") for name, each in draw.items()]
+
+
+def write_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG, whole or not at all; the same drawing is the same file.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with replacing(path) as file:  # without the version of the writer inside
+        figure.savefig(file, format="png", dpi=200, metadata={"Software": None})
+    return path
 
 
 def _components(plan: Plan, draw: Callable[[Sequence[Axes], Plan], list[Line2D]]) -> Figure:

@@ -16,15 +16,19 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
-from drake_rho.display.plots import VIEW_AZIMUTH, VIEW_ELEVATION, vehicle_colours
-from drake_rho.display.shapes import box_edges, ground_grid, words
+from drake_rho.display.shapes import box_edges, ground_grid, octahedron, scattered, words
+from drake_rho.display.style import COLOURS, VIEW_AZIMUTH, VIEW_ELEVATION, vehicle_colours
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Box, Scenario, Vehicle
+from drake_rho.scenario.records import Box, Scenario, Separation, Vehicle
 
 ROOT = "/flight"
+MOST_DETAILED = 24
+"""Most vehicles with ends, trails and predictions of their own; more make a light scene."""
 _MOST_NAMES = 12
 """Most vehicles whose names are written beside their starts."""
+_LEAST_SEEN = 0.25
+"""Least length of a vehicle, of that at which it is drawn if there is no separation."""
 _LIGHT = [-3.0, 10.0, 8.0]
 """Where the light comes from, in three.js' axes (y is up)."""
 _ASPECT = 1.4
@@ -43,6 +47,8 @@ class Scene:
     """greatest coordinates [m], shape (3,)"""
     vehicles: int
     """how many have to find room"""
+    separation: Separation | None
+    """how far they keep apart"""
 
     @classmethod
     def of(cls, plan: Plan) -> Scene:
@@ -55,7 +61,7 @@ class Scene:
         every = np.concatenate(points)
         lower, upper = every.min(axis=0), every.max(axis=0)
         margin = 0.05 * float(np.max(upper - lower)) or 1.0
-        return cls(lower - margin, upper + margin, len(scenario.vehicles))
+        return cls(lower - margin, upper + margin, len(scenario.vehicles), scenario.separation)
 
     @property
     def size(self) -> float:
@@ -63,9 +69,31 @@ class Scene:
         return float(np.linalg.norm(self.upper - self.lower))
 
     @property
+    def light(self) -> bool:
+        """Whether there are so many vehicles that they are drawn without detail."""
+        return self.vehicles > MOST_DETAILED
+
+    @property
+    def mark_length(self) -> float:
+        """Length at which things are drawn [m]: large enough to be seen, small enough for all."""
+        return float(self.size * 0.06 / max(1.0, self.vehicles / 4) ** 0.25)
+
+    @property
     def vehicle_length(self) -> float:
-        """Length at which a vehicle is drawn [m]: large enough to be seen, small enough for all."""
-        return self.size * 0.06 / float(np.cbrt(max(1.0, self.vehicles / 4)))
+        """Length at which a vehicle is drawn [m].
+
+        Where there is a separation, within the ellipsoid of half of it around the position, so
+        that what is apart does not touch; but never too small to be seen.
+        """
+        if self.separation is None:
+            return self.mark_length
+        within = 0.75 * self.separation.distance * min(1.0, self.separation.downwash)
+        return min(self.mark_length, max(within, _LEAST_SEEN * self.mark_length))
+
+    @property
+    def trail_radius(self) -> float:
+        """Half the width of a trail [m]: thin beside the vehicle."""
+        return min(0.05 * self.mark_length, 0.1 * self.vehicle_length)
 
 
 def set_camera(meshcat: Meshcat, scene: Scene) -> None:
@@ -141,9 +169,18 @@ def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
             meshcat.SetTransform(path, RigidTransform(state.position))
         if len(scenario.vehicles) <= _MOST_NAMES:
             right, up, _ = _view()
-            above = vehicle.start.position + 0.7 * size * up
-            letters = words(vehicle.name, 0.4 * size, above, right, up)
+            above = vehicle.start.position + 0.7 * scene.mark_length * up
+            letters = words(vehicle.name, 0.4 * scene.mark_length, above, right, up)
             meshcat.SetTriangleMesh(f"{ROOT}/names/{vehicle.name}", *letters, rgba=colour)
+
+
+def add_light_goals(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
+    """Goals as small octahedra in the vehicles' colours, those of one colour in one object."""
+    mark = octahedron(0.12 * scene.vehicle_length)
+    goals = np.array([vehicle.goal.position for vehicle in scenario.vehicles])
+    for number, colour in enumerate(COLOURS[: len(goals)], start=1):
+        marks = scattered(mark, goals[number - 1 :: len(COLOURS)])
+        meshcat.SetTriangleMesh(f"{ROOT}/goals/{number}", *marks, rgba=Rgba(*to_rgb(colour)))
 
 
 def flyable_boxes(scenario: Scenario) -> list[Box]:

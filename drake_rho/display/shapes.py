@@ -48,6 +48,25 @@ def aircraft(length: float) -> Mesh:
     return _columns(length * vertices, faces)
 
 
+def octahedron(radius: float) -> Mesh:
+    """A ball of eight faces around the origin, its corners `radius` [m] from it."""
+    corners = radius * np.concatenate([np.eye(3), -np.eye(3)])
+    faces = [  # every second one is a mirror image
+        (x, y, z) if (x + y + z) % 2 == 1 else (x, z, y)
+        for x, y, z in product((0, 3), (1, 4), (2, 5))
+    ]
+    return _columns(corners, faces)
+
+
+def scattered(mesh: Mesh, places: FloatArray) -> Mesh:
+    """Copies of a mesh at several places [m], shape (M, 3), as one mesh."""
+    vertices, faces = mesh
+    count = vertices.shape[1]
+    copies = (vertices.T + places[:, None]).reshape(-1, 3)
+    shifted = (faces.T + count * np.arange(len(places))[:, None, None]).reshape(-1, 3)
+    return _columns(copies, shifted)
+
+
 def tube(points: FloatArray, radius: float) -> Mesh:
     """A thin three-sided tube along a line; WebGL draws lines one pixel wide whatever is asked.
 

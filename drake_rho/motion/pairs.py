@@ -164,6 +164,47 @@ def _pair(motion: Motion, separation: Separation, one: int, other: int) -> Meeti
     return Meetings(*ends, best.times, best.distances)
 
 
+def closest_over_time(motion: Motion, separation: Separation, *, per_step: int) -> Meetings:
+    """The closest two of all vehicles over time, in the order of time.
+
+    There is one meeting at each of `per_step` instants of every step, and one, exact, where two
+    come closer than at all of these: the least distance of a step is that of one of its meetings.
+
+    Args:
+        motion: of several vehicles, arrays of shape (N, ..., 3), N >= 2.
+        separation: by which distances are measured.
+        per_step: instants in a step, at least 1, the first at its knot.
+    """
+    h, steps = motion.step, motion.accelerations.shape[1]
+    times = h / per_step * np.arange(steps * per_step + 1)
+    scaled = separation.scaled(motion.at("position", times))
+    found = [_closest_two(scaled[:, m], time) for m, time in enumerate(times)]
+    least = np.array([distance for *_, distance in found])
+    for k in range(steps):
+        p, v = motion.positions[:, k : k + 2], motion.velocities[:, k : k + 2]
+        step = Motion(h, p, v, motion.accelerations[:, k : k + 1], motion.before)
+        bound = least[k * per_step : (k + 1) * per_step + 1].min()
+        closer = closest(step, separation, float(bound))
+        if len(closer) > 0:
+            m = np.argmin(closer.distances)
+            time = h * k + closer.times[m]
+            found.append((closer.one[m], closer.other[m], time, closer.distances[m]))
+    one, other, instants, distances = (np.array(each) for each in zip(*found, strict=True))
+    return Meetings(one, other, instants, distances).select(np.argsort(instants, kind="stable"))
+
+
+def _closest_two(points: FloatArray, time: float) -> tuple[int, int, float, float]:
+    """Indices of the closest two of several points, rising; `time`; and their distance."""
+    from scipy.spatial import cKDTree  # see above
+
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
+    distances, neighbours = tree.query(points, k=2)
+    one = int(np.argmin(distances[:, 1]))
+    # of two points in the same place either may come first
+    other = int(neighbours[one, int(neighbours[one, 0] == one)])
+    return min(one, other), max(one, other), time, float(distances[one, 1])
+
+
 def _pairs_within(points: FloatArray, radius: float) -> IntArray:
     """Indices of all pairs of points closer than `radius`, rising, shape (P, 2)."""
     from scipy.spatial import cKDTree  # takes a tenth of a second to load, so only where needed

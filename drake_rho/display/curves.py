@@ -1,0 +1,162 @@
+"""Drawing a plan over time on axes that are given: distances, separation, components.
+
+Curves are the exact motion between the knots, not lines from knot to knot; the knots are marked.
+Every function takes the axes first and returns the artists it has drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from drake_rho.display.style import (
+    COLOURS,
+    FORBIDDEN,
+    LIMIT_STYLE,
+    MARKERS,
+    PER_STEP,
+    dense_times,
+    vehicle_colours,
+)
+from drake_rho.motion.pairs import closest_over_time
+from drake_rho.motion.plan import Plan
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Sphere
+
+
+def draw_distances(ax: Axes, plan: Plan, sphere: Sphere) -> list[Line2D]:
+    """Distance of each vehicle from the centre of a sphere over time, with the radius."""
+    times = dense_times(plan)
+    exact = np.linalg.norm(plan.motion().at("position", times) - sphere.center, axis=2)
+    knots = np.linalg.norm(plan.positions - sphere.center, axis=2)
+    _draw_limit(ax, sphere.radius, f"R = {sphere.radius:g} m")
+    lines = [
+        _draw_curve(ax, plan, index, (times, exact[index]), (plan.times, knots[index]))
+        for index in range(len(exact))
+    ]
+    ax.set(xlabel="time [s]", ylabel="distance from the obstacle's centre [m]", ylim=(0, None))
+    ax.grid(alpha=0.25, linewidth=0.5)
+    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    return lines
+
+
+def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
+    """The least distance of any two vehicles over time, exact, with the separation.
+
+    Distances are those of the separation: z divided by its downwash.
+
+    Args:
+        ax: where to draw.
+        plan: what to draw.
+
+    Returns:
+        The curve, and a ring where two come closest; its label names these.
+
+    Raises:
+        ValueError: the scenario has no separation, or one vehicle only.
+    """
+    separation, vehicles = plan.scenario.separation, plan.scenario.vehicles
+    if separation is None or len(vehicles) < 2:
+        got = "none" if separation is None else "one for a single vehicle"
+        raise ValueError(f"separation: got {got}, expected one, and two vehicles to keep apart")
+    found = closest_over_time(plan.motion(), separation, per_step=PER_STEP)
+    _draw_limit(ax, separation.distance, f"separation {separation.distance:g} m")
+    (curve,) = ax.plot(found.times, found.distances, color=COLOURS[0], linewidth=1.2)
+    m = int(np.argmin(found.distances))
+    names = " and ".join(vehicles[index].name for index in (found.one[m], found.other[m]))
+    label = f"{found.distances[m]:.4g} m at {found.times[m]:.4g} s: {names}"
+    (ring,) = ax.plot(
+        found.times[m],
+        found.distances[m],
+        marker="o",
+        linestyle="none",
+        fillstyle="none",
+        color="black",
+        label=label,
+    )
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
+    flat = "" if separation.downwash == 1.0 else f", z / {separation.downwash:g}"
+    ax.set(xlabel="time [s]", ylabel=f"least distance of any two{flat} [m]")
+    # A dense fleet is never far from its limit: seen from zero the curve would be a line.
+    low, high = min(separation.distance, found.distances[m]), float(found.distances.max())
+    span = max(high - low, 0.02 * separation.distance)
+    ax.set_ylim(max(0.0, low - 0.5 * span), high + 0.1 * span)
+    ax.grid(alpha=0.25, linewidth=0.5)
+    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    return [curve, ring]
+
+
+def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
+    """Velocity components over time with their bounds; one axes for each of x, y and z."""
+    times = dense_times(plan)
+    exact = plan.motion().at("velocity", times)
+    lines = []
+    for axis, ax in enumerate(axes):
+        lines += [
+            _draw_curve(
+                ax, plan, i, (times, exact[i, :, axis]), (plan.times, plan.velocities[i, :, axis])
+            )
+            for i in range(len(exact))
+        ]
+        _finish_component(ax, plan, "velocity", "v", "m/s", axis)
+    axes[-1].set_xlabel("time [s]")
+    return lines
+
+
+def draw_accelerations(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
+    """Acceleration components, constant in each step, with their bounds; one axes an axis."""
+    lines = []
+    for axis, ax in enumerate(axes):
+        for i in range(len(plan.accelerations)):
+            a = plan.accelerations[i, :, axis]
+            steps = (np.repeat(plan.times, 2)[1:-1], np.repeat(a, 2))
+            lines.append(_draw_curve(ax, plan, i, steps, (plan.times[:-1], a)))
+        _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
+    axes[-1].set_xlabel("time [s]")
+    return lines
+
+
+def _draw_limit(ax: Axes, least: float, name: str) -> None:
+    """The least distance that is allowed [m], with its name, and grey where none may be."""
+    ax.axhspan(0.0, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
+    ax.axhline(least, **LIMIT_STYLE)
+    ax.annotate(
+        name,
+        (0.01, least),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, -4),
+        textcoords="offset points",
+        fontsize=8,
+        va="top",
+    )
+
+
+def _draw_curve(
+    ax: Axes,
+    plan: Plan,
+    index: int,
+    exact: tuple[FloatArray, FloatArray],
+    knots: tuple[FloatArray, FloatArray],
+) -> Line2D:
+    colour = vehicle_colours(len(plan.positions))[index]
+    name = plan.scenario.vehicles[index].name
+    (line,) = ax.plot(*exact, color=colour, linewidth=1.2, label=name)
+    marker = MARKERS[index % len(MARKERS)]
+    ax.plot(*knots, color=colour, linestyle="none", marker=marker, markersize=2.6)
+    return line
+
+
+def _finish_component(
+    ax: Axes, plan: Plan, quantity: str, letter: str, unit: str, axis: int
+) -> None:
+    for vehicle in plan.scenario.vehicles:
+        box = getattr(plan.scenario.limits_of(vehicle), quantity)
+        if box is not None:
+            ax.axhline(box.lower[axis], **LIMIT_STYLE)
+            ax.axhline(box.upper[axis], **LIMIT_STYLE)
+    ax.set_ylabel(f"${letter}_{'xyz'[axis]}$ [{unit}]")
+    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    ax.grid(alpha=0.25, linewidth=0.5)

@@ -1,0 +1,44 @@
+"""How time in flight becomes time of playback."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.display.shapes import nice_step
+from drake_rho.motion.plan import Plan
+from drake_rho.scenario.fields import FloatArray
+
+_FRAMES = 32.0
+"""Recorded poses a second."""
+_LONGEST = 60.0
+"""Longest playback [s]; a flight of up to this runs in real time."""
+_MOST_POSES = 50_000
+"""Most recorded poses, of all vehicles together."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Pace:
+    """How time in flight becomes time of playback."""
+
+    rate: float
+    frames_per_second: float
+    times: FloatArray  # of the recorded poses, in flight [s]
+
+    @classmethod
+    def of(cls, plan: Plan, rate: float | None) -> Pace:
+        """The pace of a plan at `rate` seconds of flight a second; see `animate`."""
+        duration = plan.scenario.grid.duration
+        if rate is None:
+            rate = 1.0 if duration <= _LONGEST else nice_step(duration / _LONGEST)
+        playback = duration / rate
+        most = _MOST_POSES / len(plan.positions)
+        frames_per_second = min(_FRAMES, max(4.0, most / playback))
+        frames = int(np.ceil(playback * frames_per_second))
+        times = np.minimum(np.arange(frames + 1) * rate / frames_per_second, duration)
+        return cls(rate, frames_per_second, times)
+
+    def playback(self, time: float) -> float:
+        """When `time` [s] in flight is shown, since the beginning of the playback [s]."""
+        return float(time) / self.rate

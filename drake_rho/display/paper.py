@@ -1,0 +1,65 @@
+"""The paper's sixteen figures, 3 to 18."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from drake_rho.assurance.study import Study
+from drake_rho.display.figures import (
+    accelerations_figure,
+    distances_figure,
+    paths_figure,
+    velocities_figure,
+    write_figure,
+)
+
+NUMBERS = range(3, 19)
+"""Numbers of the figures; 1 and 2 of the paper are diagrams of the method."""
+
+
+def draw_figure(number: int, study: Study) -> Figure:
+    """Figure `number` of the paper, 3 to 18.
+
+    Raises:
+        ValueError: the paper has no such figure.
+    """
+    if number not in NUMBERS:
+        raise ValueError(f"number: got {number}, expected 3 to 18")
+    index, view = divmod(number - 3, 4)
+    example, obstacles = study.examples[index], study.scenario.obstacles
+    draw = (
+        partial(paths_figure, obstacles=obstacles),
+        partial(distances_figure, obstacles=obstacles),
+        velocities_figure,
+        accelerations_figure,
+    )[view]
+    figure = draw(example.flight or example.plan)
+    figure.suptitle(f"Example {example.number}: {example.title}", fontsize=10)
+    return figure
+
+
+def write_paper_figures(
+    study: Study, folder: str | Path, advance: Callable[[str], None] = lambda done: None
+) -> list[Path]:
+    """Write `fig03.png` to `fig18.png`, each whole or not at all.
+
+    Args:
+        study: the examples to draw.
+        folder: made if it is not there.
+        advance: called with the file's name after each.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for number in NUMBERS:
+        path = folder / f"fig{number:02}.png"
+        paths.append(write_figure(draw_figure(number, study), path))
+        advance(path.name)
+    return paths

@@ -1,0 +1,95 @@
+"""What appears in Meshcat while it is flown: trails, and the predictions of a flight's windows.
+
+Meshcat records poses and properties only, so each piece is an object of its own that is made
+visible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from pydrake.geometry import Meshcat, Rgba
+
+from drake_rho.display.pace import Pace
+from drake_rho.display.scene import ROOT, Scene, coloured
+from drake_rho.display.shapes import tube
+from drake_rho.display.style import COLOURS, window_colours
+from drake_rho.motion.plan import Plan, Window
+from drake_rho.scenario.fields import FloatArray, IntArray
+
+_MOST_PIECES = 1200
+"""Most pieces of trail in a scene."""
+_PER_STEP = 4
+"""Straight parts of a curve in each step."""
+
+
+def record_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> None:
+    """A tube for every few steps of every vehicle, to be seen from when it has been flown."""
+    for first, last in _pieces(plan, len(plan.positions)):
+        for (vehicle, colour), path in zip(
+            coloured(plan.scenario), _paths(plan, first, last, _PER_STEP), strict=True
+        ):
+            name = f"{ROOT}/trails/{vehicle.name}/{first}"
+            meshcat.SetTriangleMesh(name, *tube(path, scene.trail_radius), rgba=colour)
+            _show_between(meshcat, name, _middle(plan, pace, first, last), None)
+
+
+def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> None:
+    """The same as lines, those of one colour together in one object: few, however many fly."""
+    colours = COLOURS[: len(plan.positions)]
+    for first, last in _pieces(plan, len(colours)):
+        paths = _paths(plan, first, last, 1)
+        for number, colour in enumerate(colours, start=1):
+            name = f"{ROOT}/trails/{number}/{first}"
+            lines = _segments(paths[number - 1 :: len(COLOURS)])
+            meshcat.SetLineSegments(name, *lines, rgba=Rgba(*to_rgb(colour)))
+            _show_between(meshcat, name, _middle(plan, pace, first, last), None)
+
+
+def record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: Pace) -> None:
+    """Each window's whole prediction, while it is the one that is flown, as lines."""
+    starts = [window.plan.scenario.grid.step * window.first_knot for window in windows]
+    for number, (window, colour) in enumerate(
+        zip(windows, window_colours(len(windows)), strict=True), start=1
+    ):
+        paths = _paths(window.plan, 0, window.plan.scenario.grid.knots - 1, _PER_STEP)
+        name = f"{ROOT}/predictions/{number}"
+        meshcat.SetLineSegments(name, *_segments(paths), rgba=Rgba(*to_rgb(colour)))
+        until = pace.playback(starts[number]) if number < len(windows) else None
+        _show_between(meshcat, name, pace.playback(starts[number - 1]), until)
+
+
+def _pieces(plan: Plan, trails: int) -> list[tuple[int, int]]:
+    """First and last knot of every piece of a trail: a step each, or more if they are many."""
+    steps = plan.scenario.grid.knots - 1
+    count = max(1, min(steps, _MOST_PIECES // trails))
+    knots: IntArray = np.unique(np.linspace(0, steps, count + 1).round().astype(int))
+    return list(pairwise(knots.tolist()))
+
+
+def _paths(plan: Plan, first: int, last: int, per_step: int) -> FloatArray:
+    """Points along all ways between two knots [m], shape (N, M, 3)."""
+    times = np.linspace(plan.times[first], plan.times[last], per_step * (last - first) + 1)
+    return plan.motion().at("position", times)
+
+
+def _segments(paths: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The straight parts of several lines: their starts and ends [m], each of shape (3, S)."""
+    begins, ends = np.concatenate(paths[:, :-1]), np.concatenate(paths[:, 1:])
+    return np.asfortranarray(begins.T), np.asfortranarray(ends.T)
+
+
+def _middle(plan: Plan, pace: Pace, first: int, last: int) -> float:
+    return pace.playback((plan.times[first] + plan.times[last]) / 2)
+
+
+def _show_between(meshcat: Meshcat, path: str, begin: float, end: float | None) -> None:
+    """Record that the object is seen from `begin` to `end` [s of playback] only."""
+    if begin > 0.0:
+        meshcat.SetProperty(path, "visible", False, 0.0)
+    meshcat.SetProperty(path, "visible", True, begin)
+    if end is not None:
+        meshcat.SetProperty(path, "visible", False, end)
