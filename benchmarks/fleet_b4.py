@@ -61,6 +61,6 @@ the line with nobody in the way says, and so much is to be added for a fair comp
 
 _LIMITATIONS = """\
 Limitations. The published planners fly on line, each vehicle for itself, with delays in what they
-tell each other, and the times are means of what they travel; here the whole flight is planned at
-once, beforehand, and all arrive together. That and the knots' piecewise constant acceleration make
-the times a bound on what such planners could gain, not a race with them."""
+tell each other, and the times are means of what they travel. Here the whole flight is planned at
+once, beforehand, its accelerations constant from knot to knot, and all arrive together. So the
+times show what there is to gain; it is no race."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -47,8 +49,12 @@ def mapped(
 ) -> rho.Scenario:
     """The scenario in other coordinates: p' = length (turn p + shift), t' = time t.
 
-    `turn` is a signed permutation, so that boxes stay boxes.
+    `turn` is a signed permutation, so that boxes stay boxes; with a downwash, one that keeps z.
     """
+    apart = scenario.separation
+    if apart is not None:
+        assert apart.downwash == 1.0 or abs(turn[2, 2]) == 1.0
+        apart = rho.Separation(length * apart.distance, apart.downwash)
     speed, force, jerk = length / time, length / time**2, length / time**3
 
     def state(old: rho.State) -> rho.State:
@@ -85,6 +91,7 @@ def mapped(
             rho.Sphere(length * (turn @ old.center + shift), length * old.radius)
             for old in scenario.obstacles
         ),
+        separation=apart,
     )
 
 
@@ -148,3 +155,104 @@ def random_scenario(seed: int, *, tight: bool = False, between_knots: bool = Fal
         obstacles,
         between_knots=between_knots,
     )
+
+
+def fleet(
+    starts: npt.ArrayLike,
+    goals: npt.ArrayLike,
+    *,
+    separation: rho.Separation | None = None,
+    grid: rho.Grid | None = None,
+    limits: rho.Limits | None = None,
+    obstacles: tuple[rho.Sphere, ...] = (),
+    between_knots: bool = True,
+) -> rho.Scenario:
+    """Vehicles `v0`, `v1`, ... from rest to rest in 10 s, 1 m apart unless told otherwise."""
+    ends = zip(np.asarray(starts, float), np.asarray(goals, float), strict=True)
+    return rho.Scenario(
+        "fleet",
+        grid or rho.Grid(0.5, 21),
+        [
+            rho.Vehicle(f"v{number}", rho.State(start), rho.State(goal))
+            for number, (start, goal) in enumerate(ends)
+        ],
+        limits or rho.Limits(),
+        obstacles,
+        separation or rho.Separation(1.0),
+        between_knots=between_knots,
+    )
+
+
+def through_the_middle(count: int, **options: Any) -> rho.Scenario:
+    """Vehicles on a circle of radius 5 m, each to the opposite point: all meet in one point."""
+    angles = 2.0 * np.pi * np.arange(count) / count
+    circle = 5.0 * np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
+    return fleet(circle, -circle, **options)
+
+
+def random_fleet(seed: int, *, most: int = 6, between_knots: bool = True) -> rho.Scenario:
+    """A fleet of any scale in a cube, starts and goals apart, some standing still or in a box.
+
+    Args:
+        seed: which one.
+        most: vehicles.
+        between_knots: whether it has to keep apart at every instant.
+    """
+    rng = np.random.default_rng(seed)
+    size, duration = 10 ** rng.uniform(-1, 4), 10 ** rng.uniform(0, 4)
+    count, knots = int(rng.integers(2, most + 1)), int(rng.integers(6, 30))
+    downwash = float(rng.choice([0.5, 1.0, 2.0]))
+    separation = rho.Separation(size * rng.uniform(0.1, 0.5), downwash)
+
+    def places() -> np.ndarray:
+        found: list[np.ndarray] = []
+        while len(found) < count:
+            place = rng.uniform(-size, size, 3)
+            gaps = [np.linalg.norm(separation.scaled(place - other)) for other in found]
+            if min(gaps, default=np.inf) >= separation.distance:
+                found.append(place)
+        return np.array(found)
+
+    starts, goals = places(), places()
+    kind = rng.integers(4)
+    if kind == 0:  # all through one point
+        goals = -starts
+    elif kind == 1:  # they change places, and some stay
+        goals = starts[rng.permutation(count)]
+    force = size / duration**2
+    limits = rho.Limits(
+        position=box(1.05 * size) if rng.random() < 0.5 else None,
+        acceleration=box(40 * force) if rng.random() < 0.5 else None,
+    )
+    grid = rho.Grid(duration / (knots - 1), knots)
+    return fleet(
+        starts,
+        goals,
+        separation=separation,
+        grid=grid,
+        limits=limits,
+        between_knots=between_knots,
+    )
+
+
+def sampled_separation(plan: rho.Plan, per_step: int = 400) -> float:
+    """The least distance of any pair over the separation's, flown and sampled by hand.
+
+    Straight from (1) and (2), with nothing of the library's.
+    """
+    scenario = plan.scenario
+    assert scenario.separation is not None
+    h = scenario.grid.step
+    p = np.array([vehicle.start.position for vehicle in scenario.vehicles])
+    v = np.array([vehicle.start.velocity for vehicle in scenario.vehicles])
+    s = np.linspace(0.0, h, per_step + 1 if scenario.between_knots else 2)[:, None, None]
+    ellipsoid = scenario.separation.distance * np.array([1, 1, scenario.separation.downwash])
+    least = np.inf
+    for a in np.moveaxis(plan.accelerations, 1, 0):
+        path = (p + s * v + s**2 / 2 * a) / ellipsoid
+        for one in range(len(p)):
+            for other in range(one):
+                gap = np.linalg.norm(path[:, one] - path[:, other], axis=1)
+                least = min(least, float(gap.min()))
+        p, v = p + h * v + h**2 / 2 * a, v + h * a
+    return least

@@ -156,8 +156,9 @@ def _crossing(vehicles: int, *, separation: rho.Separation | None = None) -> rho
     """Vehicles that change places in a room; they pass through each other, if that is no matter."""
     rng = np.random.default_rng(0)
     room = rho.flight_cube(vehicles)
+    room_each = rho.Separation(0.3, 2.0)
     asked = rho.random_transitions(
-        vehicles, rng, volume=room, duration=10.0, step=0.5, separation=rho.Separation(0.3)
+        vehicles, rng, volume=room, duration=10.0, step=0.5, separation=room_each
     )
     plan = rho.plan_convex(dataclasses.replace(asked, separation=None))
     scenario = dataclasses.replace(asked, separation=separation)

@@ -1,0 +1,494 @@
+"""Vehicles that keep apart: they do, it has an effect, and the best is the best."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from scipy.optimize import minimize
+
+import drake_rho as rho
+from drake_rho.motion.dynamics import Motion, position_response
+from drake_rho.planning import fleet as fleets
+from drake_rho.planning import program, solve
+from drake_rho.planning.fleet import Apart, meetings_of
+from drake_rho.planning.frame import Frame
+from drake_rho.planning.program import programs_of
+from drake_rho.planning.separation import by_halves, directions, jointly
+from tests.scenarios import (
+    box,
+    fleet,
+    mapped,
+    random_fleet,
+    sampled_separation,
+    single,
+    through_the_middle,
+)
+from tests.test_invariance import SIGNED_PERMUTATIONS
+from tests.tolerances import INDEX, MOTION, ROUNDING
+
+Planner = Callable[[rho.Scenario], rho.Plan]
+
+PLANNERS: dict[str, Planner] = {
+    "convex": rho.plan_convex,
+    "jointly": partial(rho.plan_scp, coupling=jointly),
+    "by halves": partial(rho.plan_scp, coupling=by_halves),
+    "rho": lambda scenario: rho.plan_rho(scenario, planner=rho.plan_scp).plan,
+}
+
+CROSSING = (
+    np.array([[-5, 0.3, 0], [0, -5, 0], [4, 4, 0.5]]),
+    np.array([[5, 0, 0], [0, 5, 0.2], [-4, -4, 0]]),
+)
+"""Starts and goals of three that come close to each other in the middle."""
+
+TOUCHED = 1 - 2e-6
+"""The least distance over the separation's that counts as kept: twice the verifier's tolerance."""
+
+
+@pytest.mark.parametrize("planner", PLANNERS.values(), ids=PLANNERS)
+@pytest.mark.parametrize("downwash", [1.0, 2.0, 0.5])
+@pytest.mark.parametrize("between_knots", [True, False])
+def test_vehicles_keep_apart_that_would_not(
+    planner: Planner, downwash: float, between_knots: bool
+) -> None:
+    separation = rho.Separation(0.8, downwash)
+    asked = fleet(*CROSSING, separation=separation, between_knots=between_knots)
+    careless = dataclasses.replace(rho.plan_scp(asked.without_separation()), scenario=asked)
+    assert sampled_separation(careless) < 0.9
+    plan = planner(asked)
+    assert rho.verify(plan).ok
+    assert not rho.verify(careless).ok
+    assert sampled_separation(plan) >= TOUCHED
+    assert plan.cost > careless.cost
+
+
+def test_only_the_knots_are_looked_at_where_only_they_are_asked_for() -> None:
+    """On a coarse grid they pass each other between two knots; asked for every instant, aside."""
+    starts, goals = [[-5, 0.1, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0.1, 0]]
+    asked = fleet(starts, goals, grid=rho.Grid(2.0, 6))
+    knots = rho.plan_scp(dataclasses.replace(asked, between_knots=False))
+    assert rho.verify(knots).ok
+    assert sampled_separation(dataclasses.replace(knots, scenario=asked)) < 0.5
+    plan = rho.plan_scp(asked)
+    assert sampled_separation(plan) >= TOUCHED
+    assert plan.cost > knots.cost
+
+
+@pytest.mark.parametrize("planner", list(PLANNERS.values())[1:], ids=list(PLANNERS)[1:])
+def test_obstacles_boxes_and_limits_of_their_own_hold_beside_it(planner: Planner) -> None:
+    limits = rho.Limits(position=box(5.2), velocity=box(2.5))
+    sphere = rho.Sphere([0.0, 0.0, 0.5], 1.5)
+    asked = through_the_middle(
+        4, separation=rho.Separation(1.0, 2.0), limits=limits, obstacles=(sphere,)
+    )
+    weak = dataclasses.replace(asked.vehicles[1], limits=rho.Limits(acceleration=box(0.52)))
+    level = rho.Limits(position=rho.Box([-5.2, -5.2, -0.2], [5.2, 5.2, 0.2]))
+    flat = dataclasses.replace(asked.vehicles[2], limits=level)
+    asked = dataclasses.replace(asked, vehicles=(asked.vehicles[0], weak, flat, asked.vehicles[3]))
+    plan = planner(asked)
+    assert rho.verify(plan).ok
+    assert sampled_separation(plan) >= TOUCHED
+    assert np.abs(plan.accelerations[1]).max() <= 0.52 * (1 + INDEX)
+    assert np.abs(plan.accelerations[0]).max() > 0.52
+    dense = plan.motion().at("position", np.linspace(0.0, 10.0, 5001))
+    assert np.linalg.norm(dense - sphere.center, axis=2).min() >= 1.5 * (1 - INDEX)
+    assert np.abs(dense[2, :, 2]).max() <= 0.2 + 1e-5
+    alone = rho.plan_scp(asked.without_separation())
+    assert sampled_separation(dataclasses.replace(alone, scenario=asked)) < 1.0
+    for spared in (
+        asked.without_obstacles(),
+        dataclasses.replace(asked, vehicles=_without_limits_of_their_own(asked)),
+    ):
+        assert not rho.verify(dataclasses.replace(planner(spared), scenario=asked)).ok
+
+
+def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, ...]:
+    """The vehicles without limits of their own."""
+    return tuple(dataclasses.replace(each, limits=None) for each in scenario.vehicles)
+
+
+@given(seed=st.integers(0, 2**32 - 1), between_knots=st.booleans())
+@settings(max_examples=40)
+def test_random_fleets_hold_when_sampled(seed: int, between_knots: bool) -> None:
+    asked = random_fleet(seed, between_knots=between_knots)
+    for coupling in (jointly, by_halves):
+        try:
+            plan = rho.plan_scp(asked, coupling=coupling)
+        except rho.InfeasibleError:
+            continue
+        assert rho.verify(plan).ok
+        assert sampled_separation(plan) >= TOUCHED
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 8])
+@pytest.mark.parametrize("coupling", [jointly, by_halves])
+@pytest.mark.parametrize("level", [False, True])
+def test_all_at_one_point_at_one_time_is_no_trouble(
+    count: int, coupling: object, level: bool
+) -> None:
+    """References coincide in the middle, where no direction leads from the one to the other."""
+    limits = rho.Limits(position=rho.Box([-9, -9, -0.1], [9, 9, 0.1]) if level else None)
+    asked = through_the_middle(count, limits=limits)
+    plan = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # one of the two
+    assert rho.verify(plan).ok
+    assert sampled_separation(plan) >= TOUCHED
+    again = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # one of the two
+    np.testing.assert_array_equal(plan.accelerations, again.accelerations)
+
+
+@pytest.mark.parametrize(
+    ("starts", "goals"),
+    [
+        ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]]),  # head-on
+        ([[0, 0, -5], [0, 0, 5]], [[0, 0, 5], [0, 0, -5]]),  # above each other
+        ([[-5, 0, 0], [0, -5, 0]], [[5, 0, 0], [0, 5, 0]]),  # crossing
+        ([[-5, 0, 0], [5, 0, 0], [0, 0, 0]], [[5, 0, 0], [-5, 0, 0], [0, 0, 0]]),  # one stays
+        ([[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [0, 0, 0]]),  # touching, and change places
+        ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]),  # none moves
+    ],
+)
+@pytest.mark.parametrize("downwash", [1.0, 2.0])
+def test_mirror_symmetric_meetings_are_no_trouble(
+    starts: list[list[float]], goals: list[list[float]], downwash: float
+) -> None:
+    asked = fleet(starts, goals, separation=rho.Separation(1.0, downwash))
+    for planner in (PLANNERS["jointly"], PLANNERS["by halves"]):
+        plan = planner(asked)
+        assert rho.verify(plan).ok
+        assert sampled_separation(plan) >= TOUCHED
+
+
+def test_directions_where_references_coincide_do_not_depend_on_the_order_of_the_two() -> None:
+    asked = through_the_middle(2)
+    swapped = dataclasses.replace(asked, vehicles=asked.vehicles[::-1])
+    found = []
+    for each in (asked, swapped):
+        free = rho.plan_scp(each.without_separation()).motion()
+        where = meetings_of(each, free, 1.0)
+        assert each.separation is not None
+        n = directions(each.separation, free, where, aside=True)
+        np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0, rtol=ROUNDING)
+        np.testing.assert_allclose(n[:, 0], 0.0, atol=ROUNDING)  # across the way
+        found.append(n)
+    np.testing.assert_allclose(np.abs(found[0]), np.abs(found[1]), atol=ROUNDING)
+
+
+@pytest.mark.parametrize("name", ["jointly", "by halves"])
+def test_relabelling_the_vehicles_permutes_the_plan(name: str) -> None:
+    asked = fleet(*CROSSING)
+    order = [2, 0, 1]
+    vehicles = tuple(asked.vehicles[index] for index in order)
+    plan = PLANNERS[name](asked)
+    other = PLANNERS[name](dataclasses.replace(asked, vehicles=vehicles))
+    assert other.cost == pytest.approx(plan.cost, rel=1e-5)
+    largest = np.abs(plan.accelerations).max()
+    np.testing.assert_allclose(other.accelerations, plan.accelerations[order], atol=1e-3 * largest)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    turn=st.sampled_from(SIGNED_PERMUTATIONS),
+    shift=st.tuples(*[st.floats(-2, 2)] * 3),
+    length=st.floats(0.01, 100),
+    time=st.floats(0.1, 10),
+)
+@settings(max_examples=25)
+def test_mirroring_turning_shifting_and_changing_units(
+    seed: int, turn: np.ndarray, shift: tuple[float, float, float], length: float, time: float
+) -> None:
+    """One linearisation is the same in all coordinates; many may take another way at a fork."""
+    asked = random_fleet(seed)
+    assert asked.separation is not None
+    if asked.separation.downwash != 1.0 and abs(turn[2, 2]) != 1.0:
+        turn = np.diag([1.0, -1.0, -1.0])
+    size = max(np.abs(vehicle.start.position).max() for vehicle in asked.vehicles)
+    other = mapped(asked, turn, size * np.array(shift), length, time)
+    costs = []
+    for each, scale in ((asked, 1.0), (other, (length / time**2) ** 2)):
+        try:
+            costs.append(rho.plan_convex(each).cost / scale)
+        except rho.InfeasibleError:
+            costs.append(np.inf)
+    if np.isfinite(costs[0]) and len(meetings_of(asked, _free(asked), 1e-3 * size)) == 0:
+        assert costs[1] == pytest.approx(costs[0], rel=10 * INDEX)
+
+
+def _free(scenario: rho.Scenario) -> Motion:
+    return rho.plan_convex(scenario.without_separation()).motion()
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25)
+def test_planned_jointly_from_a_split_plan_it_never_costs_more(seed: int) -> None:
+    asked = random_fleet(seed, most=5)
+    try:
+        split = rho.plan_scp(asked, coupling=by_halves)
+    except rho.InfeasibleError:
+        return
+    together = rho.plan_scp(asked, reference=split, coupling=jointly)
+    assert rho.verify(together).ok
+    assert together.cost <= split.cost * (1 + INDEX)
+
+
+def test_iterates_are_apart_and_the_index_does_not_rise() -> None:
+    plans = [rho.plan_scp(through_the_middle(5), coupling=by_halves)]
+    for _ in range(8):
+        plans.append(rho.scp_step(plans[-1]))
+    for plan in plans:
+        assert rho.verify(plan).ok
+        assert sampled_separation(plan) >= TOUCHED
+    for before, after in pairwise(plans):
+        assert after.cost <= before.cost * (1 + INDEX)
+    assert plans[-1].cost < 0.99 * plans[0].cost
+
+
+def test_in_windows_they_stay_apart_and_each_window_has_a_plan() -> None:
+    asked = through_the_middle(4)
+    flight = rho.plan_rho(asked, planner=rho.plan_scp, replan_every=3)
+    assert rho.verify(flight).ok
+    assert sampled_separation(flight.plan) >= TOUCHED
+    assert flight.cost <= flight.windows[0].plan.cost * (1 + 10 * INDEX)
+
+
+def _linearised(asked: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The row n · (p0 - p1) >= d of each inner knot, written out: (n, what p0 - p1 is) each."""
+    rows = []
+    for k in range(1, asked.grid.knots - 1):
+        gap = at.positions[0, k] - at.positions[1, k]
+        response = position_response(asked.grid.step, asked.grid.knots, [k * asked.grid.step])[0]
+        rows.append((gap / np.linalg.norm(gap), response))
+    return rows
+
+
+@pytest.fixture
+def two() -> tuple[rho.Scenario, rho.Plan]:
+    """Two vehicles that cross, at the knots, and a plan of theirs to linearise around."""
+    asked = fleet(CROSSING[0][:2], CROSSING[1][:2], between_knots=False)
+    return asked, rho.plan_scp(asked, coupling=by_halves)
+
+
+@np.errstate(invalid="ignore")  # numpy says so of Drake's symbols, without a cause
+def test_one_linearisation_equals_the_program_written_out(
+    two: tuple[rho.Scenario, rho.Plan],
+) -> None:
+    """Every row of the one pair at every knot, in Drake's symbols."""
+    asked, at = two
+    h, steps = asked.grid.step, asked.grid.knots - 1
+    twin = MathematicalProgram()
+    a = [twin.NewContinuousVariables(steps, 3) for _ in asked.vehicles]
+    for vehicle, own in zip(asked.vehicles, a, strict=True):
+        p, v = vehicle.start.position, vehicle.start.velocity
+        for k in range(steps):
+            p, v = p + h * v + h**2 / 2 * own[k], v + h * own[k]
+        twin.AddLinearEqualityConstraint(p, vehicle.goal.position)
+        twin.AddLinearEqualityConstraint(v, vehicle.goal.velocity)
+        twin.AddQuadraticCost((own**2).sum())
+    between = asked.vehicles[0].start.position - asked.vehicles[1].start.position
+    for n, response in _linearised(asked, at):
+        gap = between + response @ (a[0] - a[1])
+        twin.AddLinearConstraint(n @ gap >= 1.0)
+    result = ClarabelSolver().Solve(twin)
+    assert result.is_success()
+    plan = rho.scp_step(at)
+    assert plan.cost == pytest.approx(result.get_optimal_cost(), rel=INDEX)
+    largest = np.abs(plan.accelerations).max()
+    for own, found in zip(a, plan.accelerations, strict=True):
+        np.testing.assert_allclose(found, result.GetSolution(own), atol=1e-4 * largest)
+
+
+def test_the_converged_plan_is_the_one_that_a_nonlinear_solver_finds(
+    two: tuple[rho.Scenario, rho.Plan],
+) -> None:
+    """The true distances, by SLSQP in coordinates that reach the goals, from the split plan."""
+    asked, at = two
+    frame = Frame(asked)
+    steps = asked.grid.knots - 1
+    _, _, rows = np.linalg.svd(frame.goal_rows)
+    inside = rows[len(frame.goal_rows) :]  # accelerations that change no goal
+    free = frame.free.accelerations
+
+    def flown(x: np.ndarray) -> np.ndarray:
+        moved: np.ndarray = free + np.einsum("cj,icx->ijx", inside, x.reshape(2, -1, 3))
+        return moved
+
+    knots = asked.grid.times[1:-1]
+    response = position_response(asked.grid.step, asked.grid.knots, knots)
+    ends = np.array([vehicle.start.position for vehicle in asked.vehicles])
+
+    def gaps(x: np.ndarray) -> np.ndarray:
+        a = flown(x)
+        apart: np.ndarray = ends[0] - ends[1] + response @ (a[0] - a[1])
+        return apart
+
+    pull = response @ inside.T
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        rows = 2 * gaps(x)[:, None, :] * pull[:, :, None]
+        flat = rows.reshape(len(knots), -1)
+        return np.hstack([flat, -flat])
+
+    start = np.einsum("cj,ijx->icx", inside, at.accelerations - free).reshape(-1)
+    found = minimize(
+        lambda x: x @ x,
+        start,
+        jac=lambda x: 2 * x,
+        method="SLSQP",
+        constraints={
+            "type": "ineq",
+            "fun": lambda x: np.sum(gaps(x) ** 2, axis=1) - 1.0,
+            "jac": slopes,
+        },
+        options={"maxiter": 500, "ftol": 1e-13},
+    )
+    assert found.success
+    assert steps == flown(found.x).shape[1]
+    best = float(np.sum(flown(found.x) ** 2))
+    assert rho.plan_scp(asked, reference=at, coupling=jointly).cost == pytest.approx(best, rel=1e-5)
+
+
+@pytest.mark.parametrize("between_knots", [True, False])
+def test_the_span_of_rows_that_couple_loses_nothing(between_knots: bool) -> None:
+    """The same rows in all accelerations, with states beside them, give the same solution."""
+    asked = through_the_middle(4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots)
+    apart = Apart(asked, jointly)
+    known = apart.around(rho.plan_scp(asked, coupling=by_halves)).accelerations
+    assert apart.programs is not None
+    frame, steps = Frame(asked), asked.grid.knots - 1
+    for sparse in (True, False):
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(program, "_SPARSE", 0 if sparse else 10**12)
+            batches = programs_of(frame, apart.programs.rows)
+        (batch,) = [each for each in batches if each.groups.shape[1] == 4]
+        assert (batch.basis is None) == sparse
+        u = batch.solutions([each.result for each in solve.solve(batch.programs)], steps)[0]
+        group = batch.groups[0]
+        found = frame.free.accelerations[group] + frame.units[group].max() * u
+        np.testing.assert_allclose(found, known[group], atol=MOTION * np.abs(known).max())
+
+
+def test_two_that_cross_are_proved_globally_optimal(two: tuple[rho.Scenario, rho.Plan]) -> None:
+    for downwash, between_knots in ((1.0, False), (1.0, True), (2.0, True)):
+        asked = dataclasses.replace(
+            two[0], separation=rho.Separation(1.0, downwash), between_knots=between_knots
+        )
+        proof = rho.certify(rho.plan_scp(asked))
+        assert proof.is_globally_optimal
+        assert proof.lower_bound > rho.plan_scp(asked.without_separation()).cost
+        for each in proof.vehicles:
+            assert each.stationarity < 1e-4
+            assert each.complementarity < 1e-5
+
+
+def test_no_plan_found_from_elsewhere_is_below_the_bound() -> None:
+    """References that pass each other on all sides lead to plans that cost more or as much."""
+    rng = np.random.default_rng(0)
+    for asked in (fleet(*CROSSING), through_the_middle(4)):
+        plan = rho.plan_scp(asked)
+        proof = rho.certify(plan)
+        assert proof.holds
+        assert 0.0 < proof.lower_bound <= plan.cost * (1 + INDEX)
+        costs = []
+        for _ in range(6):
+            noise = rng.normal(size=plan.accelerations.shape) * np.abs(plan.accelerations).max()
+            elsewhere = rho.Plan.from_accelerations(asked, plan.accelerations + 3 * noise)
+            other = rho.plan_scp(asked, reference=elsewhere)
+            assert rho.verify(other).ok
+            costs.append(other.cost)
+        assert min(costs) * (1 + INDEX) >= proof.lower_bound
+        ways = np.ptp(costs) / plan.cost
+    assert ways > 1e-3  # where four meet, some did go another way
+
+
+TUBE = rho.Limits(position=rho.Box([-6, -0.3, -0.3], [6, 0.3, 0.3]))
+HEAD_ON = ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]])
+
+
+@pytest.mark.parametrize("name", ["jointly", "by halves", "rho"])
+def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> None:
+    asked = fleet(*HEAD_ON, limits=TUBE)
+    with pytest.raises(rho.InfeasibleError) as caught:
+        PLANNERS[name](asked)
+    conflicts = caught.value.conflicts
+    assert set(conflicts) == {"v0", "v1"}
+    for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
+        reasons = [reason for reason in conflicts[vehicle] if reason.startswith("separation")]
+        assert reasons
+        for reason in reasons:
+            assert reason.startswith(f"separation from {partner} at ")
+            assert 0.0 < float(reason.split()[-2]) < 10.0
+    assert "separation from v1" in str(caught.value)
+
+
+def test_a_price_that_no_solver_knows_ends_in_the_names_of_the_pairs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    around = Apart.around
+
+    def numerical(
+        self: Apart, reference: rho.Plan, *, price: float = np.inf, **how: bool
+    ) -> rho.Plan:
+        if 1e3 < price < np.inf:
+            raise rho.SolverError("too large")
+        return around(self, reference, price=price, **how)
+
+    monkeypatch.setattr(fleets.Apart, "around", numerical)
+    with pytest.raises(rho.InfeasibleError, match="separation from v1 at"):
+        rho.plan_scp(fleet(*HEAD_ON, limits=TUBE))
+
+
+def test_a_linearisation_without_a_solution_is_infeasible_for_those_concerned_only() -> None:
+    """One pair has no room; the rows of the others, added later, do not turn it into a failure."""
+    starts: list[list[float]] = [[-5, 0, 0], [5, 0, 0]]
+    goals: list[list[float]] = [[5, 0, 0], [-5, 0, 0]]
+    for far in (20.0, 40.0, 60.0):
+        starts += [[-5, far + 0.3, 0], [0, far - 5, 0]]
+        goals += [[5, far, 0], [0, far + 5, 0]]
+    asked = fleet(starts, goals, limits=rho.Limits(velocity=box(1.3)))  # takes several rounds
+    stuck = [dataclasses.replace(each, limits=TUBE) for each in asked.vehicles[:2]]
+    asked = dataclasses.replace(asked, vehicles=(*stuck, *asked.vehicles[2:]))
+    for most in (100, 1):
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(fleets, "MOST_TOGETHER", most)
+            with pytest.raises(rho.InfeasibleError) as caught:
+                rho.plan_convex(asked)
+        assert set(caught.value.conflicts) == {"v0", "v1"}
+
+
+def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Reasons are found with linear programs, which OSQP refuses."""
+    for options in ("_CLARABEL", "_CLARABEL_AGAIN"):
+        monkeypatch.setattr(solve, options, {"max_iter": 1})
+    linear = MathematicalProgram()
+    x = linear.NewContinuousVariables(2)
+    linear.AddLinearCost(x[0] + x[1])
+    linear.AddLinearConstraint(2 * x[0] + x[1] >= 1.0)
+    linear.AddBoundingBoxConstraint(0.0, 1.0, x)
+    (solution,) = solve.solve([linear])
+    assert solution.feasible
+    assert solution.solver == "Clp"
+    assert solution.result.get_optimal_cost() == pytest.approx(0.5)
+
+
+def test_a_reference_of_other_vehicles_is_refused() -> None:
+    with pytest.raises(ValueError, match="reference: got 3 vehicles"):
+        rho.plan_scp(through_the_middle(2), reference=rho.plan_scp(through_the_middle(3)))
+
+
+def test_one_vehicle_has_nobody_to_keep_from() -> None:
+    asked = dataclasses.replace(single(between_knots=True), separation=rho.Separation(1.0))
+    alone = rho.plan_scp(asked.without_separation())
+    for planner in PLANNERS.values():
+        plan = planner(asked)
+        assert rho.verify(plan).ok
+        assert plan.cost == pytest.approx(alone.cost, rel=INDEX)
+    assert rho.certify(alone).is_globally_optimal
