@@ -72,7 +72,7 @@ def test_vehicles_keep_apart_that_would_not(
 
 def test_only_the_knots_are_looked_at_where_only_they_are_asked_for() -> None:
     """On a coarse grid they pass each other between two knots; asked for every instant, aside."""
-    starts, goals = [[-5, 0.1, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0.1, 0]]
+    starts, goals = np.array([[-5, 0.1, 0], [5, 0, 0]]), np.array([[5, 0, 0], [-5, 0.1, 0]])
     asked = fleet(starts, goals, grid=rho.Grid(2.0, 6))
     knots = rho.plan_scp(dataclasses.replace(asked, between_knots=False))
     assert rho.verify(knots).ok
