@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.planning import program
 from drake_rho.planning.frame import Frame
+from drake_rho.planning.halfspaces import near
 from drake_rho.planning.loop import Programs, constraints_around, plan_around
 from drake_rho.planning.program import programs_of, rows_of
 from drake_rho.planning.solve import solve
@@ -125,3 +126,13 @@ def test_a_limit_that_binds_at_hundreds_of_knots_holds(kind: str) -> None:
     assert plan.statistics.rows > (10 if kind == "position" else 100)
     continuous = plan.cost * fine.grid.step  # the integral of the squared acceleration
     assert continuous == pytest.approx(rho.plan_convex(coarse).cost * coarse.grid.step, rel=0.02)
+
+
+@pytest.mark.parametrize("reach", [0, 1, 2, 7, 2**60])
+def test_neighbours_are_those_within_reach(reach: int) -> None:
+    rng = np.random.default_rng(reach % 1000)
+    marked = rng.random((3, 2, 11)) < 0.2
+    k = np.arange(11)
+    close = np.abs(k[:, None] - k) <= reach
+    expected = np.any(marked[..., None, :] & close, axis=-1)
+    np.testing.assert_array_equal(near(marked, reach), expected)

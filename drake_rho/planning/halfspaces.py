@@ -122,6 +122,7 @@ class HalfSpaces:
 def near(marked: BoolArray, reach: int) -> BoolArray:
     """What is marked and its neighbours up to `reach` away along the last axis."""
     count = marked.shape[-1]
+    reach = min(reach, count)
     before = np.zeros((*marked.shape[:-1], count + 2 * reach + 1), dtype=int)
     before[..., reach + 1 : count + reach + 1] = np.cumsum(marked, axis=-1)
     before[..., count + reach + 1 :] = before[..., count + reach, None]

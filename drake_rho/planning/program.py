@@ -266,12 +266,14 @@ def add_rows(
         give = to.NewContinuousVariables(len(soft))
         to.AddBoundingBoxConstraint(np.zeros(len(soft)), _infinite(len(soft)), give)
         to.AddLinearCost(weights[soft], give)
-        ones = np.zeros((len(needed), len(soft)))
-        ones[soft, np.arange(len(soft))] = 1.0
-        if isinstance(matrix, np.ndarray):
+        where = (soft, np.arange(len(soft)))
+        if isinstance(matrix, np.ndarray) and len(needed) <= _BLOCK:
+            ones = np.zeros((len(needed), len(soft)))
+            ones[where] = 1.0
             matrix = np.hstack([matrix, ones])
         else:
-            matrix = hstack([matrix, csc_array(ones)], format="csc")
+            ones = coo_array((np.ones(len(soft)), where), shape=(len(needed), len(soft)))
+            matrix = hstack([csc_array(matrix), ones], format="csc")
         x = np.concatenate([x, give])
     if not isinstance(matrix, np.ndarray):
         matrix = csc_matrix(matrix)  # what Drake knows
