@@ -24,6 +24,9 @@ BISECTED = 1e-4
 BISECTED_AROUND = 1e-3
 """The same with obstacles, where a trial may have to look for ways round."""
 
+BISECTED_APART = 1e-2
+"""The same for fleets that keep apart, where a trial that fails is a long search."""
+
 LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""
 
@@ -162,7 +165,7 @@ def is_monotone(scenario: Scenario) -> bool:
     With obstacles it is true of the problem too, but not claimed, since the planner may miss the
     plan of one duration and find that of another.
     """
-    if scenario.obstacles:
+    if scenario.obstacles or scenario.separation is not None:
         return False
     for vehicle in scenario.vehicles:
         limits = scenario.limits_of(vehicle)
@@ -206,7 +209,9 @@ def _least_factor(
             if high > LARGEST_FACTOR:
                 return None
     low = high / 2.0
-    precision = BISECTED if not make(1.0).obstacles else BISECTED_AROUND
+    asked = make(1.0)
+    precision = BISECTED_AROUND if asked.obstacles else BISECTED
+    precision = BISECTED_APART if asked.separation is not None else precision
     while high - low > precision * high:
         middle = (low + high) / 2.0
         if _has_plan(make, middle, solver):

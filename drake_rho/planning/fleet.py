@@ -47,7 +47,7 @@ _SOFT_SOLVES = 2
 """Times that a program whose pairs may give way is solved: with the rows of its reference, and with
 those of what it then breaks."""
 
-MAX_SPREADS = 60
+MAX_SPREADS = 20
 """Bound on the iterations towards a first plan."""
 
 
