@@ -22,7 +22,7 @@ BISECTED = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
 
 BISECTED_AROUND = 1e-3
-"""The same with obstacles, where a trial may have to look for ways round."""
+"""The same with obstacles or a separation, where a trial may have to look for ways round."""
 
 LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""
@@ -159,10 +159,10 @@ def is_monotone(scenario: Scenario) -> bool:
 
     That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
     motion can be stretched in time, which leaves its path and makes its derivatives smaller.
-    With obstacles it is true of the problem too, but not claimed, since the planner may miss the
-    plan of one duration and find that of another.
+    With obstacles or a separation it is true of the problem too, but not claimed, since the planner
+    may miss the plan of one duration and find that of another.
     """
-    if scenario.obstacles:
+    if scenario.obstacles or scenario.separation is not None:
         return False
     for vehicle in scenario.vehicles:
         limits = scenario.limits_of(vehicle)
@@ -206,7 +206,9 @@ def _least_factor(
             if high > LARGEST_FACTOR:
                 return None
     low = high / 2.0
-    precision = BISECTED if not make(1.0).obstacles else BISECTED_AROUND
+    asked = make(1.0)
+    around = asked.obstacles or asked.separation is not None
+    precision = BISECTED_AROUND if around else BISECTED
     while high - low > precision * high:
         middle = (low + high) / 2.0
         if _has_plan(make, middle, solver):
