@@ -9,8 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import BISECTED, is_monotone
-from tests.scenarios import box, scenarios, single
+from drake_rho.assurance.feasibility import BISECTED, BISECTED_AROUND, is_monotone
+from tests.scenarios import box, scenarios, single, through_the_middle
 
 
 def test_from_rest_to_rest_full_thrust_and_full_brake_is_the_shortest() -> None:
@@ -124,6 +124,30 @@ def test_monotone_is_claimed_from_rest_to_rest_only() -> None:
     assert is_monotone(single(limits=rho.Limits(box(50), box(2), box(2), box(2))))
     assert not is_monotone(single(start=rho.State([0, 0, 0], [1, 0, 0])))
     assert not is_monotone(single(obstacles=(rho.Sphere([5, 2, -1], 1),)))
+    assert not is_monotone(through_the_middle(2))
+    assert is_monotone(through_the_middle(2).without_separation())
     forward = rho.Limits(velocity=rho.Box([0.1, -2, -2], [2, 2, 2]))
     with pytest.raises(rho.ScenarioError):  # at rest it would not move forward
         single(limits=forward)
+
+
+def test_two_that_pass_each_other_take_no_longer_than_one_alone() -> None:
+    """They go aside across their way, where there is room and strength: D = a T² / 4 along it."""
+    limits = rho.Limits(rho.Box([-6, -6, -0.1], [6, 6, 0.1]), acceleration=box(0.9))
+    reason = rho.diagnose(through_the_middle(2, limits=limits, grid=rho.Grid(6.6 / 20, 21)))
+    assert set(reason.conflicts) == {"v0", "v1"}
+    shortest = np.sqrt(4 * 10.0 / 0.9)
+    assert reason.shortest_duration == pytest.approx(shortest, rel=2 * BISECTED_AROUND)
+    assert "or perhaps less" in str(reason)
+
+
+def test_two_that_cannot_pass_at_all_are_told_by_how_much_they_are_too_close() -> None:
+    """With two steps there is one way from rest to rest, through the middle together."""
+    reason = rho.diagnose(through_the_middle(2, grid=rho.Grid(5.0, 3)))
+    assert set(reason.conflicts) == {"v0", "v1"}
+    assert all("separation" in str(names) for names in reason.conflicts.values())
+    assert {check.constraint for check in reason.violations} == {"separation"}
+    assert reason.violations[0].excess == pytest.approx(1.0)
+    assert reason.violations[0].time == pytest.approx(5.0)
+    assert reason.shortest_duration is None
+    assert "neither more time" in str(reason)

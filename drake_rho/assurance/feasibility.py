@@ -22,7 +22,7 @@ BISECTED = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
 
 BISECTED_AROUND = 1e-3
-"""The same with obstacles, where a trial may have to look for ways round."""
+"""The same with obstacles or a separation, where a trial may have to look for ways round."""
 
 BISECTED_APART = 1e-2
 """The same for fleets that keep apart, where a trial that fails is a long search."""
@@ -162,8 +162,8 @@ def is_monotone(scenario: Scenario) -> bool:
 
     That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
     motion can be stretched in time, which leaves its path and makes its derivatives smaller.
-    With obstacles it is true of the problem too, but not claimed, since the planner may miss the
-    plan of one duration and find that of another.
+    With obstacles or a separation it is true of the problem too, but not claimed, since the planner
+    may miss the plan of one duration and find that of another.
     """
     if scenario.obstacles or scenario.separation is not None:
         return False
