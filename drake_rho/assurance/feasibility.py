@@ -22,7 +22,7 @@ BISECTED = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
 
 BISECTED_AROUND = 1e-3
-"""The same with obstacles or a separation, where a trial may have to look for ways round."""
+"""The same with obstacles, where a trial may have to look for ways round."""
 
 BISECTED_APART = 1e-2
 """The same for fleets that keep apart, where a trial that fails is a long search."""
