@@ -148,10 +148,16 @@ class Apart:
                 if self._coupling is by_halves:
                     raise
                 # by halves there is none either, and each vehicle's reasons can be told
-                return Apart(scenario, by_halves, self._solver).around(reference)
+                halves = Apart(scenario, by_halves, self._solver)
+                plan = halves.around(reference)
+                self.programs = halves.programs
+                return plan
             where = too_close(scenario, programs.motion)
             if len(where) == 0:
                 break
+        else:
+            if not soft:
+                raise SolverError(f"pairs were still too close after {solves} rounds")
         self._remember(programs)
         self.programs = programs
         return programs.plan(reference)
