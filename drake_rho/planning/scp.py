@@ -33,7 +33,7 @@ takes as long as all before, and changes the index in the fourth."""
 CLOSE_IF_SMALL = 1e-7
 """The same for a few vehicles, which are quick and can be certified."""
 
-CLOSE_BY_HALVES = 3e-2
+CLOSE_BY_HALVES = 5e-2
 """The same by halves, where the index falls ever more slowly to no optimum: what vehicles could
 gain by trading room is left."""
 
