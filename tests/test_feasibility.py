@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import BISECTED, BISECTED_AROUND, is_monotone
+from drake_rho.assurance.feasibility import BISECTED, BISECTED_APART, is_monotone
 from tests.scenarios import box, scenarios, single, through_the_middle
 
 
@@ -137,7 +137,7 @@ def test_two_that_pass_each_other_take_no_longer_than_one_alone() -> None:
     reason = rho.diagnose(through_the_middle(2, limits=limits, grid=rho.Grid(6.6 / 20, 21)))
     assert set(reason.conflicts) == {"v0", "v1"}
     shortest = np.sqrt(4 * 10.0 / 0.9)
-    assert reason.shortest_duration == pytest.approx(shortest, rel=2 * BISECTED_AROUND)
+    assert reason.shortest_duration == pytest.approx(shortest, rel=2 * BISECTED_APART)
     assert "or perhaps less" in str(reason)
 
 
