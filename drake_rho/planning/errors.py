@@ -100,8 +100,10 @@ class InfeasibleError(DrakeRhoError):
         tried = f" (steps tried: {steps})" if steps else ""
         if not self.about_linearisation:
             return f"no plan{tried}: {reasons}"
+        touched = frozenset[str]().union(*self.obstacles.values())
+        what = "obstacles and pairs" if "separation" in touched else "obstacles"
         return (
-            f"no plan{tried} with the obstacles linearised around this reference: {reasons} "
+            f"no plan{tried} with the {what} linearised around this reference: {reasons} "
             "(another reference or a finer step may have a plan)"
         )
 
