@@ -1,13 +1,14 @@
-"""The Lagrangian of one vehicle's true problem, obstacles not linearised, and its minimum.
+"""The Lagrangian of the true problem, obstacles and pairs not linearised, and its minimum.
 
 Everything is in accelerations u = a / unit of the size of one, and of index norm(u)²:
 
     L(u) = norm(u)² + Σ λ_s (R_s² - norm(p_s(u) - c_s)²) / (2 R_s) + y · (b - A u)
 
-For every λ, y >= 0 the minimum of L over the motions that reach the goal is a lower bound for the
-index of every plan of the scenario. L is a quadratic with the same Hessian on each axis, so the
-minimum is had in closed form wherever that Hessian is positive definite on the directions that
-leave the goal where it is.
+A pair of vehicles that keep apart is a term like an obstacle's, with the other's place for the
+centre, the separation for the radius, and z divided by the downwash. For every λ, y >= 0 the
+minimum of L over the motions that reach the goals is a lower bound for the index of every plan. L
+is a quadratic that does not couple the axes, so the minimum is had in closed form wherever its
+Hessians are positive definite on the directions that leave the goals where they are.
 """
 
 from __future__ import annotations

@@ -258,11 +258,9 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
     boxes: list[Constraint] = []
     for quantity, when, first in asked:
         bounds = scenario.fleet.bounds(quantity)
-        if bounds is not None and len(when) > 0:
+        if bounds is not None:
             between = scenario.between_knots and quantity == "position"
             boxes.append(BoxConstraint(quantity, bounds, when, first, between))
-        elif bounds is not None and scenario.between_knots and quantity == "position":
-            boxes.append(BoxConstraint(quantity, bounds, when, first, True))
     return boxes
 
 

@@ -58,8 +58,10 @@ class Frame:
 
 
 def goal_rows(steps: int) -> FloatArray:
-    """What velocity and position at the last knot depend on: the mean of the accelerations and,
-    with more than one step, their linear trend."""  # noqa: D205, D209
+    """What velocity and position at the last knot depend on, as orthonormal rows (2 or 1, K-1).
+
+    The mean of the accelerations and, with more than one step, their linear trend.
+    """
     rows = np.ones((min(steps, 2), steps))
     if steps > 1:
         rows[1] = np.arange(steps) - (steps - 1) / 2

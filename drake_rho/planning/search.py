@@ -56,7 +56,7 @@ class Search:
         self._kept: list[int] = []
         self._present: dict[int, BoolArray] = {}  # by the identity of a constraint
         self._held: list[Constraint] = []
-        self._kept_alive: list[Constraint] = []
+        self._kept_alive: list[Constraint] = []  # so that no other gets the identity of one
         self._solutions: list[Solution] = []
         self._solved: dict[int, tuple[Batch, int, Solution]] = {}
 
