@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -181,6 +182,19 @@ def fleet(
         separation or rho.Separation(1.0),
         between_knots=between_knots,
     )
+
+
+def straight(count: int, names: Sequence[str] | None = None) -> rho.Plan:
+    """A plan for vehicles `v0`, `v1`, ... that mind neither each other nor any limit."""
+    rng = np.random.default_rng(count)
+    starts, goals = rng.uniform(0.0, 10.0, (2, count, 3))
+    asked = fleet(starts, goals, separation=rho.Separation(1e-6))
+    asked = dataclasses.replace(asked, separation=None)
+    if names is not None:
+        named = zip(names, asked.vehicles, strict=True)
+        vehicles = tuple(dataclasses.replace(vehicle, name=name) for name, vehicle in named)
+        asked = dataclasses.replace(asked, vehicles=vehicles)
+    return rho.plan_convex(asked)
 
 
 def through_the_middle(count: int, **options: Any) -> rho.Scenario:

@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import StringIO
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.path import Path as Outline
+from matplotlib.text import Text
+from mpl_toolkits.mplot3d.axes3d import Axes3D
 from rich.console import Console
 
 import drake_rho as rho
 from drake_rho.assurance.study import Study
 from drake_rho.display import curves, space
 from drake_rho.display.figures import write_figures
+from drake_rho.display.frame import frame_scene
 from drake_rho.display.paper import NUMBERS, draw_figure, write_paper_figures
 from drake_rho.display.tables import claims_table, study_table
+from drake_rho.motion.plan import Window
+from tests.scenarios import box, straight
+from tests.scenarios import fleet as fleet_of
 from tests.tolerances import ROUNDING
 
 
@@ -54,7 +65,7 @@ def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> Non
 def test_what_is_in_front_of_an_obstacle_is_drawn_over_it(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     spheres = (*plan.scenario.obstacles, rho.Sphere([1500.0, 500.0, 1500.0], 300.0))
-    space.frame_scene(ax, plan.positions, spheres)
+    frame_scene(ax, plan.positions, spheres)
     assert ax.computed_zorder is False
     balls = space.draw_obstacles(ax, spheres)
     lines = space.draw_paths(ax, plan, spheres)
@@ -77,7 +88,7 @@ def test_what_is_in_front_of_an_obstacle_is_drawn_over_it(plan: rho.Plan) -> Non
 
 def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    space.frame_scene(ax, plan.positions, plan.scenario.obstacles)
+    frame_scene(ax, plan.positions, plan.scenario.obstacles)
     limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
     aspect = ax._box_aspect  # matplotlib has no public name to read it back
     ratio = np.diff(limits)[:, 0] / aspect
@@ -203,13 +214,170 @@ def test_separation_is_drawn_where_there_is_one(plan: rho.Plan) -> None:
         rho.separation_figure(rho.plan_convex(asked))
 
 
-def test_a_large_fleet_is_drawn_without_knots_and_names(fleet: rho.Plan) -> None:
+def _oklab(colours: Sequence[Any]) -> np.ndarray:
+    """Colours where distances are about those that are seen: Ottosson's OKLab, shape (N, 3)."""
+    srgb = np.array([to_rgb(colour) for colour in colours])
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    cones = np.array(
+        [
+            [0.4122214708, 0.5363325363, 0.0514459929],
+            [0.2119034982, 0.6806995451, 0.1073969566],
+            [0.0883024619, 0.2817188376, 0.6299787005],
+        ]
+    )
+    opponents = np.array(
+        [
+            [0.2104542553, 0.7936177850, -0.0040720468],
+            [1.9779984951, -2.4285922050, 0.4505937099],
+            [0.0259040371, 0.7827717662, -0.8086757660],
+        ]
+    )
+    lab: np.ndarray = np.cbrt(linear @ cones.T) @ opponents.T
+    return lab
+
+
+def _apart(colours: Sequence[Any]) -> np.ndarray:
+    """How far each two colours are apart, themselves infinitely, shape (N, N)."""
+    lab = _oklab(colours)
+    distances: np.ndarray = np.linalg.norm(lab[:, None] - lab[None], axis=2)
+    np.fill_diagonal(distances, np.inf)
+    return distances
+
+
+def test_no_two_of_36_vehicles_look_alike() -> None:
+    plan = straight(36)
     ax = Figure().add_subplot(projection="3d")
-    space.draw_paths(ax, fleet)
-    marked = [line for line in ax.lines if line.get_linestyle() == "None"]
-    assert marked == []
-    assert len(ax.lines) == 3 * 20  # a path, a start and a goal each
-    assert rho.paths_figure(fleet).legends[0].get_texts() == []
+    lines = space.draw_paths(ax, plan)
+    colours = [line.get_color() for line in lines]
+    assert colours[:6] == ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"]
+    knots = [line for line in ax.lines if line.get_linestyle() == "None"]
+    assert [line.get_color() for line in knots] == colours
+    markers = np.array([line.get_marker() for line in knots])
+    assert len(set(markers[:6])) == 6
+    apart = _apart(colours)
+    assert apart.min() > 0.1  # the first six are 0.155 apart
+    assert apart[markers[:, None] == markers].min() > 0.155
+    assert _apart([*colours, "white"])[-1].min() > 0.15
+    assert _apart([*colours, "black"])[-1].min() > 0.15
+
+
+@pytest.mark.parametrize(
+    "figure", [rho.paths_figure, rho.velocities_figure, rho.accelerations_figure]
+)
+def test_the_legend_shows_36_vehicles_as_they_are_drawn(
+    figure: Callable[[rho.Plan], Figure],
+) -> None:
+    plan = straight(36)
+    drawn = figure(plan)
+    (legend,) = drawn.legends
+    assert [text.get_text() for text in legend.get_texts()] == [f"v{i}" for i in range(36)]
+    looks = [(line.get_color(), line.get_marker()) for line in legend.get_lines()]
+    assert len(set(looks)) == 36
+    lines = drawn.axes[0].lines
+    assert set(looks) <= {(line.get_color(), line.get_marker()) for line in lines}
+
+
+def test_no_two_vehicles_of_a_flight_look_alike() -> None:
+    """Where colours are those of the windows, starts and knots tell the vehicles apart."""
+    plan = straight(36)
+    flown = rho.Flight(plan, (Window(0, plan, plan),))
+    drawn = rho.paths_figure(flown)
+    starts = [line for line in drawn.axes[0].lines if line.get_markerfacecolor() == "white"]
+    looks = [line.get_color() for line in starts]
+    assert len(set(looks)) == 36
+    (legend,) = drawn.legends
+    assert [line.get_color() for line in legend.get_lines()] == looks
+
+
+@pytest.mark.parametrize("count", [37, 200])
+def test_a_swarm_is_drawn_without_knots_and_names(count: int) -> None:
+    plan = straight(count)
+    ax = Figure().add_subplot(projection="3d")
+    space.draw_paths(ax, plan)
+    assert len(ax.lines) == 3 * count  # a path, a start and a goal each
+    for draw in (curves.draw_velocities, curves.draw_accelerations):
+        axes = list(Figure().subplots(3))
+        draw(axes, plan)
+        assert [len(each.lines) for each in axes] == [count] * 3
+    window = Window(0, plan, plan)
+    for drawn in (rho.paths_figure(plan), rho.paths_figure(rho.Flight(plan, (window,)))):
+        assert drawn.legends == []
+        assert "knot" not in " ".join(text.get_text() for text in drawn.texts)
+        assert {line.get_marker() for line in drawn.axes[0].lines} == {"None", "o", "*"}
+
+
+@pytest.mark.parametrize(
+    ("limits", "velocities", "accelerations"),
+    [
+        (rho.Limits(), False, False),
+        (rho.Limits(velocity=box(50.0)), True, False),
+        (rho.Limits(acceleration=box(50.0)), False, True),
+    ],
+)
+def test_the_legend_names_limits_where_there_are_some(
+    limits: rho.Limits, velocities: bool, accelerations: bool
+) -> None:
+    scenario = dataclasses.replace(straight(3).scenario, limits=limits)
+    plan = rho.plan_convex(scenario)
+    for figure, limited in (
+        (rho.velocities_figure(plan), velocities),
+        (rho.accelerations_figure(plan), accelerations),
+    ):
+        entries = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert entries == ["v0", "v1", "v2"] + ["limit"] * limited
+        dashed = [line for line in figure.axes[0].lines if line.get_linestyle() == "--"]
+        assert bool(dashed) == limited
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [
+        pytest.param([[[0, 0, 1], [20, 3, 1]], [[0, 8, 1], [20, 0, 1]]], id="flat"),
+        pytest.param([[[0, 0, 1], [20, 3, 1.3]], [[0, 8, 1.5], [20, 0, 1]]], id="nearly flat"),
+        pytest.param([[[0, 0, 1], [20, 0, 1]]], id="line"),
+        pytest.param([[[0, 0, 1], [0, 20, 9]], [[0, 0, 5], [0, 20, 1]]], id="wall"),
+        pytest.param([[[0, 0, 0], [3, 0, 20]], [[0, 2, 0], [0, 0, 20]]], id="tower"),
+        pytest.param([[[0, 0, 1], [0, 0, 1]]], id="point"),
+        pytest.param([[[-2e3, 0, -2e3], [3e3, 0, 0]]], id="upright"),
+    ],
+)
+def test_labels_of_the_axes_lie_on_nothing_else(ends: list[list[list[float]]]) -> None:
+    plan = rho.plan_convex(_between(ends))
+    figure = rho.paths_figure(plan)
+    renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
+    figure.draw(renderer)
+    ax = figure.axes[0]
+    assert isinstance(ax, Axes3D)
+    axes = (ax.xaxis, ax.yaxis, ax.zaxis)
+    texts = [each.label for each in axes] + figure.texts + figure.legends[0].get_texts()
+    for each in axes:
+        low, high = each.get_view_interval()
+        ticks = [tick for tick in each.get_major_ticks() if low <= tick.get_loc() <= high]
+        assert len(ticks) >= 2
+        texts += [tick.label1 for tick in ticks]
+    outlines = [_outline(text, renderer) for text in texts]
+    for one, other in combinations(outlines, 2):
+        assert not one.intersects_path(other, filled=True)
+    corners = np.concatenate([outline.vertices for outline in outlines])
+    assert np.all(corners >= 0.0)
+    assert np.all(corners <= [figure.bbox.width, figure.bbox.height])
+
+
+def _outline(text: Text, renderer: RendererBase) -> Outline:
+    """The rectangle around a text, turned as it is."""
+    centre = text.get_window_extent(renderer).get_points().mean(axis=0)
+    angle = np.radians(text.get_rotation())
+    text.set_rotation(0.0)
+    size = text.get_window_extent(renderer).size
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return Outline(centre + corners @ turn.T, closed=False)
+
+
+def _between(ends: list[list[list[float]]]) -> rho.Scenario:
+    """Vehicles with these starts and goals, not kept apart."""
+    starts, goals = np.array(ends, dtype=np.float64).swapaxes(0, 1)
+    return dataclasses.replace(fleet_of(starts, goals), separation=None, between_knots=False)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Drawing a plan over time on axes that are given: distances, separation, components.
 
-Curves are the exact motion between the knots, not lines from knot to knot; the knots are marked.
+Curves are the exact motion between the knots, not lines from knot to knot; the knots are marked,
+unless there are more vehicles than can be told apart.
 Every function takes the axes first and returns the artists it has drawn.
 """
 
@@ -12,14 +13,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from drake_rho.display.names import as_text, brief
 from drake_rho.display.style import (
     COLOURS,
     FORBIDDEN,
     LIMIT_STYLE,
-    MARKERS,
+    MOST_NAMED,
     PER_STEP,
     dense_times,
     vehicle_colours,
+    vehicle_marker,
 )
 from drake_rho.motion.pairs import closest_over_time
 from drake_rho.motion.plan import Plan
@@ -66,7 +69,8 @@ def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
     _draw_limit(ax, separation.distance, f"separation {separation.distance:g} m")
     (curve,) = ax.plot(found.times, found.distances, color=COLOURS[0], linewidth=1.2)
     m = int(np.argmin(found.distances))
-    names = " and ".join(vehicles[index].name for index in (found.one[m], found.other[m]))
+    closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
+    names = " and ".join(as_text(brief(name)) for name in closest)
     label = f"{found.distances[m]:.4g} m at {found.times[m]:.4g} s: {names}"
     (ring,) = ax.plot(
         found.times[m],
@@ -142,10 +146,11 @@ def _draw_curve(
     knots: tuple[FloatArray, FloatArray],
 ) -> Line2D:
     colour = vehicle_colours(len(plan.positions))[index]
-    name = plan.scenario.vehicles[index].name
+    name = as_text(plan.scenario.vehicles[index].name)
     (line,) = ax.plot(*exact, color=colour, linewidth=1.2, label=name)
-    marker = MARKERS[index % len(MARKERS)]
-    ax.plot(*knots, color=colour, linestyle="none", marker=marker, markersize=2.6)
+    if len(plan.positions) <= MOST_NAMED:
+        marker = vehicle_marker(index)
+        ax.plot(*knots, color=colour, linestyle="none", marker=marker, markersize=2.6)
     return line
 
 

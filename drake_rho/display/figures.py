@@ -17,14 +17,24 @@ from drake_rho.display.curves import (
     draw_separation,
     draw_velocities,
 )
-from drake_rho.display.space import draw_obstacles, draw_paths, draw_windows, frame_scene
-from drake_rho.display.style import LIMIT_STYLE, vehicle_handles, window_colours
+from drake_rho.display.frame import frame_scene
+from drake_rho.display.legends import (
+    add_below,
+    add_beside,
+    fits_beside,
+    start_handles,
+    vehicle_handles,
+)
+from drake_rho.display.space import MOST_LABELLED, draw_obstacles, draw_paths, draw_windows
+from drake_rho.display.style import LIMIT_STYLE, window_colours
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.files import replacing
 from drake_rho.scenario.records import Sphere
 
 _WIDTH = 6.5
 """Width of a page's text [in]."""
+_ONE_ROW = 0.3
+"""Height of a legend for which curves have room anyway [in]."""
 
 
 def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = None) -> Figure:
@@ -43,13 +53,18 @@ def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = N
     if isinstance(flown, Flight):
         draw_windows(ax, flown, spheres)
         _add_window_bar(figure, len(flown.windows))
+        named = len(plan.positions) <= MOST_LABELLED
+        handles = [] if named else start_handles(plan.scenario)
         note = "thick: flown; thin: the rest of each window's prediction; ring: start; star: goal"
     else:
         draw_paths(ax, plan, spheres)
         handles = vehicle_handles(plan.scenario)
-        figure.legend(handles=handles, loc="center right", fontsize=9, frameon=False)
         note = "ring: start; star: goal" + ("; a mark at every knot" if handles else "")
     figure.text(0.02, 0.02, note, fontsize=8)
+    if isinstance(flown, Plan) and fits_beside(figure, handles):
+        add_beside(figure, handles)
+    else:
+        _lift(figure, add_below(figure, handles))
     return figure
 
 
@@ -73,7 +88,7 @@ def distances_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None
         draw_distances(ax, plan, sphere)
         if len(spheres) > 1:
             ax.set_title(f"obstacle {number}", fontsize=9)
-    return _with_legend(figure, plan)
+    return _with_legend(figure, [*vehicle_handles(plan.scenario), _limit_handle()])
 
 
 def separation_figure(flown: Plan | Flight) -> Figure:
@@ -89,12 +104,12 @@ def separation_figure(flown: Plan | Flight) -> Figure:
 
 def velocities_figure(flown: Plan | Flight) -> Figure:
     """The components of the velocities over time, with their bounds."""
-    return _components(_plan(flown), draw_velocities)
+    return _components(_plan(flown), draw_velocities, "velocity")
 
 
 def accelerations_figure(flown: Plan | Flight) -> Figure:
     """The components of the accelerations over time, with their bounds."""
-    return _components(_plan(flown), draw_accelerations)
+    return _components(_plan(flown), draw_accelerations, "acceleration")
 
 
 def write_figures(flown: Plan | Flight, folder: str | Path) -> list[Path]:
@@ -130,17 +145,39 @@ def write_figure(figure: Figure, path: Path) -> Path:
     return path
 
 
-def _components(plan: Plan, draw: Callable[[Sequence[Axes], Plan], list[Line2D]]) -> Figure:
+def _components(
+    plan: Plan, draw: Callable[[Sequence[Axes], Plan], list[Line2D]], quantity: str
+) -> Figure:
     figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
     draw(list(figure.subplots(3, sharex=True)), plan)
-    return _with_legend(figure, plan)
+    limits = map(plan.scenario.limits_of, plan.scenario.vehicles)
+    handles = vehicle_handles(plan.scenario)
+    if any(getattr(each, quantity) is not None for each in limits):
+        handles.append(_limit_handle())
+    return _with_legend(figure, handles)
 
 
-def _with_legend(figure: Figure, plan: Plan) -> Figure:
-    limit = Line2D([], [], label="limit", **LIMIT_STYLE)
-    handles = [*vehicle_handles(plan.scenario), limit]
-    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+def _limit_handle() -> Line2D:
+    return Line2D([], [], label="limit", **LIMIT_STYLE)
+
+
+def _with_legend(figure: Figure, handles: Sequence[Line2D]) -> Figure:
+    """The figure with a legend below the axes, which keep their height."""
+    height = add_below(figure, handles)
+    figure.set_figheight(figure.get_figheight() + max(0.0, height - _ONE_ROW))
     return figure
+
+
+def _lift(figure: Figure, height: float) -> None:
+    """Make room below all that is in a figure [in]."""
+    old = figure.get_figheight()
+    new = old + height
+    figure.set_figheight(new)
+    for ax in figure.axes:
+        x, y, wide, high = ax.get_position(original=True).bounds
+        ax.set_position((x, (y * old + height) / new, wide, high * old / new))
+    for text in figure.texts:
+        text.set_y((text.get_position()[1] * old + height) / new)
 
 
 def _plan(flown: Plan | Flight) -> Plan:

@@ -17,7 +17,7 @@ from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
 from drake_rho.display.shapes import box_edges, ground_grid, octahedron, scattered, words
-from drake_rho.display.style import COLOURS, VIEW_AZIMUTH, VIEW_ELEVATION, vehicle_colours
+from drake_rho.display.style import palette, vehicle_colours, view
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Scenario, Separation, Vehicle
@@ -103,7 +103,7 @@ def set_camera(meshcat: Meshcat, scene: Scene) -> None:
         fov=_FIELD_OF_VIEW, near=scene.size / 1e3, far=scene.size * 1e2
     )
     meshcat.SetCamera(camera)
-    right, up, towards = _view()
+    right, up, towards = view()
     corners = np.array(list(product(*np.array([scene.lower, scene.upper]).T))) - centre
     half = np.tan(np.radians(_FIELD_OF_VIEW / 2))
     # From a distance d a corner is seen if its offset is within the half-angle of d less its depth.
@@ -111,20 +111,6 @@ def set_camera(meshcat: Meshcat, scene: Scene) -> None:
     upwards = np.abs(corners @ up) / half + corners @ towards
     distance = 1.05 * max(float(sideways.max()), float(upwards.max()))
     meshcat.SetCameraPose(centre + distance * towards, centre)
-
-
-def _view() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unit vectors: to the right and up on the screen, and from the scene to the camera."""
-    azimuth, elevation = np.radians(VIEW_AZIMUTH), np.radians(VIEW_ELEVATION)
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    towards = np.array(
-        [
-            np.cos(azimuth) * np.cos(elevation),
-            np.sin(azimuth) * np.cos(elevation),
-            np.sin(elevation),
-        ]
-    )
-    return right, np.cross(towards, right), towards
 
 
 def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
@@ -168,7 +154,7 @@ def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
             meshcat.SetObject(path, Ball(radius * size), shown)
             meshcat.SetTransform(path, RigidTransform(state.position))
         if len(scenario.vehicles) <= _MOST_NAMES:
-            right, up, _ = _view()
+            right, up, _ = view()
             above = vehicle.start.position + 0.7 * scene.mark_length * up
             letters = words(vehicle.name, 0.4 * scene.mark_length, above, right, up)
             meshcat.SetTriangleMesh(f"{ROOT}/names/{vehicle.name}", *letters, rgba=colour)
@@ -178,8 +164,9 @@ def add_light_goals(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
     """Goals as small octahedra in the vehicles' colours, those of one colour in one object."""
     mark = octahedron(0.12 * scene.vehicle_length)
     goals = np.array([vehicle.goal.position for vehicle in scenario.vehicles])
-    for number, colour in enumerate(COLOURS[: len(goals)], start=1):
-        marks = scattered(mark, goals[number - 1 :: len(COLOURS)])
+    colours = palette(len(goals))
+    for number, colour in enumerate(colours, start=1):
+        marks = scattered(mark, goals[number - 1 :: len(colours)])
         meshcat.SetTriangleMesh(f"{ROOT}/goals/{number}", *marks, rgba=Rgba(*to_rgb(colour)))
 
 

@@ -13,25 +13,27 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from drake_rho.display.names import as_text, brief
 from drake_rho.display.style import (
-    COLOURS,
     FORBIDDEN,
-    MARKERS,
     MOST_NAMED,
-    VIEW_AZIMUTH,
-    VIEW_ELEVATION,
     dense_times,
     vehicle_colours,
+    vehicle_marker,
+    view,
     window_colours,
 )
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario, Sphere
 
+MOST_LABELLED = 6
+"""Most vehicles whose names are written beside their starts."""
+_MOST_LARGE = 14
+"""Most vehicles whose starts and goals are drawn large."""
 _TOP = 1000
 """Layer above all obstacles."""
 
@@ -74,7 +76,7 @@ def draw_paths(ax: Axes3D, plan: Plan, obstacles: Sequence[Sphere] = ()) -> list
     for index, vehicle in enumerate(plan.scenario.vehicles):
         style = {"color": colours[index]}
         pieces = _draw_path(ax, paths[index], obstacles, linewidth=1.4, **style)
-        pieces[0].set_label(vehicle.name)
+        pieces[0].set_label(as_text(vehicle.name))
         if len(paths) <= MOST_NAMED:
             _draw_knots(ax, plan.positions[index], index, obstacles, markersize=2.6, **style)
         lines += pieces
@@ -106,17 +108,19 @@ def draw_windows(
         for index in range(len(paths)):
             _draw_path(ax, paths[index], obstacles, color=colour, linewidth=0.6, alpha=0.45)
             lines[-1] += _draw_path(ax, paths[index, part], obstacles, color=colour, linewidth=1.6)
-            knots = window.plan.positions[index, : flown + 1]
-            _draw_knots(ax, knots, index, obstacles, color=colour, markersize=3.2)
-    draw_ends(ax, flight.plan.scenario, colours=["black"] * len(flight.plan.positions))
+            if len(paths) <= MOST_NAMED:
+                knots = window.plan.positions[index, : flown + 1]
+                _draw_knots(ax, knots, index, obstacles, color=colour, markersize=3.2)
+    named = len(flight.plan.positions) <= MOST_LABELLED
+    draw_ends(ax, flight.plan.scenario, ["black"] * len(flight.plan.positions) if named else None)
     return lines
 
 
 def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = None) -> list[Artist]:
-    """Starts as rings with the vehicles' names, goals as stars."""
+    """Starts as rings, goals as stars; up to `MOST_LABELLED` vehicles have their names beside."""
     artists: list[Artist] = []
     colours = colours or vehicle_colours(len(scenario.vehicles))
-    size = 6.0 if len(scenario.vehicles) <= MOST_NAMED else 3.0
+    size = 6.0 if len(scenario.vehicles) <= _MOST_LARGE else 3.0
     for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
         start, goal = vehicle.start.position, vehicle.goal.position
         artists += ax.plot(
@@ -130,38 +134,14 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
         artists += ax.plot(
             *goal[:, None], marker="*", markersize=1.5 * size, color="black", zorder=_TOP
         )
-        if len(scenario.vehicles) <= len(COLOURS):
-            artists.append(_draw_name(ax, start, vehicle.name))
+        if len(scenario.vehicles) <= MOST_LABELLED:
+            artists.append(_draw_name(ax, start, as_text(brief(vehicle.name))))
     return artists
-
-
-def frame_scene(ax: Axes3D, positions: FloatArray, obstacles: Sequence[Sphere]) -> None:
-    """Equal axes around the positions [m] and the obstacles, named with their unit."""
-    points = [positions.reshape(-1, 3)]
-    for sphere in obstacles:
-        points.append(sphere.center + sphere.radius * np.concatenate([np.eye(3), -np.eye(3)]))
-    every = np.concatenate(points)
-    lower, upper = every.min(axis=0), every.max(axis=0)
-    margin = 0.04 * float(np.max(upper - lower)) or 1.0
-    lower, upper = lower - margin, upper + margin
-    ax.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
-    ax.set_box_aspect(upper - lower, zoom=1.0)
-    ax.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    for each in (ax.xaxis, ax.yaxis, ax.zaxis):
-        each.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-    ax.tick_params(labelsize=8, pad=1)
-    # Lines and surfaces are drawn in the order of their layers, which parallel lines of sight make
-    # exact; matplotlib's own order goes by the middle of each and hides what is in front.
-    ax.computed_zorder = False
-    ax.set_proj_type("ortho")
-    ax.view_init(elev=VIEW_ELEVATION, azim=VIEW_AZIMUTH)
 
 
 def _layers(points: FloatArray, obstacles: Sequence[Sphere]) -> IntArray:
     """How many obstacles' centres lie behind each point as one looks at the scene, shape (M,)."""
-    azimuth, elevation = np.radians(VIEW_AZIMUTH), np.radians(VIEW_ELEVATION)
-    level = np.cos(elevation)
-    towards = np.array([np.cos(azimuth) * level, np.sin(azimuth) * level, np.sin(elevation)])
+    _, _, towards = view()
     depths = np.array([sphere.center @ towards for sphere in obstacles])
     layers: IntArray = np.sum((points @ towards)[:, None] > depths, axis=1)
     return layers
@@ -188,7 +168,7 @@ def _draw_knots(
         ax.plot(
             *knots[layers == layer].T,
             linestyle="none",
-            marker=MARKERS[index % len(MARKERS)],
+            marker=vehicle_marker(index),
             zorder=2 * layer + 1,
             **style,
         )

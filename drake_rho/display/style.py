@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from itertools import cycle, islice
 from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
-from matplotlib.lines import Line2D
 
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Scenario
 
-# Okabe and Ito's palette, which the colour-blind can tell apart, without its yellow (too pale on
-# white) and black (kept for limits).
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+# The first six are Okabe and Ito's, which the colour-blind can tell apart, without their yellow
+# (too pale on white) and black (kept for limits). Each of the others was put where it is farthest
+# from those before it, as OKLab measures what is seen, most of all from those of its marker.
+COLOURS = (
+    *("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"),
+    *("#66E085", "#8F00FF", "#700066", "#005200", "#0000C2", "#7A5247"),
+    *("#EB00F5", "#D6ADFF", "#667AFF", "#B80000", "#B81F8F", "#FF2966"),
+    *("#857A14", "#333D85", "#FF8570", "#85AD00", "#005C66", "#473DE0"),
+    *("#6600AD", "#8FAD8F", "#7AD6D6", "#7A478F", "#7A85B8", "#AD52D6"),
+    *("#523347", "#00EB00", "#FF52CC", "#477A66", "#851F33", "#D6ADA3"),
+)
 MARKERS = ("o", "s", "^", "D", "v", "P")
 FORBIDDEN = "#888888"
 """Colour of where no vehicle may be."""
@@ -25,13 +30,25 @@ VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
 """Where a scene is seen from, above the horizon and around the vertical axis [deg]."""
 PER_STEP = 12
 """Points drawn of the exact motion in each step."""
-MOST_NAMED = 14
-"""Most vehicles that a legend names and whose knots are marked: among more it would hide them."""
+MOST_NAMED = len(COLOURS)
+"""Most vehicles that are told apart: named in a legend, with colours of their own and marked
+knots. More are drawn as a swarm, in which nothing but lines can be seen."""
+
+
+def palette(count: int) -> tuple[str, ...]:
+    """The colours of so many vehicles: one for each, or six in turn if they are a swarm."""
+    return COLOURS[: count if count <= MOST_NAMED else len(MARKERS)]
 
 
 def vehicle_colours(count: int) -> list[str]:
-    """A colour for each vehicle, from the first again after six."""
-    return list(islice(cycle(COLOURS), count))
+    """A colour for each vehicle; in a swarm, from the first again after six."""
+    colours = palette(count)
+    return [colours[index % len(colours)] for index in range(count)]
+
+
+def vehicle_marker(index: int) -> str:
+    """The marker of a vehicle; with its colour, no other vehicle's up to `MOST_NAMED`."""
+    return MARKERS[index % len(MARKERS)]
 
 
 def window_colours(count: int) -> list[str]:
@@ -39,23 +56,18 @@ def window_colours(count: int) -> list[str]:
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0.0, 0.95, count))]
 
 
-def vehicle_handles(scenario: Scenario) -> list[Line2D]:
-    """Legend entries of the vehicles, as they are drawn; none with more than `MOST_NAMED`."""
-    if len(scenario.vehicles) > MOST_NAMED:
-        return []
-    colours = vehicle_colours(len(scenario.vehicles))
-    return [
-        Line2D(
-            [],
-            [],
-            color=colours[index],
-            marker=MARKERS[index % len(MARKERS)],
-            markersize=4,
-            linewidth=1.2,
-            label=vehicle.name,
-        )
-        for index, vehicle in enumerate(scenario.vehicles)
-    ]
+def view() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Unit vectors: to the right and up on the screen, and from the scene to the viewer."""
+    azimuth, elevation = np.radians(VIEW_AZIMUTH), np.radians(VIEW_ELEVATION)
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    towards = np.array(
+        [
+            np.cos(azimuth) * np.cos(elevation),
+            np.sin(azimuth) * np.cos(elevation),
+            np.sin(elevation),
+        ]
+    )
+    return right, np.cross(towards, right), towards
 
 
 def dense_times(plan: Plan) -> FloatArray:

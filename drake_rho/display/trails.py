@@ -16,7 +16,7 @@ from pydrake.geometry import Meshcat, Rgba
 from drake_rho.display.pace import Pace
 from drake_rho.display.scene import ROOT, Scene, coloured
 from drake_rho.display.shapes import tube
-from drake_rho.display.style import COLOURS, window_colours
+from drake_rho.display.style import palette, window_colours
 from drake_rho.motion.plan import Plan, Window
 from drake_rho.scenario.fields import FloatArray, IntArray
 
@@ -39,12 +39,12 @@ def record_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> Non
 
 def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> None:
     """The same as lines, those of one colour together in one object: few, however many fly."""
-    colours = COLOURS[: len(plan.positions)]
+    colours = palette(len(plan.positions))
     for first, last in _pieces(plan, len(colours)):
         paths = _paths(plan, first, last, 1)
         for number, colour in enumerate(colours, start=1):
             name = f"{ROOT}/trails/{number}/{first}"
-            lines = _segments(paths[number - 1 :: len(COLOURS)])
+            lines = _segments(paths[number - 1 :: len(colours)])
             meshcat.SetLineSegments(name, *lines, rgba=Rgba(*to_rgb(colour)))
             _show_between(meshcat, name, _middle(plan, pace, first, last), None)
 
