@@ -1,6 +1,7 @@
 """The swarm in Meshcat, Drake's own: the vehicles' way through the scene, and the replanning.
 
-/flight/vehicles/<name> in the scene tree is the vehicle's pose, x along its velocity.
+/flight/vehicles/<name> in the scene tree is the vehicle's pose, x along its velocity; a `/` in
+its name is %2F there (`names.as_path`), so that no vehicle lies under another.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
+from drake_rho.display.names import as_path
 from drake_rho.display.pace import Pace
 from drake_rho.display.scene import (
     ROOT,
@@ -134,7 +136,7 @@ def _record_motion(meshcat: Meshcat, plan: Plan, pace: Pace) -> None:
 
 
 def _vehicle_path(name: str) -> str:
-    return f"{ROOT}/vehicles/{name}"
+    return f"{ROOT}/vehicles/{as_path(name)}"
 
 
 def _headings(velocities: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
+from drake_rho.display.names import as_path, brief
 from drake_rho.display.shapes import box_edges, ground_grid, octahedron, scattered, words
 from drake_rho.display.style import palette, vehicle_colours, view
 from drake_rho.motion.plan import Plan
@@ -150,14 +151,15 @@ def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
             ("starts", vehicle.start, 0.13, colour),
             ("goals", vehicle.goal, 0.25, colour if alone else Rgba(0.1, 0.1, 0.1)),
         ):
-            path = f"{ROOT}/{kind}/{vehicle.name}"
+            path = f"{ROOT}/{kind}/{as_path(vehicle.name)}"
             meshcat.SetObject(path, Ball(radius * size), shown)
             meshcat.SetTransform(path, RigidTransform(state.position))
-        if len(scenario.vehicles) <= _MOST_NAMES:
+        if len(scenario.vehicles) <= _MOST_NAMES and vehicle.name.strip():
             right, up, _ = view()
             above = vehicle.start.position + 0.7 * scene.mark_length * up
-            letters = words(vehicle.name, 0.4 * scene.mark_length, above, right, up)
-            meshcat.SetTriangleMesh(f"{ROOT}/names/{vehicle.name}", *letters, rgba=colour)
+            letters = words(brief(vehicle.name), 0.4 * scene.mark_length, above, right, up)
+            path = f"{ROOT}/names/{as_path(vehicle.name)}"
+            meshcat.SetTriangleMesh(path, *letters, rgba=colour)
 
 
 def add_light_goals(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:

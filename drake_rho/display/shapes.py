@@ -14,6 +14,7 @@ from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 from matplotlib.tri import Triangulation
 
+from drake_rho.display.names import as_text
 from drake_rho.scenario.fields import FloatArray
 
 IntArray = npt.NDArray[np.int32]
@@ -102,7 +103,7 @@ def words(text: str, height: float, origin: FloatArray, right: FloatArray, up: F
         right: direction of writing, unit vector, shape (3,).
         up: upward direction of the letters, unit vector, shape (3,).
     """
-    path = TextPath((0, 0), text, size=1.0)
+    path = TextPath((0, 0), as_text(text), size=1.0)
     outlines = [np.asarray(outline, dtype=np.float64) for outline in path.to_polygons()]
     points = np.concatenate([_densified(outline, 0.02) for outline in outlines])
     points = np.unique(points.round(6), axis=0)

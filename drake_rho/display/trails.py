@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from pydrake.geometry import Meshcat, Rgba
 
+from drake_rho.display.names import as_path
 from drake_rho.display.pace import Pace
 from drake_rho.display.scene import ROOT, Scene, coloured
 from drake_rho.display.shapes import tube
@@ -32,7 +33,7 @@ def record_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> Non
         for (vehicle, colour), path in zip(
             coloured(plan.scenario), _paths(plan, first, last, _PER_STEP), strict=True
         ):
-            name = f"{ROOT}/trails/{vehicle.name}/{first}"
+            name = f"{ROOT}/trails/{as_path(vehicle.name)}/{first}"
             meshcat.SetTriangleMesh(name, *tube(path, scene.trail_radius), rgba=colour)
             _show_between(meshcat, name, _middle(plan, pace, first, last), None)
 

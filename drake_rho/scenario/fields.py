@@ -55,7 +55,8 @@ Positive = Annotated[
     AfterValidator(_of_some_size),
 ]
 Count = Annotated[int, BeforeValidator(_no_truth_value)]
-Name = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
+Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
+"""What a person can read at a glance, and a legend has room for."""
 
 
 def locked(values: npt.ArrayLike) -> FloatArray:
