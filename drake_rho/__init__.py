@@ -7,16 +7,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from drake_rho.assurance.feasibility import Diagnosis, diagnose, shortest_plan
+from drake_rho.assurance.infeasible_subset import infeasible_subset
 from drake_rho.assurance.optimality import Certificate, VehicleCertificate, certify
 from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.planning.assignment import assign_goals
+from drake_rho.planning.best import plan, plan_scp
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.keep_apart import coupled, decoupled
+from drake_rho.planning.options import Options
 from drake_rho.planning.rho import free_reference, plan_rho, tail_reference
-from drake_rho.planning.scp import plan_scp, scp_step
-from drake_rho.planning.separation import by_halves, jointly
+from drake_rho.planning.scp import scp_step
 from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
 from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
 from drake_rho.scenario.generators import circle_swap, flight_cube, random_transitions
@@ -52,6 +55,7 @@ __all__ = [
     "Grid",
     "InfeasibleError",
     "Limits",
+    "Options",
     "Plan",
     "PlanFileError",
     "Report",
@@ -68,19 +72,21 @@ __all__ = [
     "accelerations_figure",
     "animate",
     "assign_goals",
-    "by_halves",
     "certify",
     "circle_swap",
+    "coupled",
+    "decoupled",
     "diagnose",
     "distances_figure",
     "flight_cube",
     "free_reference",
-    "jointly",
+    "infeasible_subset",
     "library",
     "load",
     "load_lsc_mission",
     "load_scenario",
     "paths_figure",
+    "plan",
     "plan_convex",
     "plan_rho",
     "plan_scp",

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import drake_rho as rho
-from drake_rho.motion.dynamics import RESPONSES, Motion, roll_out
+from drake_rho.motion.dynamics import Motion, response, roll_out
 from tests.scenarios import single
 from tests.tolerances import ROUNDING
 
@@ -54,8 +54,8 @@ def test_responses_equal_the_motion_at_any_time(seed: int) -> None:
             np.random.default_rng(seed).uniform(0, h * steps, 20),
         ]
     )
-    p = RESPONSES["position"](h, steps + 1, times) @ motion.accelerations
-    v = RESPONSES["velocity"](h, steps + 1, times) @ motion.accelerations
+    p = response("position", h, steps + 1, times) @ motion.accelerations
+    v = response("velocity", h, steps + 1, times) @ motion.accelerations
     p += start.position + times[:, None] * start.velocity
     v += start.velocity
     scale = np.abs(motion.positions).max()
@@ -71,8 +71,8 @@ def test_jerk_is_equation_7(seed: int, given_before: bool) -> None:
     np.testing.assert_allclose(jerk[1:], (a[1:] - a[:-1]) / h, rtol=ROUNDING)
     first = np.zeros(3) if start.acceleration is None else (a[0] - start.acceleration) / h
     np.testing.assert_allclose(jerk[0], first, rtol=ROUNDING)
-    response = RESPONSES["jerk"](h, len(a) + 1, h * np.arange(1, len(a))) @ a
-    np.testing.assert_allclose(response, jerk[1:], rtol=ROUNDING, atol=ROUNDING / h)
+    answer = response("jerk", h, len(a) + 1, h * np.arange(1, len(a))) @ a
+    np.testing.assert_allclose(answer, jerk[1:], rtol=ROUNDING, atol=ROUNDING / h)
 
 
 def test_motion_between_knots_is_what_an_integrator_finds() -> None:

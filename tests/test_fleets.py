@@ -15,13 +15,12 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.optimize import minimize
 
 import drake_rho as rho
-from drake_rho.motion.dynamics import Motion, position_response
-from drake_rho.planning import fleet as fleets
+from drake_rho.motion.dynamics import Motion, response
 from drake_rho.planning import program, solve
-from drake_rho.planning.fleet import Apart, meetings_of
-from drake_rho.planning.frame import Frame
+from drake_rho.planning.keep_apart import close_pairs, coupled, decoupled, pairs_of
+from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import programs_of
-from drake_rho.planning.separation import by_halves, directions, jointly
+from drake_rho.planning.subproblem import Subproblem
 from tests.scenarios import (
     box,
     fleet,
@@ -38,8 +37,8 @@ Planner = Callable[[rho.Scenario], rho.Plan]
 
 PLANNERS: dict[str, Planner] = {
     "convex": rho.plan_convex,
-    "jointly": partial(rho.plan_scp, coupling=jointly),
-    "by halves": partial(rho.plan_scp, coupling=by_halves),
+    "coupled": partial(rho.plan_scp, coupling=coupled),
+    "decoupled": partial(rho.plan_scp, coupling=decoupled),
     "rho": lambda scenario: rho.plan_rho(scenario, planner=rho.plan_scp).plan,
 }
 
@@ -119,7 +118,7 @@ def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, .
 @settings(max_examples=40)
 def test_random_fleets_hold_when_sampled(seed: int, between_knots: bool) -> None:
     asked = random_fleet(seed, between_knots=between_knots)
-    for coupling in (jointly, by_halves):
+    for coupling in (coupled, decoupled):
         try:
             plan = rho.plan_scp(asked, coupling=coupling)
         except rho.InfeasibleError:
@@ -129,7 +128,7 @@ def test_random_fleets_hold_when_sampled(seed: int, between_knots: bool) -> None
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 8])
-@pytest.mark.parametrize("coupling", [jointly, by_halves])
+@pytest.mark.parametrize("coupling", [coupled, decoupled])
 @pytest.mark.parametrize("level", [False, True])
 def test_all_at_one_point_at_one_time_is_no_trouble(
     count: int, coupling: object, level: bool
@@ -160,7 +159,7 @@ def test_mirror_symmetric_meetings_are_no_trouble(
     starts: list[list[float]], goals: list[list[float]], downwash: float
 ) -> None:
     asked = fleet(starts, goals, separation=rho.Separation(1.0, downwash))
-    for planner in (PLANNERS["jointly"], PLANNERS["by halves"]):
+    for planner in (PLANNERS["coupled"], PLANNERS["decoupled"]):
         plan = planner(asked)
         assert rho.verify(plan).ok
         assert sampled_separation(plan) >= TOUCHED
@@ -172,16 +171,18 @@ def test_directions_where_references_coincide_do_not_depend_on_the_order_of_the_
     found = []
     for each in (asked, swapped):
         free = rho.plan_scp(each.without_separation()).motion()
-        where = meetings_of(each, free, 1.0)
-        assert each.separation is not None
-        n = directions(each.separation, free, where, aside=True)
+        pairs = pairs_of(each, free, coupled, penalty=1.0, aside=True)
+        assert len(pairs.places) > 0
+        x = pairs.offsets(free, pairs.places)
+        n = pairs.directions(pairs.places)[np.linalg.norm(x, axis=1) < 1.0]
+        assert len(n) > 0
         np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0, rtol=ROUNDING)
         np.testing.assert_allclose(n[:, 0], 0.0, atol=ROUNDING)  # across the way
         found.append(n)
     np.testing.assert_allclose(np.abs(found[0]), np.abs(found[1]), atol=ROUNDING)
 
 
-@pytest.mark.parametrize("name", ["jointly", "by halves"])
+@pytest.mark.parametrize("name", ["coupled", "decoupled"])
 def test_relabelling_the_vehicles_permutes_the_plan(name: str) -> None:
     asked = fleet(*CROSSING)
     order = [2, 0, 1]
@@ -217,7 +218,8 @@ def test_mirroring_turning_shifting_and_changing_units(
             costs.append(rho.plan_convex(each).cost / scale)
         except rho.InfeasibleError:
             costs.append(np.inf)
-    if np.isfinite(costs[0]) and len(meetings_of(asked, _free(asked), 1e-3 * size)) == 0:
+    met = close_pairs(asked.separation, _free(asked), 1e-3 * size, between=True)
+    if np.isfinite(costs[0]) and len(met) == 0:
         assert costs[1] == pytest.approx(costs[0], rel=10 * INDEX)
 
 
@@ -230,16 +232,16 @@ def _free(scenario: rho.Scenario) -> Motion:
 def test_planned_jointly_from_a_split_plan_it_never_costs_more(seed: int) -> None:
     asked = random_fleet(seed, most=5)
     try:
-        split = rho.plan_scp(asked, coupling=by_halves)
+        split = rho.plan_scp(asked, coupling=decoupled)
     except rho.InfeasibleError:
         return
-    together = rho.plan_scp(asked, reference=split, coupling=jointly)
+    together = rho.plan_scp(asked, reference=split, coupling=coupled)
     assert rho.verify(together).ok
     assert together.cost <= split.cost * (1 + INDEX)
 
 
 def test_iterates_are_apart_and_the_index_does_not_rise() -> None:
-    plans = [rho.plan_scp(through_the_middle(5), coupling=by_halves)]
+    plans = [rho.plan_scp(through_the_middle(5), coupling=decoupled)]
     for _ in range(8):
         plans.append(rho.scp_step(plans[-1]))
     for plan in plans:
@@ -263,8 +265,8 @@ def _linearised(asked: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.
     rows = []
     for k in range(1, asked.grid.knots - 1):
         gap = at.positions[0, k] - at.positions[1, k]
-        response = position_response(asked.grid.step, asked.grid.knots, [k * asked.grid.step])[0]
-        rows.append((gap / np.linalg.norm(gap), response))
+        pull = response("position", asked.grid.step, asked.grid.knots, [k * asked.grid.step])[0]
+        rows.append((gap / np.linalg.norm(gap), pull))
     return rows
 
 
@@ -272,7 +274,7 @@ def _linearised(asked: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.
 def two() -> tuple[rho.Scenario, rho.Plan]:
     """Two vehicles that cross, at the knots, and a plan of theirs to linearise around."""
     asked = fleet(CROSSING[0][:2], CROSSING[1][:2], between_knots=False)
-    return asked, rho.plan_scp(asked, coupling=by_halves)
+    return asked, rho.plan_scp(asked, coupling=decoupled)
 
 
 @np.errstate(invalid="ignore")  # numpy says so of Drake's symbols, without a cause
@@ -292,8 +294,8 @@ def test_one_linearisation_equals_the_program_written_out(
         twin.AddLinearEqualityConstraint(v, vehicle.goal.velocity)
         twin.AddQuadraticCost((own**2).sum())
     between = asked.vehicles[0].start.position - asked.vehicles[1].start.position
-    for n, response in _linearised(asked, at):
-        gap = between + response @ (a[0] - a[1])
+    for n, pull in _linearised(asked, at):
+        gap = between + pull @ (a[0] - a[1])
         twin.AddLinearConstraint(n @ gap >= 1.0)
     result = ClarabelSolver().Solve(twin)
     assert result.is_success()
@@ -309,26 +311,26 @@ def test_the_converged_plan_is_the_one_that_a_nonlinear_solver_finds(
 ) -> None:
     """The true distances, by SLSQP in coordinates that reach the goals, from the split plan."""
     asked, at = two
-    frame = Frame(asked)
+    effort = MinimumEffort.of(asked)
     steps = asked.grid.knots - 1
-    _, _, rows = np.linalg.svd(frame.goal_rows)
-    inside = rows[len(frame.goal_rows) :]  # accelerations that change no goal
-    free = frame.free.accelerations
+    _, _, rows = np.linalg.svd(effort.goals.rows)
+    inside = rows[len(effort.goals.rows) :]  # accelerations that change no goal
+    free = effort.motion.accelerations
 
     def flown(x: np.ndarray) -> np.ndarray:
         moved: np.ndarray = free + np.einsum("cj,icx->ijx", inside, x.reshape(2, -1, 3))
         return moved
 
     knots = asked.grid.times[1:-1]
-    response = position_response(asked.grid.step, asked.grid.knots, knots)
+    responses = response("position", asked.grid.step, asked.grid.knots, knots)
     ends = np.array([vehicle.start.position for vehicle in asked.vehicles])
 
     def gaps(x: np.ndarray) -> np.ndarray:
         a = flown(x)
-        apart: np.ndarray = ends[0] - ends[1] + response @ (a[0] - a[1])
+        apart: np.ndarray = ends[0] - ends[1] + responses @ (a[0] - a[1])
         return apart
 
-    pull = response @ inside.T
+    pull = responses @ inside.T
 
     def slopes(x: np.ndarray) -> np.ndarray:
         rows = 2 * gaps(x)[:, None, :] * pull[:, :, None]
@@ -351,26 +353,27 @@ def test_the_converged_plan_is_the_one_that_a_nonlinear_solver_finds(
     assert found.success
     assert steps == flown(found.x).shape[1]
     best = float(np.sum(flown(found.x) ** 2))
-    assert rho.plan_scp(asked, reference=at, coupling=jointly).cost == pytest.approx(best, rel=1e-5)
+    assert rho.plan_scp(asked, reference=at, coupling=coupled).cost == pytest.approx(best, rel=1e-5)
 
 
 @pytest.mark.parametrize("between_knots", [True, False])
 def test_the_span_of_rows_that_couple_loses_nothing(between_knots: bool) -> None:
     """The same rows in all accelerations, with states beside them, give the same solution."""
     asked = through_the_middle(4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots)
-    apart = Apart(asked, jointly)
-    known = apart.around(rho.plan_scp(asked, coupling=by_halves)).accelerations
-    assert apart.programs is not None
-    frame, steps = Frame(asked), asked.grid.knots - 1
+    subproblem = Subproblem(asked, coupled)
+    known = subproblem.around(rho.plan_scp(asked, coupling=decoupled)).accelerations
+    assert subproblem.planes is not None
+    effort, steps = MinimumEffort.of(asked), asked.grid.knots - 1
+    rows = list(subproblem.planes.working.rows.values())
     for sparse in (True, False):
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(program, "_SPARSE", 0 if sparse else 10**12)
-            batches = programs_of(frame, apart.programs.rows)
+            batches = programs_of(effort, rows)
         (batch,) = [each for each in batches if each.groups.shape[1] == 4]
         assert (batch.basis is None) == sparse
         u = batch.solutions([each.result for each in solve.solve(batch.programs)], steps)[0]
         group = batch.groups[0]
-        found = frame.free.accelerations[group] + frame.units[group].max() * u
+        found = effort.motion.accelerations[group] + effort.units[group].max() * u
         np.testing.assert_allclose(found, known[group], atol=MOTION * np.abs(known).max())
 
 
@@ -411,7 +414,7 @@ TUBE = rho.Limits(position=rho.Box([-6, -0.3, -0.3], [6, 0.3, 0.3]))
 HEAD_ON = ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]])
 
 
-@pytest.mark.parametrize("name", ["jointly", "by halves", "rho"])
+@pytest.mark.parametrize("name", ["coupled", "decoupled", "rho"])
 def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> None:
     asked = fleet(*HEAD_ON, limits=TUBE)
     with pytest.raises(rho.InfeasibleError) as caught:
@@ -427,31 +430,30 @@ def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> No
     assert "separation from v1" in str(caught.value)
 
 
-def test_a_price_that_no_solver_knows_ends_in_the_names_of_the_pairs(
+def test_a_penalty_that_no_solver_knows_ends_in_the_names_of_the_pairs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    around = Apart.around
+    restored = Subproblem.restored
 
-    def numerical(
-        self: Apart, reference: rho.Plan, *, price: float = np.inf, **how: bool
-    ) -> rho.Plan:
-        if 1e3 < price < np.inf:
+    def numerical(self: Subproblem, reference: rho.Plan, penalty: float, number: int) -> rho.Plan:
+        if penalty > 1e3:
             raise rho.SolverError("too large")
-        return around(self, reference, price=price, **how)
+        return restored(self, reference, penalty, number)
 
-    monkeypatch.setattr(fleets.Apart, "around", numerical)
+    monkeypatch.setattr(Subproblem, "restored", numerical)
     with pytest.raises(rho.InfeasibleError, match="separation from v1 at"):
         rho.plan_scp(fleet(*HEAD_ON, limits=TUBE))
 
 
 @pytest.mark.parametrize("seed", [4, 10, 11, 18, 40, 58])
 def test_a_linearisation_without_a_solution_is_infeasible_and_no_failure(
-    seed: int, monkeypatch: pytest.MonkeyPatch
+    seed: int,
 ) -> None:
     """Vehicles found to have no solution leave their rows broken while others are worked on."""
-    monkeypatch.setattr(fleets, "MOST_TOGETHER", 1)
+    asked = random_fleet(seed)
+    careless = rho.plan_convex(asked.without_separation())
     with pytest.raises(rho.InfeasibleError, match="separation from v"):
-        rho.plan_convex(random_fleet(seed))
+        Subproblem(asked, decoupled).around(careless)
 
 
 def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(

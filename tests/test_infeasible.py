@@ -19,7 +19,7 @@ from tests.scenarios import box, scenarios, single
 def _conflict(scenario: rho.Scenario, solver: SolverInterface | None = None) -> tuple[str, ...]:
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_convex(scenario, solver=solver)
-    (names,) = caught.value.conflicts.values()
+    (names,) = rho.infeasible_subset(caught.value, solver=solver).values()
     return names
 
 
@@ -28,18 +28,21 @@ def _first_conflict(scenario: rho.Scenario) -> tuple[str, tuple[str, ...]]:
     try:
         rho.plan_convex(scenario)
     except rho.InfeasibleError as error:
-        return next(iter(error.conflicts.items()))
+        return next(iter(rho.infeasible_subset(error).items()))
     return reject()
+
+
+ACCELERATION = "acceleration box x from 0 s to 7.5 s"
 
 
 @pytest.mark.parametrize(
     ("limits", "expected"),
     [
-        (rho.Limits(acceleration=box(0.5)), ("goal x", "acceleration box x")),
+        (rho.Limits(acceleration=box(0.5)), ("goal x", ACCELERATION)),
         (rho.Limits(velocity=box(1.2)), ("goal x", "velocity box x from 0.5 s to 7.5 s")),
         (
             rho.Limits(velocity=box(50), acceleration=box(0.5), position=box(100)),
-            ("goal x", "acceleration box x"),
+            ("goal x", ACCELERATION),
         ),
     ],
 )

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
+from drake_rho.planning.rho import Planner
 from tests.scenarios import scenarios, single
 from tests.tolerances import INDEX, ROUNDING
 
@@ -65,7 +66,7 @@ def test_any_planner_can_be_passed(paper: rho.Scenario) -> None:
     assert flight.cost == pytest.approx(rho.plan_scp(paper).cost, rel=INDEX)
 
 
-def _failing_after(windows: int) -> object:
+def _failing_after(windows: int) -> Planner:
     left = [windows]
 
     def planner(
@@ -83,7 +84,8 @@ def _failing_after(windows: int) -> object:
 
 
 def test_a_window_without_a_plan_flies_on_along_the_previous_one(paper: rho.Scenario) -> None:
-    flight = rho.plan_rho(paper, planner=_failing_after(2))  # type: ignore[arg-type]  # a planner
+    planner = _failing_after(2)
+    flight = rho.plan_rho(paper, planner=planner, fallback=None)
     assert rho.verify(flight.plan).ok
     assert [bool(window.infeasible) for window in flight.windows] == [False] * 2 + [True] * 8
     assert "obstacle 1 at 9 s" in flight.windows[2].infeasible
@@ -94,7 +96,7 @@ def test_a_window_without_a_plan_flies_on_along_the_previous_one(paper: rho.Scen
 
 def test_a_first_window_without_a_plan_is_an_error(paper: rho.Scenario) -> None:
     with pytest.raises(rho.InfeasibleError):
-        rho.plan_rho(paper, planner=_failing_after(0))  # type: ignore[arg-type]  # a planner
+        rho.plan_rho(paper, planner=_failing_after(0), fallback=None)
 
 
 @pytest.mark.parametrize("replan_every", [0, -1, 2.5, True, "5", None, float("nan")])

@@ -8,13 +8,12 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.solvers import SolverInterface
 
+from drake_rho.assurance.infeasible_subset import infeasible_subset
 from drake_rho.assurance.verification import Check, verify
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.conflict import least_breach
-from drake_rho.planning.errors import InfeasibleError, SolverError, diagnosed_by
-from drake_rho.planning.frame import Frame
-from drake_rho.planning.loop import constraints_around
-from drake_rho.planning.scp import first_plan, plan_scp
+from drake_rho.planning.best import first_plan, plan_scp
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Grid, Limits, Scenario, Vehicle
 
@@ -123,8 +122,8 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
     try:
         plan = first_plan(scenario, solver=solver)
     except InfeasibleError as error:
-        conflicts = dict(error.conflicts)
-        violations = verify(_least_breach(scenario, solver)).violations
+        conflicts = infeasible_subset(error, solver=solver)
+        violations = verify(minimum_violation(scenario, solver)).violations
     else:
         conflicts, violations = {}, verify(plan).violations
     return Diagnosis(
@@ -255,24 +254,3 @@ def _stronger(scenario: Scenario, factor: float) -> Scenario:
         limits=wider(scenario.limits) or Limits(),
         vehicles=tuple(stronger(vehicle) for vehicle in scenario.vehicles),
     )
-
-
-def _least_breach(scenario: Scenario, solver: SolverInterface | None) -> Plan:
-    """The plan that breaks goals and constraints least, obstacles linearised around it."""
-    knots = dataclasses.replace(scenario, between_knots=False)
-    free = _motions(knots.without_obstacles(), None)
-    plan = _motions(knots, free) if scenario.obstacles else free
-    return dataclasses.replace(plan, scenario=scenario)
-
-
-def _motions(scenario: Scenario, reference: Plan | None) -> Plan:
-    frame, constraints = Frame(scenario), constraints_around(scenario, reference)
-    accelerations = [
-        # a single step that misses the goal leaves no choice
-        frame.free.accelerations[index] if hopeless else least_breach(frame, index, constraints)
-        for index, hopeless in enumerate(frame.hopeless)
-    ]
-    return Plan.from_accelerations(scenario, np.array(accelerations))
-
-
-diagnosed_by(diagnose)

@@ -20,12 +20,11 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh, null_space
 from scipy.sparse import csc_array, vstack
 
-from drake_rho.planning.frame import Frame
-from drake_rho.planning.halfspaces import HalfSpaces
-from drake_rho.planning.loop import Programs
+from drake_rho.planning.cutting_planes import CuttingPlanes
+from drake_rho.planning.half_spaces import HalfSpaces, Quadratic
+from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import rows_of
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.records import Scenario
 
 _LEAST_CURVATURE = 1e-6
 """Least eigenvalue of the Hessian, over that of norm(u)², at which the minimum is computed."""
@@ -57,23 +56,22 @@ class Lagrangian:
         multipliers: y >= 0 that it proposes, shape (R,).
     """
 
-    def __init__(self, scenario: Scenario, solved: Programs, group: IntArray) -> None:
-        frame = solved.frame.only(group)
-        count, steps = len(group), frame.grid.knots - 1
-        self.unit = float(frame.units[0])
-        self.solution = solved.accelerations[group].reshape(-1, 3) / self.unit
-        self._free = np.kron(np.eye(count), null_space(frame.goal_rows))
-        self._fixed = frame.free.accelerations.reshape(-1, 3) / self.unit
-        numbers = np.zeros(len(scenario.vehicles), dtype=int)
-        numbers[group] = np.arange(count)
+    def __init__(self, solved: CuttingPlanes, group: IntArray) -> None:
+        effort = solved.effort
+        count, steps = len(group), effort.grid.knots - 1
+        self.unit = float(effort.units[group].max())
+        self.solution = solved.motion.accelerations[group].reshape(-1, 3) / self.unit
+        self._free = np.kron(np.eye(count), null_space(effort.goals.rows))
+        self._fixed = effort.motion.accelerations[group].reshape(-1, 3) / self.unit
         bent = [_no_terms(count * steps)]
         straight = [(csc_array((0, 3 * count * steps)), np.zeros(0), np.zeros(0))]
         for rows, y in _multipliers(solved, group, self.unit):
-            own = rows.numbered(numbers)
-            if own.quantity == "position" and not own.name.endswith("box"):
-                bent.append(_curved_terms(scenario, frame, own, y))
+            quadratic = rows.constraint.quadratics(rows)
+            if quadratic is not None:
+                if np.all(np.isin(rows.partners, group)):  # else left out, which lowers the bound
+                    bent.append(_curved_terms(effort, group, rows, quadratic, y))
             else:
-                matrix, needed, _ = rows_of(frame, np.arange(count), [own])
+                matrix, needed, _ = rows_of(effort, group, [rows])
                 straight.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
         self._pull = np.concatenate([each.pull for each in bent])
         self._offsets = np.concatenate([each.offsets for each in bent])
@@ -177,18 +175,17 @@ class _CurvedTerms:
 
 
 def _multipliers(
-    solved: Programs, group: IntArray, unit: float
+    solved: CuttingPlanes, group: IntArray, unit: float
 ) -> Iterator[tuple[HalfSpaces, FloatArray]]:
     """The rows of all programs of a group and their multipliers, for accelerations in `unit`."""
     left = set(group.tolist())
     while left:
         vehicle = min(left)
-        own = solved.group(vehicle)
+        own = solved.working.group(vehicle)
         left -= set(own.tolist())
-        scale = solved.frame.units[own].max() / unit
-        for rows, y in solved.multipliers(vehicle):
-            if len(rows) > 0:
-                yield rows, scale * y
+        scale = solved.effort.units[own].max() / unit
+        for rows, y in solved.working.multipliers(vehicle):
+            yield rows, scale * y
 
 
 def _no_terms(width: int) -> _CurvedTerms:
@@ -197,25 +194,19 @@ def _no_terms(width: int) -> _CurvedTerms:
 
 
 def _curved_terms(
-    scenario: Scenario, frame: Frame, rows: HalfSpaces, y: FloatArray
+    effort: MinimumEffort, group: IntArray, rows: HalfSpaces, quadratic: Quadratic, y: FloatArray
 ) -> _CurvedTerms:
-    """What the Lagrangian needs of the rows of an obstacle, or of pairs."""
-    coasting = frame.free.with_accelerations(np.zeros_like(frame.free.accelerations))
-    responses, count = frame.units[0] * rows.responses(frame.grid), len(frame.units)
-    offsets = coasting.each_at("position", rows.vehicles, rows.times)
-    blocks = np.zeros((len(rows), count, responses.shape[1]))
-    blocks[np.arange(len(rows)), rows.vehicles] = responses
-    scales, stretched = np.ones((len(rows), 3)), np.ones(len(rows))
-    if rows.partners is not None and scenario.separation is not None:
-        offsets = offsets - coasting.each_at("position", rows.partners, rows.times)
-        blocks[np.arange(len(rows)), rows.partners] = -responses
-        scales = scenario.separation.scaled(scales)
-        radii = np.full(len(rows), scenario.separation.distance)
-        stretched = radii / rows.bounds  # how long a scaled normal was before it was made one
-    else:
-        sphere = scenario.obstacles[int(rows.name.split()[1]) - 1]
-        offsets = offsets - sphere.center
-        radii = np.full(len(rows), sphere.radius)
+    """What the Lagrangian needs of the rows of a set that is kept out of."""
+    place = np.zeros(len(effort.units), dtype=int)
+    place[group] = np.arange(len(group))
+    coasting = effort.motion.with_accelerations(np.zeros_like(effort.motion.accelerations))
+    responses = effort.units[group].max() * rows.responses(effort.grid)
+    offsets = coasting.each_at("position", rows.vehicles, rows.times) - quadratic.centers
+    blocks = np.zeros((len(rows), len(group), responses.shape[1]))
+    blocks[np.arange(len(rows)), place[rows.vehicles]] = responses
+    if np.any(rows.partners != rows.vehicles):
+        offsets -= coasting.each_at("position", rows.partners, rows.times)
+        blocks[np.arange(len(rows)), place[rows.partners]] = -responses
     pull = blocks.reshape(len(rows), -1)
-    weights = y / (np.linalg.norm(pull, axis=1) * stretched)
-    return _CurvedTerms(pull, offsets, scales, radii, weights)
+    weights = y / (np.linalg.norm(pull, axis=1) * quadratic.lengths)
+    return _CurvedTerms(pull, offsets, quadratic.scales, quadratic.sizes, weights)

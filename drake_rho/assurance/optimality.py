@@ -21,11 +21,13 @@ from pydrake.solvers import SolverInterface
 from drake_rho.assurance.lagrangian import Lagrangian
 from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Flight, Plan
+from drake_rho.planning.best import plan_scp
+from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.fleet import Apart
-from drake_rho.planning.loop import Programs, constraints_around
-from drake_rho.planning.scp import CONVERGED, plan_scp
-from drake_rho.planning.separation import jointly
+from drake_rho.planning.keep_apart import coupled
+from drake_rho.planning.options import ALONE
+from drake_rho.planning.scp import iterate
+from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
@@ -35,7 +37,7 @@ GLOBAL_GAP = 1e-6
 MOST_CERTIFIED_TOGETHER = 25
 """Vehicles up to which pairs count for the bound; for larger fleets it is that without them."""
 
-_POLISHINGS = 30
+_MAX_POLISHINGS = 30
 """Bound on the linearisations with which a fleet's plan is brought to a certificate's precision."""
 
 _ENOUGH = 1e-8
@@ -145,7 +147,7 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
     proposals = [_solved_around(each, solver) for each in _converged(start, solver)]
     certificates = []
     for group in _groups(vehicles, proposals):
-        lagrangians = [Lagrangian(scenario, solved, group) for solved in proposals]
+        lagrangians = [Lagrangian(solved, group) for solved in proposals]
         bounds = [each.unit**2 * _best_bound(each) for each in lagrangians]
         here = lagrangians[0]
         stationarity, complementarity = here.kkt_residuals()
@@ -176,36 +178,25 @@ def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:
     return found
 
 
-def _solved_around(plan: Plan, solver: SolverInterface | None) -> Programs:
-    """The programs linearised around a converged plan, solved once more for their multipliers."""
-    if plan.scenario.separation is not None:
-        return _solved_together(plan, solver)
-    reference = plan if plan.scenario.obstacles else None
-    programs = Programs(plan.scenario)
-    programs.keep_to(constraints_around(plan.scenario, reference), solver)
-    return programs
+def _solved_around(plan: Plan, solver: SolverInterface | None) -> CuttingPlanes:
+    """The programs around a plan iterated on to the precision that a certificate needs."""
+    subproblem = Subproblem(plan.scenario, coupled, solver)
+    subproblem.labels = np.zeros_like(subproblem.labels)  # the multipliers of all are wanted
+    iterate(subproblem, plan, ALONE, most=_MAX_POLISHINGS)
+    if subproblem.planes is None:
+        subproblem.around(plan)  # raises what ended the iteration
+    assert subproblem.planes is not None  # noqa: S101  # solved above
+    return subproblem.planes
 
 
-def _groups(vehicles: int, proposals: Sequence[Programs]) -> list[IntArray]:
+def _groups(vehicles: int, proposals: Sequence[CuttingPlanes]) -> list[IntArray]:
     """Vehicles that have a program together in one of the proposals, group by group."""
     label = np.arange(vehicles)
     for solved in proposals:
         for vehicle in range(vehicles):
-            met = np.unique(label[solved.group(vehicle)])
+            met = np.unique(label[solved.working.group(vehicle)])
             label[np.isin(label, met)] = met[0]
     return [np.flatnonzero(label == each) for each in np.unique(label)]
-
-
-def _solved_together(plan: Plan, solver: SolverInterface | None) -> Programs:
-    """The same for a fleet, iterated on to the precision that a certificate needs."""
-    apart = Apart(plan.scenario, jointly, solver)
-    for _ in range(_POLISHINGS):
-        after = apart.around(plan)
-        fallen, plan = plan.cost - after.cost, after
-        if fallen <= CONVERGED * plan.cost:
-            break
-    assert apart.programs is not None  # noqa: S101  # solved above
-    return apart.programs
 
 
 def _gap(cost: float, lower_bound: float) -> float:

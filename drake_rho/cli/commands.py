@@ -44,10 +44,10 @@ from drake_rho.cli.options import (
 )
 from drake_rho.motion.files import load
 from drake_rho.motion.plan import Flight, Plan
+from drake_rho.planning.best import plan_scp
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.rho import plan_rho
-from drake_rho.planning.scp import plan_scp
 from drake_rho.scenario.files import replacing, scenario_schema
 from drake_rho.scenario.missions import is_lsc_mission
 from drake_rho.scenario.records import Scenario

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from drake_rho.assurance.feasibility import diagnose
 from drake_rho.assurance.verification import verify
 from drake_rho.motion.files import save
 from drake_rho.motion.plan import Flight, Plan
@@ -90,7 +91,7 @@ def status_of(command: Callable[[], int | None]) -> int:
         status = command()
     except InfeasibleError as error:
         with err.status("finding out why"):
-            reason = error.diagnosis
+            reason = None if error.scenario is None else diagnose(error.scenario)
         err.print(str(reason or error), markup=False, emoji=False, highlight=False, soft_wrap=True)
         return 3
     except SolverError as error:

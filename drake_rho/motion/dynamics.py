@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Self
+from typing import TYPE_CHECKING, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,9 @@ import numpy.typing as npt
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.parts import Quantity, State
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 def acceleration_before(start: State) -> FloatArray:
@@ -85,9 +88,11 @@ class Motion:
         """The same motions, but for some vehicles that fly other accelerations."""
         if len(vehicles) == len(self.accelerations):
             return self.with_accelerations(accelerations)
-        every = np.array(self.accelerations)
-        every[vehicles] = accelerations
-        return self.with_accelerations(every)
+        start = self.positions[vehicles, 0], self.velocities[vehicles, 0]
+        p, v, a = map(np.array, (self.positions, self.velocities, self.accelerations))
+        p[vehicles], v[vehicles] = roll_out(*start, accelerations, self.step)
+        a[vehicles] = accelerations
+        return Motion(self.step, p, v, a, self.before)
 
     def of(self, vehicles: IntArray | slice) -> Motion:
         """The motions of some of the vehicles."""
@@ -102,8 +107,8 @@ class Motion:
     def at(self, quantity: Quantity, times: npt.ArrayLike) -> FloatArray:
         """Exact position [m], velocity [m/s], acceleration [m/s²] or jerk [m/s³] at `times` [s].
 
-        Times outside the flight follow its first or last step. Acceleration and jerk are known at
-        the knots that begin a step: their value at a time is that of the nearest of them.
+        Times outside the flight follow its first or last step. Acceleration and jerk are those of
+        the step that a time lies in; at a knot, of the step that begins there.
 
         Args:
             quantity: which of the four.
@@ -128,13 +133,12 @@ class Motion:
         times: FloatArray,
         pick: Callable[[FloatArray, IntArray], FloatArray],
     ) -> FloatArray:
-        if quantity not in RESPONSES:
-            raise ValueError(f"quantity: got {quantity!r}, expected one of {', '.join(RESPONSES)}")
+        if quantity not in (known := get_args(Quantity)):
+            raise ValueError(f"quantity: got {quantity!r}, expected one of {', '.join(known)}")
         last = self.accelerations.shape[-2] - 1
+        k = np.minimum(np.maximum(step_at(times, self.step), 0), last)
         if quantity in ("acceleration", "jerk"):
-            k = np.minimum(np.maximum(np.rint(times / self.step).astype(int), 0), last)
             return pick(self.accelerations if quantity == "acceleration" else self.jerks(), k)
-        k = np.minimum(np.maximum((times / self.step).astype(int), 0), last)
         s = (times - k * self.step)[:, None]
         v, a = pick(self.velocities, k), pick(self.accelerations, k)
         velocities: FloatArray = v + s * a
@@ -143,6 +147,16 @@ class Motion:
         positions: FloatArray = pick(self.positions, k) + s / 2 * (v + velocities)
         return positions
 
+    def values(self, quantity: Quantity) -> FloatArray:
+        """A quantity at the knots, (..., K, 3), or in the steps that they begin, (..., K-1, 3)."""
+        if quantity == "jerk":
+            return self.jerks()
+        return {
+            "position": self.positions,
+            "velocity": self.velocities,
+            "acceleration": self.accelerations,
+        }[quantity]
+
     def jerks(self) -> FloatArray:
         """j[k] (7) at the knots that begin a step [m/s³], shape (..., K-1, 3)."""
         a = self.accelerations
@@ -150,86 +164,63 @@ class Motion:
         return np.diff(a, axis=-2, prepend=before[..., None, :]) / self.step
 
 
-def velocity_response(step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
-    """What one unit of each acceleration adds to the velocity: (10) at any time.
+ORDERS: dict[Quantity, int] = {"position": 2, "velocity": 1, "acceleration": 0}
+"""How often each quantity integrates the acceleration."""
 
-    v(t) = v[1] + sum over j of response[t, j] a[j].
+_KNOT = 1e-9
+"""Part of a step by which a time may be short of a knot and still count as that knot."""
+
+
+def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
+    """What one unit of each acceleration adds to a quantity, (10) and (11) at any time.
+
+    With s the time since step j began and s+ its positive part, a unit of a[j] adds
+    (s+^m - (s - h)+^m) / m! to the position (m = 2), the velocity (m = 1) and, right-continuous,
+    the acceleration (m = 0); to the jerk (7) the difference of two accelerations, a step apart,
+    over h. What the state at the first knot and the acceleration before it add is not in it.
 
     Args:
+        quantity: which of the four.
         step: h [s].
         knots: K.
         times: since the first knot [s], shape (M,).
 
     Returns:
-        The response [s], shape (M, K-1): how long a[j] has acted at t.
+        The response, in the quantity's unit over m/s², shape (M, K-1).
     """
-    return np.clip(_since_start_of_steps(step, knots, times), 0.0, step)
+    h, times = step, np.asarray(times, dtype=np.float64)
+    if quantity == "jerk":
+        k = step_at(times, h)[:, None] - np.arange(knots - 1)
+        jerk: FloatArray = ((k == 0).astype(np.float64) - (k == 1)) / h
+        return jerk
+    m, s = ORDERS[quantity], times[:, None] - h * np.arange(knots - 1)
+    if m == 0:
+        acted: FloatArray = ((s >= -_KNOT * h) & (s < h - _KNOT * h)).astype(np.float64)
+        return acted
+    acted = np.minimum(np.maximum(s, 0.0), h)  # for how long: s+ - (s - h)+
+    if m == 1:
+        return acted
+    position: FloatArray = acted * (s - acted / 2.0)  # the same formula, without cancellation
+    return position
 
 
-def position_response(step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
-    """What one unit of each acceleration adds to the position: (11) at any time.
+def sparse_response(quantity: Quantity, step: float, knots: int, times: FloatArray) -> csr_array:
+    """The same as a sparse array: those of acceleration and jerk have one or two entries a row."""
+    from scipy.sparse import csr_array  # slow to load, so only where needed
 
-    p(t) = p[1] + t v[1] + sum over j of response[t, j] a[j]. With s the time since step j began,
-    the response is s²/2 inside the step and h s - h²/2 after it.
-
-    Args:
-        step: h [s].
-        knots: K.
-        times: since the first knot [s], shape (M,).
-
-    Returns:
-        The response [s²], shape (M, K-1).
-    """
-    s = np.maximum(_since_start_of_steps(step, knots, times), 0.0)
-    acted = np.minimum(s, step)
-    response: FloatArray = acted * (s - acted / 2)
-    return response
+    if quantity not in ("acceleration", "jerk"):
+        return csr_array(response(quantity, step, knots, times))
+    count, k = len(times), step_at(times, step)
+    entries, places = [np.ones(count)], [np.stack([np.arange(count), k])]
+    if quantity == "jerk":
+        inner = np.flatnonzero(k > 0)
+        entries = [entries[0] / step, np.full(len(inner), -1.0 / step)]
+        places.append(np.stack([inner, k[inner] - 1]))
+    where = np.concatenate(places, axis=1)
+    return csr_array((np.concatenate(entries), tuple(where)), shape=(count, knots - 1))
 
 
-def _since_start_of_steps(step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
-    return np.asarray(times, dtype=np.float64)[:, None] - step * np.arange(knots - 1)
-
-
-def jerk_response(step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
-    """What one unit of each acceleration adds to the jerk (7) at a knot.
-
-    j[k] = (a[k] - a[k-1]) / h; the acceleration before the first knot is no part of it.
-
-    Args:
-        step: h [s].
-        knots: K.
-        times: of knots, since the first one [s], shape (M,).
-
-    Returns:
-        The response [1/s], shape (M, K-1).
-    """
-    k = np.rint(np.asarray(times) / step)[:, None]
-    steps = np.arange(knots - 1)
-    own, previous = (steps == k).astype(np.float64), (steps == k - 1).astype(np.float64)
-    response: FloatArray = (own - previous) / step
-    return response
-
-
-def acceleration_response(step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
-    """What one unit of each acceleration adds to the acceleration at a knot: 1 to its own.
-
-    Args:
-        step: h [s].
-        knots: K.
-        times: of knots, since the first one [s], shape (M,).
-
-    Returns:
-        The response [1], shape (M, K-1).
-    """
-    k = np.rint(np.asarray(times) / step)[:, None]
-    response: FloatArray = (np.arange(knots - 1) == k).astype(np.float64)
-    return response
-
-
-RESPONSES: dict[Quantity, Callable[[float, int, npt.ArrayLike], FloatArray]] = {
-    "position": position_response,
-    "velocity": velocity_response,
-    "acceleration": acceleration_response,
-    "jerk": jerk_response,
-}
-"""The response of each quantity that `Motion.at` knows."""
+def step_at(times: FloatArray, step: float) -> IntArray:
+    """The number of the step, from 0, that each time lies in or begins; not clipped."""
+    k: IntArray = np.floor(times / step + _KNOT).astype(np.int64)
+    return k

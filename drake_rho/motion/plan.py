@@ -31,7 +31,10 @@ class Statistics:
     linearisations: int = 0
     """references around which (8) was linearised"""
     converged: bool = True
-    """whether an iterated planner stopped because nothing changed any more"""
+    """whether an iterated planner stopped because the cost fell by less than `tolerance`"""
+    tolerance: float | None = None
+    """relative fall of the cost in one linearisation below which an iteration counts as converged;
+    None where nothing was iterated"""
     steps_tried: tuple[float, ...] = ()
     """steps h in the order tried [s], the plan's own last; empty if there was no choice"""
     solver: str = ""
@@ -52,6 +55,7 @@ class Statistics:
             seconds=self.seconds + other.seconds,
             converged=self.converged and other.converged,
             solver=other.solver or self.solver,
+            tolerance=other.tolerance or self.tolerance,
             steps_tried=other.steps_tried or self.steps_tried,
         )
 

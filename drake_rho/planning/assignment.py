@@ -6,17 +6,17 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.planning.frame import goal_rows, goal_values
+from drake_rho.planning.minimum_effort import TerminalState
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import TOLERANCE
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.shapes import TOLERANCE
 
 
 def assign_goals(scenario: Scenario) -> Scenario:
-    """The scenario with its goals exchanged so that the total index (13) is least.
+    """The scenario with its goals exchanged so that the total cost (13) is least.
 
-    The index of a vehicle and a goal, position and velocity, is that of the motion of least effort
+    The cost of a vehicle and a goal, position and velocity, is that of the motion of least effort
     between the two, in closed form. Obstacles, boxes and separation are not looked at: with any
     of them another exchange may have the better plan. Names and limits stay with the vehicles.
 
@@ -40,24 +40,23 @@ def assign_goals(scenario: Scenario) -> Scenario:
 
 
 def _efforts(scenario: Scenario) -> FloatArray:
-    """Least index from every start (rows) to every goal [m²/s⁴], shape (N, N); infinite for none.
+    """Least cost from every start (rows) to every goal [m²/s⁴], shape (N, N); infinite for none.
 
-    The accelerations of least norm that meet (12) are combinations of `goal_rows`, which are
-    orthonormal, so the index is the sum of squares of their coefficients. These are linear in goal
-    less start: a point for each start and each goal, the index their squared distance.
+    The accelerations of least norm that meet (12) are combinations of orthonormal rows, so the cost
+    is the sum of squares of their coefficients. These are linear in goal less start: a point for
+    each start and each goal, the cost their squared distance.
     """
     from scipy.spatial.distance import cdist  # slow to load, so only where needed
 
-    fleet, grid = scenario.fleet, scenario.grid
-    T, rows = grid.duration, goal_rows(grid.knots - 1)
-    starts, start_rests = goal_values(
-        grid, rows, fleet.start_velocities, fleet.start_positions / T + fleet.start_velocities
+    fleet, terminal, T = scenario.fleet, TerminalState(scenario.grid), scenario.grid.duration
+    starts, start_rests = terminal.values(
+        fleet.start_velocities, fleet.start_positions + T * fleet.start_velocities
     )
-    goals, goal_rests = goal_values(grid, rows, fleet.goal_velocities, fleet.goal_positions / T)
+    goals, goal_rests = terminal.values(fleet.goal_velocities, fleet.goal_positions)
     count = len(starts)
     efforts: FloatArray = cdist(
         starts.reshape(count, -1), goals.reshape(count, -1), metric="sqeuclidean"
     )
     missed = cdist(start_rests, goal_rests, metric="chebyshev")
-    efforts[missed > TOLERANCE * fleet.lengths.max() / T] = np.inf
+    efforts[missed > TOLERANCE * fleet.lengths.max()] = np.inf
     return efforts

@@ -8,10 +8,15 @@ from collections.abc import Iterable
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
-from drake_rho.planning.constraints import boxes_of, tangents_of
+from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.fleet import Apart, by_size
-from drake_rho.planning.loop import Programs, plan_around
+from drake_rho.planning.keep_out import obstacles_of
+from drake_rho.planning.subproblem import (
+    Subproblem,
+    convex_constraints,
+    coupling_for,
+    plan_around,
+)
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
 
@@ -65,24 +70,26 @@ def plan_convex(
             statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
             return plan.with_statistics(statistics)
     first = failures[0]
-    raise InfeasibleError(first.conflicts, steps_tried, statistics, scenario, first.obstacles)
+    raise InfeasibleError(
+        first.conflicts, steps_tried, statistics, scenario, first.obstacles, first.reference
+    )
 
 
 def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | None) -> Plan:
     """Steps 1 and 2 for one h."""
     if reference is not None and scenario.separation is None:
         return plan_around(scenario, reference, solver)
-    programs, boxes = Programs(scenario), boxes_of(scenario)
-    programs.keep_to(boxes, solver)
-    free = programs.plan()
+    planes = CuttingPlanes(scenario, solver)
+    planes.keep_to(convex_constraints(scenario))
+    free = planes.plan()
     if scenario.separation is not None:
-        around = reference or free
-        plan = Apart(scenario, by_size(scenario), solver).around(around)
+        subproblem = Subproblem(scenario, coupling_for(scenario), solver)
+        plan = subproblem.around(reference or free)
         return plan.with_statistics(free.statistics + plan.statistics)
     if not scenario.obstacles:
         return free
-    programs.keep_to(boxes + tangents_of(scenario, free), solver)
-    return programs.plan(free)
+    planes.keep_to(obstacles_of(scenario, free.motion()), reference=free)
+    return planes.plan(free)
 
 
 def _grid(step: float, like: Grid) -> Grid:

@@ -1,13 +1,19 @@
 """The quadratic program (16), on Drake's `MathematicalProgram`.
 
-The decision variables are the accelerations, the paper's choice: position and velocity at any
-time are affine in them by (10)-(11). They are counted from the free motion, the one of least index
-(13) that reaches the goal, in a unit of the scenario's scale, and every row has length one, so
-that the numbers a solver sees depend neither on the scale nor on where it lies.
+With u the accelerations of a vehicle, or of several that rows couple, less those of minimum effort:
 
-The solution lies in the span of its rows: what is square to all of them and to the goal's only
-costs. With few rows a program therefore has one variable for each row instead of 3 (K - 1), the
-coordinates in an orthonormal basis of that span; this is exact.
+    minimise    norm(u)² + sum of penalties · slacks        (13), (14)
+    subject to  G u = 0                                      (12), with (1)-(3): the goal stays
+                M u + slack >= b, slack >= 0                 (4)-(7), (15) and pairs, as rows
+
+Rows are affine in u by (10)-(11). Accelerations are in a unit of the scenario's scale and every row
+has length one, so that the numbers a solver sees depend neither on the scale nor on the place. Hard
+rows have no slack. It is written in one of two forms, whichever is cheaper, both exact:
+
+- reduced space: u lies in the span of the rows of M, less what G decides, since what is orthogonal
+  to all of them only costs: one variable for each row instead of 3 (K - 1), and no equalities.
+- sparse (`drake_rho.planning.sparse`): velocities and positions are variables too, with (1) and (2)
+  as equalities, so that every row has a few entries.
 """
 
 from __future__ import annotations
@@ -26,17 +32,17 @@ from pydrake.solvers import (
 from scipy.sparse import coo_array, csc_array, csc_matrix, hstack
 from scipy.sparse.csgraph import connected_components
 
-from drake_rho.planning.frame import Frame
-from drake_rho.planning.halfspaces import HalfSpaces
-from drake_rho.planning.states import StateRows
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.planning.half_spaces import HalfSpaces
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.sparse import SparseRows
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _FEW = 32
-"""Rows up to which a program is written in their span, whatever they are."""
+"""Rows up to which a program is written in the reduced space, whatever they are."""
 
 _SPARSE = 2000
 """Operations that each number of a sparse program costs, measured from 50 to 5000 knots within a
-factor of two. The span of R rows costs about R² (3 K + 5 R)."""
+factor of two. The reduced space of R rows costs about R² (3 K + 5 R)."""
 
 _BLOCK = 150
 """Most variables in one quadratic cost: Drake takes a dense matrix for each."""
@@ -44,7 +50,7 @@ _BLOCK = 150
 
 @dataclasses.dataclass(frozen=True)
 class Batch:
-    """Quadratic programs of groups of as many vehicles and rows each, one for each group.
+    """Programs of groups of equally many vehicles and rows, one for each group.
 
     A group is one vehicle, or several that rows couple.
     """
@@ -52,16 +58,16 @@ class Batch:
     groups: IntArray
     """indices of the vehicles in the scenario, shape (B, G)"""
     programs: list[MathematicalProgram]
-    """minimise norm(x)² subject to the rows, u = basis @ x"""
+    """one for each group"""
     rows: list[Binding[LinearConstraint]]
-    """the half-spaces, in the order they were given in"""
+    """M and b, in the order the half-spaces were given in"""
     basis: FloatArray | None
-    """shape (B, 3 G (K-1), number of variables); None if u are the first of the variables"""
+    """u = basis @ variables, shape (B, 3 G (K-1), V); None if u are the first of the variables"""
     lengths: FloatArray
     """by what multipliers are multiplied to be those of rows of length one, shape (B, R)"""
 
     def solutions(self, results: Sequence[MathematicalProgramResult], steps: int) -> FloatArray:
-        """The accelerations u from the free motions, in units, shape (B, G, K-1, 3).
+        """The accelerations u, in units, shape (B, G, K-1, 3).
 
         Args:
             results: one for each program.
@@ -74,100 +80,104 @@ class Batch:
         return u.reshape(count, vehicles, steps, 3)
 
 
-def programs_of(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
+def programs_of(
+    effort: MinimumEffort, rows: Sequence[HalfSpaces], *, linear: bool = False
+) -> list[Batch]:
     """The programs of all vehicles that have rows.
 
     Args:
-        frame: of the scenario.
+        effort: of the scenario.
         rows: constraint by constraint; those of a group keep their order.
+        linear: whether nothing but slack costs anything.
     """
-    groups = groups_of(len(frame.units), rows)
+    groups = groups_of(len(effort.units), rows)
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
     alone = np.bincount(groups)[: len(count)] == 1
     batches: list[Batch] = []
     for group in np.flatnonzero((count > 0) & (~alone | (count > _FEW))):
         own = [part.select(groups[part.vehicles] == group) for part in rows]
-        sparse = StateRows(frame, np.flatnonzero(groups == group), own)
-        if _cheaper_in_states(sparse, count[group]):
+        sparse = SparseRows(effort, np.flatnonzero(groups == group), own)
+        if _cheaper_sparse(sparse, count[group]):
             alone[group] = False
-            batches.append(_in_states(sparse))
+            batches.append(_sparse(sparse, linear))
         elif not alone[group]:
-            batches.append(_in_span_of(frame, sparse.group, own))
+            batches.append(_reduced_group(effort, sparse.group, own, linear))
     single = [part.select(alone[groups[part.vehicles]]) for part in rows]
-    return _in_spans(frame, [part for part in single if len(part) > 0]) + batches
+    return _reduced(effort, [part for part in single if len(part) > 0], linear) + batches
 
 
-def _cheaper_in_states(sparse: StateRows, count: int) -> bool:
+def _cheaper_sparse(sparse: SparseRows, count: int) -> bool:
     width = 3 * len(sparse.group) * sparse.steps
     return bool(count**2 * (width + 5 * count) > _SPARSE * sparse.entries)
 
 
 def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
     """For each vehicle the number of its group: those that rows couple have the same."""
-    coupled = [part for part in rows if part.coupled and part.partners is not None]
+    coupled = [part for part in rows if part.constraint.coupled]
     if not coupled:
         return np.arange(vehicles)
     one = np.concatenate([part.vehicles for part in coupled])
-    other = np.concatenate([part.partners for part in coupled if part.partners is not None])
+    other = np.concatenate([part.partners for part in coupled])
     links = coo_array((np.ones(len(one)), (one, other)), shape=(vehicles, vehicles))
     labels: IntArray = connected_components(links, directed=False)[1]
     return labels
 
 
-def _in_spans(frame: Frame, rows: Sequence[HalfSpaces]) -> list[Batch]:
-    """Programs of single vehicles in the span of their rows; the arithmetic of all at once."""
+def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) -> list[Batch]:
+    """Programs of single vehicles in the reduced space; the arithmetic of all at once."""
     if not rows:
         return []
     vehicles = np.concatenate([part.vehicles for part in rows])
     sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
-    responses = np.concatenate([part.responses(frame.grid) for part in rows])[order]
+    responses = np.concatenate([part.responses(effort.grid) for part in rows])[order]
     normals = np.concatenate([part.normals for part in rows])[order]
-    short = -np.concatenate([part.margins(frame.free) for part in rows])[order]
-    prices = np.repeat([part.price for part in rows], [len(part) for part in rows])[order]
+    short = -np.concatenate([part.margins(effort.motion) for part in rows])[order]
+    costs = [part.constraint.penalty for part in rows]
+    penalties = np.repeat(costs, [len(part) for part in rows])[order]
     lengths = np.sqrt(np.einsum("rj,rj->r", responses, responses))
-    inside = _without_goal(frame, responses / lengths[:, None])
+    inside = effort.goals.without(responses / lengths[:, None])
     vehicles, sizes = vehicles[order], sizes[order]
-    units = frame.units[vehicles]
-    needed, weights = short / (lengths * units), prices * lengths / units
+    units = effort.units[vehicles]
+    needed, penalties = short / (lengths * units), penalties * lengths / units
     matrix = (inside[:, :, None] * normals[:, None, :]).reshape(len(order), -1)
     batches = []
     for size in np.unique(sizes).tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
         stack = matrix[own].reshape(-1, size, matrix.shape[1])
-        numbers = (needed[own].reshape(-1, size), weights[own].reshape(-1, size))
-        batches.append(_in_span(vehicles[own][::size, None], stack, *numbers))
+        numbers = (needed[own].reshape(-1, size), penalties[own].reshape(-1, size))
+        batches.append(_in_span(vehicles[own][::size, None], stack, *numbers, linear))
     return batches
 
 
-def _in_span_of(frame: Frame, group: IntArray, rows: Sequence[HalfSpaces]) -> Batch:
-    """One program, in the span of its rows."""
-    matrix, needed, weights = rows_of(frame, group, rows)
+def _reduced_group(
+    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool
+) -> Batch:
+    """One program, in the reduced space."""
+    matrix, needed, penalties = rows_of(effort, group, rows)
     dense = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
-    inside = np.stack([_without_goal(frame, dense[:, :, axis]) for axis in range(3)], axis=2)
-    return _in_span(group[None], inside.reshape(1, len(needed), -1), needed[None], weights[None])
+    inside = np.stack([effort.goals.without(dense[:, :, axis]) for axis in range(3)], axis=2)
+    stack = inside.reshape(1, len(needed), -1)
+    return _in_span(group[None], stack, needed[None], penalties[None], linear)
 
 
 def rows_of(
-    frame: Frame, group: IntArray, rows: Sequence[HalfSpaces]
+    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces]
 ) -> tuple[csc_array, FloatArray, FloatArray]:
-    """Half-spaces as rows matrix @ u >= needed, by (10)-(11), each of length one.
-
-    Here u are the accelerations of a group of vehicles from their free motions, in its unit.
+    """Half-spaces as rows M @ u >= b of length one, u of a group of vehicles, in its unit.
 
     Returns:
-        The matrix (R, 3 G (K-1)), `needed` (R,), and what it costs that a row gives way by one,
-        (R,).
+        M (R, 3 G (K-1)), b (R,), and what it costs to break a row by one, (R,).
     """
-    steps, unit = frame.grid.knots - 1, frame.units[group].max()
-    place = np.zeros(len(frame.units), dtype=int)
+    steps, unit = effort.grid.knots - 1, effort.units[group].max()
+    place = np.zeros(len(effort.units), dtype=int)
     place[group] = np.arange(len(group))
-    entries, where, needed, weights = [np.zeros(0)], [np.zeros((2, 0), dtype=int)], [], []
+    entries, where, needed, penalties = [np.zeros(0)], [np.zeros((2, 0), dtype=int)], [], []
     first = 0
     for part in rows:
-        responses = part.sparse_responses(frame.grid).tocoo()
+        responses = part.sparse_responses(effort.grid).tocoo()
         terms = [(part.vehicles, 1.0)]
-        if part.coupled and part.partners is not None:
+        if part.constraint.coupled:
             terms.append((part.partners, -1.0))
         lengths = np.sqrt(len(terms) * responses.power(2).sum(axis=1))
         r, j = responses.coords
@@ -177,61 +187,56 @@ def rows_of(
             entries.append(values.reshape(-1))
             columns = (3 * vectors[:, None] + np.arange(3)).reshape(-1)
             where.append(np.stack([np.repeat(first + r, 3), columns]))
-        needed.append(-part.margins(frame.free) / (lengths * unit))
-        weights.append(part.price * lengths / unit)
+        needed.append(-part.margins(effort.motion) / (lengths * unit))
+        penalties.append(part.constraint.penalty * lengths / unit)
         first += len(part)
     shape = (first, 3 * steps * len(group))
     matrix = coo_array((np.concatenate(entries), tuple(np.concatenate(where, axis=1))), shape=shape)
-    return matrix.tocsc(), np.concatenate(needed), np.concatenate(weights)
-
-
-def _without_goal(frame: Frame, rows: FloatArray) -> FloatArray:
-    """The part of `rows` that leaves the goal where it is; projected twice, against rounding."""
-    goal = frame.goal_rows
-    for _ in range(2):
-        rows = rows - (rows @ goal.T) @ goal
-    return rows
+    return matrix.tocsc(), np.concatenate(needed), np.concatenate(penalties)
 
 
 def _in_span(
-    groups: IntArray, matrices: FloatArray, needed: FloatArray, weights: FloatArray
+    groups: IntArray, matrices: FloatArray, needed: FloatArray, penalties: FloatArray, linear: bool
 ) -> Batch:
-    """Programs in coordinates of the span of their rows, which leave the goal alone.
+    """Programs in coordinates of an orthonormal basis of the span of their rows.
 
     Args:
         groups: whose, shape (B, G).
-        matrices: rows of length at most one, shape (B, R, 3 G (K-1)).
-        needed: shape (B, R).
-        weights: what it costs that a row gives way by one, shape (B, R).
+        matrices: rows that leave the goal alone, shape (B, R, 3 G (K-1)).
+        needed: b, shape (B, R).
+        penalties: what it costs to break a row by one, shape (B, R).
+        linear: whether nothing but slack costs anything.
     """
     basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
     programs, rows = [], []
-    for triangle, least, price in zip(np.swapaxes(triangles, 1, 2), needed, weights, strict=True):
+    for triangle, least, costs in zip(np.swapaxes(triangles, 1, 2), needed, penalties, strict=True):
         program = MathematicalProgram()
         x = program.NewContinuousVariables(triangle.shape[1])
-        add_index(program, x)
-        rows.append(add_rows(program, triangle, least, price, x))
+        if not linear:
+            add_cost(program, x)
+        rows.append(add_rows(program, triangle, least, costs, x))
         programs.append(program)
     return Batch(groups, programs, rows, basis, np.ones_like(needed))
 
 
-def _in_states(sparse: StateRows) -> Batch:
+def _sparse(sparse: SparseRows, linear: bool) -> Batch:
     """The program in the accelerations, with the states that its rows speak of beside them."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(sparse.columns)
     u = x[: 3 * sparse.steps * len(sparse.group)]
-    add_index(program, u)
-    add_goal(program, sparse.frame, u)
+    if not linear:
+        add_cost(program, u)
+    add_goal(program, sparse.effort, u)
     for equations in sparse.dynamics():
         zero = np.zeros(equations.shape[0])
         program.AddLinearEqualityConstraint(csc_matrix(equations), zero, x)
-    matrix, needed, weights, lengths = sparse.matrix()
-    rows = add_rows(program, matrix, needed, weights, x)
+    matrix, needed, penalties, lengths = sparse.matrix()
+    rows = add_rows(program, matrix, needed, penalties, x)
     return Batch(sparse.group[None], [program], [rows], None, lengths[None])
 
 
-def add_index(to: MathematicalProgram, x: np.ndarray) -> None:
-    """(13): f less that of the free motion, in units squared: the sum of squares."""
+def add_cost(to: MathematicalProgram, x: np.ndarray) -> None:
+    """(13): f less that of minimum effort, in units squared: the sum of squares."""
     for first in range(0, len(x), _BLOCK):
         block = x[first : first + _BLOCK]
         hessian, linear = _sum_of_squares(len(block))
@@ -244,10 +249,10 @@ def _sum_of_squares(size: int) -> tuple[FloatArray, FloatArray]:
     return 2.0 * np.eye(size), np.zeros(size)
 
 
-def add_goal(to: MathematicalProgram, frame: Frame, u: np.ndarray) -> None:
-    """(12): position and velocity at the last knot stay those of the free motion."""
-    rows, steps = frame.goal_rows, frame.grid.knots - 1
-    for first in range(0, len(u), 3 * steps):
+def add_goal(to: MathematicalProgram, effort: MinimumEffort, u: np.ndarray) -> None:
+    """(12): position and velocity at the last knot stay those of minimum effort."""
+    rows, steps = effort.goals.rows, effort.grid.knots - 1
+    for first in range(0, len(u) if len(rows) > 0 else 0, 3 * steps):
         for axis in range(3):
             own = u[first + axis : first + 3 * steps : 3]
             to.AddLinearEqualityConstraint(rows, np.zeros(len(rows)), own)
@@ -257,27 +262,38 @@ def add_rows(
     to: MathematicalProgram,
     matrix: FloatArray | csc_array,
     needed: FloatArray,
-    weights: FloatArray,
+    penalties: FloatArray,
     x: np.ndarray,
 ) -> Binding[LinearConstraint]:
-    """(4) to (8) and pairs, made linear: matrix @ x >= needed, or less at a price."""
-    soft = np.flatnonzero(np.isfinite(weights))
-    if len(soft) > 0:
-        give = to.NewContinuousVariables(len(soft))
-        to.AddBoundingBoxConstraint(np.zeros(len(soft)), _infinite(len(soft)), give)
-        to.AddLinearCost(weights[soft], give)
-        where = (soft, np.arange(len(soft)))
-        if isinstance(matrix, np.ndarray) and len(needed) <= _BLOCK:
-            ones = np.zeros((len(needed), len(soft)))
-            ones[where] = 1.0
-            matrix = np.hstack([matrix, ones])
-        else:
-            ones = coo_array((np.ones(len(soft)), where), shape=(len(needed), len(soft)))
-            matrix = hstack([csc_array(matrix), ones], format="csc")
-        x = np.concatenate([x, give])
+    """(4) to (8) and pairs, made linear: matrix @ x >= needed, or less at a cost."""
+    soft = np.isfinite(penalties)
+    if np.any(soft):
+        matrix, x = _with_slack(to, matrix, soft, penalties[soft], x)
     if not isinstance(matrix, np.ndarray):
         matrix = csc_matrix(matrix)  # what Drake knows
     return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)
+
+
+def _with_slack(
+    to: MathematicalProgram,
+    matrix: FloatArray | csc_array,
+    soft: BoolArray,
+    penalties: FloatArray,
+    x: np.ndarray,
+) -> tuple[FloatArray | csc_array, np.ndarray]:
+    """Rows and variables with a slack for each soft row, at its price in the cost."""
+    rows = np.flatnonzero(soft)
+    slack = to.NewContinuousVariables(len(rows))
+    to.AddBoundingBoxConstraint(np.zeros(len(rows)), _infinite(len(rows)), slack)
+    to.AddLinearCost(penalties, slack)
+    x = np.concatenate([x, slack])
+    where = (rows, np.arange(len(rows)))
+    if isinstance(matrix, np.ndarray) and len(soft) <= _BLOCK:
+        ones = np.zeros((len(soft), len(rows)))
+        ones[where] = 1.0
+        return np.hstack([matrix, ones]), x
+    ones = coo_array((np.ones(len(rows)), where), shape=(len(soft), len(rows)))
+    return hstack([csc_array(matrix), ones], format="csc"), x
 
 
 def _infinite(size: int) -> FloatArray:

@@ -12,6 +12,7 @@ import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.scenario.fields import FloatArray
@@ -56,19 +57,23 @@ def plan_rho(
     *,
     replan_every: int = 5,
     planner: Planner = plan_convex,
+    fallback: Planner | None = best_plan,
     reference: Reference | None = None,
     solver: SolverInterface | None = None,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
 
     Each window plans from the state reached to the goal and is flown for `replan_every` steps.
-    A window without a solution, or whose solvers fail, flies on along the previous prediction,
-    which is still valid; its `Window.infeasible` says why.
+    Where the planner has no solution the fallback is asked, from the previous prediction's tail;
+    a window for which that has none either flies on along the tail, which is still valid. Its
+    `Window.infeasible` says why.
 
     Args:
         scenario: what is asked.
         replan_every: d, the steps flown of each window; the last window has what is left.
         planner: plans one window.
+        fallback: plans a window, the first included, for which `planner` has no solution or whose
+            solvers fail; None for nothing but the tail.
         reference: what a window is linearised around, `free_reference` (the paper's),
             `tail_reference`, or another function of this form. If not given, the paper's and, for
             fleets that keep apart, the tail, which is a plan for the next window already.
@@ -78,8 +83,8 @@ def plan_rho(
         The flight; `flight.plan` meets every constraint of the scenario.
 
     Raises:
-        InfeasibleError: the first window has no solution.
-        SolverError: the solvers fail numerically in the first window.
+        InfeasibleError: the first window has no solution, with the fallback neither.
+        SolverError: the solvers fail numerically in the first window, with the fallback too.
         ValueError: `replan_every` is not a whole number of at least 1.
     """
     if isinstance(replan_every, bool) or not isinstance(replan_every, Integral) or replan_every < 1:
@@ -97,6 +102,7 @@ def plan_rho(
             first_knot,
             tail,
             planner=planner,
+            fallback=fallback,
             reference=reference,
             solver=solver,
         )
@@ -114,6 +120,7 @@ def plan_window(
     tail: Plan | None,
     *,
     planner: Planner,
+    fallback: Planner | None,
     reference: Reference,
     solver: SolverInterface | None,
 ) -> Window:
@@ -124,6 +131,7 @@ def plan_window(
         first_knot: where in the whole flight the window starts, counted from 0.
         tail: what is left of the previous prediction; None in the first window.
         planner: as for `plan_rho`.
+        fallback: as for `plan_rho`.
         reference: as for `plan_rho`.
         solver: a Drake solver; Clarabel if not given.
 
@@ -131,15 +139,22 @@ def plan_window(
         InfeasibleError: there is no plan, and no tail to fly on along.
         SolverError: the solvers fail numerically, and there is no tail.
     """
-    around = None
+    around, spent, failure = None, Statistics(), None
     try:
         if scenario.obstacles or scenario.separation is not None:
             around = reference(scenario, tail, solver)
         plan = planner(scenario, reference=around, solver=solver)
+        return Window(first_knot, plan, around or plan.reference or plan)
     except (InfeasibleError, SolverError) as error:
-        if tail is None:
-            raise
-        spent = error.statistics if isinstance(error, InfeasibleError) else Statistics()
-        flown_on = tail.with_statistics(spent)
-        return Window(first_knot, flown_on, around or flown_on, infeasible=str(error))
-    return Window(first_knot, plan, around or plan.reference or plan)
+        failure, spent = error, error.statistics
+    if fallback is not None:
+        try:
+            plan = fallback(scenario, reference=tail, solver=solver)
+            plan = plan.with_statistics(spent + plan.statistics)
+            return Window(first_knot, plan, plan.reference or plan)
+        except (InfeasibleError, SolverError) as error:
+            failure, spent = error, spent + error.statistics
+    if tail is None:
+        raise failure
+    flown_on = tail.with_statistics(spent)
+    return Window(first_knot, flown_on, around or flown_on, infeasible=str(failure))

@@ -45,6 +45,9 @@ _WORTH_THREADS = 200
 """Variables in all programs together from which waking other cores takes less time than it saves;
 where these have other work, waiting for them takes a hundred times as long as a small program."""
 
+MAX_RETRIES = 2
+"""How often programs are solved again whose solutions do not keep their rows."""
+
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
 
 
@@ -63,7 +66,10 @@ class Solution:
 
 
 def solve(
-    programs: Sequence[MathematicalProgram], solver: SolverInterface | None = None
+    programs: Sequence[MathematicalProgram],
+    solver: SolverInterface | None = None,
+    *,
+    retry: int = 0,
 ) -> list[Solution]:
     """Solve independent programs side by side, on all cores.
 
@@ -73,6 +79,8 @@ def solve(
     Args:
         programs: convex quadratic programs, or linear ones.
         solver: a Drake solver; Clarabel if not given.
+        retry: at how many of the attempts, at most `MAX_RETRIES`, to begin later: each found
+            solutions that did not keep their rows.
 
     Raises:
         SolverError: no solver found a solution or a proof that there is none.
@@ -82,7 +90,7 @@ def solve(
     if not (first.available() and first.enabled()):
         raise ValueError(f"solver: got {_name(first)}, expected one available and enabled here")
     solutions: dict[int, Solution] = {}
-    for attempt, options in _attempts(first):
+    for attempt, options in _attempts(first)[retry:]:
         left = [
             index
             for index, program in enumerate(programs)

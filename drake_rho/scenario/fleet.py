@@ -10,7 +10,8 @@ import numpy as np
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import TOLERANCE, Box, Grid, Limits, Quantity, Vehicle
+from drake_rho.scenario.parts import Box, Grid, Limits, Quantity, Vehicle
+from drake_rho.scenario.shapes import TOLERANCE
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +40,28 @@ class Bounds:
             raise ScenarioError(f"vehicles[{i}].{where}", values[i].tolist(), expected)
 
 
+@dataclasses.dataclass(frozen=True)
+class Norms:
+    """The largest norm of a quantity for every vehicle; infinite where it has no such limit."""
+
+    most: FloatArray
+    """in the quantity's unit, shape (N,)"""
+    tolerances: FloatArray
+    """how much more still counts as kept, in the quantity's unit, shape (N,)"""
+
+    def check(self, where: str, values: FloatArray) -> None:
+        """See that the norms of `values`, shape (N, 3), are small enough.
+
+        Raises:
+            ScenarioError: one is not; `where` names it within its vehicle.
+        """
+        norms = np.linalg.norm(values, axis=1)
+        if np.any(over := norms > self.most + self.tolerances):
+            i = int(np.argmax(over))
+            expected = f"a norm of at most {self.most[i]:g}, not {norms[i]:.7g}"
+            raise ScenarioError(f"vehicles[{i}].{where}", values[i].tolist(), expected)
+
+
 class Fleet:
     """Starts, goals, scales and bounds of all vehicles, each computed when first asked for."""
 
@@ -48,6 +71,16 @@ class Fleet:
         self._grid, self._vehicles, self._limits, self._aside = grid, vehicles, limits, aside
         self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
         self._bounds: dict[Quantity, Bounds | None] = {}
+
+    def max_speeds(self) -> Norms | None:
+        """Limits on the norm of the velocity; None if no vehicle has one."""
+        common = self._limits.max_speed or np.inf
+        owns = (vehicle.limits for vehicle in self._vehicles)
+        most = np.array([own.max_speed or common if own else common for own in owns])
+        if np.all(np.isinf(most)):
+            return None
+        scale = self.scale("velocity")
+        return Norms(most, TOLERANCE * np.clip(most, 1e-3 * scale, scale))
 
     @cached_property
     def start_positions(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The parts of a scenario: grid, vehicles with start and goal, limits, obstacles, separation.
+"""The parts of a scenario: grid, vehicles with start and goal, limits, separation.
 
 Records are frozen and checked when made; a changed situation is a new record
 (`dataclasses.replace`). SI units throughout; symbols of the paper stand in `docs/paper.md`.
@@ -7,6 +7,7 @@ Records are frozen and checked when made; a changed situation is a new record
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
@@ -24,10 +25,7 @@ from drake_rho.scenario.fields import (
     locked,
     record,
 )
-
-TOLERANCE = 1e-6
-"""Relative tolerance to which a constraint counts as held, everywhere in the package: of a
-sphere's radius, of the length scale of a vehicle's motion, of a box's side if that is less."""
+from drake_rho.scenario.shapes import TOLERANCE, Ellipsoid
 
 Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 """What a box can bound."""
@@ -114,7 +112,7 @@ class Box:
 
 @record
 class Limits:
-    """Boxes (4) to (7) that a vehicle keeps to; a box left out is no limit."""
+    """Boxes (4) to (7) and norms that a vehicle keeps to; what is left out is no limit."""
 
     position: Box | None = None
     """the flyable volume (4) [m]"""
@@ -124,16 +122,18 @@ class Limits:
     """(5) [m/s²]"""
     jerk: Box | None = None
     """(7), j[k] = (a[k] - a[k-1]) / h [m/s³]"""
+    max_speed: Positive | None = None
+    """largest norm of the velocity, in any direction [m/s]"""
 
     def overridden_by(self, own: Limits | None) -> Limits:
-        """These limits with the boxes that `own` has in place of them."""
+        """These limits with those that `own` has in place of them."""
         if own is None:
             return self
-        boxes = {
+        limits = {
             field.name: getattr(own, field.name) or getattr(self, field.name)
             for field in dataclasses.fields(Limits)
         }
-        return Limits(**boxes)
+        return Limits(**limits)
 
 
 @record
@@ -161,25 +161,6 @@ class Vehicle:
 
 
 @record
-class Sphere:
-    """An obstacle (8) that stands still."""
-
-    center: Vector
-    """p_m [m]"""
-    radius: Positive
-    """R_m [m]"""
-
-    if TYPE_CHECKING:
-
-        def __init__(self, center: npt.ArrayLike, radius: float) -> None: ...
-
-    @property
-    def tolerance(self) -> float:
-        """How deep inside still counts as outside: `TOLERANCE` of the radius [m]."""
-        return TOLERANCE * self.radius
-
-
-@record
 class Separation:
     """How far every pair of vehicles keeps apart: norm((dx, dy, dz / downwash)) >= distance."""
 
@@ -194,11 +175,15 @@ class Separation:
         """How much closer still counts as apart: `TOLERANCE` of the distance [m]."""
         return TOLERANCE * self.distance
 
+    @cached_property
+    def shape(self) -> Ellipsoid:
+        """What the way from one vehicle to another keeps out of."""
+        return Ellipsoid(np.zeros(3), self.distance * np.array([1.0, 1.0, self.downwash]))
+
     def scaled(self, positions: FloatArray) -> FloatArray:
         """Positions where the distance of two is that of two vehicles: z divided by `downwash`.
 
         Args:
             positions: of vehicles, or differences of two [m], shape (..., 3).
         """
-        scaled: FloatArray = positions / np.array([1.0, 1.0, self.downwash])
-        return scaled
+        return self.shape.scaled(positions)

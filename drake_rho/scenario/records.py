@@ -19,16 +19,15 @@ from drake_rho.scenario.fields import FloatArray, Name, locked, record, unchecke
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.pairs import check_apart
 from drake_rho.scenario.parts import (
-    TOLERANCE,
     Box,
     Grid,
     Limits,
     Quantity,
     Separation,
-    Sphere,
     State,
     Vehicle,
 )
+from drake_rho.scenario.shapes import TOLERANCE, Sphere
 
 __all__ = [
     "TOLERANCE",
@@ -112,6 +111,9 @@ class Scenario:
             bounds = fleet.bounds(quantity)
             if bounds is not None:
                 bounds.check(f"{end}.{quantity}", values)
+        if (speeds := fleet.max_speeds()) is not None:
+            speeds.check("start.velocity", fleet.start_velocities)
+            speeds.check("goal.velocity", fleet.goal_velocities)
         for end, positions in (("start", fleet.start_positions), ("goal", fleet.goal_positions)):
             for number, sphere in enumerate(self.obstacles, start=1):
                 self._check_outside(sphere, number, end, positions)

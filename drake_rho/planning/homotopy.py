@@ -3,7 +3,8 @@
 A reference that runs through a sphere asks for one side of it at one knot and for the opposite
 side at the next. Here each sphere gets one side instead, a direction across the vehicle's way, and
 wherever the vehicle is inside the sphere it has to be beyond the tangent plane on that side. What
-comes out is outside every sphere, so it is a reference around which (15) has a solution.
+comes out is outside every sphere, so it is a reference around which (15) has a solution. The sides
+are candidates for homotopy classes: each choice passes the obstacles in another way.
 """
 
 from __future__ import annotations
@@ -15,17 +16,16 @@ import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
-from drake_rho.planning.constraints import Constraint, across, boxes_of, sides_of
+from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.loop import plan_around, plan_with
+from drake_rho.planning.keep_out import across, sides_of
+from drake_rho.planning.options import DEFAULTS
+from drake_rho.planning.subproblem import convex_constraints, plan_around
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario, Sphere
 
 TURNS = np.radians([0.0, 90.0, -90.0, 180.0, 45.0, -45.0, 135.0, -135.0])
 """Sides to try, as turns around the vehicle's way from the side on which it passes anyway."""
-
-MOST_TRIALS = 40
-"""Bound on the combinations of sides that are tried for one vehicle."""
 
 SIZES = (1.5, 3.0, 0.75)
 """How far the free way is bent aside, in radii of the obstacle, where no side of it has a plan."""
@@ -33,7 +33,13 @@ SIZES = (1.5, 3.0, 0.75)
 Turns = tuple[int, ...]
 
 
-def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None) -> Plan:
+def way_round(
+    scenario: Scenario,
+    free: Plan,
+    solver: SolverInterface | None = None,
+    *,
+    most: int = DEFAULTS.max_ways,
+) -> Plan:
     """A plan of one vehicle that goes round the obstacles.
 
     The sides nearest to the free way come first; then those of the obstacles that were in the way
@@ -43,33 +49,35 @@ def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None
         scenario: of one vehicle.
         free: its plan without the obstacles.
         solver: a Drake solver; Clarabel if not given.
+        most: bound on the combinations of sides that are tried.
 
     Returns:
         A plan that meets every constraint of the scenario.
 
     Raises:
         InfeasibleError: none of the combinations that were tried has a plan.
-        SolverError: the solvers fail numerically.
+        SolverError: the solvers fail numerically on all of them.
     """
     sides = [_sides(sphere, free.positions[0]) for sphere in scenario.obstacles]
-    waiting: list[Turns] = [(0,) * len(sides)]
-    seen = set(waiting)
     spent = Statistics()
-    failures: list[InfeasibleError] = []
-    while waiting and len(failures) < MOST_TRIALS:
-        turns = waiting.pop(0)
+    met: set[int] = set()  # numbers of the obstacles that some path came up against
+    failure: InfeasibleError | SolverError | None = None
+    trials = Trials(len(sides), most)
+    for turns in trials:
         try:
-            plan = plan_with(scenario, _constraints(scenario, sides, turns), solver)
+            chosen = [each[turn] for each, turn in zip(sides, turns, strict=True)]
+            plan = _on_sides(scenario, free, chosen, solver)
+        except SolverError as error:
+            failure = failure or error
         except InfeasibleError as error:
-            failures.append(error)
+            failure = failure if isinstance(failure, InfeasibleError) else error
             spent += error.statistics
-            following = _following(turns, error, seen)
-            seen.update(following)
-            waiting = sorted([*waiting, *following], key=sum)
+            touched = frozenset[int]().union(*error.obstacles.values())
+            trials.turn(turns, touched)
+            met |= touched
         else:
             return plan.with_statistics(spent + plan.statistics)
-    first = failures[0]
-    for reference in _bent(scenario, free, sides, first):
+    for reference in _bent(scenario, free, sides, sorted(met)):
         try:
             plan = plan_around(scenario, reference, solver)
         except SolverError:  # so near to having none that the solvers cannot tell: try the next
@@ -78,11 +86,53 @@ def detour(scenario: Scenario, free: Plan, solver: SolverInterface | None = None
             spent += error.statistics
         else:
             return plan.with_statistics(spent + plan.statistics)
-    raise InfeasibleError(first.conflicts, statistics=spent, obstacles=first.obstacles)
+    assert failure is not None  # noqa: S101  # at least one trial was made
+    if isinstance(failure, InfeasibleError):
+        failure.statistics = spent
+    raise failure
+
+
+class Trials:
+    """Combinations of turns, the smallest turns first; each failure suggests the next.
+
+    Args:
+        obstacles: how many there are.
+        most: bound on the combinations.
+    """
+
+    def __init__(self, obstacles: int, most: int) -> None:
+        self._waiting: list[Turns] = [(0,) * obstacles]
+        self._seen, self._left = set(self._waiting), most
+
+    def __iter__(self) -> Iterator[Turns]:
+        """One after the other."""
+        while self._waiting and self._left > 0:
+            self._left -= 1
+            yield self._waiting.pop(0)
+
+    def turn(self, turns: Turns, obstacles: frozenset[int]) -> None:
+        """One more turn for each of some obstacles, by their numbers from 1."""
+        following = {
+            tuple(turn + (index == changed) for index, turn in enumerate(turns))
+            for changed in range(len(turns))
+            if changed + 1 in obstacles and turns[changed] + 1 < len(TURNS)
+        }
+        new = sorted(following - self._seen, reverse=True)  # the first obstacle's turn first
+        self._seen.update(new)
+        self._waiting = sorted([*self._waiting, *new], key=sum)
+
+
+def _on_sides(
+    scenario: Scenario, free: Plan, sides: list[FloatArray], solver: SolverInterface | None
+) -> Plan:
+    """The plan of least cost that passes each obstacle on a given side."""
+    planes = CuttingPlanes(scenario, solver)
+    planes.keep_to(convex_constraints(scenario) + sides_of(scenario, free.motion(), sides))
+    return planes.plan()
 
 
 def _bent(
-    scenario: Scenario, free: Plan, sides: Sequence[FloatArray], failure: InfeasibleError
+    scenario: Scenario, free: Plan, sides: Sequence[FloatArray], in_the_way: list[int]
 ) -> Iterator[Plan]:
     """The free way with a smooth bend towards each side of each obstacle that was in the way.
 
@@ -93,8 +143,7 @@ def _bent(
     steps = scenario.grid.knots - 1
     quarters = 4 * np.arange(steps) // steps
     thrust = np.where((quarters == 0) | (quarters == 3), 1.0, -1.0)
-    in_the_way = {int(name.split()[1]) for names in failure.obstacles.values() for name in names}
-    for size, number in product(SIZES, sorted(in_the_way)):
+    for size, number in product(SIZES, in_the_way):
         reach = size * scenario.obstacles[number - 1].radius
         strength = reach / (scenario.grid.duration / 4.0) ** 2
         for side in sides[number - 1]:
@@ -103,7 +152,7 @@ def _bent(
 
 
 def _sides(sphere: Sphere, way: FloatArray) -> FloatArray:
-    """Directions from a sphere's centre square to the way past it, shape (len(TURNS), 3).
+    """Directions from a sphere's centre orthogonal to the way past it, shape (len(TURNS), 3).
 
     Args:
         sphere: the obstacle.
@@ -120,19 +169,3 @@ def _sides(sphere: Sphere, way: FloatArray) -> FloatArray:
     second = np.cross(ahead, first)
     sides: FloatArray = np.cos(TURNS)[:, None] * first + np.sin(TURNS)[:, None] * second
     return sides
-
-
-def _constraints(scenario: Scenario, sides: Sequence[FloatArray], turns: Turns) -> list[Constraint]:
-    chosen = [each[turn] for each, turn in zip(sides, turns, strict=True)]
-    return boxes_of(scenario) + sides_of(scenario, chosen)
-
-
-def _following(turns: Turns, error: InfeasibleError, seen: set[Turns]) -> list[Turns]:
-    """One more turn for each of the obstacles that the path came up against."""
-    named = {name.split()[1] for names in error.obstacles.values() for name in names}
-    following = [
-        tuple(turn + (index == changed) for index, turn in enumerate(turns))
-        for changed in range(len(turns))
-        if str(changed + 1) in named and turns[changed] + 1 < len(TURNS)
-    ]
-    return [each for each in following if each not in seen]

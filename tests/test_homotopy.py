@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.detour import detour
+from drake_rho.planning.homotopy import way_round
 from tests.scenarios import box, random_scenario, single
 
 STRAIGHT = rho.State([0.0, 1.0, 2.0]), rho.State([20.0, 1.0, 2.0])
@@ -97,7 +97,7 @@ def test_a_detour_stays_outside_at_every_knot() -> None:
     )
     scenario = _through_the_middle(obstacles=spheres)
     free = rho.plan_convex(scenario.without_obstacles())
-    plan = detour(scenario, free)
+    plan = way_round(scenario, free)
     for sphere in spheres:
         distances = np.linalg.norm(plan.positions[0] - sphere.center, axis=1)
         assert distances.min() >= sphere.radius * (1 - 1e-6)

@@ -1,11 +1,11 @@
-"""Sparse rows for vehicles that have many: velocities and positions as variables of their own.
+"""Sparse rows, for vehicles that have many: velocities and positions as variables of their own.
 
 In terms of the accelerations alone a row of velocity or position has as many entries as steps lie
 before it. With (1) and (2) as equalities it has a few, and the program grows with K as the rows do.
 
 The variables are u, then the velocities and the positions at the knots after the first, as far as
-rows speak of them, all counted from the free motion. Velocities are in units of u h and positions
-of u h², so that (1) and (2) have entries of about one, however many steps there are.
+rows speak of them, all counted from the motion of minimum effort. Velocities are in units of u h
+and positions of u h², so that (1) and (2) have entries of about one, however many steps there are.
 """
 
 from __future__ import annotations
@@ -15,27 +15,28 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array, eye_array, hstack, kron
 
-from drake_rho.planning.frame import Frame
-from drake_rho.planning.halfspaces import HalfSpaces
+from drake_rho.motion.dynamics import step_at
+from drake_rho.planning.half_spaces import HalfSpaces
+from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _Term = tuple[IntArray, FloatArray]
 """Where a row has entries, as numbers of vectors among the variables (-1 for none), and what."""
 
 
-class StateRows:
+class SparseRows:
     """Half-spaces of a group of vehicles as sparse rows matrix @ x >= needed.
 
     Attributes:
-        frame: what programs are written in.
+        effort: what programs are written in.
         group: the indices of the vehicles, shape (G,).
         steps: K - 1.
     """
 
-    def __init__(self, frame: Frame, group: IntArray, rows: Sequence[HalfSpaces]) -> None:
-        self.frame, self.group, self.steps = frame, group, frame.grid.knots - 1
+    def __init__(self, effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces]) -> None:
+        self.effort, self.group, self.steps = effort, group, effort.grid.knots - 1
         self._rows = [part for part in rows if len(part) > 0]
-        spoken_of = {part.quantity for part in self._rows}
+        spoken_of = {part.constraint.quantity for part in self._rows}
         self._positions = "position" in spoken_of
         self._velocities = self._positions or "velocity" in spoken_of
 
@@ -69,11 +70,11 @@ class StateRows:
         """The rows.
 
         Returns:
-            The matrix, `needed`, what it costs that a row gives way by one, and by what the
-            multipliers of the rows are to be multiplied to become those of rows of length one.
+            The matrix, `needed`, what it costs to break a row by one, and by what the multipliers
+            of the rows are to be multiplied to become those of rows of length one.
         """
-        unit = self.frame.units[self.group].max()
-        places, entries, needed, weights, lengths = [], [], [], [], []
+        unit = self.effort.units[self.group].max()
+        places, entries, needed, penalties, lengths = [], [], [], [], []
         first = 0
         for part in self._rows:
             scale, terms = self._terms(part)
@@ -83,39 +84,39 @@ class StateRows:
                 columns = 3 * vectors[there, None] + np.arange(3)
                 places.append(np.stack([np.repeat(rows[there], 3), columns.reshape(-1)]))
                 entries.append((factors[there, None] * part.normals[there]).reshape(-1))
-            needed.append(-part.margins(self.frame.free) / (unit * scale))
-            weights.append(np.full(len(part), part.price * scale / unit))
-            several = np.sqrt(2.0) if part.coupled else 1.0
-            norms = np.linalg.norm(part.responses(self.frame.grid), axis=1)
+            needed.append(-part.margins(self.effort.motion) / (unit * scale))
+            penalties.append(np.full(len(part), part.constraint.penalty * scale / unit))
+            several = np.sqrt(2.0) if part.constraint.coupled else 1.0
+            norms = np.linalg.norm(part.responses(self.effort.grid), axis=1)
             lengths.append(several * norms / scale)
             first += len(part)
         values, (rows, columns) = np.concatenate(entries), np.concatenate(places, axis=1)
         matrix = coo_array((values, (rows, columns)), shape=(first, self.columns)).tocsc()
         matrix.eliminate_zeros()
-        return matrix, np.concatenate(needed), np.concatenate(weights), np.concatenate(lengths)
+        return matrix, np.concatenate(needed), np.concatenate(penalties), np.concatenate(lengths)
 
     def _terms(self, rows: HalfSpaces) -> tuple[float, list[_Term]]:
         """What one unit of a quantity is worth, and the terms it is the sum of."""
         scale, terms = self._terms_of(rows, rows.vehicles)
-        if rows.coupled and rows.partners is not None:
+        if rows.constraint.coupled:
             less = self._terms_of(rows, rows.partners)[1]
             terms += [(vectors, -factors) for vectors, factors in less]
         return scale, terms
 
     def _terms_of(self, rows: HalfSpaces, vehicles: IntArray) -> tuple[float, list[_Term]]:
-        n, h = self.steps, self.frame.grid.step
+        n, h = self.steps, self.effort.grid.step
         one, all_steps = np.ones(len(rows)), n * len(self.group)
         u = n * np.searchsorted(self.group, vehicles)  # where the vehicle's variables begin
-        if rows.quantity in ("acceleration", "jerk"):
-            k = np.rint(rows.times / h).astype(int)
-            if rows.quantity == "acceleration":
+        if rows.constraint.quantity in ("acceleration", "jerk"):
+            k = step_at(rows.times, h)
+            if rows.constraint.quantity == "acceleration":
                 return 1.0, [(u + k, one)]
             return 1.0 / h, [(u + k, one), (np.where(k > 0, u + k - 1, -1), -one)]
-        k = np.minimum((rows.times / h).astype(int), n - 1)
+        k = np.minimum(step_at(rows.times, h), n - 1)
         s = rows.times / h - k
         # knots count from 0, the states' variables from the first knot after that
         velocities = np.where(k > 0, all_steps + u + k - 1, -1)
-        if rows.quantity == "velocity":
+        if rows.constraint.quantity == "velocity":
             return h, [(velocities, one), (u + k, s)]
         positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
         return h**2, [(positions, one), (velocities, s), (u + k, s**2 / 2)]

@@ -1,0 +1,198 @@
+"""`plan`: the best plan that is known how to find, and `plan_scp`, which is the same."""
+
+from __future__ import annotations
+
+import dataclasses
+from concurrent.futures import Executor
+from contextlib import suppress
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.errors import InfeasibleError, Names, SolverError
+from drake_rho.planning.homotopy import way_round
+from drake_rho.planning.keep_apart import Coupling, decoupled
+from drake_rho.planning.options import DEFAULTS, Options
+from drake_rho.planning.scp import Progress, iterate, restored
+from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
+from drake_rho.scenario.records import Scenario
+
+
+def plan(
+    scenario: Scenario,
+    *,
+    reference: Plan | None = None,
+    coupling: Coupling | None = None,
+    solver: SolverInterface | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    options: Options | None = None,
+) -> Plan:
+    """The best plan that is known how to find.
+
+    The convex method's plan is linearised anew until its cost stops falling. Where the first
+    linearisation has no solution, the vehicles it fails are given ways round the obstacles first,
+    and fleets that are to keep apart are restored to it.
+
+    The half-space of (15) lies inside what (8) allows, so every iterate meets the true
+    constraints, and since it is itself allowed by the next linearisation, the cost does not rise
+    (in exact arithmetic). Neither a trust region nor a line search is needed.
+
+    Args:
+        scenario: what is asked.
+        reference: a motion to linearise around at first, in place of the plan without obstacles.
+        coupling: how pairs are kept apart: `decoupled`, every vehicle with a program of its own,
+            or `coupled`, at the least cost. If not given, coupled as long as the fleet is small
+            (`options.max_coupled`).
+        solver: a Drake solver; Clarabel if not given.
+        executor: where ways round the obstacles are looked for, vehicle by vehicle; with
+            processes, a solver cannot be given. If not given, here, one after the other.
+        progress: called with a few words after each linearisation.
+        options: tolerances and bounds; `Options()` if not given.
+
+    Returns:
+        A plan that meets every constraint of the scenario.
+
+    Raises:
+        InfeasibleError: a vehicle has no plan without the obstacles, or no way round was found.
+        SolverError: the solvers fail numerically.
+    """
+    options = options or DEFAULTS
+    coupling = coupling or coupling_for(scenario, options)
+    first = first_plan(
+        scenario,
+        reference=reference,
+        solver=solver,
+        executor=executor,
+        progress=progress,
+        options=options,
+    )
+    if not scenario.obstacles and scenario.separation is None:
+        return first
+    tolerance = options.tolerance_of(scenario, together=coupling.together)
+    subproblem = Subproblem(scenario, coupling, solver)
+    return iterate(subproblem, first, tolerance, most=options.max_iterations, progress=progress)
+
+
+def plan_scp(
+    scenario: Scenario,
+    *,
+    reference: Plan | None = None,
+    coupling: Coupling | None = None,
+    solver: SolverInterface | None = None,
+) -> Plan:
+    """Sequential convex programming to convergence: `plan`, by the name of its method.
+
+    Args and errors are those of `plan`.
+    """
+    return plan(scenario, reference=reference, coupling=coupling, solver=solver)
+
+
+def first_plan(
+    scenario: Scenario,
+    *,
+    reference: Plan | None = None,
+    solver: SolverInterface | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    options: Options = DEFAULTS,
+) -> Plan:
+    """What `plan` begins with: a plan that keeps every constraint, wherever one is found.
+
+    Args and errors are those of `plan`.
+    """
+    if scenario.separation is not None:
+        if (apart := _around_if_apart(scenario, reference, solver)) is not None:
+            return apart
+        careless = first_plan(
+            scenario.without_separation(),
+            reference=reference,
+            solver=solver,
+            executor=executor,
+            options=options,
+        )
+        start = Plan.from_accelerations(scenario, careless.accelerations, careless.statistics)
+        return restored(start, Subproblem(scenario, decoupled, solver), progress)
+    try:
+        return plan_convex(scenario, reference=reference, solver=solver)
+    except SolverError:
+        if not scenario.obstacles:
+            raise
+        everyone = tuple(vehicle.name for vehicle in scenario.vehicles)
+        return _ways_round(scenario, everyone, None, solver, executor, options)
+    except InfeasibleError as error:
+        if not error.about_linearisation:
+            raise
+        return _ways_round(scenario, tuple(error.conflicts), error, solver, executor, options)
+
+
+def _around_if_apart(
+    scenario: Scenario, reference: Plan | None, solver: SolverInterface | None
+) -> Plan | None:
+    """A fleet's plan around a reference whose vehicles keep apart; None if there is none."""
+    subproblem = Subproblem(scenario, decoupled, solver)
+    if reference is not None and subproblem.holds(reference.motion()):
+        with suppress(InfeasibleError, SolverError):
+            return subproblem.around(reference)
+    return None
+
+
+def _ways_round(
+    scenario: Scenario,
+    stuck: tuple[str, ...],
+    failure: InfeasibleError | None,
+    solver: SolverInterface | None,
+    executor: Executor | None,
+    options: Options,
+) -> Plan:
+    """A first plan where the first linearisation has none: ways round for the vehicles it failed.
+
+    Raises:
+        InfeasibleError: for one of them no way round was found.
+    """
+    free = plan_around(scenario.without_obstacles(), None, solver)
+    spent = free.statistics if failure is None else failure.statistics + free.statistics
+    indices = [scenario.index_of(name) for name in stuck]
+    alone = [
+        dataclasses.replace(scenario, vehicles=(scenario.vehicles[index],)) for index in indices
+    ]
+    tasks = [
+        (each, Plan.from_accelerations(each, free.accelerations[index : index + 1]), solver)
+        for each, index in zip(alone, indices, strict=True)
+    ]
+    each_of = executor.map if executor else map
+    found = each_of(_try_way_round, tasks, [options.max_ways] * len(tasks))
+    accelerations = np.array(free.accelerations)
+    conflicts: dict[str, Names] = {}
+    obstacles: dict[str, frozenset[int]] = {}
+    for index, way in zip(indices, found, strict=True):
+        spent += way.statistics
+        if isinstance(way, Plan):
+            accelerations[index] = way.accelerations[0]
+        else:
+            conflicts |= way.conflicts
+            obstacles |= way.obstacles
+    if conflicts:
+        reference = None if failure is None else failure.reference
+        raise InfeasibleError(
+            conflicts,
+            statistics=spent,
+            scenario=scenario,
+            obstacles=obstacles,
+            reference=reference,
+        )
+    around = Plan.from_accelerations(scenario, accelerations)
+    plan = plan_around(scenario, around, solver)
+    return plan.with_statistics(spent + plan.statistics)
+
+
+def _try_way_round(
+    task: tuple[Scenario, Plan, SolverInterface | None], most: int
+) -> Plan | InfeasibleError:
+    """A way round for one vehicle, or why none was found; for an executor."""
+    try:
+        return way_round(*task, most=most)
+    except InfeasibleError as error:
+        return error

@@ -1,0 +1,65 @@
+"""Which constraints a program without a solution shows to contradict each other.
+
+By Farkas' lemma there are weights y >= 0 of the rows M u >= b with M' y = 0, on the motions that
+leave the goal where it is, and y · b > 0: the rows with a weight cannot be met together, nor
+with those axes of the goal in which M' y does not vanish by itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_rho.planning.errors import Names
+from drake_rho.planning.keep_out import FIRST
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.program import rows_of
+from drake_rho.planning.working_set import WorkingSet
+from drake_rho.scenario.fields import FloatArray, IntArray
+
+_NO_PART = 1e-6
+"""Weights below this part of the largest one count as zero."""
+
+
+def conflict_of(
+    working: WorkingSet, effort: MinimumEffort, vehicle: int, names: list[str]
+) -> Names:
+    """Axes of the goal and constraints, in words, that a vehicle cannot meet together.
+
+    Where the solver gives no weights, all the rows in the program are named.
+
+    Args:
+        working: whose last program of the vehicle has no solution.
+        effort: what it is written in.
+        vehicle: its index.
+        names: of all vehicles.
+    """
+    if effort.unreachable[vehicle]:
+        return "goal position", "goal velocity", "a single step"
+    group, told = working.group(vehicle), list[str]()
+    parts = working.multipliers(vehicle)
+    largest = max((float(np.max(y)) for _, y in parts), default=0.0)
+    weighted = [(rows, y if largest > 0.0 else np.ones(len(y))) for rows, y in parts]
+    for rows, y in weighted:
+        own = rows.select((y > _NO_PART * largest) & (rows.vehicles == vehicle))
+        if len(own) > 0:
+            told.append(rows.constraint.describe(own, names))
+    matrix, _, _ = rows_of(effort, group, [rows for rows, _ in weighted])
+    pull = matrix.T @ np.concatenate([y for _, y in weighted])
+    return (*_axes(effort, group, vehicle, pull), *told)
+
+
+def _axes(effort: MinimumEffort, group: IntArray, vehicle: int, pull: FloatArray) -> list[str]:
+    """The axes of the goal that M' y needs to vanish."""
+    own = pull.reshape(len(group), -1, 3)[group.tolist().index(vehicle)]
+    sizes = np.linalg.norm(effort.goals.rows @ own, axis=0)
+    least = _NO_PART * np.abs(pull).max()
+    return [f"goal {axis}" for axis, size in zip("xyz", sizes, strict=True) if size > least]
+
+
+def in_the_way(working: WorkingSet, vehicle: int) -> frozenset[int]:
+    """Numbers of the obstacles that a vehicle's rows are about; 0 for other vehicles."""
+    return frozenset(
+        number - FIRST
+        for number, rows in working.rows.items()
+        if rows.constraint.linearised and np.any(rows.vehicles == vehicle)
+    )

@@ -1,0 +1,295 @@
+"""The one loop that adds rows: solve, look for broken constraints, add their rows, solve again.
+
+It begins with the motions of minimum effort, which are known in closed form. Everything else enters
+as a row when a motion breaks it: at the knots first and, where nothing is broken there, at the
+worst instants between. When nothing is broken the answer is that of the full programs, because
+every row left out holds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from itertools import islice
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+
+from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.conflicts import conflict_of, in_the_way
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.half_spaces import Constraint, HalfSpaces
+from drake_rho.planning.keep_out import FIRST
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.program import Batch, groups_of, programs_of
+from drake_rho.planning.solve import MAX_RETRIES, Solution, solve
+from drake_rho.planning.threads import one_for_arrays
+from drake_rho.planning.working_set import Keys, WorkingSet
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.records import Scenario
+
+MAX_ROUNDS = 200
+"""Bound on the solves of one call. Every round adds rows, and after the first few a growing
+neighbourhood of them, so that all of a constraint's rows are in long before."""
+
+_PIECES = 4
+"""In the first round the worst row of each quarter of a broken stretch enters, in the next that
+of each eighth, and so on: neighbours ask for nearly the same, and a small program is a fast one."""
+
+_PATIENCE = 3
+"""Rounds in which only broken rows are added. Most scenarios need no more; where an active
+stretch creeps along the knots, as jerk does, neighbours then come too, twice as many each round."""
+
+
+class CuttingPlanes:
+    """The programs of a scenario's vehicles: solved, kept, and solved with more constraints.
+
+    Args:
+        scenario: what is asked.
+        solver: a Drake solver; Clarabel if not given.
+        effort: that of the scenario, if it is at hand.
+        vehicles: which of them are planned, rising indices; all if not given.
+        accelerations: what the others fly [m/s²], shape (N, K-1, 3).
+        linear: whether nothing but slack costs anything.
+
+    Attributes:
+        effort: what the programs are written in.
+        working: the rows that are in.
+        motion: of all vehicles, what was found so far.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        solver: SolverInterface | None = None,
+        *,
+        effort: MinimumEffort | None = None,
+        vehicles: IntArray | None = None,
+        accelerations: FloatArray | None = None,
+        linear: bool = False,
+    ) -> None:
+        count = len(scenario.vehicles)
+        self.effort = effort or MinimumEffort.of(scenario)
+        self.motion = self.effort.motion
+        self.working = WorkingSet(Keys(FIRST + 8 + len(scenario.obstacles), count, scenario.grid))
+        self._scenario, self._solver, self._linear = scenario, solver, linear
+        self._planned = np.arange(count) if vehicles is None else vehicles
+        self._constraints: list[Constraint] = []
+        self._spent = Statistics()
+        self._lost: list[HalfSpaces] = []
+        self._retries = 0
+        if accelerations is not None and len(self._planned) < count:
+            others = np.setdiff1d(np.arange(count), self._planned)
+            self.motion = self.motion.with_some(others, accelerations[others])
+
+    def keep_to(
+        self,
+        constraints: Sequence[Constraint],
+        *,
+        warm: Sequence[HalfSpaces] = (),
+        reference: Plan | None = None,
+    ) -> None:
+        """Solve until the solutions keep to these constraints too, beside those kept already.
+
+        Args:
+            constraints: more of them.
+            warm: rows of these that are in from the start.
+            reference: what they are linearised around, for an error.
+
+        Raises:
+            InfeasibleError: a vehicle's program has no solution, or its goal is out of reach.
+            SolverError: the solvers fail numerically.
+        """
+        began = time.perf_counter()
+        with one_for_arrays():
+            infeasible = self._keep_to(constraints, warm)
+        self._spent = dataclasses.replace(
+            self._spent,
+            seconds=self._spent.seconds + time.perf_counter() - began,
+            rows=len(self.working),
+        )
+        if infeasible:
+            raise self._error(infeasible, reference)
+
+    def plan(self, reference: Plan | None = None) -> Plan:
+        """The solutions as a plan, found with constraints linearised around `reference`."""
+        statistics = dataclasses.replace(self._spent, linearisations=int(reference is not None))
+        plan = Plan(
+            self._scenario,
+            self.motion.positions,
+            self.motion.velocities,
+            self.motion.accelerations,
+            statistics,
+        )
+        return plan if reference is None else plan.found_around(reference)
+
+    def _keep_to(self, more: Sequence[Constraint], warm: Sequence[HalfSpaces]) -> list[int]:
+        """The loop; returns the vehicles without a solution."""
+        planned, infeasible = self._planned, list[int]()
+        if np.any(self.effort.unreachable):
+            infeasible = planned[self.effort.unreachable[planned]].tolist()
+            planned = np.setdiff1d(planned, infeasible)
+        self._constraints += more
+        look, pending, number = more, planned, 0  # what is kept already needs no look at first
+        moved, broken = self._mask(planned), self._add(warm, planned)
+        for _ in range(MAX_ROUNDS):
+            broken |= self._add_violated(look, pending, number)
+            if not np.any(broken):
+                broken = self._add_violated(look, np.flatnonzero(moved), number, between=True)
+                if not np.any(broken):
+                    return infeasible
+                moved[:], number = False, 0
+            pending = self._with_groups(np.flatnonzero(broken))
+            failed = self._solve(pending)
+            infeasible += failed
+            moved[pending] = True
+            moved[infeasible] = False
+            pending = np.setdiff1d(pending, failed) if failed else pending
+            look, number, broken = self._constraints, number + 1, np.zeros_like(broken)
+        raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
+
+    def _mask(self, vehicles: IntArray) -> BoolArray:
+        """Which of all vehicles are among some."""
+        mask = np.zeros(len(self.effort.units), dtype=bool)
+        mask[vehicles] = True
+        return mask
+
+    def _add(self, rows: Sequence[HalfSpaces], vehicles: IntArray) -> BoolArray:
+        """Put rows of some vehicles in, and say whose there were."""
+        about = self._mask(vehicles[:0])
+        for part in rows:
+            if len(vehicles) < len(about):
+                part = part.select(np.isin(part.vehicles, vehicles))
+            if len(part) > 0:
+                self.working.add(part)
+                about[part.vehicles] = True
+        return about
+
+    def _add_violated(
+        self, look: Sequence[Constraint], vehicles: IntArray, number: int, *, between: bool = False
+    ) -> BoolArray:
+        """Add rows that the motions of `vehicles` break, and say whose were broken."""
+        coupled = any(part.constraint.coupled for part in self.working.rows.values())
+        patience = 0 if coupled else _PATIENCE  # a round of a large group is expensive
+        reach = 2 ** max(0, number - patience) // 2
+        added = []
+        for constraint in look if len(vehicles) > 0 else ():
+            if number >= constraint.rounds:
+                continue
+            rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
+            if len(rows) > 0:
+                new = self._new(rows)
+                added.append(new if reach > 0 else self._worst(new, _PIECES * 2**number))
+        added_to = self._add(added, self._planned)
+        for lost in self._lost:
+            added_to[lost.vehicles] = True
+        return added_to
+
+    def _new(self, rows: HalfSpaces) -> HalfSpaces:
+        """Those that are not in yet; one that is in, but is not kept, has to be solved again."""
+        known = self.working.known(rows)
+        if not np.any(known):
+            return rows
+        lost = known & (rows.margins(self.motion) < -rows.tolerances)
+        if np.any(lost) and np.isinf(rows.constraint.penalty):
+            self._lost.append(rows.select(lost))
+        return rows.select(~known)
+
+    def _worst(self, rows: HalfSpaces, pieces: int) -> HalfSpaces:
+        """Of every stretch of neighbouring rows the worst of each of its pieces."""
+        if len(rows) <= 1:
+            return rows
+        later = np.diff(rows.times)
+        follows = (later > 0.0) & (later < 1.5 * self.effort.grid.step)
+        for array in (rows.vehicles, rows.partners, rows.sides):
+            follows &= np.diff(array) == 0
+        margins = rows.margins(self.motion) / rows.tolerances
+        return rows.select(worst_of_pieces(follows, margins, pieces))
+
+    def _with_groups(self, vehicles: IntArray) -> IntArray:
+        """The vehicles and those that rows couple them to."""
+        rows = list(self.working.rows.values())
+        if not any(part.constraint.coupled for part in rows):
+            return vehicles
+        labels = groups_of(len(self.effort.units), rows)
+        return np.flatnonzero(np.isin(labels, labels[vehicles]))
+
+    def _solve(self, vehicles: IntArray) -> list[int]:
+        """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
+        rows = self.working.of(self._with_groups(vehicles), len(self.effort.units))
+        batches = programs_of(self.effort, rows, linear=self._linear)
+        programs = [each for batch in batches for each in batch.programs]
+        answers = iter(solve(programs, self._solver, retry=self._retry()))
+        infeasible: list[int] = []
+        for batch in batches:
+            solutions = list(islice(answers, len(batch.programs)))
+            infeasible += self._take(batch, solutions)
+        return infeasible
+
+    def _take(self, batch: Batch, solutions: list[Solution]) -> list[int]:
+        """Fly the solutions of a batch; say which vehicles have none."""
+        self.working.solved(batch, solutions)
+        self._spent = dataclasses.replace(
+            self._spent,
+            programs=self._spent.programs + len(solutions),
+            solver=solutions[-1].solver,
+            solver_seconds=self._spent.solver_seconds + sum(each.seconds for each in solutions),
+        )
+        feasible = np.array([solution.feasible for solution in solutions])
+        u = batch.solutions([each.result for each in solutions], self.effort.grid.knots - 1)
+        u, groups = u[feasible], batch.groups[feasible]
+        units = self.effort.units[groups].max(axis=1)
+        vehicles = groups.reshape(-1)
+        a = np.repeat(units, groups.shape[1])[:, None, None] * u.reshape(-1, *u.shape[2:])
+        a += self.effort.motion.accelerations[vehicles]
+        self.motion = self.motion.with_some(vehicles, self.effort.goals.met_by(a, vehicles))
+        lost: list[int] = batch.groups[~feasible].reshape(-1).tolist()
+        return lost
+
+    def _retry(self) -> int:
+        """How often the last rows were in a program and were not kept, so that others solve it."""
+        if not self._lost:
+            self._retries = 0
+        elif self._retries == MAX_RETRIES:
+            lost = self._lost[0]
+            who = self._scenario.vehicles[lost.vehicles[0]].name
+            raise SolverError(
+                f"the solvers do not keep the {lost.constraint.name} of {who}", self._spent
+            )
+        else:
+            self._retries += 1
+        self._lost = []
+        return self._retries
+
+    def _error(self, vehicles: list[int], reference: Plan | None) -> InfeasibleError:
+        """The error for vehicles without a solution, or whose goal alone is out of reach."""
+        names = [vehicle.name for vehicle in self._scenario.vehicles]
+        return InfeasibleError(
+            {
+                names[vehicle]: conflict_of(self.working, self.effort, vehicle, names)
+                for vehicle in vehicles
+            },
+            statistics=self._spent,
+            scenario=self._scenario,
+            obstacles={names[vehicle]: in_the_way(self.working, vehicle) for vehicle in vehicles},
+            reference=reference,
+        )
+
+
+def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> IntArray:
+    """Of every broken stretch the worst row of each of its pieces, as indices.
+
+    Args:
+        follows: whether each row but the first belongs to the same stretch as that before it.
+        margins: of all broken rows, stretch by stretch, shape (R,).
+        pieces: into how many each stretch is cut.
+    """
+    first = np.flatnonzero(np.append(True, ~follows))
+    length = np.diff(np.append(first, len(margins)))
+    place = np.arange(len(margins)) - np.repeat(first, length)
+    piece = np.repeat(np.arange(len(first)) * pieces, length)
+    piece += place * pieces // np.maximum(np.repeat(length, length), pieces)
+    order = np.lexsort((margins, piece))
+    worst: IntArray = order[np.append(True, np.diff(piece[order]) != 0)]
+    return worst

@@ -1,0 +1,200 @@
+"""Linear constraints on motions, n · x(t) >= b, and what a constraint is to a planner.
+
+Every constraint is one of two kinds, and both become such rows where a motion breaks them: keep in
+a convex set (`drake_rho.planning.keep_in`), keep out of one (`drake_rho.planning.keep_out`).
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import sys
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from drake_rho.motion.dynamics import Motion, response, sparse_response
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import Grid, Quantity
+
+BROKEN = 0.01
+"""Part of the verifier's tolerance beyond which a constraint counts as broken here, and its rows
+are added."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Quadratic:
+    """What rows were linearised from: norm(scales * (x(t) - c))² >= size², one of each row."""
+
+    centers: FloatArray
+    """c [m], shape (R, 3); zero where x is the way from a partner"""
+    scales: FloatArray
+    """shape (R, 3)"""
+    sizes: FloatArray
+    """[m], shape (R,)"""
+    lengths: FloatArray
+    """of the scaled normals that the rows' unit normals were made of, shape (R,)"""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Constraint(abc.ABC):
+    """One constraint of all vehicles: what a new kind of constraint has to say of itself."""
+
+    number: int
+    """its place among the scenario's constraints, the same around every reference"""
+    name: str
+    """what it is called in messages"""
+    quantity: Quantity
+    """what its rows bound"""
+    penalty: float = np.inf
+    """what the cost may rise for each unit that a row is broken; infinite if it must not be"""
+    rounds: int = sys.maxsize
+    """solves after which its rows are added no more; fewer for what is only on the way"""
+    coupled: bool = False
+    """whether its rows bound the difference to a partner, rather than one vehicle alone"""
+    curved: bool = False
+    """whether one instant may need several rows, each with another normal"""
+    linearised: bool = False
+    """whether its rows hold around one reference only"""
+
+    @abc.abstractmethod
+    def violated(
+        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
+    ) -> HalfSpaces:
+        """Rows for everything that the motion breaks.
+
+        Args:
+            motion: of all vehicles.
+            vehicles: which of them are looked at, rising indices, shape (P,).
+            between: whether to look at the worst instants instead of the knots.
+            reach: up to how many knots away from a broken row its neighbours are wanted too.
+        """
+
+    def renewed(self, rows: HalfSpaces) -> HalfSpaces:
+        """Rows of the constraint of the same number, as this one writes them."""
+        return dataclasses.replace(rows, constraint=self)
+
+    def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
+        """What its rows were linearised from; None where they are the constraint itself."""
+        return None
+
+    def describe(self, rows: HalfSpaces, names: Sequence[str]) -> str:
+        """Some of its rows, of one vehicle, in words: which, and when.
+
+        Args:
+            rows: some of its own.
+            names: of all vehicles.
+        """
+        first, last = rows.times.min(), rows.times.max()
+        when = f"at {first:g} s" if first == last else f"from {first:g} s to {last:g} s"
+        return f"{self.name}{self.detail(rows, names)} {when}"
+
+    def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
+        """What `describe` says between name and times: nothing, or a space and words."""
+        return ""
+
+    def softened(self, penalty: float) -> Self:
+        """The same constraint, whose rows may be broken at a cost."""
+        return dataclasses.replace(self, penalty=penalty)
+
+
+@dataclasses.dataclass(frozen=True)
+class HalfSpaces:
+    """Rows normal · quantity(vehicle, time) >= bound, all of one constraint.
+
+    The rows of a constraint that couples vehicles bound the quantity of a vehicle less that of
+    its partner.
+    """
+
+    constraint: Constraint
+    """whose they are"""
+    vehicles: IntArray
+    """whose quantity, as indices into the scenario's vehicles, shape (R,)"""
+    partners: IntArray
+    """the other vehicle where a row is about two, else the vehicle itself, shape (R,)"""
+    sides: IntArray
+    """which side of a box or, where the set is curved, which cut, shape (R,)"""
+    times: FloatArray
+    """when [s], shape (R,)"""
+    normals: FloatArray
+    """in which direction, unit vectors, shape (R, 3)"""
+    bounds: FloatArray
+    """least value along the normal, in the quantity's unit, shape (R,)"""
+    tolerances: FloatArray
+    """how far below the bound still counts as held, in the quantity's unit, shape (R,)"""
+
+    def __len__(self) -> int:
+        """R."""
+        return len(self.times)
+
+    def margins(self, motion: Motion) -> FloatArray:
+        """How far above its bound each row is, in the quantity's unit, shape (R,).
+
+        Args:
+            motion: of all vehicles of the scenario.
+        """
+        quantity = self.constraint.quantity
+        values = motion.each_at(quantity, self.vehicles, self.times)
+        if self.constraint.coupled:
+            values = values - motion.each_at(quantity, self.partners, self.times)
+        margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
+        return margins
+
+    def responses(self, grid: Grid) -> FloatArray:
+        """What one unit of each acceleration adds along the normal, shape (R, K-1), by (10)-(11).
+
+        The same along every axis, so row r stands for responses[r, j] normals[r] · a[j].
+        """
+        return response(self.constraint.quantity, grid.step, grid.knots, self.times)
+
+    def sparse_responses(self, grid: Grid) -> csr_array:
+        """The same as a sparse array, for many rows."""
+        return sparse_response(self.constraint.quantity, grid.step, grid.knots, self.times)
+
+    def select(self, rows: BoolArray | IntArray | slice) -> HalfSpaces:
+        """Only some of the rows."""
+        return HalfSpaces(self.constraint, *(array[rows] for array in self._arrays()))
+
+    def numbered(self, numbers: IntArray) -> HalfSpaces:
+        """The same with other indices: that of vehicle i becomes numbers[i]."""
+        vehicles, partners = numbers[self.vehicles], numbers[self.partners]
+        return dataclasses.replace(self, vehicles=vehicles, partners=partners)
+
+    def and_also(self, more: HalfSpaces) -> HalfSpaces:
+        """These rows, then more of the same constraint."""
+        pairs = zip(self._arrays(), more._arrays(), strict=True)
+        return HalfSpaces(more.constraint, *(np.concatenate(pair) for pair in pairs))
+
+    def _arrays(self) -> tuple[Any, ...]:
+        return (
+            self.vehicles,
+            self.partners,
+            self.sides,
+            self.times,
+            self.normals,
+            self.bounds,
+            self.tolerances,
+        )
+
+
+def near(marked: BoolArray, runs: IntArray, reach: int) -> BoolArray:
+    """What is marked and its neighbours up to `reach` away in the same run, shape (R,).
+
+    Args:
+        marked: shape (R,).
+        runs: the number of the run that each belongs to, one run after the other, shape (R,).
+        reach: at least 0.
+    """
+    if reach == 0:
+        return marked
+    count = len(marked)
+    reach = min(reach, count)
+    first, last = np.searchsorted(runs, runs), np.searchsorted(runs, runs, side="right")
+    before = np.concatenate([[0], np.cumsum(marked)])
+    place = np.arange(count)
+    above: BoolArray = (
+        before[np.minimum(place + reach + 1, last)] > before[np.maximum(place - reach, first)]
+    )
+    return above

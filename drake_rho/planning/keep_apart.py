@@ -1,0 +1,244 @@
+"""Keep out of each other: pairs of vehicles, linearised around a reference of all of them.
+
+The way from one vehicle of a pair to the other keeps out of the separation's ellipsoid. Which
+pairs come close is asked of k-d trees, never of all pairs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.pairs import Meetings, at_knots, closest
+from drake_rho.planning.half_spaces import BROKEN, HalfSpaces
+from drake_rho.planning.keep_out import FIRST, KeepOut, Places, side_of
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import Quantity, Separation
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.shapes import Ellipsoid
+
+NAME = "separation"
+
+NEAR = 1.6
+"""Pairs within so many times the separation at a knot of the reference have rows there."""
+
+GRAZING = 1.1
+"""Times the separation within which closest approaches of the reference between its knots have
+rows; where these may be broken at a cost, only those that are too close."""
+
+ROOM = 1.02
+"""Times the separation that rows ask for while they may be broken, so that what is given away,
+and what comes closer between knots, is none of the separation itself."""
+
+_AT_ONCE = 1e-6
+"""Part of a step after the start, or before the end, in which nothing can be changed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Coupling:
+    """How the rows of pairs are written."""
+
+    name: str
+    """what it is called"""
+    share: float
+    """of what a reference leaves between two vehicles, how much a row gives to one of them: 1, in
+    one row about the difference of the two, or 1/2, in two rows, one for each"""
+
+    @property
+    def together(self) -> bool:
+        """Whether rows couple vehicles into one program."""
+        return self.share == 1.0
+
+    def __repr__(self) -> str:
+        return f"drake_rho.{self.name}"
+
+
+coupled = Coupling("coupled", 1.0)
+"""A row for each pair, about the difference of the two: least cost, one program for all."""
+
+decoupled = Coupling("decoupled", 0.5)
+"""Two rows for each pair, one for each vehicle: every vehicle has a program of its own."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class KeepApart(KeepOut):
+    """The separation of all pairs."""
+
+    shape: Ellipsoid
+    kept: Separation
+    """what is judged; `shape` may ask for more"""
+    share: float
+    """of a row in what the reference leaves between two vehicles"""
+    aside: bool = False
+    """whether each close encounter of the reference gets one direction all along"""
+
+    def offsets(self, motion: Motion, places: Places) -> FloatArray:
+        """Positions of the vehicles from their partners'."""
+        return self._difference(motion, "position", places)
+
+    def ways(self, places: Places) -> FloatArray:
+        """Velocities of the vehicles from their partners'."""
+        return self._difference(self.reference, "velocity", places)
+
+    def _difference(self, motion: Motion, quantity: Quantity, places: Places) -> FloatArray:
+        one = motion.each_at(quantity, places.vehicles, places.times)
+        other = motion.each_at(quantity, places.partners, places.times)
+        difference: FloatArray = one - other
+        return difference
+
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
+        """Where pairs are closer than the separation, one of them looked at."""
+        found = too_close(self.kept, motion, between=self.between)
+        asked = np.zeros(len(motion.positions), dtype=bool)
+        asked[vehicles] = True
+        return places_of(found.select(asked[found.one] | asked[found.other]))
+
+    def violated(
+        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
+    ) -> HalfSpaces:
+        """As of any set, but without neighbours: rows that couple vehicles are expensive."""
+        return super().violated(motion, vehicles, between=between)
+
+    def directions(self, places: Places) -> FloatArray:
+        """From the partner to the vehicle, in the reference.
+
+        Where the two meet too closely for that to be a way past each other, it can be one
+        direction all along an encounter instead: across their relative way, on the side on which
+        they pass anyway or, where they meet head-on, on one that depends on that way alone, so
+        that two mirror images choose the same.
+        """
+        directions = super().directions(places)
+        if self.aside:
+            offsets = self.shape.scaled(self.offsets(self.reference, places))
+            ways = self.shape.scaled(self.ways(places))
+            distances = np.linalg.norm(offsets, axis=1)
+            close = distances < self.kept.distance
+            for rows in _encounters(places, close, self.reference.step):
+                nearest = rows[np.argmin(distances[rows])]
+                directions[rows] = side_of(offsets[nearest], ways[nearest])
+        return directions
+
+    def rows(self, places: Places) -> HalfSpaces:
+        """One row for each pair, or two, sorted by vehicle, partner and time."""
+        directions = self.directions(places)
+        if self.coupled:
+            return self.write(places, directions, self.share, None)
+        one = self.reference.each_at("position", places.vehicles, places.times)
+        other = self.reference.each_at("position", places.partners, places.times)
+        between = self.share * (other - one)
+        rows = self.write(places, directions, self.share, one + between)
+        swapped = Places(places.partners, places.vehicles, places.times)
+        rows = rows.and_also(self.write(swapped, -directions, self.share, other - between))
+        return rows.select(np.lexsort((rows.times, rows.partners, rows.vehicles)))
+
+    def renewed(self, rows: HalfSpaces) -> HalfSpaces:
+        """Rows of the same pairs at the same knots, or closest approaches next to them."""
+        own, _ = self._asked
+        return own.select(np.isin(self._by_knot(own), self._by_knot(rows)))
+
+    def _by_knot(self, rows: HalfSpaces) -> IntArray:
+        count, knots = self.reference.positions.shape[:2]
+        k = np.rint(rows.times / self.reference.step).astype(int)
+        numbers: IntArray = (rows.vehicles * count + rows.partners) * knots + k
+        return numbers
+
+    def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
+        """The partners, as in ' from v1, v2'."""
+        others = np.unique(np.concatenate([rows.partners, rows.vehicles]))
+        own = rows.vehicles[0]
+        return f" from {', '.join(names[other] for other in others if other != own)}"
+
+
+def pairs_of(
+    scenario: Scenario,
+    reference: Motion,
+    coupling: Coupling,
+    *,
+    penalty: float = np.inf,
+    aside: bool = False,
+    rounds: int = sys.maxsize,
+) -> KeepApart:
+    """The pairs of a scenario with a separation, linearised around a motion of its vehicles.
+
+    Args:
+        scenario: what is asked.
+        reference: q.
+        coupling: how rows are written.
+        penalty: what the cost may rise for each metre that a row is broken.
+        aside: whether each close encounter of the reference gets one direction all along.
+        rounds: solves after which no more rows are added.
+    """
+    separation, soft = separation_of(scenario), np.isfinite(penalty)
+    near = _under_way(at_knots(reference, separation, NEAR * separation.distance), reference)
+    within = separation.distance * (1.0 if soft else GRAZING)
+    grazing = close_pairs(separation, reference, within, between=scenario.between_knots)
+    shape = separation.shape
+    if soft:
+        shape = Ellipsoid(shape.center, ROOM * shape.semi_axes)
+    return KeepApart(
+        number=FIRST,
+        name=NAME,
+        quantity="position",
+        penalty=penalty,
+        rounds=rounds,
+        coupled=coupling.together,
+        shape=shape,
+        kept=separation,
+        share=coupling.share,
+        aside=aside,
+        reference=reference,
+        places=places_of(near.and_also(grazing)),
+        between=scenario.between_knots,
+    )
+
+
+def close_pairs(
+    separation: Separation, motion: Motion, within: float, *, between: bool
+) -> Meetings:
+    """Pairs closer than `within` [m] on their way: at any instant, or at the knots."""
+    find = closest if between else at_knots
+    return _under_way(find(motion, separation, within), motion)
+
+
+def too_close(separation: Separation, motion: Motion, *, between: bool) -> Meetings:
+    """Pairs that break their separation."""
+    least = separation.distance - BROKEN * separation.tolerance
+    return close_pairs(separation, motion, least, between=between)
+
+
+def separation_of(scenario: Scenario) -> Separation:
+    """The separation of a scenario that has one.
+
+    Raises:
+        ValueError: it has none.
+    """
+    if scenario.separation is None:
+        raise ValueError("scenario: got one without a separation, expected one with it")
+    return scenario.separation
+
+
+def places_of(found: Meetings) -> Places:
+    """The places where pairs are close."""
+    return Places(found.one, found.other, found.times)
+
+
+def _under_way(found: Meetings, motion: Motion) -> Meetings:
+    """Those after the start and before the end, which starts and goals decide."""
+    first = _AT_ONCE * motion.step
+    last = motion.accelerations.shape[1] * motion.step - first
+    return found.select((found.times > first) & (found.times < last))
+
+
+def _encounters(places: Places, close: BoolArray, step: float) -> list[IntArray]:
+    """The close places of each pair that follow each other, as indices."""
+    rows = np.flatnonzero(close)
+    if len(rows) == 0:
+        return []
+    follows = np.diff(places.vehicles[rows]) == 0
+    follows &= np.diff(places.partners[rows]) == 0
+    follows &= np.diff(places.times[rows]) < 1.5 * step
+    return np.split(rows, np.flatnonzero(~follows) + 1)

@@ -1,0 +1,94 @@
+"""The motions that break a scenario least, where it has no plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import repeat
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.cutting_planes import CuttingPlanes
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.half_spaces import Constraint
+from drake_rho.planning.keep_goal import goals_of
+from drake_rho.planning.keep_out import FIRST
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.scp import iterate
+from drake_rho.planning.subproblem import Subproblem, constraints_around
+from drake_rho.scenario.records import Scenario
+
+
+def minimum_violation(scenario: Scenario, solver: SolverInterface | None = None) -> Plan:
+    """The plan that breaks goals and constraints least in total, each in its own scale.
+
+    Acceleration boxes are kept, since they can always be met by themselves, and pairs are not
+    looked at. Obstacles are linearised around the plan that breaks the rest least.
+
+    Args:
+        scenario: what is asked.
+        solver: a Drake solver; Clarabel if not given.
+
+    Raises:
+        SolverError: the solvers fail numerically.
+    """
+    subproblem = ElasticSubproblem(scenario, solver=solver)
+    motion = MinimumEffort.of(scenario).motion
+    start = Plan(scenario, motion.positions, motion.velocities, motion.accelerations)
+    return iterate(subproblem, start, 1.0, repeat(1.0, 2 if scenario.obstacles else 1))
+
+
+class ElasticSubproblem(Subproblem):
+    """Goals and constraints around a reference, all of which may be broken at a cost."""
+
+    def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
+        """The least violation; the first time, obstacles are not looked at."""
+        around = reference if number > 0 else None
+        constraints = elastic(self.scenario, constraints_around(self.scenario, around), penalty)
+        planes = elastic_planes(self.scenario, self._solver)
+        planes.keep_to(constraints)
+        return planes.plan(reference)
+
+    def holds(self, motion: Motion) -> bool:
+        """Never: every penalty is gone through."""
+        return False
+
+    def failure(self, motion: Motion, spent: Statistics) -> InfeasibleError | None:
+        """Whatever the least violation is, it is what was asked for."""
+        return None
+
+
+def elastic(
+    scenario: Scenario, constraints: Sequence[Constraint], penalty: float = 1.0
+) -> list[Constraint]:
+    """The goals and some constraints, to be broken at a penalty for each scale of a quantity.
+
+    The scale is the largest of the vehicles'; acceleration boxes remain as they are.
+    """
+    goals = goals_of(scenario, first=FIRST + 1 + len(scenario.obstacles))
+    unit = float(scenario.fleet.scale("acceleration").max())
+    return [
+        each
+        if each.quantity == "acceleration"
+        else each.softened(penalty * unit**2 / float(scenario.fleet.scale(each.quantity).max()))
+        for each in [*goals, *constraints]
+    ]
+
+
+def elastic_planes(
+    scenario: Scenario,
+    solver: SolverInterface | None = None,
+    vehicles: Sequence[int] | None = None,
+) -> CuttingPlanes:
+    """Programs in which nothing but violations costs anything, and goals may be missed."""
+    effort = MinimumEffort.of(scenario)
+    return CuttingPlanes(
+        scenario,
+        solver,
+        effort=effort.without_goals(),
+        vehicles=None if vehicles is None else np.array(vehicles),
+        accelerations=effort.motion.accelerations,
+        linear=True,
+    )

@@ -1,0 +1,49 @@
+"""What a caller may want to choose of how long a planner goes on."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from drake_rho.scenario.fields import Count, record
+from drake_rho.scenario.records import Scenario
+
+SMALL_FLEET = 6
+"""Vehicles up to which a fleet is iterated to `COUPLED_SMALL`."""
+
+ALONE, COUPLED_SMALL, COUPLED, DECOUPLED = 1e-9, 1e-7, 1e-3, 5e-2
+"""Tolerances where none is given. In fleets that keep apart every iteration moves all vehicles and
+a further digit takes as long as all before; a few are quick, and can be certified. Decoupled, the
+cost falls ever more slowly to no optimum: what vehicles could gain by trading room is left."""
+
+
+@record
+class Options:
+    """Tolerances and bounds of the iterated planners."""
+
+    tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    """relative fall of the cost in one linearisation below which an iteration has converged; a
+    vehicle that nothing couples stops when its part falls by less than this part of the whole. If
+    not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled and 5e-2
+    decoupled. It stands in the plan's `statistics.tolerance`"""
+    max_iterations: Annotated[Count, Field(ge=1)] = 200
+    """bound on the linearisations of one call"""
+    max_coupled: Annotated[Count, Field(ge=1)] = 15
+    """vehicles up to which a fleet is coupled if nothing else is asked"""
+    max_ways: Annotated[Count, Field(ge=1)] = 40
+    """bound on the combinations of sides on which obstacles are passed, tried for one vehicle"""
+
+    def tolerance_of(self, scenario: Scenario, *, together: bool) -> float:
+        """The tolerance for a scenario, whose pairs are coupled (`together`) or not."""
+        if self.tolerance is not None:
+            return self.tolerance
+        if scenario.separation is None:
+            return ALONE
+        if not together:
+            return DECOUPLED
+        return COUPLED_SMALL if len(scenario.vehicles) <= SMALL_FLEET else COUPLED
+
+
+DEFAULTS = Options()
+"""What is taken where no options are given."""

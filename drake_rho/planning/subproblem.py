@@ -1,0 +1,214 @@
+"""The convex problem around one reference after the other."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.cutting_planes import CuttingPlanes
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.half_spaces import Constraint, HalfSpaces
+from drake_rho.planning.keep_apart import (
+    NAME,
+    Coupling,
+    coupled,
+    decoupled,
+    pairs_of,
+    separation_of,
+    too_close,
+)
+from drake_rho.planning.keep_in import boxes_of
+from drake_rho.planning.keep_in_ball import balls_of
+from drake_rho.planning.keep_out import obstacles_of
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.options import DEFAULTS, Options
+from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.records import Scenario
+
+_ALMOST = 0.95
+"""Part of the separation from which on rows that may be broken are tried as hard ones."""
+
+
+def convex_constraints(scenario: Scenario) -> list[Constraint]:
+    """What holds whatever the reference: keep-in constraints."""
+    return [*boxes_of(scenario), *balls_of(scenario)]
+
+
+def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
+    """The keep-in constraints, and the obstacles linearised (15) around a reference, if any.
+
+    Raises:
+        ValueError: the reference has other vehicles or another grid.
+    """
+    constraints = convex_constraints(scenario)
+    if reference is not None:
+        _check_fits(reference, scenario)
+        constraints += obstacles_of(scenario, reference.motion())
+    return constraints
+
+
+def plan_around(
+    scenario: Scenario, reference: Plan | None, solver: SolverInterface | None = None
+) -> Plan:
+    """The plan of least cost with obstacles linearised (15) around `reference`.
+
+    Args:
+        scenario: what is asked; its separation is not looked at.
+        reference: a motion of the same vehicles on the same grid; None ignores the obstacles.
+        solver: a Drake solver; Clarabel if not given.
+
+    Raises:
+        InfeasibleError: the linearised program of a vehicle has no solution.
+        SolverError: the solvers fail numerically.
+        ValueError: the reference has other vehicles or another grid.
+    """
+    planes = CuttingPlanes(scenario, solver)
+    planes.keep_to(constraints_around(scenario, reference), reference=reference)
+    return planes.plan(reference)
+
+
+def coupling_for(scenario: Scenario, options: Options = DEFAULTS) -> Coupling:
+    """How a fleet is kept apart if nothing else is asked: coupled as long as it is small."""
+    return coupled if len(scenario.vehicles) <= options.max_coupled else decoupled
+
+
+class Subproblem:
+    """A scenario's convex problems; rows that hold one solution back start the next.
+
+    Args:
+        scenario: what is asked.
+        coupling: how pairs are kept apart, if the scenario asks for it.
+        solver: a Drake solver; Clarabel if not given.
+
+    Attributes:
+        scenario: as given.
+        planes: the programs that were solved last.
+        labels: vehicles whose iterations stop together have the same, shape (N,).
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        coupling: Coupling = coupled,
+        solver: SolverInterface | None = None,
+    ) -> None:
+        count = len(scenario.vehicles)
+        self.scenario = scenario
+        self.planes: CuttingPlanes | None = None
+        apart = scenario.separation is not None
+        self.labels: IntArray = np.zeros(count, dtype=int) if apart else np.arange(count)
+        self._coupling, self._solver = coupling, solver
+        self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
+
+    def around(self, reference: Plan, vehicles: IntArray | None = None) -> Plan:
+        """The plan of least cost with obstacles and pairs linearised around `reference`.
+
+        Where a coupled fleet has none, it has none decoupled either, and then each vehicle's
+        reasons can be told.
+
+        Args:
+            reference: a motion of the same vehicles on the same grid.
+            vehicles: which of them are planned, rising indices; the others fly the reference.
+
+        Raises:
+            InfeasibleError: there is none.
+            SolverError: the solvers fail numerically.
+        """
+        if self.scenario.separation is None:
+            return self._solve(reference, [], vehicles)
+        pairs = pairs_of(self.scenario, reference.motion(), self._coupling)
+        try:
+            return self._solve(reference, [pairs], vehicles)
+        except InfeasibleError:
+            if not self._coupling.together:
+                raise
+        other = Subproblem(self.scenario, decoupled, self._solver)
+        plan = other.around(reference)
+        self.planes = other.planes
+        return plan
+
+    def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
+        """A plan closer to keeping apart: pairs that are too close may stay so, at a penalty.
+
+        As soon as they almost keep apart, the rows are tried as hard ones. Vehicles that are in
+        nobody's way fly the reference.
+
+        Args:
+            reference: a motion of the same vehicles on the same grid.
+            penalty: what the cost may rise for each metre that a pair is too close.
+            number: how many such steps have gone before: the first gives each encounter one
+                direction, and later ones are solved more exactly.
+
+        Raises:
+            SolverError: the solvers fail numerically.
+        """
+        motion, separation = reference.motion(), separation_of(self.scenario)
+        close = too_close(separation, motion, between=self.scenario.between_knots)
+        if close.distances.min() > _ALMOST * separation.distance:
+            try:
+                return self.around(reference)
+            except (InfeasibleError, SolverError):  # not yet
+                pass
+        pairs = pairs_of(
+            self.scenario,
+            motion,
+            self._coupling,
+            penalty=penalty,
+            aside=number == 0,
+            rounds=1 + number // 2,
+        )
+        crowded = np.unique(np.concatenate([close.one, close.other]))
+        return self._solve(reference, [pairs], crowded)
+
+    def holds(self, motion: Motion) -> bool:
+        """Whether all pairs keep apart, if the scenario asks for it."""
+        separation = self.scenario.separation
+        if separation is None:
+            return True
+        return len(too_close(separation, motion, between=self.scenario.between_knots)) == 0
+
+    def failure(self, motion: Motion, spent: Statistics) -> InfeasibleError | None:
+        """The pairs that a motion leaves too close, and when; None if there are none."""
+        if self.holds(motion):
+            return None
+        names = [vehicle.name for vehicle in self.scenario.vehicles]
+        separation, between = separation_of(self.scenario), self.scenario.between_knots
+        left = too_close(separation, motion, between=between)
+        conflicts: dict[str, tuple[str, ...]] = {}
+        for one, other, time in zip(left.one, left.other, left.times, strict=True):
+            for vehicle, partner in ((one, other), (other, one)):
+                reason = f"{NAME} from {names[partner]} at {time:.4g} s"
+                conflicts[names[vehicle]] = (*conflicts.get(names[vehicle], ()), reason)
+        touched = {name: frozenset([0]) for name in conflicts}
+        return InfeasibleError(
+            conflicts, statistics=spent, scenario=self.scenario, obstacles=touched
+        )
+
+    def _solve(self, reference: Plan, pairs: list[Constraint], vehicles: IntArray | None) -> Plan:
+        constraints = constraints_around(self.scenario, reference) + pairs
+        by_number = {constraint.number: constraint for constraint in constraints}
+        planes = CuttingPlanes(
+            self.scenario,
+            self._solver,
+            effort=self._effort,
+            vehicles=vehicles,
+            accelerations=reference.accelerations,
+        )
+        warm = [by_number[rows.constraint.number].renewed(rows) for rows in self._warm]
+        planes.keep_to(constraints, warm=warm, reference=reference)
+        self._warm = planes.working.active(planes.motion)
+        self.planes = planes
+        return planes.plan(reference)
+
+
+def _check_fits(reference: Plan, scenario: Scenario) -> None:
+    theirs, ours = (
+        (len(asked.vehicles), asked.grid.knots, asked.grid.step)
+        for asked in (reference.scenario, scenario)
+    )
+    if theirs != ours:
+        words = "{} vehicles on {} knots, {:g} s apart"
+        got, expected = words.format(*theirs), words.format(*ours)
+        raise ValueError(f"reference: got {got}, expected {expected}")

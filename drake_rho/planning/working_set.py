@@ -1,0 +1,149 @@
+"""Which rows are in the programs, and what their last solutions say of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.half_spaces import HalfSpaces
+from drake_rho.planning.program import Batch
+from drake_rho.planning.solve import Solution
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import Grid
+
+_TOUCHING = 100.0
+"""Tolerances within which a row counts as one that holds the motion back."""
+
+_CUTS = 256
+"""Bound on the sides of a box, and on the normals that a curved set may have at one instant."""
+
+_SAME_NORMAL = 1e-13
+"""What the cosine of two normals may lack of one for them to be the same."""
+
+_FINEST = 2**20
+"""Parts of a step that are told apart in a key, if there are bits enough."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Keys:
+    """How a row is packed into an integer: constraint, vehicle, partner, side or cut, time."""
+
+    constraints: int
+    """bound on the constraints' numbers"""
+    vehicles: int
+    """N"""
+    grid: Grid
+    """step and knots"""
+
+    def of(self, rows: HalfSpaces) -> IntArray:
+        """One number for each row, shape (R,); rows that are the same have the same."""
+        radix = self.constraints * self.vehicles**2 * _CUTS
+        parts = min(_FINEST, 2**62 // (radix * self.grid.knots))
+        instants = np.rint(rows.times * (parts / self.grid.step)).astype(np.int64)
+        keys: IntArray = rows.vehicles * self.vehicles + rows.partners
+        keys = (keys * _CUTS + rows.sides) * self.constraints + rows.constraint.number
+        return keys * (parts * self.grid.knots) + instants
+
+
+class WorkingSet:
+    """The rows that are in, and for each vehicle the program that was solved last.
+
+    Args:
+        keys: how rows are told apart.
+
+    Attributes:
+        rows: by the number of their constraint, in the order they were added.
+    """
+
+    def __init__(self, keys: Keys) -> None:
+        self.rows: dict[int, HalfSpaces] = {}
+        self._keys, self._known, self._cuts = keys, np.zeros(0, dtype=np.int64), 0
+        self._solved: dict[int, tuple[Batch, int, Solution]] = {}
+
+    def __len__(self) -> int:
+        """How many rows are in."""
+        return sum(map(len, self.rows.values()))
+
+    def known(self, rows: HalfSpaces) -> BoolArray:
+        """Which rows are in already, shape (R,)."""
+        if rows.constraint.number not in self.rows:
+            return np.zeros(len(rows), dtype=bool)
+        keys = self._keys.of(rows)
+        if rows.constraint.curved:
+            return self._known_cuts(rows, keys)
+        place = np.minimum(np.searchsorted(self._known, keys), len(self._known) - 1)
+        known: BoolArray = self._known[place] == keys
+        return known
+
+    def _known_cuts(self, rows: HalfSpaces, keys: IntArray) -> BoolArray:
+        """The same for a curved set, of which each new normal is another cut."""
+        old = self.rows[rows.constraint.number]
+        first = dataclasses.replace(old, sides=np.zeros(len(old), dtype=int))
+        alike = rows.normals @ old.normals.T > 1.0 - _SAME_NORMAL
+        known: BoolArray = np.any(alike & (keys[:, None] == self._keys.of(first)), axis=1)
+        return known
+
+    def add(self, rows: HalfSpaces) -> None:
+        """Put rows in that are not known."""
+        if rows.constraint.curved:
+            self._cuts += 1
+            rows = dataclasses.replace(rows, sides=np.full(len(rows), self._cuts))
+        number = rows.constraint.number
+        if number in self.rows:
+            self.rows[number] = self.rows[number].and_also(rows)
+        else:
+            self.rows[number] = rows
+        keys = np.concatenate([self._known, np.sort(self._keys.of(rows))])
+        self._known = np.sort(keys, kind="stable")  # two sorted runs: merged
+
+    def of(self, vehicles: IntArray, count: int) -> list[HalfSpaces]:
+        """The rows of some of `count` vehicles, constraint by constraint."""
+        rows = list(self.rows.values())
+        if len(vehicles) == count:
+            return rows
+        wanted = np.zeros(count, dtype=bool)
+        wanted[vehicles] = True
+        chosen = (part.select(wanted[part.vehicles]) for part in rows)
+        return [part for part in chosen if len(part) > 0]
+
+    def active(self, motion: Motion) -> list[HalfSpaces]:
+        """The rows that hold a motion of all vehicles back, constraint by constraint."""
+        touching = (
+            part.select(part.margins(motion) < _TOUCHING * part.tolerances)
+            for part in self.rows.values()
+        )
+        return [part for part in touching if len(part) > 0]
+
+    def solved(self, batch: Batch, solutions: list[Solution]) -> None:
+        """Note the solutions of programs, one for each group of a batch."""
+        for index, group in enumerate(batch.groups.tolist()):
+            for vehicle in group:
+                self._solved[vehicle] = batch, index, solutions[index]
+
+    def group(self, vehicle: int) -> IntArray:
+        """The vehicles that share a vehicle's program, itself among them."""
+        if vehicle not in self._solved:
+            return np.array([vehicle])
+        batch, index, _ = self._solved[vehicle]
+        own: IntArray = batch.groups[index]
+        return own
+
+    def multipliers(self, vehicle: int) -> list[tuple[HalfSpaces, FloatArray]]:
+        """The rows in a vehicle's program and their multipliers y >= 0, constraint by constraint.
+
+        For rows of length one and the cost in units squared, as the program is written. Where
+        rows couple the vehicle to others, those of the whole group are given. Of a program without
+        a solution they are weights with which its rows contradict each other, where the solver
+        gives any (Farkas).
+        """
+        if vehicle not in self._solved:
+            return []
+        batch, index, solution = self._solved[vehicle]
+        group = self.group(vehicle)
+        every = (part.select(np.isin(part.vehicles, group)) for part in self.rows.values())
+        rows = [part for part in every if len(part) > 0]
+        y = np.maximum(solution.result.GetDualSolution(batch.rows[index]), 0.0)
+        y *= batch.lengths[index]
+        return list(zip(rows, np.split(y, np.cumsum(list(map(len, rows)))[:-1]), strict=True))
