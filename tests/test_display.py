@@ -16,11 +16,11 @@ from matplotlib.image import imread
 from rich.console import Console
 
 import drake_rho as rho
-from drake_rho.assurance.study import Study
 from drake_rho.display import curves, space
 from drake_rho.display.figures import write_figures
-from drake_rho.display.paper import NUMBERS, draw_figure, write_paper_figures
-from drake_rho.display.tables import claims_table, study_table
+from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
+from drake_rho.paper.study import Study
+from drake_rho.paper.tables import claims_table, study_table
 from tests.tolerances import ROUNDING
 
 
