@@ -5,7 +5,7 @@ from hypothesis import HealthCheck, settings
 from pydrake.solvers import ClarabelSolver, OsqpSolver, SolverInterface
 
 import drake_rho as rho
-from drake_rho.assurance.study import Study, run_study
+from drake_rho.paper.study import Study, run_study
 
 # No deadline: how long a program takes is no property to test. Fixtures that hypothesis reuses
 # are frozen records.

@@ -23,13 +23,13 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from rich.console import Console
 
 import drake_rho as rho
-from drake_rho.assurance.study import Study
 from drake_rho.display import curves, space
 from drake_rho.display.figures import write_figures
 from drake_rho.display.frame import frame_scene
-from drake_rho.display.paper import NUMBERS, draw_figure, write_paper_figures
-from drake_rho.display.tables import claims_table, study_table
 from drake_rho.motion.plan import Window
+from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
+from drake_rho.paper.study import Study
+from drake_rho.paper.tables import claims_table, study_table
 from tests.scenarios import box, straight
 from tests.scenarios import fleet as fleet_of
 from tests.tolerances import ROUNDING

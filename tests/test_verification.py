@@ -140,6 +140,74 @@ def test_a_long_list_of_violations_is_cut(paper: rho.Scenario) -> None:
     assert lines[-1] == "… and 28 more"
 
 
+def test_the_vehicle_named_as_closest_is_the_closest() -> None:
+    """Tolerances differ from vehicle to vehicle; the excess alone says which is closest."""
+    own = rho.Limits(acceleration=box(0.5))  # the short way takes 0.2 m/s², the long one 1.2 of 2
+    vehicles = (
+        rho.Vehicle("long", rho.State([0, 0, 0]), rho.State([500, 0, 0])),
+        rho.Vehicle("short", rho.State([0, 9, 0]), rho.State([78, 9, 0]), own),
+    )
+    limits = rho.Limits(acceleration=box(2.0))
+    scenario = rho.Scenario("two", rho.Grid(1.0, 51), vehicles, limits)
+    report = rho.verify(rho.plan_convex(scenario))
+    assert report.ok
+    boxes = [check for check in report.checks if check.constraint == "acceleration box"]
+    closest = max(boxes, key=lambda check: check.excess)
+    assert closest.vehicle == "short"
+    (row,) = (row for row in str(report).splitlines() if "acceleration box" in row)
+    assert row.startswith("short")
+
+
+def test_what_is_measured_in_two_units_is_told_in_two_rows(plan: rho.Plan) -> None:
+    rows = str(rho.verify(plan)).splitlines()
+    for what in ("dynamics position", "dynamics velocity", "goal position", "goal velocity"):
+        assert sum(what in row for row in rows) == 1
+
+
+def test_every_row_says_whether_it_holds(plan: rho.Plan) -> None:
+    assert not plan.scenario.between_knots
+    for row in str(rho.verify(plan)).splitlines()[2:]:
+        assert row.endswith("not asked for" if "at all times" in row else "holds")
+    coasting = rho.Plan.from_accelerations(plan.scenario, np.zeros_like(plan.accelerations))
+    rows = str(rho.verify(coasting)).splitlines()[2:]
+    assert rows
+    assert all(row.endswith("BROKEN") for row in rows)
+
+
+def test_a_side_that_is_broken_is_named_before_a_larger_excess_that_is_rounding() -> None:
+    """The tolerance of a narrow side is a thousandth of a wide one's."""
+    limits = rho.Limits(acceleration=rho.Box([-1.0, -1.0, -1e-6], [1.0, 1.0, 1e-6]))
+    goal = rho.State([10.0, 0.0, 0.0])
+    scenario = single(goal=goal, limits=limits)
+    a = np.array(rho.plan_convex(scenario).accelerations)
+    wide, _, narrow = scenario.fleet.bounds("acceleration").tolerances[0]  # type: ignore[union-attr]
+    a[0, 0] = [1.0 + 0.5 * wide, 0.0, 1e-6 + 3.0 * narrow]
+    assert 3.0 * narrow < 0.5 * wide
+    checks = rho.verify(rho.Plan.from_accelerations(scenario, a)).checks
+    (check,) = (check for check in checks if check.constraint == "acceleration box")
+    assert (check.part, check.holds) == ("z upper", False)
+
+
+@pytest.mark.parametrize("huge", [1e100, 1e160, 1e308, np.inf, np.nan])
+def test_huge_numbers_are_judged_in_silence(plan: rho.Plan, huge: float) -> None:
+    far = rho.Vehicle("other", rho.State([0, 50, 0]), rho.State([0, 60, 0]))
+    scenario = dataclasses.replace(
+        plan.scenario,
+        vehicles=(*plan.scenario.vehicles, far),
+        separation=rho.Separation(0.1),
+        between_knots=True,
+        limits=rho.Limits(box(90), box(3), box(2), box(2)),
+    )
+    a = np.zeros((2, *plan.accelerations.shape[1:]))
+    a[0, 3, 2], a[1, 5] = huge, [-huge, huge, 0.0]
+    with np.errstate(all="ignore"):
+        flown = rho.Plan.from_accelerations(scenario, a)
+    report = rho.verify(flown)  # warnings are errors in tests
+    assert not report.ok
+    assert "acceleration box" in {check.constraint for check in report.violations}
+    assert str(report)
+
+
 @given(scenario=scenarios())
 @settings(max_examples=100)
 def test_what_is_planned_holds_by_other_means_too(scenario: rho.Scenario) -> None:

@@ -15,7 +15,6 @@ from typing import Annotated, Any, NoReturn, TypeVar
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from drake_rho.assurance.study import REPEATS, run_study
 from drake_rho.cli.console import (
     check_writable,
     err,
@@ -44,6 +43,7 @@ from drake_rho.cli.options import (
 )
 from drake_rho.motion.files import load
 from drake_rho.motion.plan import Flight, Plan
+from drake_rho.paper.study import REPEATS, run_study
 from drake_rho.planning.best import plan_scp
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError
@@ -68,8 +68,8 @@ def reproduce(
 ) -> int:
     """Run the paper's four examples, draw Figs 3 to 18, check what the paper says it found."""
     # matplotlib takes longer to load than the other commands take to run
-    from drake_rho.display.paper import NUMBERS, write_paper_figures
-    from drake_rho.display.tables import claims_table, study_table
+    from drake_rho.paper.figures import NUMBERS, write_paper_figures
+    from drake_rho.paper.tables import claims_table, study_table
 
     figures.mkdir(parents=True, exist_ok=True)
     columns = (

@@ -1,1 +1,1 @@
-"""Seeing it: plots, the paper's figures, and tables for the terminal."""
+"""Seeing it: plots of plans and flights, and the swarm in Meshcat."""

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from drake_rho.assurance.study import Study
 from drake_rho.display.figures import (
     accelerations_figure,
     distances_figure,
@@ -16,6 +15,7 @@ from drake_rho.display.figures import (
     velocities_figure,
     write_figure,
 )
+from drake_rho.paper.study import Study
 
 NUMBERS = range(3, 19)
 """Numbers of the figures; 1 and 2 of the paper are diagrams of the method."""

@@ -6,7 +6,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from drake_rho.assurance.study import REPEATS, Example, Study
+from drake_rho.paper.study import REPEATS, Example, Study
 from drake_rho.scenario.fields import FloatArray
 
 

@@ -1,0 +1,182 @@
+"""What `verify` found: a check for each vehicle and constraint, and the report of all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.records import Quantity, Scenario
+
+AT_KNOTS, AT_ALL_TIMES = "at knots", "at all times"
+"""The instants at which a constraint is judged, as the parts of checks say it."""
+
+UNITS: dict[Quantity, str] = {
+    "position": "m",
+    "velocity": "m/s",
+    "acceleration": "m/s²",
+    "jerk": "m/s³",
+}
+"""SI units of what a box can bound."""
+
+PRECISION = 0.01
+"""Part of a tolerance to which the worst instants between the knots are found."""
+
+_LONGEST = 12
+"""Violations that a printed report shows."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Check:
+    """How one vehicle stands to one constraint, at the instant where it does so worst."""
+
+    vehicle: str
+    """name"""
+    constraint: str
+    """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, obstacle 1 …"""
+    part: str = ""
+    """which side of a box, or which quantity of dynamics and goal"""
+    time: float
+    """since the first knot [s]"""
+    value: float
+    """what the plan does, in `unit`"""
+    limit: float
+    """what the constraint allows, in `unit`"""
+    excess: float
+    """by how much the value is beyond the limit, in `unit`; negative on the right side of it"""
+    tolerance: float
+    """excess that is put down to rounding, in `unit`: `TOLERANCE` of the constraint's scale"""
+    unit: str
+    """SI unit of the numbers"""
+    asked: bool = True
+    """whether the scenario asks for it; what it does not ask for is told, not judged"""
+
+    @property
+    def holds(self) -> bool:
+        """Whether the constraint is met; never with a value that is not a number."""
+        return self.excess <= self.tolerance
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Column:
+    """One check of every vehicle: what `Check` has, as arrays of shape (N,)."""
+
+    constraint: str
+    parts: Sequence[str]
+    times: FloatArray
+    values: FloatArray
+    limits: FloatArray
+    excess: FloatArray
+    tolerances: FloatArray
+    unit: str
+    asked: bool = True
+    due: BoolArray | None = None  # which vehicles have this constraint; None for all
+
+    def checks(self, names: Sequence[str]) -> Iterator[Check | None]:
+        """The check of each vehicle; None where it does not have the constraint."""
+        numbers = (self.times, self.values, self.limits, self.excess, self.tolerances)
+        rows = zip(*(each.tolist() for each in numbers), strict=True)
+        due = [True] * len(names) if self.due is None else self.due.tolist()
+        for has_it, name, part, (time, value, limit, excess, tolerance) in zip(
+            due, names, self.parts, rows, strict=True
+        ):
+            if not has_it:
+                yield None
+                continue
+            yield Check(
+                vehicle=name,
+                constraint=self.constraint,
+                part=part,
+                time=time,
+                value=value,
+                limit=limit,
+                excess=excess,
+                tolerance=tolerance,
+                unit=self.unit,
+                asked=self.asked,
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """What `verify` found; prints as a short table."""
+
+    scenario: Scenario
+    """what was asked"""
+    checks: tuple[Check, ...]
+    """the worst of each constraint for each vehicle"""
+
+    @property
+    def ok(self) -> bool:
+        """Whether every constraint holds."""
+        return all(check.holds for check in self.checks if check.asked)
+
+    @property
+    def violations(self) -> tuple[Check, ...]:
+        """The checks that do not hold, the worst first.
+
+        Their units differ, so they are ordered by excess over tolerance, which has none.
+        """
+        broken = (check for check in self.checks if check.asked and not check.holds)
+        return tuple(sorted(broken, key=_tolerances_beyond, reverse=True))
+
+    def __str__(self) -> str:
+        name, violations = self.scenario.name, self.violations
+        if not violations:
+            tightest: dict[tuple[str, str, bool], Check] = {}
+            for check in self.checks:
+                before = tightest.get(_kind(check))
+                if before is None or _excess(check) > _excess(before):
+                    tightest[_kind(check)] = check
+            several = len(self.scenario.vehicles) > 1
+            which = "; for each, the vehicle closest to it" if several else ""
+            return _table(f"{name}: all constraints hold{which}", list(tightest.values()))
+        title = f"{name}: {len(violations)} of {len(self.checks)} checks broken"
+        more = len(violations) - _LONGEST
+        rest = f"\n… and {more} more" if more > 0 else ""
+        return _table(title, list(violations[:_LONGEST])) + rest
+
+
+def _kind(check: Check) -> tuple[str, str, bool]:
+    """What is told in one line of a table; the excess of all checks of a kind has one unit."""
+    return check.constraint, check.unit, check.part.endswith(AT_ALL_TIMES)
+
+
+def _excess(check: Check) -> float:
+    """For comparing checks of one kind; what is no number is worst."""
+    return np.inf if np.isnan(check.excess) else check.excess
+
+
+def _tolerances_beyond(check: Check) -> float:
+    """For comparing checks of any kind."""
+    return _excess(check) / check.tolerance
+
+
+def _verdict(check: Check) -> str:
+    if not check.asked:
+        return "not asked for"
+    return "holds" if check.holds else "BROKEN"
+
+
+def _table(title: str, rows: list[Check]) -> str:
+    form = "{:<12} {:<35} {:>9} {:>12} {:>12} {:>11} {:<4}  {}"
+    lines = [
+        title,
+        form.format("vehicle", "constraint", "time [s]", "value", "limit", "excess", "", ""),
+    ]
+    lines += [
+        form.format(
+            check.vehicle,
+            f"{check.constraint} {check.part}",
+            f"{check.time:.6g}",
+            f"{check.value:.6g}",
+            f"{check.limit:.6g}",
+            f"{check.excess:+.2e}",
+            check.unit,
+            _verdict(check),
+        )
+        for check in rows
+    ]
+    return "\n".join(line.rstrip() for line in lines)

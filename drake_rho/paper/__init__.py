@@ -1,0 +1,1 @@
+"""The paper's study: its four examples, its claims, its figures, and tables of them."""
