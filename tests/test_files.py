@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,25 @@ def test_a_flight_comes_back_as_it_went(paper: rho.Scenario, tmp_path: Path) -> 
         assert _same(one.reference, other.reference)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
+def test_a_plan_of_numbers_that_are_none_is_refused_by_name(name: str, value: float) -> None:
+    plan = rho.plan_convex(single())
+    array = getattr(plan, name).copy()
+    array[0, 3, 1] = value
+    words = rf"^{name}: got {value} for solo at knot 3 \(from 0\), expected finite numbers$"
+    with pytest.raises(ValueError, match=words):
+        dataclasses.replace(plan, **{name: array})
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e308])
+def test_accelerations_that_are_no_flight_are_refused(value: float) -> None:
+    accelerations = np.zeros((1, 16, 3))
+    accelerations[0, 3:, 2] = value
+    with pytest.raises(ValueError, match=r"s: got .* for solo at knot .*, expected finite numbers"):
+        rho.Plan.from_accelerations(single(), accelerations)
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The bytes of a good file."""
@@ -83,6 +103,8 @@ def test_a_damaged_file_is_refused_or_the_same(
         {"format": "something else"},
         {"plan.positions": np.zeros((1, 5, 3))},
         {"plan.accelerations": np.full((1, 16, 3), np.nan)},
+        {"plan.accelerations": np.full((1, 16, 3), 1e308)},
+        {"plan.positions": np.full((1, 17, 3), -1.1e12)},
         {"plan.velocities": np.array("words")},
         {"plan.scenario": "{}"},
         {"plan.scenario": "not json"},

@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.scenario.errors import DrakeRhoError
+from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_json
 
 _PLAN, _FLIGHT = "drake_rho plan 1", "drake_rho flight 1"
@@ -124,8 +125,8 @@ def _pack(prefix: str, plan: Plan) -> dict[str, Any]:
 def _unpack(prefix: str, content: Mapping[str, np.ndarray]) -> Plan:
     arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
     for name, array in arrays.items():
-        if array.dtype != np.float64 or not np.all(np.isfinite(array)):
-            raise ValueError(f"{prefix}.{name} has values that are no finite numbers")
+        if array.dtype != np.float64 or not np.all(np.abs(array) <= LARGEST):  # never with a NaN
+            raise ValueError(f"{prefix}.{name} has values that are no numbers up to {LARGEST:g}")
     statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
     scenario = scenario_from_json(str(content[f"{prefix}.scenario"]))
     positions, velocities, accelerations = (arrays[name] for name in _ARRAYS)
