@@ -43,6 +43,9 @@ class ScenarioError(DrakeRhoError, ValueError):
 
 
 def _shorten(value: object, longest: int = 80) -> str:
-    text = str(value) if isinstance(value, float) else reprlib.repr(value)
+    try:
+        text = str(value) if isinstance(value, float) else reprlib.repr(value)
+    except ValueError:  # an integer of more digits than Python writes
+        text = "a number of thousands of digits"
     text = " ".join(text.split())
     return text if len(text) <= longest else text[: longest - 1] + "…"
