@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -151,11 +152,54 @@ def test_a_plan_with_a_dip_between_knots_exits_1_and_names_it(
     assert "31.49" in out
 
 
+def _with_reader(reader: str, *words: str, python: str = "-s") -> tuple[str, str]:
+    """Both statuses, and complaints, where `reader` reads what `drake-rho words` prints."""
+    command = shlex.join([sys.executable, python, "-m", "drake_rho", *words])
+    script = f"{command} {reader}; echo ${{PIPESTATUS[@]}} >&2"
+    ran = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)  # noqa: S607  # any bash
+    *complaints, statuses = ran.stderr.splitlines()
+    return statuses, "\n".join(complaints)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(["plan", "paper"], ["fly", "paper"], ["schema"], ["--help"], ["plan", "--help"]),
+        *(["verify", "{}/plan.npz"], ["show", "{}/plan.npz", "--html", "{}/page.html"]),
+        ["reproduce", "--figures", "{}/figures"],
+    ],
+    ids=" ".join,
+)
+def test_a_reader_that_leaves_early_is_status_141_and_no_word(
+    words: list[str], tmp_path: Path
+) -> None:
+    rho.save(rho.plan_convex(single()), tmp_path / "plan.npz")
+    words = [word.format(tmp_path) for word in words]
+    assert _with_reader("| true", *words) == ("141 0", "")
+
+
+def test_a_reader_of_unbuffered_output_may_leave_too() -> None:
+    assert _with_reader("| true", "schema", python="-u") == ("141 0", "")
+
+
+def test_a_reader_that_leaves_within_the_output_is_status_141(tmp_path: Path) -> None:
+    words = ("plan", "paper", "--figures", str(tmp_path / "figures"))
+    assert _with_reader("| head -c 9", *words) == ("141 0", "")
+
+
+def test_complaints_that_nobody_reads_are_status_141() -> None:
+    assert _with_reader("2>&1 | true", "plan", "nowhere") == ("141 0", "")
+
+
+def test_output_that_cannot_be_written_is_one_line_and_status_2() -> None:
+    complaint = "drake-rho: [Errno 28] No space left on device"
+    assert _with_reader("> /dev/full", "schema") == ("2", complaint)
+    assert _with_reader(">&-", "schema") == ("0", "")
+
+
 def test_a_reader_that_leaves_early_loses_no_plan(tmp_path: Path) -> None:
     kept = tmp_path / "kept.npz"
-    command = f"{sys.executable} -m drake_rho plan paper -o {kept} | true"
-    ran = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602  # ours
-    assert ran.stderr == ""
+    assert _with_reader("| true", "plan", "paper", "-o", str(kept)) == ("141 0", "")
     assert isinstance(rho.load(kept), rho.Plan)
 
 

@@ -8,7 +8,6 @@ import sys
 import webbrowser
 import zipfile
 from collections.abc import Callable
-from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, TypeVar
 
@@ -42,6 +41,7 @@ from drake_rho.cli.options import (
     read,
     refuse_grid,
 )
+from drake_rho.cli.streams import with_patience
 from drake_rho.motion.files import load
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.convex import plan_convex
@@ -265,7 +265,5 @@ def _load_or_fly(source: str, duration: float | None, step: float | None) -> Pla
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     logging.getLogger("drake").setLevel(logging.WARNING)  # what the solvers mutter
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # a terminal that lacks a sign shows another
-            stream.reconfigure(errors="replace")
+    sys.stdout, sys.stderr = with_patience(sys.stdout), with_patience(sys.stderr)
     sys.exit(status_of(lambda: app(standalone_mode=False)))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -95,9 +93,6 @@ def status_of(command: Callable[[], int | None]) -> int:
         return 3
     except SolverError as error:
         return _complain(error, 4)
-    except BrokenPipeError:  # whoever read our output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
     except (DrakeRhoError, ValueError, OSError) as error:
         return _complain(error, 2)
     except MemoryError:
