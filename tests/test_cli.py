@@ -95,7 +95,6 @@ def test_a_plan_that_breaks_a_constraint_exits_1(
     [
         (["plan", "nowhere"], "'nowhere'"),
         (["plan", "paper", "-o", "nowhere/plan.npz"], "nowhere"),
-        (["plan", "paper", "-o", "."], "not a regular file"),
         (["plan", "paper", "--step", "0.3"], "divides"),
         (["plan", "paper", "--method", "scp", "--step", "0.5"], "--step"),
         (["plan", "paper", "--duration", "49"], "--duration: got 49"),
@@ -123,6 +122,62 @@ def test_bad_input_is_one_line_and_status_2(
     assert out == ""
     assert err.count("\n") == 1
     assert complaint in err
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["plan", "paper", "-o", "folder.npz"], "--output: got 'folder.npz', expected"),
+        (["plan", "paper", "-o", "folder.npz"], "(not a regular file)"),
+        (["plan", "paper", "-o", "."], "--output: got '.', expected"),
+        (["plan", "paper", "-o", ""], "--output: got '', expected a file to write, ending in .npz"),
+        (["plan", "paper", "-o", "room.csv"], "got 'room.csv', expected"),
+        (["plan", "paper", "-o", "room"], "got 'room', expected"),
+        (["fly", "paper", "-o", "room.tar.gz"], "got 'room.tar.gz', expected"),
+        (["plan", "paper", "-o", "a\0b.npz"], "--output: got 'a\\x00b.npz', expected"),
+        (["plan", "paper", "-o", "loop.npz"], "(Too many levels of symbolic links)"),
+        (["plan", "paper", "-o", "loop.npz/plan.npz"], "(Too many levels of symbolic links)"),
+        (["plan", "paper", "-o", "file.yaml/plan.npz"], "(Not a directory)"),
+        (["plan", "paper", "-o", "a" * 300 + ".npz"], "(File name too long)"),
+        (["plan", "paper", "-o", "/proc/plan.npz"], "--output: got '/proc/plan.npz', expected"),
+        (["plan", "paper", "--figures", "file.yaml"], "--figures: got 'file.yaml', expected"),
+        (["plan", "paper", "--figures", "file.yaml/x"], "--figures: got 'file.yaml/x', expected"),
+        (["fly", "paper", "--figures", ""], "--figures: got '', expected a folder"),
+        (["reproduce", "--figures", "loop.npz"], "--figures: got 'loop.npz', expected"),
+        (["show", "paper", "--html", "room.png"], "--html: got 'room.png', expected"),
+        (["show", "paper", "--html", "room"], "a file to write, ending in .html or .htm"),
+        (["show", "paper", "--html", "nowhere/x.html"], "--html: got 'nowhere/x.html', expected"),
+        (["show", "paper", "--host", ""], "--host: got '', expected"),
+        (["show", "paper", "--host", " "], "--host: got ' ', expected"),
+        (["show", "paper", "--port", "80"], "'--port'"),
+        (["show", "paper", "--rate", "1e300"], "--rate: got 1e+300, expected 0.01 to 1000"),
+        (["show", "paper", "--rate", "0"], "--rate: got 0, expected 0.01 to 1000"),
+        (["show", "paper", "--rate", "-1"], "--rate: got -1, expected 0.01 to 1000"),
+        (["show", "paper", "--rate", "nan"], "--rate: got nan, expected 0.01 to 1000"),
+        (["show", "paper", "--rate", "inf"], "--rate: got inf, expected 0.01 to 1000"),
+    ],
+)
+def test_what_cannot_be_kept_or_shown_is_refused_before_anything_is_planned(
+    words: list[str],
+    complaint: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("planned before all was known to be good")
+
+    for name in ("plan_convex", "plan_scp", "run_study"):
+        monkeypatch.setattr(f"drake_rho.cli.commands.{name}", never)
+    monkeypatch.chdir(tmp_path)
+    Path("folder.npz").mkdir()
+    Path("file.yaml").touch()
+    Path("loop.npz").symlink_to("loop.npz")
+    before = sorted(tmp_path.iterdir())
+    status, out, err = run(capsys, monkeypatch, *words)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert complaint in err
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_no_plan_is_a_diagnosis_and_status_3(

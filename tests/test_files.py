@@ -154,6 +154,20 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.parametrize("name", ["room.csv", "room.npz.gz", "room.json"])
+def test_an_ending_of_another_format_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=rf"{name}: .* expected the ending \.npz or none"):
+        rho.save(rho.plan_convex(single()), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_loop_of_links_is_an_error_and_stays(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(OSError, match="symbolic links"), replacing(tmp_path / "loop"):
+        pass
+    assert (tmp_path / "loop").is_symlink()
+
+
 def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         rho.save(rho.plan_convex(single()), tmp_path / "nowhere" / "plan.npz")

@@ -16,6 +16,9 @@ from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_json
 
+ENDINGS = (".npz",)
+"""Of the files that hold a plan or a flight."""
+
 _PLAN, _FLIGHT = "drake_rho plan 1", "drake_rho flight 1"
 _ARRAYS = ("positions", "velocities", "accelerations")
 _KINDS = ("plan", "reference")
@@ -32,11 +35,16 @@ def save(planned: Plan | Flight, path: str | Path) -> None:
 
     Args:
         planned: what to keep.
-        path: of the file, used as it is; `.npz` is the customary ending.
+        path: of the file, used as it is; its ending is `.npz`, or it has none.
 
     Raises:
+        ValueError: the ending is that of another format.
         OSError: the file cannot be written.
     """
+    if (ending := Path(path).suffix) and ending.lower() not in ENDINGS:
+        raise ValueError(
+            f"{path}: got {ending}, expected the ending {' or '.join(ENDINGS)} or none"
+        )
     content: dict[str, Any]
     if isinstance(planned, Flight):
         content = {"format": _FLIGHT} | _pack("plan", planned.plan)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import reprlib
+import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -123,9 +125,7 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
     Raises:
         OSError: the file cannot be written, or `path` is there and no regular file.
     """
-    path = Path(path).resolve()
-    if path.exists() and not path.is_file():
-        raise OSError(f"{path}: not a regular file")
+    path = _replaceable(path)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".drake_rho.")
     try:
         with os.fdopen(handle, "wb") as file:
@@ -143,11 +143,16 @@ def check_replaceable(path: str | Path) -> None:
     Raises:
         OSError: it will not.
     """
-    path = Path(path).resolve()
-    if path.exists() and not path.is_file():
-        raise OSError(f"{path}: not a regular file")
-    with tempfile.TemporaryFile(dir=path.parent):
+    with tempfile.TemporaryFile(dir=_replaceable(path).parent):
         pass
+
+
+def _replaceable(path: str | Path) -> Path:
+    """Where `path` leads, links followed: to a regular file, or to nothing yet."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+    return Path(os.path.realpath(path))
 
 
 def _umask() -> int:
