@@ -161,6 +161,13 @@ def test_an_ending_of_another_format_is_refused(name: str, tmp_path: Path) -> No
     assert not list(tmp_path.iterdir())
 
 
+def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    plan = rho.Plan.from_accelerations(single(), np.full((1, 16, 3), 1.1e12))
+    with pytest.raises(ValueError, match=r"plan\.positions has values that are no numbers up to"):
+        rho.save(plan, tmp_path / "far.npz")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_loop_of_links_is_an_error_and_stays(tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     with pytest.raises(OSError, match="symbolic links"), replacing(tmp_path / "loop"):

@@ -48,7 +48,7 @@ def report(planned: Plan | Flight) -> int:
     numbers = whole.statistics
     say(
         f"index {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
-        f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver}"
+        f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver or 'no solver'}"
     )
     if isinstance(planned, Flight):
         kept = [window for window in planned.windows if window.infeasible]
