@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -94,7 +95,6 @@ def test_a_plan_that_breaks_a_constraint_exits_1(
     [
         (["plan", "nowhere"], "'nowhere'"),
         (["plan", "paper", "-o", "nowhere/plan.npz"], "nowhere"),
-        (["plan", "paper", "-o", "."], "not a regular file"),
         (["plan", "paper", "--step", "0.3"], "divides"),
         (["plan", "paper", "--method", "scp", "--step", "0.5"], "--step"),
         (["plan", "paper", "--duration", "49"], "--duration: got 49"),
@@ -124,6 +124,62 @@ def test_bad_input_is_one_line_and_status_2(
     assert complaint in err
 
 
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["plan", "paper", "-o", "folder.npz"], "--output: got 'folder.npz', expected"),
+        (["plan", "paper", "-o", "folder.npz"], "(not a regular file)"),
+        (["plan", "paper", "-o", "."], "--output: got '.', expected"),
+        (["plan", "paper", "-o", ""], "--output: got '', expected a file to write, ending in .npz"),
+        (["plan", "paper", "-o", "room.csv"], "got 'room.csv', expected"),
+        (["plan", "paper", "-o", "room"], "got 'room', expected"),
+        (["fly", "paper", "-o", "room.tar.gz"], "got 'room.tar.gz', expected"),
+        (["plan", "paper", "-o", "a\0b.npz"], "--output: got 'a\\x00b.npz', expected"),
+        (["plan", "paper", "-o", "loop.npz"], "(Too many levels of symbolic links)"),
+        (["plan", "paper", "-o", "loop.npz/plan.npz"], "(Too many levels of symbolic links)"),
+        (["plan", "paper", "-o", "file.yaml/plan.npz"], "(Not a directory)"),
+        (["plan", "paper", "-o", "a" * 300 + ".npz"], "(File name too long)"),
+        (["plan", "paper", "-o", "/proc/plan.npz"], "--output: got '/proc/plan.npz', expected"),
+        (["plan", "paper", "--figures", "file.yaml"], "--figures: got 'file.yaml', expected"),
+        (["plan", "paper", "--figures", "file.yaml/x"], "--figures: got 'file.yaml/x', expected"),
+        (["fly", "paper", "--figures", ""], "--figures: got '', expected a folder"),
+        (["reproduce", "--figures", "loop.npz"], "--figures: got 'loop.npz', expected"),
+        (["show", "paper", "--html", "room.png"], "--html: got 'room.png', expected"),
+        (["show", "paper", "--html", "room"], "a file to write, ending in .html or .htm"),
+        (["show", "paper", "--html", "nowhere/x.html"], "--html: got 'nowhere/x.html', expected"),
+        (["show", "paper", "--host", ""], "--host: got '', expected"),
+        (["show", "paper", "--host", " "], "--host: got ' ', expected"),
+        (["show", "paper", "--port", "80"], "'--port'"),
+        (["show", "paper", "--rate", "1e300"], "--rate: got 1e+300, expected 0.01 to 1000"),
+        (["show", "paper", "--rate", "0"], "--rate: got 0, expected 0.01 to 1000"),
+        (["show", "paper", "--rate", "-1"], "--rate: got -1, expected 0.01 to 1000"),
+        (["show", "paper", "--rate", "nan"], "--rate: got nan, expected 0.01 to 1000"),
+        (["show", "paper", "--rate", "inf"], "--rate: got inf, expected 0.01 to 1000"),
+    ],
+)
+def test_what_cannot_be_kept_or_shown_is_refused_before_anything_is_planned(
+    words: list[str],
+    complaint: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("planned before all was known to be good")
+
+    for name in ("plan_convex", "plan_scp", "run_study"):
+        monkeypatch.setattr(f"drake_rho.cli.commands.{name}", never)
+    monkeypatch.chdir(tmp_path)
+    Path("folder.npz").mkdir()
+    Path("file.yaml").touch()
+    Path("loop.npz").symlink_to("loop.npz")
+    before = sorted(tmp_path.iterdir())
+    status, out, err = run(capsys, monkeypatch, *words)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert complaint in err
+    assert sorted(tmp_path.iterdir()) == before
+
+
 def test_no_plan_is_a_diagnosis_and_status_3(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -151,11 +207,54 @@ def test_a_plan_with_a_dip_between_knots_exits_1_and_names_it(
     assert "31.49" in out
 
 
+def _with_reader(reader: str, *words: str, python: str = "-s") -> tuple[str, str]:
+    """Both statuses, and complaints, where `reader` reads what `drake-rho words` prints."""
+    command = shlex.join([sys.executable, python, "-m", "drake_rho", *words])
+    script = f"{command} {reader}; echo ${{PIPESTATUS[@]}} >&2"
+    ran = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)  # noqa: S607  # any bash
+    *complaints, statuses = ran.stderr.splitlines()
+    return statuses, "\n".join(complaints)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(["plan", "paper"], ["fly", "paper"], ["schema"], ["--help"], ["plan", "--help"]),
+        *(["verify", "{}/plan.npz"], ["show", "{}/plan.npz", "--html", "{}/page.html"]),
+        ["reproduce", "--figures", "{}/figures"],
+    ],
+    ids=" ".join,
+)
+def test_a_reader_that_leaves_early_is_status_141_and_no_word(
+    words: list[str], tmp_path: Path
+) -> None:
+    rho.save(rho.plan_convex(single()), tmp_path / "plan.npz")
+    words = [word.format(tmp_path) for word in words]
+    assert _with_reader("| true", *words) == ("141 0", "")
+
+
+def test_a_reader_of_unbuffered_output_may_leave_too() -> None:
+    assert _with_reader("| true", "schema", python="-u") == ("141 0", "")
+
+
+def test_a_reader_that_leaves_within_the_output_is_status_141(tmp_path: Path) -> None:
+    words = ("plan", "paper", "--figures", str(tmp_path / "figures"))
+    assert _with_reader("| head -c 9", *words) == ("141 0", "")
+
+
+def test_complaints_that_nobody_reads_are_status_141() -> None:
+    assert _with_reader("2>&1 | true", "plan", "nowhere") == ("141 0", "")
+
+
+def test_output_that_cannot_be_written_is_one_line_and_status_2() -> None:
+    complaint = "drake-rho: [Errno 28] No space left on device"
+    assert _with_reader("> /dev/full", "schema") == ("2", complaint)
+    assert _with_reader(">&-", "schema") == ("0", "")
+
+
 def test_a_reader_that_leaves_early_loses_no_plan(tmp_path: Path) -> None:
     kept = tmp_path / "kept.npz"
-    command = f"{sys.executable} -m drake_rho plan paper -o {kept} | true"
-    ran = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602  # ours
-    assert ran.stderr == ""
+    assert _with_reader("| true", "plan", "paper", "-o", str(kept)) == ("141 0", "")
     assert isinstance(rho.load(kept), rho.Plan)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,25 @@ def test_a_flight_comes_back_as_it_went(paper: rho.Scenario, tmp_path: Path) -> 
         assert _same(one.reference, other.reference)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
+def test_a_plan_of_numbers_that_are_none_is_refused_by_name(name: str, value: float) -> None:
+    plan = rho.plan_convex(single())
+    array = getattr(plan, name).copy()
+    array[0, 3, 1] = value
+    words = rf"^{name}: got {value} for solo at knot 3 \(from 0\), expected finite numbers$"
+    with pytest.raises(ValueError, match=words):
+        dataclasses.replace(plan, **{name: array})
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e308])
+def test_accelerations_that_are_no_flight_are_refused(value: float) -> None:
+    accelerations = np.zeros((1, 16, 3))
+    accelerations[0, 3:, 2] = value
+    with pytest.raises(ValueError, match=r"s: got .* for solo at knot .*, expected finite numbers"):
+        rho.Plan.from_accelerations(single(), accelerations)
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The bytes of a good file."""
@@ -83,6 +103,8 @@ def test_a_damaged_file_is_refused_or_the_same(
         {"format": "something else"},
         {"plan.positions": np.zeros((1, 5, 3))},
         {"plan.accelerations": np.full((1, 16, 3), np.nan)},
+        {"plan.accelerations": np.full((1, 16, 3), 1e308)},
+        {"plan.positions": np.full((1, 17, 3), -1.1e12)},
         {"plan.velocities": np.array("words")},
         {"plan.scenario": "{}"},
         {"plan.scenario": "not json"},
@@ -130,6 +152,27 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
         file.write(b"after")
     assert path.read_text() == "after"
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("name", ["room.csv", "room.npz.gz", "room.json"])
+def test_an_ending_of_another_format_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=rf"{name}: .* expected the ending \.npz or none"):
+        rho.save(rho.plan_convex(single()), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    plan = rho.Plan.from_accelerations(single(), np.full((1, 16, 3), 1.1e12))
+    with pytest.raises(ValueError, match=r"plan\.positions has values that are no numbers up to"):
+        rho.save(plan, tmp_path / "far.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_loop_of_links_is_an_error_and_stays(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(OSError, match="symbolic links"), replacing(tmp_path / "loop"):
+        pass
+    assert (tmp_path / "loop").is_symlink()
 
 
 def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:

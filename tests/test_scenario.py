@@ -116,10 +116,38 @@ def test_bad_yaml_is_refused_by_name(old: str, new: str, field: str, paper: rho.
     assert caught.value.field == field
 
 
-@pytest.mark.parametrize("text", ["", "[1, 2]", "5", "a: 2020-13-50", "? [1]\n: 2", "a: &x [*x]"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "[1, 2]", "5", "a: 2020-13-50", "a: &x [*x]", "a: !!bool x", "a: !!int ''"),
+        *("a: !!timestamp x", "a: " + "9" * 5000, "? [1]\n: 2", "? {a: 1}\n: 2", "\0"),
+    ],
+)
 def test_what_is_no_scenario_is_refused(text: str) -> None:
-    with pytest.raises(rho.ScenarioError):
+    with pytest.raises(rho.ScenarioError) as caught:
         scenario_from_yaml(text)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 250
+
+
+@pytest.mark.parametrize("brackets", ["[", "{", "{? ", "- "])
+def test_yaml_too_deep_is_refused_in_words(brackets: str) -> None:
+    with pytest.raises(rho.ScenarioError, match="expected YAML that is less deep"):
+        scenario_from_yaml(brackets * 20_000)
+
+
+def test_a_number_too_long_to_be_written_is_refused(paper: rho.Scenario) -> None:
+    text = scenario_to_yaml(paper).replace("knots: 50", "knots: 0x" + "f" * 9000)
+    with pytest.raises(
+        rho.ScenarioError, match=r"grid\.knots: got a number of thousands of digits"
+    ):
+        scenario_from_yaml(text)
+
+
+def test_a_name_given_twice_is_told_with_its_place() -> None:
+    names = [f"key{number}: {number}" for number in range(1000)]
+    with pytest.raises(rho.ScenarioError, match=r"the key 'key7' once, not again .* line 1001"):
+        scenario_from_yaml("\n".join([*names, "key7: 0"]))
 
 
 def test_a_missing_file_and_a_wrong_name_are_named(tmp_path: Path) -> None:
@@ -210,8 +238,29 @@ def test_yaml_merge_keys_work_and_alias_bombs_are_refused_at_once(paper: rho.Sce
     )
     assert merged.count("<<") == 3
     assert scenario_from_yaml(merged) == paper
-    lines = ["a0: &a0 [1, 1, 1]"]
-    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 10)]
-    bomb = "\n".join(lines) + "\ngrid: *a9\nname: *a9\nvehicles: [{start: {position: *a9}}]"
-    with pytest.raises(rho.ScenarioError):
-        scenario_from_yaml(bomb)
+    for leaf, node in (("[1, 1, 1]", "[{}]"), ("{x: 1, y: 2}", "{{<<: [{}]}}")):
+        lines = [f"a0: &a0 {leaf}"]
+        for n in range(1, 20):
+            lines.append(f"a{n}: &a{n} " + node.format(", ".join([f"*a{n - 1}"] * 9)))
+        bomb = "\n".join(lines) + "\ngrid: *a19\nname: *a19\nvehicles: [{start: {position: *a19}}]"
+        with pytest.raises(rho.ScenarioError):
+            scenario_from_yaml(bomb)
+
+
+def test_names_of_a_merge_within_a_merge_are_not_given_twice() -> None:
+    text = """
+name: two
+grid: {step: 1, knots: 20}
+vehicles:
+- name: one
+  start: {position: [0, 0, 0]}
+  goal: {position: [9, 0, 0]}
+  limits: &one {velocity: {lower: [-1, -1, -1], upper: [1, 1, 1]}}
+- name: other
+  start: {position: [0, 5, 0]}
+  goal: {position: [9, 5, 0]}
+  limits: &other {<<: *one, velocity: {lower: [-2, -2, -2], upper: [2, 2, 2]}}
+limits: {<<: *other}
+"""
+    scenario = scenario_from_yaml(text)
+    assert scenario.limits == scenario.vehicles[1].limits != scenario.vehicles[0].limits

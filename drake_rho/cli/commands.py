@@ -8,15 +8,20 @@ import sys
 import webbrowser
 import zipfile
 from collections.abc import Callable
-from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, TypeVar
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from drake_rho.cli.console import (
+from drake_rho.cli.checks import (
+    check_folder,
+    check_interface,
+    check_kept,
+    check_rate,
     check_writable,
+)
+from drake_rho.cli.console import (
     err,
     finish,
     out,
@@ -41,6 +46,7 @@ from drake_rho.cli.options import (
     read,
     refuse_grid,
 )
+from drake_rho.cli.streams import with_patience
 from drake_rho.motion.files import load
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.paper.study import REPEATS, run_study
@@ -62,16 +68,16 @@ T = TypeVar("T")
 
 @app.command()
 def reproduce(
-    figures: Annotated[Path, typer.Option(help="Folder for the sixteen figures.")] = Path(
-        "figures"
-    ),
+    figures: Annotated[
+        str, typer.Option(metavar="FOLDER", help="Folder for the sixteen figures.")
+    ] = "figures",
 ) -> int:
     """Run the paper's four examples, draw Figs 3 to 18, check what the paper says it found."""
     # matplotlib takes longer to load than the other commands take to run
     from drake_rho.paper.figures import NUMBERS, write_paper_figures
     from drake_rho.paper.tables import claims_table, study_table
 
-    figures.mkdir(parents=True, exist_ok=True)
+    check_folder(figures)
     columns = (
         BarColumn(),
         MofNCompleteColumn(),
@@ -108,12 +114,12 @@ def plan(
     figures: FiguresOption = None,
 ) -> int:
     """Plan a scenario in one piece, verify the plan and print the report."""
+    check_kept(output, figures)
     further = list(step or ())
     own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
     if further and method is Method.SCP:
         raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
     asked = read(scenario, duration, own_step)
-    check_writable(output)
     chosen = SOLVERS[solver]()
     with err.status("planning"):
         planned = _by_method(
@@ -144,8 +150,8 @@ def fly(
     figures: FiguresOption = None,
 ) -> int:
     """Fly a scenario with a receding horizon, verify the flight and print the report."""
+    check_kept(output, figures)
     asked = read(scenario, duration, step)
-    check_writable(output)
     options: dict[str, Any] = {
         "replan_every": replan_every,
         "reference": None if reference is None else REFERENCES[reference],
@@ -185,17 +191,21 @@ def show(
         ),
     ],
     html: Annotated[
-        Path | None, typer.Option(help="Write one self-contained page here instead of serving.")
+        str | None,
+        typer.Option(metavar="FILE", help="Write one self-contained page here instead of serving."),
     ] = None,
     host: Annotated[
         str, typer.Option(help="Network interface to serve on; '*' is every one.")
     ] = "localhost",
     port: Annotated[
-        int, typer.Option(help="Port to serve on; the next free one if it is taken.")
+        int,
+        typer.Option(
+            min=1024, max=65535, help="Port to serve on; the next free one if it is taken."
+        ),
     ] = 7000,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
     rate: Annotated[
-        float | None, typer.Option(help="Seconds of flight in a second of playback.")
+        float | None, typer.Option(help="Seconds of flight in a second of playback, 0.01 to 1000.")
     ] = None,
     trails: Annotated[
         bool | None, typer.Option(help="Draw trails; by default for up to a hundred vehicles.")
@@ -206,7 +216,9 @@ def show(
     """Show the swarm in Meshcat: in the browser until interrupted, or as one page in a file."""
     from drake_rho.display.animation import animate
 
-    check_writable(html, "--html")
+    check_writable(html, (".html", ".htm"), "--html")
+    check_interface(host)
+    check_rate(rate)
     with err.status("planning"):
         flown = _load_or_fly(source, duration, step)
     with err.status("drawing"):
@@ -265,7 +277,5 @@ def _load_or_fly(source: str, duration: float | None, step: float | None) -> Pla
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     logging.getLogger("drake").setLevel(logging.WARNING)  # what the solvers mutter
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # a terminal that lacks a sign shows another
-            stream.reconfigure(errors="replace")
+    sys.stdout, sys.stderr = with_patience(sys.stdout), with_patience(sys.stderr)
     sys.exit(status_of(lambda: app(standalone_mode=False)))

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
 import threading
 from collections.abc import Callable
-from pathlib import Path
 
 from rich.console import Console
 
@@ -17,7 +14,6 @@ from drake_rho.motion.files import save
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.scenario.errors import DrakeRhoError
-from drake_rho.scenario.files import check_replaceable
 
 out = Console()
 err = Console(stderr=True)
@@ -28,7 +24,7 @@ def say(text: str) -> None:
     out.print(text, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
-def finish(planned: Plan | Flight, output: Path | None, figures: Path | None = None) -> int:
+def finish(planned: Plan | Flight, output: str | None, figures: str | None = None) -> int:
     """Report on what was planned, keep it and draw it, whether or not it holds."""
     if output is not None:  # before anything is said: a closed pipe must not lose the work
         save(planned, output)
@@ -53,7 +49,7 @@ def report(planned: Plan | Flight) -> int:
     numbers = whole.statistics
     say(
         f"index {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
-        f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver}"
+        f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver or 'no solver'}"
     )
     if isinstance(planned, Flight):
         kept = [window for window in planned.windows if window.infeasible]
@@ -63,17 +59,6 @@ def report(planned: Plan | Flight) -> int:
     if not numbers.converged:
         say("the iteration was stopped before the index settled")
     return 0 if judged.ok else 1
-
-
-def check_writable(output: Path | None, option: str = "--output") -> None:
-    """Find out before the work, not after it, that its result cannot be kept."""
-    if output is None:
-        return
-    try:
-        check_replaceable(output)
-    except OSError as error:
-        reason = error.strerror or "not a regular file"
-        raise ValueError(f"{option}: got {output}, expected a file to write ({reason})") from None
 
 
 def wait_for_interrupt() -> None:
@@ -96,9 +81,6 @@ def status_of(command: Callable[[], int | None]) -> int:
         return 3
     except SolverError as error:
         return _complain(error, 4)
-    except BrokenPipeError:  # whoever read our output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
     except (DrakeRhoError, ValueError, OSError) as error:
         return _complain(error, 2)
     except MemoryError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -55,10 +54,14 @@ StepOption = Annotated[
     float | None, typer.Option(help="Step of the flight of a mission, in seconds.")
 ]
 OutputOption = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Keep the result in this file (.npz).")
+    str | None,
+    typer.Option("--output", "-o", metavar="FILE", help="Keep the result in this file (.npz)."),
 ]
 FiguresOption = Annotated[
-    Path | None, typer.Option(help="Folder for figures of the result, made if it is not there.")
+    str | None,
+    typer.Option(
+        metavar="FOLDER", help="Folder for figures of the result, made if it is not there."
+    ),
 ]
 MethodOption = Annotated[
     Method,

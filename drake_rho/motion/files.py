@@ -13,7 +13,11 @@ from pydantic import TypeAdapter
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.scenario.errors import DrakeRhoError
+from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_json
+
+ENDINGS = (".npz",)
+"""Of the files that hold a plan or a flight."""
 
 _PLAN, _FLIGHT = "drake_rho plan 1", "drake_rho flight 1"
 _ARRAYS = ("positions", "velocities", "accelerations")
@@ -31,11 +35,16 @@ def save(planned: Plan | Flight, path: str | Path) -> None:
 
     Args:
         planned: what to keep.
-        path: of the file, used as it is; `.npz` is the customary ending.
+        path: of the file, used as it is; its ending is `.npz`, or it has none.
 
     Raises:
+        ValueError: the ending is that of another format, or a number is beyond any flight.
         OSError: the file cannot be written.
     """
+    if (ending := Path(path).suffix) and ending.lower() not in ENDINGS:
+        raise ValueError(
+            f"{path}: got {ending}, expected the ending {' or '.join(ENDINGS)} or none"
+        )
     content: dict[str, Any]
     if isinstance(planned, Flight):
         content = {"format": _FLIGHT} | _pack("plan", planned.plan)
@@ -114,6 +123,7 @@ def _check_windows(plan: Plan, windows: tuple[Window, ...]) -> None:
 
 
 def _pack(prefix: str, plan: Plan) -> dict[str, Any]:
+    _check_numbers(prefix, {name: getattr(plan, name) for name in _ARRAYS})
     return {
         f"{prefix}.scenario": scenario_to_json(plan.scenario),
         f"{prefix}.statistics": _STATISTICS.dump_json(plan.statistics).decode(),
@@ -123,10 +133,14 @@ def _pack(prefix: str, plan: Plan) -> dict[str, Any]:
 
 def _unpack(prefix: str, content: Mapping[str, np.ndarray]) -> Plan:
     arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
-    for name, array in arrays.items():
-        if array.dtype != np.float64 or not np.all(np.isfinite(array)):
-            raise ValueError(f"{prefix}.{name} has values that are no finite numbers")
+    _check_numbers(prefix, arrays)
     statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
     scenario = scenario_from_json(str(content[f"{prefix}.scenario"]))
     positions, velocities, accelerations = (arrays[name] for name in _ARRAYS)
     return Plan(scenario, positions, velocities, accelerations, statistics)
+
+
+def _check_numbers(prefix: str, arrays: Mapping[str, np.ndarray]) -> None:
+    for name, array in arrays.items():
+        if array.dtype != np.float64 or not np.all(np.abs(array) <= LARGEST):  # never with a NaN
+            raise ValueError(f"{prefix}.{name} has values that are no numbers up to {LARGEST:g}")

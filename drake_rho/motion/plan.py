@@ -65,7 +65,8 @@ class Plan:
     """One trajectory for every vehicle of a scenario.
 
     Raises:
-        ValueError: an array has another shape than the scenario asks for.
+        ValueError: an array has another shape than the scenario asks for, or a value that is no
+            finite number.
     """
 
     scenario: Scenario
@@ -83,12 +84,18 @@ class Plan:
 
     def __post_init__(self) -> None:
         vehicles, knots = len(self.scenario.vehicles), self.scenario.grid.knots
-        shapes = {"positions": knots, "velocities": knots, "accelerations": knots - 1}
+        # accelerations first: the others follow from them, and so would a number that is none
+        shapes = {"accelerations": knots - 1, "positions": knots, "velocities": knots}
         for name, length in shapes.items():
             array = locked(getattr(self, name))
             if array.shape != (vehicles, length, 3):
                 expected = (vehicles, length, 3)
                 raise ValueError(f"{name}: got shape {array.shape}, expected {expected}")
+            if not np.isfinite(array).all():
+                vehicle, knot, axis = map(int, np.argwhere(~np.isfinite(array))[0])
+                where = f"{self.scenario.vehicles[vehicle].name} at knot {knot} (from 0)"
+                value = array[vehicle, knot, axis]
+                raise ValueError(f"{name}: got {value} for {where}, expected finite numbers")
             object.__setattr__(self, name, array)
 
     @classmethod
@@ -96,7 +103,8 @@ class Plan:
         cls, scenario: Scenario, accelerations: FloatArray, statistics: Statistics | None = None
     ) -> Self:
         """The plan that flies `accelerations` [m/s²], shape (N, K-1, 3), from the starts."""
-        motion = Motion.from_starts(scenario.fleet, accelerations, scenario.grid.step)
+        with np.errstate(over="ignore", invalid="ignore"):  # the plan refuses what comes of it
+            motion = Motion.from_starts(scenario.fleet, accelerations, scenario.grid.step)
         positions, velocities = motion.positions, motion.velocities
         return cls(scenario, positions, velocities, accelerations, statistics or Statistics())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import reprlib
 
 
@@ -35,6 +36,15 @@ class ScenarioError(DrakeRhoError, ValueError):
         where = f"{self.field}: " if self.field else ""
         return f"{where}got {_shorten(self.value)}, expected {self.expected}"
 
+    def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
+        """For another process, where a value that cannot get there is what is said of it."""
+        value = self.value
+        try:
+            pickle.dumps(value)
+        except Exception:  # what a value of any kind raises
+            value = Words(_shorten(value))
+        return ScenarioError, (self.field, value, self.expected)
+
     def inside(self, parent: str) -> ScenarioError:
         """The same error as seen from the record that holds this one under `parent`."""
         if not parent or not self.field or self.field.startswith("["):
@@ -43,6 +53,9 @@ class ScenarioError(DrakeRhoError, ValueError):
 
 
 def _shorten(value: object, longest: int = 80) -> str:
-    text = str(value) if isinstance(value, float) else reprlib.repr(value)
+    try:
+        text = str(value) if isinstance(value, float | Words) else reprlib.repr(value)
+    except ValueError:  # an integer of more digits than Python writes
+        text = "a number of thousands of digits"
     text = " ".join(text.split())
     return text if len(text) <= longest else text[: longest - 1] + "…"

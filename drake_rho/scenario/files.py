@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import reprlib
+import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -71,8 +74,14 @@ def scenario_from_yaml(text: str) -> Scenario:
     try:
         # A SafeLoader, given by name because it also refuses doubled keys.
         content = yaml.load(text, Loader=_Loader)  # noqa: S506
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        raise ScenarioError("", Words("broken YAML"), " ".join(str(error).split())) from None
+    except RecursionError:
+        raise ScenarioError("", Words("broken YAML"), "YAML that is less deep") from None
+    except (TypeError, AttributeError, LookupError):  # as PyYAML does with `!!bool perhaps`
+        expected = "YAML whose values are of the kinds that their tags (!!) name"
+        raise ScenarioError("", Words("broken YAML"), expected) from None
+    except (yaml.YAMLError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise ScenarioError("", Words("broken YAML"), f"YAML; {reason}") from None
     try:
         return _adapter().validate_python(content)
     except ValidationError as error:
@@ -116,9 +125,7 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
     Raises:
         OSError: the file cannot be written, or `path` is there and no regular file.
     """
-    path = Path(path).resolve()
-    if path.exists() and not path.is_file():
-        raise OSError(f"{path}: not a regular file")
+    path = _replaceable(path)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".drake_rho.")
     try:
         with os.fdopen(handle, "wb") as file:
@@ -136,11 +143,16 @@ def check_replaceable(path: str | Path) -> None:
     Raises:
         OSError: it will not.
     """
-    path = Path(path).resolve()
-    if path.exists() and not path.is_file():
-        raise OSError(f"{path}: not a regular file")
-    with tempfile.TemporaryFile(dir=path.parent):
+    with tempfile.TemporaryFile(dir=_replaceable(path).parent):
         pass
+
+
+def _replaceable(path: str | Path) -> Path:
+    """Where `path` leads, links followed: to a regular file, or to nothing yet."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+    return Path(os.path.realpath(path))
 
 
 def _umask() -> int:
@@ -158,15 +170,23 @@ def _adapter() -> TypeAdapter[Scenario]:
 class _Loader(yaml.SafeLoader):
     """YAML's safe loader, which also refuses a key given twice instead of dropping the first."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [
-            self.construct_object(key, deep=True)
-            for key, _ in node.value
-            if key.tag != "tag:yaml.org,2002:merge"
-        ]
-        for index, key in enumerate(keys):
-            if key in keys[:index]:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key {key!r} is given twice", node.start_mark
-                )
-        return super().construct_mapping(node, deep)
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node: yaml.MappingNode = super().compose_mapping_node(anchor)
+        seen = set()
+        for key, _ in node.value:
+            name = _name(key)
+            if name in seen and key.tag != "tag:yaml.org,2002:merge":
+                words = f"the key {reprlib.repr(key.value)} once, not again"
+                raise yaml.MarkedYAMLError(problem=words, problem_mark=key.start_mark)
+            seen.add(name)
+        return node
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Merge, keeping each key once: merges of merges would grow without end."""
+        super().flatten_mapping(node)
+        node.value = list({_name(key): (key, value) for key, value in node.value}.values())
+
+
+def _name(key: yaml.Node) -> object:
+    """What sets a key apart; fields have plain names, so other keys need not be compared."""
+    return (key.tag, key.value) if isinstance(key, yaml.ScalarNode) else key
