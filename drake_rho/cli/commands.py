@@ -93,7 +93,7 @@ def reproduce(
         study = run_study(advance)
         write_paper_figures(study, figures, advance)
     out.print(study_table(study), claims_table(study), sep="\n")
-    out.print(f"{len(NUMBERS)} figures in {figures}", soft_wrap=True)
+    say(f"{len(NUMBERS)} figures in {figures}")
     return 0 if all(example.report.ok for example in study.examples) else 1
 
 
@@ -255,7 +255,7 @@ def _by_method(method: Method, convex: Callable[[], T], scp: Callable[[], T]) ->
     except InfeasibleError as error:
         if method is Method.CONVEX or not error.about_linearisation:
             raise
-        err.print("the convex method has no plan here; trying ways round the obstacles (scp)")
+        say("the convex method has no plan here; trying ways round the obstacles (scp)", err)
         return scp()
 
 
