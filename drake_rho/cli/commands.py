@@ -47,7 +47,7 @@ from drake_rho.cli.options import (
     read,
     refuse_grid,
 )
-from drake_rho.cli.streams import with_patience
+from drake_rho.cli.streams import pipe_safe
 from drake_rho.motion.files import load
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.convex import plan_convex
@@ -277,5 +277,5 @@ def _load_or_fly(source: str, duration: float | None, step: float | None) -> Pla
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     logging.getLogger("drake").setLevel(logging.WARNING)  # what the solvers mutter
-    sys.stdout, sys.stderr = with_patience(sys.stdout), with_patience(sys.stderr)
+    sys.stdout, sys.stderr = pipe_safe(sys.stdout), pipe_safe(sys.stderr)
     sys.exit(status_of(lambda: app(standalone_mode=False)))
