@@ -269,6 +269,20 @@ def test_a_terminal_without_greek_or_squares_is_no_obstacle(tmp_path: Path) -> N
     assert b"m/s?" in ran.stdout
 
 
+def test_a_terminal_of_no_width_and_names_like_markup_are_no_obstacle(tmp_path: Path) -> None:
+    asked = dataclasses.replace(single(), name="[/b] [red] :x:")
+    rho.save(rho.plan_convex(asked), tmp_path / "plan.npz")
+    for words in (("verify", str(tmp_path / "plan.npz")), ("plan", "[/b] [red] :x:")):
+        ran = subprocess.run(
+            [sys.executable, "-m", "drake_rho", *words],
+            capture_output=True,
+            text=True,
+            env={"COLUMNS": "0"},
+            check=False,
+        )
+        assert "[/b] [red] :x:" in ran.stdout + ran.stderr
+
+
 def test_the_schema_is_json(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -297,9 +311,11 @@ def test_figures_of_the_result_are_written_where_asked(
 def test_reproduce_writes_sixteen_figures_and_the_tables(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    status, out, _ = run(capsys, monkeypatch, "reproduce", "--figures", str(tmp_path / "f"))
+    folder = tmp_path / "[bold]"
+    status, out, _ = run(capsys, monkeypatch, "reproduce", "--figures", str(folder))
     assert status == 0
-    assert len(list((tmp_path / "f").iterdir())) == 16
+    assert len(list(folder.iterdir())) == 16
+    assert f"16 figures in {folder}" in out
     assert "17027.239" in out
     assert "greatly reduces" in out
 

@@ -46,7 +46,7 @@ from drake_rho.cli.options import (
     read,
     refuse_grid,
 )
-from drake_rho.cli.streams import with_patience
+from drake_rho.cli.streams import pipe_safe
 from drake_rho.motion.files import load
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.paper.study import REPEATS, run_study
@@ -93,7 +93,7 @@ def reproduce(
         study = run_study(advance)
         write_paper_figures(study, figures, advance)
     out.print(study_table(study), claims_table(study), sep="\n")
-    out.print(f"{len(NUMBERS)} figures in {figures}", soft_wrap=True)
+    say(f"{len(NUMBERS)} figures in {figures}")
     return 0 if all(example.report.ok for example in study.examples) else 1
 
 
@@ -255,7 +255,7 @@ def _by_method(method: Method, convex: Callable[[], T], scp: Callable[[], T]) ->
     except InfeasibleError as error:
         if method is Method.CONVEX or not error.about_linearisation:
             raise
-        err.print("the convex method has no plan here; trying ways round the obstacles (scp)")
+        say("the convex method has no plan here; trying ways round the obstacles (scp)", err)
         return scp()
 
 
@@ -277,5 +277,5 @@ def _load_or_fly(source: str, duration: float | None, step: float | None) -> Pla
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     logging.getLogger("drake").setLevel(logging.WARNING)  # what the solvers mutter
-    sys.stdout, sys.stderr = with_patience(sys.stdout), with_patience(sys.stderr)
+    sys.stdout, sys.stderr = pipe_safe(sys.stdout), pipe_safe(sys.stderr)
     sys.exit(status_of(lambda: app(standalone_mode=False)))

@@ -19,9 +19,10 @@ out = Console()
 err = Console(stderr=True)
 
 
-def say(text: str) -> None:
-    """As it is: names of vehicles are no markup, and a table's lines are not folded."""
-    out.print(text, markup=False, emoji=False, highlight=False, soft_wrap=True)
+def say(text: str, console: Console = out) -> None:
+    """As it is, on a console of any width: names are no markup, and a table is not folded."""
+    console.file.write(f"{text}\n")
+    console.file.flush()
 
 
 def finish(planned: Plan | Flight, output: str | None, figures: str | None = None) -> int:
@@ -77,7 +78,7 @@ def status_of(command: Callable[[], int | None]) -> int:
     except InfeasibleError as error:
         with err.status("finding out why"):
             reason = None if error.scenario is None else diagnose(error.scenario)
-        err.print(str(reason or error), markup=False, emoji=False, highlight=False, soft_wrap=True)
+        say(str(reason or error), err)
         return 3
     except SolverError as error:
         return _complain(error, 4)
@@ -96,5 +97,5 @@ def status_of(command: Callable[[], int | None]) -> int:
 
 def _complain(error: object, status: int) -> int:
     words = " ".join(str(error).split())
-    err.print(f"drake-rho: {words}", markup=False, emoji=False, highlight=False, soft_wrap=True)
+    say(f"drake-rho: {words}", err)
     return status

@@ -24,7 +24,7 @@ class _Stream(io.FileIO):
             raise
 
 
-def with_patience(stream: TextIO) -> TextIO:
+def pipe_safe(stream: TextIO) -> TextIO:
     """The stream for a reader that may leave and a terminal that may lack some signs.
 
     What is none of the system's, as in a test, or closed (None), is returned as it is.

@@ -131,15 +131,16 @@ class CuttingPlanes:
             infeasible = planned[self.effort.unreachable[planned]].tolist()
             planned = np.setdiff1d(planned, infeasible)
         self._constraints += more
-        look, pending, number = more, planned, 0  # what is kept already needs no look at first
         moved, broken = self._mask(planned), self._add(warm, planned)
+        look, pending = more, planned  # what is kept already needs no look at first
+        number = searches = 0
         for _ in range(MAX_ROUNDS):
             broken |= self._add_violated(look, pending, number)
             if not np.any(broken):
-                broken = self._add_violated(look, np.flatnonzero(moved), number, between=True)
+                broken = self._add_violated(look, np.flatnonzero(moved), searches, between=True)
                 if not np.any(broken):
                     return infeasible
-                moved[:], number = False, 0
+                moved[:], number, searches = False, 0, searches + 1
             pending = self._with_groups(np.flatnonzero(broken))
             failed = self._solve(pending)
             infeasible += failed

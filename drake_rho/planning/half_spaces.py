@@ -72,6 +72,11 @@ class Constraint(abc.ABC):
             reach: up to how many knots away from a broken row its neighbours are wanted too.
         """
 
+    @property
+    def none(self) -> HalfSpaces:
+        """No rows."""
+        return HalfSpaces(self, *_NONE)
+
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
         """Rows of the constraint of the same number, as this one writes them."""
         return dataclasses.replace(rows, constraint=self)
@@ -177,6 +182,10 @@ class HalfSpaces:
             self.bounds,
             self.tolerances,
         )
+
+
+_WHOLE, _REAL = np.zeros(0, dtype=np.int64), np.zeros(0)
+_NONE = _WHOLE, _WHOLE, _WHOLE, _REAL, np.zeros((0, 3)), _REAL, _REAL
 
 
 def near(marked: BoolArray, runs: IntArray, reach: int) -> BoolArray:

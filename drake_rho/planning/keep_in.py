@@ -40,7 +40,7 @@ class KeepInBox(Constraint):
     ) -> HalfSpaces:
         """The sides that are broken: at the knots, or where a coordinate turns round."""
         if between:
-            return self._violated_between(motion, vehicles)
+            return self._violated_between(motion, vehicles) if self.between else self.none
         values = motion.values(self.quantity)[:, self.first : self.first + len(self.times)]
         lower, upper, tolerances = self.bounds.lower, self.bounds.upper, self.bounds.tolerances
         before = motion.before
@@ -48,12 +48,10 @@ class KeepInBox(Constraint):
             values, lower, upper = values[vehicles], lower[vehicles], upper[vehicles]
             tolerances, before = tolerances[vehicles], before[vehicles]
         room = BROKEN * tolerances
-        if not (
-            np.any(values < (lower - room)[:, None]) or np.any(values > (upper + room)[:, None])
-        ):
-            return self.rows(vehicles[:0], vehicles[:0], self.times[:0])
-        margins = np.concatenate([values - lower[:, None], upper[:, None] - values], axis=2)
-        broken = margins < -np.tile(room, 2)[:, None]
+        low, high = values < (lower - room)[:, None], values > (upper + room)[:, None]
+        if not (low.any() or high.any()):
+            return self.none
+        broken = np.concatenate([low, high], axis=2)
         if self.quantity == "jerk":  # the first acceleration may be free of a jerk limit
             broken[np.isnan(before[:, 0]), 0] = False
         broken = np.moveaxis(broken, 2, 1)
@@ -72,8 +70,6 @@ class KeepInBox(Constraint):
         return asked
 
     def _violated_between(self, motion: Motion, vehicles: IntArray) -> HalfSpaces:
-        if not self.between:
-            return self.rows(vehicles[:0], vehicles[:0], self.times[:0])
         times, positions = turning_points(motion.of(vehicles))
         room = BROKEN * self.bounds.tolerances[vehicles]
         below = positions < (self.bounds.lower[vehicles] - room)[:, None]

@@ -126,7 +126,8 @@ class KeepOut(Constraint):
     ) -> HalfSpaces:
         """The rows that are broken: of those asked for anyway, or where the motion is inside."""
         if between:
-            return self.rows(self.penetrations(motion, vehicles))
+            places = self.penetrations(motion, vehicles)
+            return self.rows(places) if len(places) > 0 else self.none
         rows, knots = self._asked
         if len(rows) == 0:
             return rows
@@ -143,7 +144,9 @@ class KeepOut(Constraint):
             values = motion.positions[rows.vehicles, knots]
             margins = np.einsum("ri,ri->r", rows.normals, values) - rows.bounds
         broken = margins < -BROKEN * rows.tolerances
-        return rows.select(near(broken, rows.vehicles, reach) if reach else broken)
+        if not broken.any():
+            return self.none
+        return rows.select(near(broken, rows.vehicles, reach))
 
     @cached_property
     def _asked(self) -> tuple[HalfSpaces, IntArray | None]:

@@ -170,20 +170,22 @@ class Subproblem:
         return len(too_close(separation, motion, between=self.scenario.between_knots)) == 0
 
     def failure(self, motion: Motion, spent: Statistics) -> InfeasibleError | None:
-        """The pairs that a motion leaves too close, and when; None if there are none."""
+        """The pairs that a motion leaves too close, each when it is closest; None if there are none."""
         if self.holds(motion):
             return None
         names = [vehicle.name for vehicle in self.scenario.vehicles]
         separation, between = separation_of(self.scenario), self.scenario.between_knots
         left = too_close(separation, motion, between=between)
-        conflicts: dict[str, tuple[str, ...]] = {}
+        left = left.select(np.argsort(left.distances, kind="stable"))
+        conflicts: dict[str, dict[int, str]] = {}
         for one, other, time in zip(left.one, left.other, left.times, strict=True):
             for vehicle, partner in ((one, other), (other, one)):
-                reason = f"{NAME} from {names[partner]} at {time:.4g} s"
-                conflicts[names[vehicle]] = (*conflicts.get(names[vehicle], ()), reason)
+                reasons = conflicts.setdefault(names[vehicle], {})
+                reasons.setdefault(partner, f"{NAME} from {names[partner]} at {time:.4g} s")
         touched = {name: frozenset([0]) for name in conflicts}
+        told = {name: tuple(reasons.values()) for name, reasons in conflicts.items()}
         return InfeasibleError(
-            conflicts, statistics=spent, scenario=self.scenario, obstacles=touched
+            told, statistics=spent, scenario=self.scenario, obstacles=touched
         )
 
     def _solve(self, reference: Plan, pairs: list[Constraint], vehicles: IntArray | None) -> Plan:
