@@ -126,28 +126,32 @@ class CuttingPlanes:
 
     def _keep_to(self, more: Sequence[Constraint], warm: Sequence[HalfSpaces]) -> list[int]:
         """The loop; returns the vehicles without a solution."""
-        planned, infeasible = self._planned, list[int]()
-        if np.any(self.effort.unreachable):
-            infeasible = planned[self.effort.unreachable[planned]].tolist()
-            planned = np.setdiff1d(planned, infeasible)
+        infeasible = self._planned[self.effort.unreachable[self._planned]].tolist()
+        if infeasible:
+            self._planned = np.setdiff1d(self._planned, infeasible)
         self._constraints += more
-        moved, broken = self._mask(planned), self._add(warm, planned)
-        look, pending = more, planned  # what is kept already needs no look at first
-        number = searches = 0
+        look, number, searches = more, 0, 0  # what is kept already needs no look at first
+        moved, broken = self._mask(self._planned), self._add_violated(look, self._planned, 0)
+        own = [self._of_planned(rows) for rows in warm]
+        broken |= self._add([rows.select(~self.working.known(rows)) for rows in own])
         for _ in range(MAX_ROUNDS):
-            broken |= self._add_violated(look, pending, number)
             if not np.any(broken):
+                if infeasible and self._scenario.separation is not None:
+                    return infeasible  # what pairs do between is worth nothing now
                 broken = self._add_violated(look, np.flatnonzero(moved), searches, between=True)
                 if not np.any(broken):
                     return infeasible
                 moved[:], number, searches = False, 0, searches + 1
             pending = self._with_groups(np.flatnonzero(broken))
             failed = self._solve(pending)
-            infeasible += failed
             moved[pending] = True
-            moved[infeasible] = False
-            pending = np.setdiff1d(pending, failed) if failed else pending
-            look, number, broken = self._constraints, number + 1, np.zeros_like(broken)
+            if failed:
+                infeasible += failed
+                moved[failed] = False
+                pending = np.setdiff1d(pending, failed)
+                self._planned = np.setdiff1d(self._planned, failed)
+            look, number = self._constraints, number + 1
+            broken = self._add_violated(look, pending, number)
         raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
 
     def _mask(self, vehicles: IntArray) -> BoolArray:
@@ -156,12 +160,10 @@ class CuttingPlanes:
         mask[vehicles] = True
         return mask
 
-    def _add(self, rows: Sequence[HalfSpaces], vehicles: IntArray) -> BoolArray:
-        """Put rows of some vehicles in, and say whose there were."""
-        about = self._mask(vehicles[:0])
+    def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
+        """Put rows in, and say whose they are."""
+        about = self._mask(self._planned[:0])
         for part in rows:
-            if len(vehicles) < len(about):
-                part = part.select(np.isin(part.vehicles, vehicles))
             if len(part) > 0:
                 self.working.add(part)
                 about[part.vehicles] = True
@@ -179,13 +181,20 @@ class CuttingPlanes:
             if number >= constraint.rounds:
                 continue
             rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
+            rows = self._of_planned(rows)
             if len(rows) > 0:
-                new = self._new(rows)
-                added.append(new if reach > 0 else self._worst(new, _PIECES * 2**number))
-        added_to = self._add(added, self._planned)
+                worst = rows if reach > 0 else self._worst(rows, _PIECES * 2**number)
+                added.append(self._new(worst))
+        added_to = self._add(added)
         for lost in self._lost:
             added_to[lost.vehicles] = True
         return added_to
+
+    def _of_planned(self, rows: HalfSpaces) -> HalfSpaces:
+        """Those of vehicles that are planned: partners may not be, or have no solution."""
+        if len(self._planned) == len(self.effort.units) or len(rows) == 0:
+            return rows
+        return rows.select(self._mask(self._planned)[rows.vehicles])
 
     def _new(self, rows: HalfSpaces) -> HalfSpaces:
         """Those that are not in yet; one that is in, but is not kept, has to be solved again."""
