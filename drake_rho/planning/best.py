@@ -17,9 +17,11 @@ from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.scp import Progress, iterate, restored
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
+from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.records import Scenario
 
 
+@one_for_arrays()
 def plan(
     scenario: Scenario,
     *,

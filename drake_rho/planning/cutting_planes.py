@@ -8,7 +8,6 @@ every row left out holds.
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Sequence
 from itertools import islice
@@ -76,7 +75,8 @@ class CuttingPlanes:
         self._scenario, self._solver, self._linear = scenario, solver, linear
         self._planned = np.arange(count) if vehicles is None else vehicles
         self._constraints: list[Constraint] = []
-        self._spent = Statistics()
+        self._programs, self._solver_name = 0, ""
+        self._seconds = self._solver_seconds = 0.0
         self._lost: list[HalfSpaces] = []
         self._retries = 0
         if accelerations is not None and len(self._planned) < count:
@@ -104,17 +104,13 @@ class CuttingPlanes:
         began = time.perf_counter()
         with one_for_arrays():
             infeasible = self._keep_to(constraints, warm)
-        self._spent = dataclasses.replace(
-            self._spent,
-            seconds=self._spent.seconds + time.perf_counter() - began,
-            rows=len(self.working),
-        )
+        self._seconds += time.perf_counter() - began
         if infeasible:
             raise self._error(infeasible, reference)
 
     def plan(self, reference: Plan | None = None) -> Plan:
         """The solutions as a plan, found with constraints linearised around `reference`."""
-        statistics = dataclasses.replace(self._spent, linearisations=int(reference is not None))
+        statistics = self.statistics(linearisations=int(reference is not None))
         plan = Plan(
             self._scenario,
             self.motion.positions,
@@ -124,9 +120,20 @@ class CuttingPlanes:
         )
         return plan if reference is None else plan.found_around(reference)
 
+    def statistics(self, *, linearisations: int = 0) -> Statistics:
+        """What it took so far."""
+        return Statistics(
+            programs=self._programs,
+            rows=len(self.working),
+            linearisations=linearisations,
+            solver=self._solver_name,
+            solver_seconds=self._solver_seconds,
+            seconds=self._seconds,
+        )
+
     def _keep_to(self, more: Sequence[Constraint], warm: Sequence[HalfSpaces]) -> list[int]:
         """The loop; returns the vehicles without a solution."""
-        infeasible = self._planned[self.effort.unreachable[self._planned]].tolist()
+        infeasible: list[int] = self._planned[self.effort.unreachable[self._planned]].tolist()
         if infeasible:
             self._planned = np.setdiff1d(self._planned, infeasible)
         self._constraints += more
@@ -178,7 +185,7 @@ class CuttingPlanes:
         reach = 2 ** max(0, number - patience) // 2
         added = []
         for constraint in look if len(vehicles) > 0 else ():
-            if number >= constraint.rounds:
+            if number >= constraint.rounds or (between and not constraint.between):
                 continue
             rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
             rows = self._of_planned(rows)
@@ -214,6 +221,8 @@ class CuttingPlanes:
         follows = (later > 0.0) & (later < 1.5 * self.effort.grid.step)
         for array in (rows.vehicles, rows.partners, rows.sides):
             follows &= np.diff(array) == 0
+        if not follows.any():
+            return rows
         margins = rows.margins(self.motion) / rows.tolerances
         return rows.select(worst_of_pieces(follows, margins, pieces))
 
@@ -240,12 +249,9 @@ class CuttingPlanes:
     def _take(self, batch: Batch, solutions: list[Solution]) -> list[int]:
         """Fly the solutions of a batch; say which vehicles have none."""
         self.working.solved(batch, solutions)
-        self._spent = dataclasses.replace(
-            self._spent,
-            programs=self._spent.programs + len(solutions),
-            solver=solutions[-1].solver,
-            solver_seconds=self._spent.solver_seconds + sum(each.seconds for each in solutions),
-        )
+        self._programs += len(solutions)
+        self._solver_name = solutions[-1].solver
+        self._solver_seconds += sum(each.seconds for each in solutions)
         feasible = np.array([solution.feasible for solution in solutions])
         u = batch.solutions([each.result for each in solutions], self.effort.grid.knots - 1)
         u, groups = u[feasible], batch.groups[feasible]
@@ -265,7 +271,7 @@ class CuttingPlanes:
             lost = self._lost[0]
             who = self._scenario.vehicles[lost.vehicles[0]].name
             raise SolverError(
-                f"the solvers do not keep the {lost.constraint.name} of {who}", self._spent
+                f"the solvers do not keep the {lost.constraint.name} of {who}", self.statistics()
             )
         else:
             self._retries += 1
@@ -280,7 +286,7 @@ class CuttingPlanes:
                 names[vehicle]: conflict_of(self.working, self.effort, vehicle, names)
                 for vehicle in vehicles
             },
-            statistics=self._spent,
+            statistics=self.statistics(),
             scenario=self._scenario,
             obstacles={names[vehicle]: in_the_way(self.working, vehicle) for vehicle in vehicles},
             reference=reference,

@@ -58,6 +58,8 @@ class Constraint(abc.ABC):
     """whether one instant may need several rows, each with another normal"""
     linearised: bool = False
     """whether its rows hold around one reference only"""
+    between: bool = False
+    """whether it can be broken where its rows were not looked for at the knots"""
 
     @abc.abstractmethod
     def violated(
@@ -68,7 +70,7 @@ class Constraint(abc.ABC):
         Args:
             motion: of all vehicles.
             vehicles: which of them are looked at, rising indices, shape (P,).
-            between: whether to look at the worst instants instead of the knots.
+            between: whether to look elsewhere, at the worst instants, instead of at the knots.
             reach: up to how many knots away from a broken row its neighbours are wanted too.
         """
 
@@ -144,6 +146,12 @@ class HalfSpaces:
         values = motion.each_at(quantity, self.vehicles, self.times)
         if self.constraint.coupled:
             values = values - motion.each_at(quantity, self.partners, self.times)
+        margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
+        return margins
+
+    def margins_at(self, motion: Motion, knots: IntArray) -> FloatArray:
+        """The same for rows about positions of single vehicles at knots, shape (R,)."""
+        values = motion.positions[self.vehicles, knots]
         margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
         return margins
 

@@ -92,7 +92,7 @@ class KeepApart(KeepOut):
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
         """Where pairs are closer than the separation, one of them looked at."""
-        found = too_close(self.kept, motion, between=self.between)
+        found = too_close(self.kept, motion, between=self.every_instant)
         asked = np.zeros(len(motion.positions), dtype=bool)
         asked[vehicles] = True
         return places_of(found.select(asked[found.one] | asked[found.other]))
@@ -137,7 +137,7 @@ class KeepApart(KeepOut):
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
         """Rows of the same pairs at the same knots, or closest approaches next to them."""
-        own, _ = self._asked
+        own = self._asked
         return own.select(np.isin(self._by_knot(own), self._by_knot(rows)))
 
     def _by_knot(self, rows: HalfSpaces) -> IntArray:
@@ -192,7 +192,8 @@ def pairs_of(
         aside=aside,
         reference=reference,
         places=places_of(near.and_also(grazing)),
-        between=scenario.between_knots,
+        between=True,
+        every_instant=scenario.between_knots,
     )
 
 

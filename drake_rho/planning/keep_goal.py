@@ -36,7 +36,7 @@ class ReachGoal(Constraint):
         """The side that is missed: at least, or at most, what is wanted."""
         missed = (motion.values(self.quantity)[vehicles, -1] - self.wanted[vehicles])[:, self.axis]
         broken = np.abs(missed) > BROKEN * self.tolerances[vehicles]
-        own, above = vehicles[broken & (not between)], missed[broken & (not between)] > 0.0
+        own, above = vehicles[broken], missed[broken] > 0.0
         normals = np.zeros((len(own), 3))
         normals[:, self.axis] = np.where(above, -1.0, 1.0)
         return HalfSpaces(

@@ -32,15 +32,13 @@ class KeepInBox(Constraint):
     """knots at which it is asked [s], shape (T,)"""
     first: int
     """which of the quantity's values is that of the first of `times`"""
-    between: bool = False
-    """whether it is asked between knots too; only positions can break it there"""
 
     def violated(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """The sides that are broken: at the knots, or where a coordinate turns round."""
         if between:
-            return self._violated_between(motion, vehicles) if self.between else self.none
+            return self._violated_between(motion, vehicles)
         values = motion.values(self.quantity)[:, self.first : self.first + len(self.times)]
         lower, upper, tolerances = self.bounds.lower, self.bounds.upper, self.bounds.tolerances
         before = motion.before

@@ -35,7 +35,7 @@ class KeepInBall(Constraint):
         values = motion.values(self.quantity)[vehicles, 1:-1]
         lengths = np.sqrt(np.einsum("pti,pti->pt", values, values))
         most = (self.norms.most + BROKEN * self.norms.tolerances)[vehicles, None]
-        broken = (lengths > most) & (not between)
+        broken = lengths > most
         runs = np.repeat(np.arange(len(vehicles)), len(self.times))
         broken = near(broken.reshape(-1), runs, reach).reshape(broken.shape) & (lengths > 0.0)
         which, knots = np.nonzero(broken)

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_rho.motion.clearance import dips
-from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, Quadratic, near
 from drake_rho.planning.keep_in import QUANTITIES
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -42,6 +42,15 @@ class Places:
     """indices of the others; the vehicles themselves where an obstacle is meant, shape (R,)"""
     times: FloatArray
     """[s], shape (R,)"""
+    knots: IntArray | None = None
+    """at which knots, if all are at knots, shape (R,)"""
+
+    def position(self, motion: Motion, vehicles: IntArray) -> FloatArray:
+        """Where vehicles are at these times [m], shape (R, 3)."""
+        if self.knots is None:
+            return motion.each_at("position", vehicles, self.times)
+        at: FloatArray = motion.positions[vehicles, self.knots]
+        return at
 
     def __len__(self) -> int:
         """R."""
@@ -58,7 +67,7 @@ class KeepOut(Constraint):
     """q, of all vehicles"""
     places: Places
     """where its rows are asked for in any case, each vehicle's neighbours in time together"""
-    between: bool
+    every_instant: bool
     """whether it holds at every instant, or at the knots only"""
     linearised: bool = True
 
@@ -128,7 +137,7 @@ class KeepOut(Constraint):
         if between:
             places = self.penetrations(motion, vehicles)
             return self.rows(places) if len(places) > 0 else self.none
-        rows, knots = self._asked
+        rows, knots = self._asked, self.places.knots
         if len(rows) == 0:
             return rows
         if len(vehicles) < len(motion.positions):
@@ -138,24 +147,16 @@ class KeepOut(Constraint):
             if self.coupled:
                 due |= asked[rows.partners]
             rows, knots = rows.select(due), None if knots is None else knots[due]
-        if knots is None:
-            margins = rows.margins(motion)
-        else:
-            values = motion.positions[rows.vehicles, knots]
-            margins = np.einsum("ri,ri->r", rows.normals, values) - rows.bounds
+        margins = rows.margins(motion) if knots is None else rows.margins_at(motion, knots)
         broken = margins < -BROKEN * rows.tolerances
         if not broken.any():
             return self.none
         return rows.select(near(broken, rows.vehicles, reach))
 
     @cached_property
-    def _asked(self) -> tuple[HalfSpaces, IntArray | None]:
-        """The rows asked for in any case, and the knots they are at if all are at knots."""
-        rows, step = self.rows(self.places), self.reference.step
-        knots = step_at(rows.times, step)
-        if self.coupled or np.any(np.abs(rows.times - step * knots) > 1e-12 * rows.times):
-            return rows, None
-        return rows, knots
+    def _asked(self) -> HalfSpaces:
+        """The rows asked for in any case."""
+        return self.rows(self.places)
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
         """Norms of scaled offsets: of at least the shape's size."""
@@ -175,13 +176,12 @@ class KeepOutOfSphere(KeepOut):
 
     def offsets(self, motion: Motion, places: Places) -> FloatArray:
         """Positions from the sphere's centre."""
-        positions = motion.each_at("position", places.vehicles, places.times)
-        return positions - self.shape.center
+        return places.position(motion, places.vehicles) - self.shape.center
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
         """The closest approaches inside, once where two steps share the instant."""
         sphere = self.shape
-        if not self.between:
+        if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
         found = dips(motion.of(vehicles), sphere.center, sphere.radius - BROKEN * sphere.tolerance)
         whose, times = vehicles[found.vehicles], found.times
@@ -189,9 +189,7 @@ class KeepOutOfSphere(KeepOut):
         return Places(whose[~again], whose[~again], times[~again])
 
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
-        """Inner knots inside the sphere; rows asked for at all of them leave none."""
-        if len(self.places) > 0:
-            return Places(vehicles[:0], vehicles[:0], np.zeros(0))
+        """Inner knots inside the sphere."""
         x = motion.positions[vehicles, 1:-1] - self.shape.center
         inside = self.shape.signed_distance(x) < -BROKEN * self.shape.tolerance
         which, knots = np.nonzero(inside)
@@ -229,7 +227,8 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[Constraint]:
     """The obstacles linearised (15) around a motion of the same vehicles, at all inner knots."""
     count, times = len(scenario.vehicles), scenario.grid.times[1:-1]
     every = np.repeat(np.arange(count), len(times))
-    places = Places(every, every, np.tile(times, count))
+    knots = np.tile(np.arange(1, len(times) + 1), count)
+    places = Places(every, every, np.tile(times, count), knots)
     return [
         KeepOutOfSphere(
             number=FIRST + number,
@@ -239,6 +238,7 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[Constraint]:
             reference=reference,
             places=places,
             between=scenario.between_knots,
+            every_instant=scenario.between_knots,
         )
         for number, sphere in enumerate(scenario.obstacles, start=1)
     ]
@@ -255,7 +255,8 @@ def sides_of(scenario: Scenario, reference: Motion, sides: list[FloatArray]) -> 
             shape=sphere,
             reference=reference,
             places=Places(none, none, np.zeros(0)),
-            between=scenario.between_knots,
+            between=True,
+            every_instant=scenario.between_knots,
             side=side,
         )
         for number, (sphere, side) in enumerate(

@@ -15,6 +15,7 @@ from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
@@ -52,6 +53,7 @@ def tail_reference(
     return tail
 
 
+@one_for_arrays()
 def plan_rho(
     scenario: Scenario,
     *,

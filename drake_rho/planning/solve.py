@@ -36,7 +36,7 @@ _OSQP: _Options = {
     "eps_rel": 1e-9,
     "eps_prim_inf": 1e-9,
     "eps_dual_inf": 1e-9,
-    "max_iter": 200_000,
+    "max_iter": 20_000,
     "polishing": 1,
     "polish_refine_iter": 10,
 }

@@ -170,7 +170,7 @@ class Subproblem:
         return len(too_close(separation, motion, between=self.scenario.between_knots)) == 0
 
     def failure(self, motion: Motion, spent: Statistics) -> InfeasibleError | None:
-        """The pairs that a motion leaves too close, each when it is closest; None if there are none."""
+        """The pairs that a motion leaves too close, and when they are closest; None if none are."""
         if self.holds(motion):
             return None
         names = [vehicle.name for vehicle in self.scenario.vehicles]
@@ -184,9 +184,7 @@ class Subproblem:
                 reasons.setdefault(partner, f"{NAME} from {names[partner]} at {time:.4g} s")
         touched = {name: frozenset([0]) for name in conflicts}
         told = {name: tuple(reasons.values()) for name, reasons in conflicts.items()}
-        return InfeasibleError(
-            told, statistics=spent, scenario=self.scenario, obstacles=touched
-        )
+        return InfeasibleError(told, statistics=spent, scenario=self.scenario, obstacles=touched)
 
     def _solve(self, reference: Plan, pairs: list[Constraint], vehicles: IntArray | None) -> Plan:
         constraints = constraints_around(self.scenario, reference) + pairs

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import lru_cache
 
 from threadpoolctl import ThreadpoolController
 
+_limited = ContextVar("limited", default=False)
 
-def one_for_arrays() -> AbstractContextManager[object]:
+
+@contextmanager
+def one_for_arrays() -> Iterator[None]:
     """Within it, products and factors of matrices take one thread.
 
     On matrices of some hundred rows the threads of BLAS wait for each other longer than they
-    work, and where a core is busy with something else a hundred times as long.
+    work, and where a core is busy with something else a hundred times as long. Inside another such
+    block it does nothing: to set the limit takes as long as a small program.
     """
-    limit: AbstractContextManager[object] = _blas().limit(limits=1)
-    return limit
+    if _limited.get():
+        yield
+        return
+    token = _limited.set(True)
+    try:
+        with _blas().limit(limits=1):
+            yield
+    finally:
+        _limited.reset(token)
 
 
 @lru_cache(maxsize=1)
