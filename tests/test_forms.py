@@ -79,7 +79,7 @@ def test_the_span_of_the_rows_loses_nothing(scenario: rho.Scenario) -> None:
         with pytest.MonkeyPatch.context() as patched:
             for name, value in form.items():
                 patched.setattr(program, name, value)
-            batches = programs_of(effort, rows)
+            batches = list(programs_of(effort, rows))
         assert all((batch.basis is None) == ("_SPARSE" in form) for batch in batches)
         for batch in batches:
             vehicles = batch.groups[:, 0]

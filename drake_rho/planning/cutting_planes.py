@@ -9,11 +9,10 @@ every row left out holds.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from itertools import islice
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from pydrake.solvers import SolverInterface
+from pydrake.solvers import MathematicalProgram, SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflicts import conflict_of, in_the_way
@@ -22,7 +21,7 @@ from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.keep_out import FIRST
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import Batch, groups_of, programs_of
-from drake_rho.planning.solve import MAX_RETRIES, Solution, solve
+from drake_rho.planning.solve import MAX_RETRIES, Solution, solve_side_by_side
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -185,7 +184,7 @@ class CuttingPlanes:
         reach = 2 ** max(0, number - patience) // 2
         added = []
         for constraint in look if len(vehicles) > 0 else ():
-            if number >= constraint.rounds or (between and not constraint.between):
+            if number >= (constraint.searches if between else constraint.rounds):
                 continue
             rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
             rows = self._of_planned(rows)
@@ -237,17 +236,25 @@ class CuttingPlanes:
     def _solve(self, vehicles: IntArray) -> list[int]:
         """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
         rows = self.working.of(self._with_groups(vehicles), len(self.effort.units))
-        batches = programs_of(self.effort, rows, linear=self._linear)
-        programs = [each for batch in batches for each in batch.programs]
-        answers = iter(solve(programs, self._solver, retry=self._retry()))
-        infeasible: list[int] = []
-        for batch in batches:
-            solutions = list(islice(answers, len(batch.programs)))
-            infeasible += self._take(batch, solutions)
+        batches = list[Batch]()
+
+        def written() -> Iterator[list[MathematicalProgram]]:
+            for batch in programs_of(self.effort, rows, linear=self._linear):
+                batches.append(batch)
+                yield batch.programs
+
+        answers = solve_side_by_side(written(), self._solver, retry=self._retry())
+        solved = list(map(self._take, batches, answers))
+        vehicles = np.concatenate([whose for whose, _ in solved])
+        found = self.effort.goals.met_by(np.concatenate([own for _, own in solved]), vehicles)
+        order = np.argsort(vehicles)
+        self.motion = self.motion.with_some(vehicles[order], found[order])
+        every = np.concatenate([batch.groups.reshape(-1) for batch in batches])
+        infeasible: list[int] = np.setdiff1d(every, vehicles).tolist()
         return infeasible
 
-    def _take(self, batch: Batch, solutions: list[Solution]) -> list[int]:
-        """Fly the solutions of a batch; say which vehicles have none."""
+    def _take(self, batch: Batch, solutions: list[Solution]) -> tuple[IntArray, FloatArray]:
+        """Note the solutions of a batch; the vehicles that have one, and their accelerations."""
         self.working.solved(batch, solutions)
         self._programs += len(solutions)
         self._solver_name = solutions[-1].solver
@@ -258,10 +265,7 @@ class CuttingPlanes:
         units = self.effort.units[groups].max(axis=1)
         vehicles = groups.reshape(-1)
         a = np.repeat(units, groups.shape[1])[:, None, None] * u.reshape(-1, *u.shape[2:])
-        a += self.effort.motion.accelerations[vehicles]
-        self.motion = self.motion.with_some(vehicles, self.effort.goals.met_by(a, vehicles))
-        lost: list[int] = batch.groups[~feasible].reshape(-1).tolist()
-        return lost
+        return vehicles, a + self.effort.motion.accelerations[vehicles]
 
     def _retry(self) -> int:
         """How often the last rows were in a program and were not kept, so that others solve it."""

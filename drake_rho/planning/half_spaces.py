@@ -51,15 +51,15 @@ class Constraint(abc.ABC):
     penalty: float = np.inf
     """what the cost may rise for each unit that a row is broken; infinite if it must not be"""
     rounds: int = sys.maxsize
-    """solves after which its rows are added no more; fewer for what is only on the way"""
+    """looks at the knots after which its rows are added no more; fewer for what is on the way"""
+    searches: int = 0
+    """the same of looks elsewhere, which are needed where it can be broken between its rows"""
     coupled: bool = False
     """whether its rows bound the difference to a partner, rather than one vehicle alone"""
     curved: bool = False
     """whether one instant may need several rows, each with another normal"""
     linearised: bool = False
     """whether its rows hold around one reference only"""
-    between: bool = False
-    """whether it can be broken where its rows were not looked for at the knots"""
 
     @abc.abstractmethod
     def violated(

@@ -192,7 +192,7 @@ def pairs_of(
         aside=aside,
         reference=reference,
         places=places_of(near.and_also(grazing)),
-        between=True,
+        searches=1 if soft else sys.maxsize,
         every_instant=scenario.between_knots,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -111,7 +112,7 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
                 bounds=bounds,
                 times=times[1:-1] if inner else times[:-1],
                 first=int(inner),
-                between=scenario.between_knots and quantity == "position",
+                searches=sys.maxsize * (scenario.between_knots and quantity == "position"),
             )
         )
     return boxes

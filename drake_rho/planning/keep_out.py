@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import sys
 from functools import cached_property
 
 import numpy as np
@@ -136,7 +137,10 @@ class KeepOut(Constraint):
         """The rows that are broken: of those asked for anyway, or where the motion is inside."""
         if between:
             places = self.penetrations(motion, vehicles)
-            return self.rows(places) if len(places) > 0 else self.none
+            if len(places) == 0:
+                return self.none
+            rows = self.rows(places)  # of two that are too close, one may keep its own half
+            return rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
         rows, knots = self._asked, self.places.knots
         if len(rows) == 0:
             return rows
@@ -237,7 +241,7 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[Constraint]:
             shape=sphere,
             reference=reference,
             places=places,
-            between=scenario.between_knots,
+            searches=sys.maxsize * scenario.between_knots,
             every_instant=scenario.between_knots,
         )
         for number, sphere in enumerate(scenario.obstacles, start=1)
@@ -255,7 +259,7 @@ def sides_of(scenario: Scenario, reference: Motion, sides: list[FloatArray]) -> 
             shape=sphere,
             reference=reference,
             places=Places(none, none, np.zeros(0)),
-            between=True,
+            searches=sys.maxsize,
             every_instant=scenario.between_knots,
             side=side,
         )

@@ -19,7 +19,7 @@ rows have no slack. It is written in one of two forms, whichever is cheaper, bot
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -82,8 +82,8 @@ class Batch:
 
 def programs_of(
     effort: MinimumEffort, rows: Sequence[HalfSpaces], *, linear: bool = False
-) -> list[Batch]:
-    """The programs of all vehicles that have rows.
+) -> Iterator[Batch]:
+    """The programs of all vehicles that have rows, the largest first, written one by one.
 
     Args:
         effort: of the scenario.
@@ -92,23 +92,23 @@ def programs_of(
     """
     groups = groups_of(len(effort.units), rows)
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
-    alone = np.bincount(groups)[: len(count)] == 1
-    batches: list[Batch] = []
-    for group in np.flatnonzero((count > 0) & (~alone | (count > _FEW))):
+    size = np.bincount(groups)[: len(count)]
+    in_sparse = _cheaper_sparse(effort.grid.knots - 1, size, count)
+    for group in np.flatnonzero((count > 0) & (in_sparse | (size > 1))):
         own = [part.select(groups[part.vehicles] == group) for part in rows]
-        sparse = SparseRows(effort, np.flatnonzero(groups == group), own)
-        if _cheaper_sparse(sparse, count[group]):
-            alone[group] = False
-            batches.append(_sparse(sparse, linear))
-        elif not alone[group]:
-            batches.append(_reduced_group(effort, sparse.group, own, linear))
+        write = _sparse if in_sparse[group] else _reduced_group
+        yield write(effort, np.flatnonzero(groups == group), own, linear)
+    alone = ~in_sparse & (size == 1)
     single = [part.select(alone[groups[part.vehicles]]) for part in rows]
-    return _reduced(effort, [part for part in single if len(part) > 0], linear) + batches
+    yield from _reduced(effort, [part for part in single if len(part) > 0], linear)
 
 
-def _cheaper_sparse(sparse: SparseRows, count: int) -> bool:
-    width = 3 * len(sparse.group) * sparse.steps
-    return bool(count**2 * (width + 5 * count) > _SPARSE * sparse.entries)
+def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray) -> BoolArray:
+    """For which groups, of so many vehicles and rows each, the sparse form is cheaper."""
+    width = 3 * vehicles * steps
+    entries = 4 * rows + 9 * width  # of the rows, and of dynamics and accelerations
+    cheaper: BoolArray = (rows > _FEW) & (rows**2 * (width + 5 * rows) > _SPARSE * entries)
+    return cheaper
 
 
 def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
@@ -123,10 +123,10 @@ def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
     return labels
 
 
-def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) -> list[Batch]:
+def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) -> Iterator[Batch]:
     """Programs of single vehicles in the reduced space; the arithmetic of all at once."""
     if not rows:
-        return []
+        return
     vehicles = np.concatenate([part.vehicles for part in rows])
     sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
@@ -141,13 +141,11 @@ def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) ->
     units = effort.units[vehicles]
     needed, penalties = short / (lengths * units), penalties * lengths / units
     matrix = (inside[:, :, None] * normals[:, None, :]).reshape(len(order), -1)
-    batches = []
-    for size in np.unique(sizes).tolist():
+    for size in np.unique(sizes)[::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
         stack = matrix[own].reshape(-1, size, matrix.shape[1])
         numbers = (needed[own].reshape(-1, size), penalties[own].reshape(-1, size))
-        batches.append(_in_span(vehicles[own][::size, None], stack, *numbers, linear))
-    return batches
+        yield _in_span(vehicles[own][::size, None], stack, *numbers, linear)
 
 
 def _reduced_group(
@@ -219,8 +217,11 @@ def _in_span(
     return Batch(groups, programs, rows, basis, np.ones_like(needed))
 
 
-def _sparse(sparse: SparseRows, linear: bool) -> Batch:
+def _sparse(
+    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool
+) -> Batch:
     """The program in the accelerations, with the states that its rows speak of beside them."""
+    sparse = SparseRows(effort, group, rows)
     program = MathematicalProgram()
     x = program.NewContinuousVariables(sparse.columns)
     u = x[: 3 * sparse.steps * len(sparse.group)]
@@ -229,7 +230,7 @@ def _sparse(sparse: SparseRows, linear: bool) -> Batch:
     add_goal(program, sparse.effort, u)
     for equations in sparse.dynamics():
         zero = np.zeros(equations.shape[0])
-        program.AddLinearEqualityConstraint(csc_matrix(equations), zero, x)
+        program.AddLinearEqualityConstraint(equations, zero, x)
     matrix, needed, penalties, lengths = sparse.matrix()
     rows = add_rows(program, matrix, needed, penalties, x)
     return Batch(sparse.group[None], [program], [rows], None, lengths[None])

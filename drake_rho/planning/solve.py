@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import lru_cache, partial
+from itertools import chain, islice
 
 from pydrake.common import Parallelism
 from pydrake.solvers import (
@@ -41,9 +45,9 @@ _OSQP: _Options = {
     "polish_refine_iter": 10,
 }
 
-_WORTH_THREADS = 200
-"""Variables in all programs together from which waking other cores takes less time than it saves;
-where these have other work, waiting for them takes a hundred times as long as a small program."""
+_CHUNK = 40_000
+"""Squared variables of the programs that a thread is given at once, some ten milliseconds: less
+work than that is done where it is asked for, since to wake another core takes time too."""
 
 MAX_RETRIES = 2
 """How often programs are solved again whose solutions do not keep their rows."""
@@ -71,7 +75,7 @@ def solve(
     *,
     retry: int = 0,
 ) -> list[Solution]:
-    """Solve independent programs side by side, on all cores.
+    """Solve independent programs, here and one after the other.
 
     A program on which the solver fails numerically is given to others: Clarabel with tight and
     then with its usual tolerances, and OSQP or, for one that is linear and thus none for OSQP, CLP.
@@ -108,6 +112,44 @@ def solve(
     return [solutions[index] for index in range(len(programs))]
 
 
+def solve_side_by_side(
+    batches: Iterable[Sequence[MathematicalProgram]],
+    solver: SolverInterface | None = None,
+    *,
+    retry: int = 0,
+) -> list[list[Solution]]:
+    """Solve batches of programs on all cores, the first while the next are still being written.
+
+    This is the only place in which threads are at work; the solvers themselves use one each.
+
+    Args:
+        batches: programs, made when they are asked for.
+        solver: as for `solve`, which also says what is raised.
+        retry: as for `solve`.
+
+    Returns:
+        The solutions, batch by batch.
+    """
+    task = partial(solve, solver=solver, retry=retry)
+    sizes, tasks, chunk, work = list[int](), list[Future[list[Solution]]](), [], 0
+    for programs in batches:
+        sizes.append(len(programs))
+        for program in programs:
+            chunk.append(program)
+            work += program.num_vars() ** 2
+            if work > _CHUNK:
+                tasks.append(_threads().submit(task, chunk))
+                chunk, work = [], 0
+    rest = task(chunk) if chunk else []
+    every = chain(*(each.result() for each in tasks), rest)
+    return [list(islice(every, size)) for size in sizes]
+
+
+@lru_cache(maxsize=1)
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count())
+
+
 def _attempts(first: SolverInterface) -> list[tuple[SolverInterface, _Options]]:
     clarabel = [(ClarabelSolver(), _CLARABEL), (ClarabelSolver(), _CLARABEL_AGAIN)]
     if _name(first) == "Clarabel":
@@ -127,12 +169,11 @@ def _solve_with(
     options = SolverOptions()
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
-    variables = sum(program.num_vars() for program in programs)
     results = SolveInParallel(
         progs=list(programs),
         solver_options=options,
         solver_id=solver.solver_id(),
-        parallelism=Parallelism.Max() if variables > _WORTH_THREADS else Parallelism(1),
+        parallelism=Parallelism(1),
     )
     name = _name(solver)
     return [_judge(name, result) for result in results]

@@ -11,9 +11,10 @@ and positions of u h², so that (1) and (2) have entries of about one, however m
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array, diags_array, eye_array, hstack, kron
+from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array, eye_array, hstack, kron
 
 from drake_rho.motion.dynamics import step_at
 from drake_rho.planning.half_spaces import HalfSpaces
@@ -45,26 +46,11 @@ class SparseRows:
         """Number of variables."""
         return 3 * self.steps * len(self.group) * (1 + self._velocities + self._positions)
 
-    @property
-    def entries(self) -> int:
-        """About how many numbers the program has."""
-        return 4 * sum(map(len, self._rows)) + 3 * self.columns
-
-    def dynamics(self) -> Iterator[csc_array]:
+    def dynamics(self) -> Iterator[csc_matrix]:
         """(1) and (2) for the states there are: matrices whose product with x is zero."""
-        n = self.steps
-        one, before = eye_array(n), diags_array([np.ones(n - 1)], offsets=[-1], shape=(n, n))
-        if self._velocities:
-            yield self._of_all([-one, one - before])
-        if self._positions:
-            yield self._of_all([-one / 2, -before, one - before])
-
-    def _of_all(self, blocks: Sequence[csc_array]) -> csc_array:
-        """The same equations for each vehicle and axis; blocks for the first of the variables."""
-        vehicles, axes = eye_array(len(self.group)), eye_array(3)
-        every = hstack([kron(kron(vehicles, block), axes) for block in blocks], format="csc")
-        every.resize((every.shape[0], self.columns))
-        return every
+        blocks = 1 + self._velocities + self._positions
+        for order in range(1, blocks):
+            yield _dynamics(self.steps, len(self.group), order, blocks)
 
     def matrix(self) -> tuple[csc_array, FloatArray, FloatArray, FloatArray]:
         """The rows.
@@ -120,3 +106,22 @@ class SparseRows:
             return h, [(velocities, one), (u + k, s)]
         positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
         return h**2, [(positions, one), (velocities, s), (u + k, s**2 / 2)]
+
+
+@lru_cache(maxsize=16)
+def _dynamics(steps: int, vehicles: int, order: int, blocks: int) -> csc_matrix:
+    """(1), for order 1, or (2), for order 2, of all vehicles and axes.
+
+    Args:
+        steps: K - 1.
+        vehicles: G.
+        order: 1 or 2.
+        blocks: kinds of variables: accelerations, velocities, positions.
+    """
+    one = eye_array(steps)
+    before = diags_array([np.ones(steps - 1)], offsets=[-1], shape=(steps, steps))
+    parts = [-one, one - before] if order == 1 else [-one / 2, -before, one - before]
+    every, axes = eye_array(vehicles), eye_array(3)
+    whole = hstack([kron(kron(every, part), axes) for part in parts], format="csc")
+    whole.resize((whole.shape[0], 3 * steps * vehicles * blocks))
+    return csc_matrix(whole)
