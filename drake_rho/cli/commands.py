@@ -7,12 +7,13 @@ import logging
 import sys
 import webbrowser
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, NoReturn
 
 import typer
+from pydrake.solvers import SolverInterface
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.status import Status
 
 from drake_rho.cli.checks import (
     check_folder,
@@ -31,6 +32,7 @@ from drake_rho.cli.console import (
     wait_for_interrupt,
 )
 from drake_rho.cli.options import (
+    PLANNERS,
     REFERENCES,
     SOLVERS,
     DurationOption,
@@ -50,7 +52,7 @@ from drake_rho.cli.streams import pipe_safe
 from drake_rho.motion.files import load
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.paper.study import REPEATS, run_study
-from drake_rho.planning.best import plan_scp
+from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.rho import plan_rho
@@ -63,7 +65,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-T = TypeVar("T")
 
 
 @app.command()
@@ -120,13 +121,8 @@ def plan(
     if further and method is Method.SCP:
         raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
     asked = read(scenario, duration, own_step)
-    chosen = SOLVERS[solver]()
-    with err.status("planning"):
-        planned = _by_method(
-            method if further else _for_fleet(method, asked),
-            lambda: plan_convex(asked, steps=further, solver=chosen),
-            lambda: plan_scp(asked, solver=chosen),
-        )
+    with err.status("planning") as status:
+        planned = _plan(asked, method, further, SOLVERS[solver](), status)
     return finish(planned, output, figures)
 
 
@@ -152,16 +148,15 @@ def fly(
     """Fly a scenario with a receding horizon, verify the flight and print the report."""
     check_kept(output, figures)
     asked = read(scenario, duration, step)
-    options: dict[str, Any] = {
-        "replan_every": replan_every,
-        "reference": None if reference is None else REFERENCES[reference],
-        "solver": SOLVERS[solver](),
-    }
+    planner, fallback = PLANNERS[method]
     with err.status("flying"):
-        flight = _by_method(
-            _for_fleet(method, asked),
-            lambda: plan_rho(asked, planner=plan_convex, **options),
-            lambda: plan_rho(asked, planner=plan_scp, **options),
+        flight = plan_rho(
+            asked,
+            replan_every=replan_every,
+            planner=planner,
+            fallback=fallback,
+            reference=None if reference is None else REFERENCES[reference],
+            solver=SOLVERS[solver](),
         )
     return finish(flight, output, figures)
 
@@ -237,26 +232,23 @@ def show(
     return 0
 
 
-def _for_fleet(method: Method, scenario: Scenario) -> Method:
-    """`auto` is scp for vehicles that keep apart.
-
-    Where they meet, one linearisation around motions that do not mind each other seldom has a plan.
-    """
-    fleet = method is Method.AUTO and scenario.separation is not None
-    return Method.SCP if fleet else method
-
-
-def _by_method(method: Method, convex: Callable[[], T], scp: Callable[[], T]) -> T:
-    """What the chosen method finds; `auto` is the first or, if that has none, the second."""
-    if method is Method.SCP:
-        return scp()
-    try:
-        return convex()
-    except InfeasibleError as error:
-        if method is Method.CONVEX or not error.about_linearisation:
-            raise
-        say("the convex method has no plan here; trying ways round the obstacles (scp)", err)
-        return scp()
+def _plan(
+    scenario: Scenario,
+    method: Method,
+    further: list[float],
+    solver: SolverInterface,
+    status: Status,
+) -> Plan:
+    """The plan of a method; further steps are tried by the convex one first."""
+    if method is Method.CONVEX or further:
+        try:
+            return plan_convex(scenario, steps=further, solver=solver)
+        except InfeasibleError as error:
+            if method is Method.CONVEX or not error.about_linearisation:
+                raise
+    return best_plan(
+        scenario, solver=solver, progress=lambda words: status.update(f"planning: {words}")
+    )
 
 
 def _load_or_fly(source: str, duration: float | None, step: float | None) -> Plan | Flight:
@@ -266,12 +258,8 @@ def _load_or_fly(source: str, duration: float | None, step: float | None) -> Pla
         return load(source)
     scenario = read(source, duration, step)
     if scenario.separation is not None:  # ten windows of sixty vehicles are long to wait for
-        return plan_scp(scenario)
-    return _by_method(
-        Method.AUTO,
-        lambda: plan_rho(scenario),
-        lambda: plan_rho(scenario, planner=plan_scp),
-    )
+        return best_plan(scenario)
+    return plan_rho(scenario)
 
 
 def main() -> NoReturn:

@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 from pydrake.solvers import ClarabelSolver, OsqpSolver
 
-from drake_rho.planning.rho import free_reference, tail_reference
+from drake_rho.planning.best import plan as best_plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.rho import Planner, free_reference, tail_reference
 from drake_rho.scenario.files import library, load_scenario
 from drake_rho.scenario.missions import is_lsc_mission, load_lsc_mission
 from drake_rho.scenario.records import Grid, Scenario
@@ -35,6 +37,13 @@ class Reference(StrEnum):
     FREE = "free"
     TAIL = "tail"
 
+
+PLANNERS: dict[Method, tuple[Planner, Planner | None]] = {
+    Method.AUTO: (plan_convex, best_plan),
+    Method.CONVEX: (plan_convex, None),
+    Method.SCP: (best_plan, None),
+}
+"""Of a window, and where that has no solution."""
 
 SOLVERS = {Solver.CLARABEL: ClarabelSolver, Solver.OSQP: OsqpSolver}
 REFERENCES = {Reference.FREE: free_reference, Reference.TAIL: tail_reference}
@@ -67,8 +76,9 @@ MethodOption = Annotated[
     Method,
     typer.Option(
         help="One linearisation of the obstacles (convex, the paper's), or iterated to convergence "
-        "with ways round the obstacles where the first has no solution (scp), or convex and, "
-        "where that has no solution, scp (auto)."
+        "with ways round the obstacles where the first has no solution (scp), or what the Python "
+        "functions do by themselves (auto): scp, and in a flight convex and, for windows in which "
+        "that has no solution, scp."
     ),
 ]
 SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]

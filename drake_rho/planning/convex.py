@@ -11,12 +11,7 @@ from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_out import obstacles_of
-from drake_rho.planning.subproblem import (
-    Subproblem,
-    convex_constraints,
-    coupling_for,
-    plan_around,
-)
+from drake_rho.planning.subproblem import Subproblem, convex_constraints, coupling_for
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
 
@@ -77,14 +72,13 @@ def plan_convex(
 
 def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | None) -> Plan:
     """Steps 1 and 2 for one h."""
-    if reference is not None and scenario.separation is None:
-        return plan_around(scenario, reference, solver)
+    if reference is not None:
+        return Subproblem(scenario, coupling_for(scenario), solver).around(reference)
     planes = CuttingPlanes(scenario, solver)
     planes.keep_to(convex_constraints(scenario))
     free = planes.plan()
     if scenario.separation is not None:
-        subproblem = Subproblem(scenario, coupling_for(scenario), solver)
-        plan = subproblem.around(reference or free)
+        plan = Subproblem(scenario, coupling_for(scenario), solver).around(free)
         return plan.with_statistics(free.statistics + plan.statistics)
     if not scenario.obstacles:
         return free
