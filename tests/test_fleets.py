@@ -368,6 +368,7 @@ def test_the_span_of_rows_that_couple_loses_nothing(between_knots: bool) -> None
     for sparse in (True, False):
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(program, "_SPARSE", 0 if sparse else 10**12)
+            patched.setattr(program, "_FEW", 0)
             batches = list(programs_of(effort, rows))
         (batch,) = [each for each in batches if each.groups.shape[1] == 4]
         assert (batch.basis is None) == sparse

@@ -24,6 +24,10 @@ BROKEN = 0.01
 are added."""
 
 
+_SOFT_SEARCHES = 5
+"""Searches for worst instants of constraints that may be broken."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Quadratic:
     """What rows were linearised from: norm(scales * (x(t) - c))² >= size², one of each row."""
@@ -103,8 +107,12 @@ class Constraint(abc.ABC):
         return ""
 
     def softened(self, penalty: float) -> Self:
-        """The same constraint, whose rows may be broken at a cost."""
-        return dataclasses.replace(self, penalty=penalty)
+        """The same constraint, whose rows may be broken at a cost.
+
+        What is broken has ever new worst instants, so these are searched for a few times only.
+        """
+        searches = min(self.searches, _SOFT_SEARCHES)
+        return dataclasses.replace(self, penalty=penalty, searches=searches)
 
 
 @dataclasses.dataclass(frozen=True)
