@@ -44,7 +44,7 @@ class _Extremes:
 
 
 def _extremes_at_knots(scenario: Scenario, values: FloatArray, skipped: BoolArray) -> _Extremes:
-    """Of values at knots, shape (N, M, 3), without the first of the vehicles `skipped`."""
+    """Extremes of values at knots, shape (N, M, 3), without the first of vehicles `skipped`."""
     low, high = np.array(values), np.array(values)
     low[skipped, 0], high[skipped, 0] = np.inf, -np.inf
     k = np.stack([np.argmin(low, axis=1), np.argmax(high, axis=1)], axis=1)
@@ -53,7 +53,7 @@ def _extremes_at_knots(scenario: Scenario, values: FloatArray, skipped: BoolArra
 
 
 def _extremes_at_all_times(motion: Motion, bounds: Bounds) -> _Extremes:
-    """Of positions: the least of x, y, z and of -x, -y, -z are distances from a wall."""
+    """Extremes of positions: the least of x, y, z and of -x, -y, -z, as distances from a wall."""
     signs = np.array([1.0, -1.0])[:, None, None, None]
     states = (motion.positions, motion.velocities, motion.accelerations)
     p, v, a = (signs * np.moveaxis(each, 1, 2)[:, None, ..., None] for each in states)

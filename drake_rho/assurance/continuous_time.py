@@ -31,8 +31,8 @@ from drake_rho.assurance.steps import Steps
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 Distance = Callable[[FloatArray], FloatArray]
-"""Of positions, shape (..., D), to values of shape (...) [m]: convex, and changing by no more than
-the way from one position to another."""
+"""A function of positions, shape (..., D), with values of shape (...) [m]: convex, and changing by
+no more than the way from one position to another."""
 
 _PARTS = 16
 """Parts that a piece of time is split into."""

@@ -21,10 +21,10 @@ BISECTED = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
 
 BISECTED_AROUND = 1e-3
-"""The same with obstacles, where a trial may have to look for ways round."""
+"""Relative precision with obstacles, where a trial may have to look for ways round."""
 
 BISECTED_APART = 1e-2
-"""The same for fleets that keep apart, where a trial that fails is a long search."""
+"""Relative precision for fleets that keep apart, where a trial that fails is a long search."""
 
 LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""

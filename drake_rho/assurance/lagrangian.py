@@ -1,12 +1,12 @@
 """The Lagrangian of the true problem, obstacles and pairs not linearised, and its minimum.
 
-Everything is in accelerations u = a / unit of the size of one, and of index norm(u)²:
+Accelerations u = a / unit are of the size of one, and the cost is norm(u)²:
 
     L(u) = norm(u)² + Σ λ_s (R_s² - norm(p_s(u) - c_s)²) / (2 R_s) + y · (b - A u)
 
 A pair of vehicles that keep apart is a term like an obstacle's, with the other's place for the
 centre, the separation for the radius, and z divided by the downwash. For every λ, y >= 0 the
-minimum of L over the motions that reach the goals is a lower bound for the index of every plan. L
+minimum of L over the motions that reach the goals is a lower bound for the cost of every plan. L
 is a quadratic that does not couple the axes, so the minimum is had in closed form wherever its
 Hessians are positive definite on the directions that leave the goals where they are.
 """
@@ -150,7 +150,7 @@ class Lagrangian:
         return self._breaches(u) / (2 * self._radii), rows
 
     def kkt_residuals(self) -> tuple[float, float]:
-        """Stationarity and complementarity at the converged solution, both over the index."""
+        """Stationarity and complementarity at the converged solution, relative to the cost."""
         index = float(np.sum(self.solution**2)) or 1.0
         bent, straight = self.slopes(self.solution)
         products = np.concatenate([self.weights * bent, self.multipliers * straight, [0.0]])

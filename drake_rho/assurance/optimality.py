@@ -41,7 +41,7 @@ _MAX_POLISHINGS = 30
 """Bound on the linearisations with which a fleet's plan is brought to a certificate's precision."""
 
 _ENOUGH = 1e-8
-"""Relative distance from a converged plan's index at which a bound is not improved any more."""
+"""Relative distance from a converged plan's cost at which a bound is not improved any more."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,16 +51,16 @@ class VehicleCertificate:
     vehicle: str
     """name; where pairs couple vehicles, that of the first and how many more"""
     cost: float
-    """its part of the index [m²/s⁴]"""
+    """its part of the cost [m²/s⁴]"""
     lower_bound: float
     """no plan of this vehicle can cost less [m²/s⁴]"""
     least_eigenvalue: float
     """of the Lagrangian's Hessian at the converged plan, on the motions that leave the goal where
-    it is; 2 is that of the index alone; above 0, the bound meets the converged plan's index"""
+    it is; 2 is that of the cost alone; above 0, the bound meets the converged plan's cost"""
     stationarity: float
-    """KKT: what is left of the Lagrangian's gradient at the converged plan, over the index's"""
+    """KKT: norm of the Lagrangian's gradient at the converged plan, over that of the cost's"""
     complementarity: float
-    """KKT: the largest product of a multiplier and what its constraint is off, over the index"""
+    """KKT: the largest product of a multiplier and its constraint's breach, over the cost"""
 
     @property
     def gap(self) -> float:
@@ -81,7 +81,7 @@ class Certificate:
 
     @property
     def cost(self) -> float:
-        """The plan's index [m²/s⁴]."""
+        """The plan's cost [m²/s⁴], the performance index f (13)."""
         return sum(each.cost for each in self.vehicles)
 
     @property
@@ -208,8 +208,8 @@ def _best_bound(lagrangian: Lagrangian) -> float:
     """The largest minimum of the Lagrangian that is found, in its own unit.
 
     First with the multipliers of the converged program; where the Lagrangian is convex there they
-    are the best. Else with those of the obstacles scaled down until it is, and then climbing: the
-    minimum is a concave function of the multipliers, whose slopes are the constraints' breaches.
+    are the best. Else those of the obstacles are scaled down until it is, and the minimum, a
+    concave function of the multipliers with the constraints' breaches as slopes, is maximised.
     """
     weights, multipliers = lagrangian.weights, lagrangian.multipliers
     first = lagrangian.minimum(weights, multipliers)

@@ -1,4 +1,4 @@
-"""`plan`: the best plan that is known how to find, and `plan_scp`, which is the same."""
+"""`plan`, the planner to use, iterated to convergence; `plan_scp`, its name by the method."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def plan(
     progress: Progress | None = None,
     options: Options | None = None,
 ) -> Plan:
-    """The best plan that is known how to find.
+    """The best plan that this package can find.
 
     The convex method's plan is linearised anew until its cost stops falling. Where the first
     linearisation has no solution, the vehicles it fails are given ways round the obstacles first,
@@ -101,7 +101,7 @@ def first_plan(
     progress: Progress | None = None,
     options: Options = DEFAULTS,
 ) -> Plan:
-    """What `plan` begins with: a plan that keeps every constraint, wherever one is found.
+    """The plan that `plan` begins with: it keeps every constraint, and is not iterated.
 
     Args and errors are those of `plan`.
     """

@@ -46,7 +46,7 @@ class CuttingPlanes:
     Args:
         scenario: what is asked.
         solver: a Drake solver; Clarabel if not given.
-        effort: that of the scenario, if it is at hand.
+        effort: minimum effort of the scenario, if it is at hand.
         vehicles: which of them are planned, rising indices; all if not given.
         accelerations: what the others fly [m/s²], shape (N, K-1, 3).
         linear: whether nothing but slack costs anything.
@@ -120,7 +120,7 @@ class CuttingPlanes:
         return plan if reference is None else plan.found_around(reference)
 
     def statistics(self, *, linearisations: int = 0) -> Statistics:
-        """What it took so far."""
+        """Counts and times of the work so far."""
         return Statistics(
             programs=self._programs,
             rows=len(self.working),
@@ -197,13 +197,13 @@ class CuttingPlanes:
         return added_to
 
     def _of_planned(self, rows: HalfSpaces) -> HalfSpaces:
-        """Those of vehicles that are planned: partners may not be, or have no solution."""
+        """The rows of vehicles that are planned: partners may not be, or have no solution."""
         if len(self._planned) == len(self.effort.units) or len(rows) == 0:
             return rows
         return rows.select(self._mask(self._planned)[rows.vehicles])
 
     def _new(self, rows: HalfSpaces) -> HalfSpaces:
-        """Those that are not in yet; one that is in, but is not kept, has to be solved again."""
+        """The rows that are not in yet; one that is in, but is not kept, has to be solved again."""
         known = self.working.known(rows)
         if not np.any(known):
             return rows
@@ -213,7 +213,7 @@ class CuttingPlanes:
         return rows.select(~known)
 
     def _worst(self, rows: HalfSpaces, pieces: int) -> HalfSpaces:
-        """Of every stretch of neighbouring rows the worst of each of its pieces."""
+        """The worst row of each piece of every stretch of neighbouring rows."""
         if len(rows) <= 1:
             return rows
         later = np.diff(rows.times)
@@ -298,7 +298,7 @@ class CuttingPlanes:
 
 
 def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> IntArray:
-    """Of every broken stretch the worst row of each of its pieces, as indices.
+    """The worst row of each piece of every broken stretch, as indices.
 
     Args:
         follows: whether each row but the first belongs to the same stretch as that before it.

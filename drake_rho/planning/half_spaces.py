@@ -20,8 +20,8 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
 
 BROKEN = 0.01
-"""Part of the verifier's tolerance beyond which a constraint counts as broken here, and its rows
-are added."""
+"""Part of the verifier's tolerance beyond which a row counts as broken for a planner, and is
+added."""
 
 
 _SOFT_SEARCHES = 5
@@ -30,7 +30,7 @@ _SOFT_SEARCHES = 5
 
 @dataclasses.dataclass(frozen=True)
 class Quadratic:
-    """What rows were linearised from: norm(scales * (x(t) - c))² >= size², one of each row."""
+    """What rows were linearised from: norm(scales * (x(t) - c))² >= size², one for each row."""
 
     centers: FloatArray
     """c [m], shape (R, 3); zero where x is the way from a partner"""
@@ -39,7 +39,7 @@ class Quadratic:
     sizes: FloatArray
     """[m], shape (R,)"""
     lengths: FloatArray
-    """of the scaled normals that the rows' unit normals were made of, shape (R,)"""
+    """of the scaled directions, before they were made unit normals, shape (R,)"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,11 +53,11 @@ class Constraint(abc.ABC):
     quantity: Quantity
     """what its rows bound"""
     penalty: float = np.inf
-    """what the cost may rise for each unit that a row is broken; infinite if it must not be"""
+    """cost of each unit by which a row is broken; infinite if it must not be"""
     rounds: int = sys.maxsize
-    """looks at the knots after which its rows are added no more; fewer for what is on the way"""
+    """rounds in which broken rows at the knots are added; few while plans are intermediate"""
     searches: int = 0
-    """the same of looks elsewhere, which are needed where it can be broken between its rows"""
+    """searches for worst instants between the knots; 0 where it can be broken at knots only"""
     coupled: bool = False
     """whether its rows bound the difference to a partner, rather than one vehicle alone"""
     curved: bool = False
@@ -84,7 +84,7 @@ class Constraint(abc.ABC):
         return HalfSpaces(self, *_NONE)
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
-        """Rows of the constraint of the same number, as this one writes them."""
+        """Rows of this constraint around another reference, as this one writes them."""
         return dataclasses.replace(rows, constraint=self)
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
@@ -107,9 +107,9 @@ class Constraint(abc.ABC):
         return ""
 
     def softened(self, penalty: float) -> Self:
-        """The same constraint, whose rows may be broken at a cost.
+        """This constraint with rows that may be broken at a cost.
 
-        What is broken has ever new worst instants, so these are searched for a few times only.
+        What stays broken has new worst instants in every motion: a few searches have to do.
         """
         searches = min(self.searches, _SOFT_SEARCHES)
         return dataclasses.replace(self, penalty=penalty, searches=searches)
@@ -158,7 +158,7 @@ class HalfSpaces:
         return margins
 
     def margins_at(self, motion: Motion, knots: IntArray) -> FloatArray:
-        """The same for rows about positions of single vehicles at knots, shape (R,)."""
+        """`margins` of rows about positions of single vehicles at given knots, shape (R,)."""
         values = motion.positions[self.vehicles, knots]
         margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
         return margins
@@ -166,20 +166,20 @@ class HalfSpaces:
     def responses(self, grid: Grid) -> FloatArray:
         """What one unit of each acceleration adds along the normal, shape (R, K-1), by (10)-(11).
 
-        The same along every axis, so row r stands for responses[r, j] normals[r] · a[j].
+        It is the same along every axis, so row r stands for responses[r, j] normals[r] · a[j].
         """
         return response(self.constraint.quantity, grid.step, grid.knots, self.times)
 
     def sparse_responses(self, grid: Grid) -> csr_array:
-        """The same as a sparse array, for many rows."""
+        """`responses` as a sparse array, for many rows."""
         return sparse_response(self.constraint.quantity, grid.step, grid.knots, self.times)
 
     def select(self, rows: BoolArray | IntArray | slice) -> HalfSpaces:
-        """Only some of the rows."""
+        """Some of the rows."""
         return HalfSpaces(self.constraint, *(array[rows] for array in self._arrays()))
 
     def numbered(self, numbers: IntArray) -> HalfSpaces:
-        """The same with other indices: that of vehicle i becomes numbers[i]."""
+        """These rows with other indices: that of vehicle i becomes numbers[i]."""
         vehicles, partners = numbers[self.vehicles], numbers[self.partners]
         return dataclasses.replace(self, vehicles=vehicles, partners=partners)
 
@@ -205,7 +205,7 @@ _NONE = _WHOLE, _WHOLE, _WHOLE, _REAL, np.zeros((0, 3)), _REAL, _REAL
 
 
 def near(marked: BoolArray, runs: IntArray, reach: int) -> BoolArray:
-    """What is marked and its neighbours up to `reach` away in the same run, shape (R,).
+    """Which rows are marked, or up to `reach` away from a marked one in the same run, shape (R,).
 
     Args:
         marked: shape (R,).

@@ -31,8 +31,8 @@ GRAZING = 1.1
 rows; where these may be broken at a cost, only those that are too close."""
 
 ROOM = 1.02
-"""Times the separation that rows ask for while they may be broken, so that what is given away,
-and what comes closer between knots, is none of the separation itself."""
+"""Times the separation that rows ask for while they may be broken: room for what a slack gives
+away, and for what comes closer between knots."""
 
 _AT_ONCE = 1e-6
 """Part of a step after the start, or before the end, in which nothing can be changed."""
@@ -58,7 +58,7 @@ class Coupling:
 
 
 coupled = Coupling("coupled", 1.0)
-"""A row for each pair, about the difference of the two: least cost, one program for all."""
+"""One row for each pair, about the difference of the two, which thus share a program."""
 
 decoupled = Coupling("decoupled", 0.5)
 """Two rows for each pair, one for each vehicle: every vehicle has a program of its own."""
@@ -72,7 +72,7 @@ class KeepApart(KeepOut):
     kept: Separation
     """what is judged; `shape` may ask for more"""
     share: float
-    """of a row in what the reference leaves between two vehicles"""
+    """s, 1 or 1/2: part of what the reference leaves between two that a row gives to one of them"""
     aside: bool = False
     """whether each close encounter of the reference gets one direction all along"""
 
@@ -100,7 +100,7 @@ class KeepApart(KeepOut):
     def violated(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
-        """As of any set, but without neighbours: rows that couple vehicles are expensive."""
+        """The broken rows, without neighbours: rows that couple vehicles are expensive."""
         return super().violated(motion, vehicles, between=between)
 
     def directions(self, places: Places) -> FloatArray:
@@ -168,9 +168,9 @@ def pairs_of(
         scenario: what is asked.
         reference: q.
         coupling: how rows are written.
-        penalty: what the cost may rise for each metre that a row is broken.
+        penalty: cost of each metre by which a row is broken.
         aside: whether each close encounter of the reference gets one direction all along.
-        rounds: solves after which no more rows are added.
+        rounds: in how many rounds broken rows at the knots are added.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
     near = _under_way(at_knots(reference, separation, NEAR * separation.distance), reference)
@@ -228,7 +228,7 @@ def places_of(found: Meetings) -> Places:
 
 
 def _under_way(found: Meetings, motion: Motion) -> Meetings:
-    """Those after the start and before the end, which starts and goals decide."""
+    """The meetings after the start and before the end: at these nothing can be changed."""
     first = _AT_ONCE * motion.step
     last = motion.accelerations.shape[1] * motion.step - first
     return found.select((found.times > first) & (found.times < last))

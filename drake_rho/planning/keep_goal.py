@@ -33,7 +33,7 @@ class ReachGoal(Constraint):
     def violated(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
-        """The side that is missed: at least, or at most, what is wanted."""
+        """A row for each vehicle that misses: at least, or at most, what is wanted."""
         missed = (motion.values(self.quantity)[vehicles, -1] - self.wanted[vehicles])[:, self.axis]
         broken = np.abs(missed) > BROKEN * self.tolerances[vehicles]
         own, above = vehicles[broken], missed[broken] > 0.0
@@ -51,7 +51,7 @@ class ReachGoal(Constraint):
         )
 
     def describe(self, rows: HalfSpaces, names: object) -> str:
-        """Its name: when it is asked is known."""
+        """The name alone: goals are asked for at the end."""
         return self.name
 
 

@@ -3,7 +3,7 @@
 With x the position from the set's centre c and n a unit vector that points from S to a reference,
 the half-space n · x >= h(n) lies outside of S, h being its support function: (15) for a sphere at
 rest. What is avoided is a constant, or another vehicle. Vehicles of a pair share what the
-reference leaves between them: the row about a vehicle at p, whose reference is q at x_q from c, is
+reference leaves between them: the row about a vehicle at p, whose reference q is at x_q from c, is
 
     n · p >= n · (q - s x_q) + s h(n)
 
@@ -74,7 +74,7 @@ class KeepOut(Constraint):
 
     @abc.abstractmethod
     def offsets(self, motion: Motion, places: Places) -> FloatArray:
-        """X [m], shape (R, 3)."""
+        """The positions x from the centre of S [m], shape (R, 3)."""
 
     @abc.abstractmethod
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
@@ -82,7 +82,7 @@ class KeepOut(Constraint):
 
     @abc.abstractmethod
     def rows(self, places: Places) -> HalfSpaces:
-        """The rows at some places."""
+        """The half-spaces at some places."""
 
     def directions(self, places: Places) -> FloatArray:
         """From S towards the reference, where S is a ball: unit vectors, shape (R, 3).
@@ -134,7 +134,7 @@ class KeepOut(Constraint):
     def violated(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
-        """The rows that are broken: of those asked for anyway, or where the motion is inside."""
+        """The broken rows at `places` or, if `between`, where the motion is inside of S."""
         if between:
             places = self.penetrations(motion, vehicles)
             if len(places) == 0:
@@ -159,11 +159,11 @@ class KeepOut(Constraint):
 
     @cached_property
     def _asked(self) -> HalfSpaces:
-        """The rows asked for in any case."""
+        """The rows at `places`."""
         return self.rows(self.places)
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """Norms of scaled offsets: of at least the shape's size."""
+        """Norms of scaled offsets, at least the size of the shape."""
         return Quadratic(
             centers=np.zeros((len(rows), 3)),
             scales=np.tile(self.shape.scales, (len(rows), 1)),
@@ -209,7 +209,7 @@ class KeepOutOfSphere(KeepOut):
         return self.rows(Places(rows.vehicles, rows.partners, rows.times))
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """Distances from the centre: of at least the radius."""
+        """Distances from the centre, at least the radius."""
         found = super().quadratics(rows)
         assert found is not None  # noqa: S101  # as it always is of a set that is kept out of
         return dataclasses.replace(found, centers=np.tile(self.shape.center, (len(rows), 1)))
@@ -223,7 +223,7 @@ class PassOnOneSide(KeepOutOfSphere):
     """from the centre towards that side, a unit vector, shape (3,)"""
 
     def directions(self, places: Places) -> FloatArray:
-        """The same everywhere."""
+        """The given side, at all places."""
         return np.tile(self.side, (len(places), 1))
 
 

@@ -59,7 +59,7 @@ class MinimumEffort:
 
     @classmethod
     def of(cls, scenario: Scenario) -> MinimumEffort:
-        """That of a scenario."""
+        """The minimum effort of a scenario."""
         fleet, grid = scenario.fleet, scenario.grid
         terminal = TerminalState(grid)
         values, missed = terminal.values(*terminal.changes(fleet))
@@ -73,7 +73,7 @@ class MinimumEffort:
         )
 
     def without_goals(self) -> MinimumEffort:
-        """The same motions to start from, but the goals need not be reached."""
+        """These motions to start from, with goals that need not be reached."""
         goals = Goals(self.goals.rows[:0], self.goals.values[:, :0])
         return dataclasses.replace(self, goals=goals, unreachable=np.zeros_like(self.unreachable))
 

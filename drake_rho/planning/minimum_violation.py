@@ -52,11 +52,11 @@ class ElasticSubproblem(Subproblem):
         return planes.plan(reference)
 
     def holds(self, motion: Motion) -> bool:
-        """Never: every penalty is gone through."""
+        """False, so that every penalty is gone through."""
         return False
 
     def failure(self, motion: Motion, spent: Statistics) -> InfeasibleError | None:
-        """Whatever the least violation is, it is what was asked for."""
+        """None: the least violation is the answer, however large it is."""
         return None
 
 

@@ -1,4 +1,4 @@
-"""What a caller may want to choose of how long a planner goes on."""
+"""Tolerances and bounds that a caller may choose."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ SMALL_FLEET = 6
 
 ALONE, COUPLED_SMALL, COUPLED, DECOUPLED = 1e-9, 1e-7, 1e-3, 5e-2
 """Tolerances where none is given. In fleets that keep apart every iteration moves all vehicles and
-a further digit takes as long as all before; a few are quick, and can be certified. Decoupled, the
-cost falls ever more slowly to no optimum: what vehicles could gain by trading room is left."""
+a further digit takes as long as all before; small ones are quick, and can be certified. Decoupled,
+the cost falls ever more slowly, and to no optimum: what trading room could gain is left."""
 
 
 @record

@@ -6,9 +6,10 @@ With u the accelerations of a vehicle, or of several that rows couple, less thos
     subject to  G u = 0                                      (12), with (1)-(3): the goal stays
                 M u + slack >= b, slack >= 0                 (4)-(7), (15) and pairs, as rows
 
-Rows are affine in u by (10)-(11). Accelerations are in a unit of the scenario's scale and every row
-has length one, so that the numbers a solver sees depend neither on the scale nor on the place. Hard
-rows have no slack. It is written in one of two forms, whichever is cheaper, both exact:
+Rows are affine in u by (10)-(11). Accelerations are in a unit of the scenario's scale and rows have
+length one (in the sparse form, entries of about one), so that the numbers a solver sees depend
+neither on the scale nor on the place. Only soft rows have slack. There are two forms, both exact,
+of which the cheaper one is written:
 
 - reduced space: u lies in the span of the rows of M, less what G decides, since what is orthogonal
   to all of them only costs: one variable for each row instead of 3 (K - 1), and no equalities.

@@ -34,16 +34,16 @@ def iterate(
 ) -> Plan:
     """Linearise obstacles and pairs around one plan after the other.
 
-    Without penalties, the plan keeps its constraints, every iterate does, and the cost falls:
-    until it falls by less than the tolerance. Vehicles that stop do so by themselves, or together
-    where pairs couple them. With penalties, pairs may be too close: until they are not, at one
-    penalty after the other (feasibility restoration).
+    Without penalties the plan has to keep its constraints. Every iterate then does, and the
+    iteration ends when the cost falls by less than the tolerance: of each vehicle by itself, of
+    fleets that keep apart as a whole. With penalties, pairs of the plan may be too close, and one
+    penalty after the other is tried until they are not (feasibility restoration).
 
     Args:
         subproblem: what is solved in each iteration.
         plan: where to begin.
         tolerance: relative fall of the cost at which a plan has converged.
-        penalties: what the cost may rise for each metre that a pair is too close, rising.
+        penalties: cost of each metre by which a pair is too close, rising.
         most: bound on the linearisations.
         progress: called after each.
 

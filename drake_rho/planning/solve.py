@@ -34,7 +34,7 @@ _CLARABEL_AGAIN: _Options = {}
 """Drake's defaults, 1e-8: for programs of many thousand variables, where rounding ends earlier."""
 
 _OSQP: _Options = {
-    # At its default tolerances OSQP reports success with an index that is wrong in the fourth
+    # At its default tolerances OSQP reports success with a cost that is wrong in the fourth
     # digit; at these it agrees with Clarabel to 1e-6.
     "eps_abs": 1e-9,
     "eps_rel": 1e-9,

@@ -75,7 +75,7 @@ def coupling_for(scenario: Scenario, options: Options = DEFAULTS) -> Coupling:
 
 
 class Subproblem:
-    """A scenario's convex problems; rows that hold one solution back start the next.
+    """A scenario's convex problems; rows active in one solution are in the next from the start.
 
     Args:
         scenario: what is asked.
@@ -85,7 +85,7 @@ class Subproblem:
     Attributes:
         scenario: as given.
         planes: the programs that were solved last.
-        labels: vehicles whose iterations stop together have the same, shape (N,).
+        labels: vehicles whose iterations stop together have the same one, shape (N,).
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class Subproblem:
 
         Args:
             reference: a motion of the same vehicles on the same grid.
-            penalty: what the cost may rise for each metre that a pair is too close.
+            penalty: cost of each metre by which a pair is too close.
             number: how many such steps have gone before: the first gives each encounter one
                 direction, and later ones are solved more exactly.
 

@@ -14,7 +14,7 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
 
 _TOUCHING = 100.0
-"""Tolerances within which a row counts as one that holds the motion back."""
+"""Tolerances within which a row counts as active."""
 
 _CUTS = 256
 """Bound on the sides of a box, and on the normals that a curved set may have at one instant."""
@@ -78,7 +78,7 @@ class WorkingSet:
         return known
 
     def _known_cuts(self, rows: HalfSpaces, keys: IntArray) -> BoolArray:
-        """The same for a curved set, of which each new normal is another cut."""
+        """`known` for a curved set, of which each new normal is another cut."""
         old = self.rows[rows.constraint.number]
         first = dataclasses.replace(old, sides=np.zeros(len(old), dtype=int))
         alike = rows.normals @ old.normals.T > 1.0 - _SAME_NORMAL
@@ -109,7 +109,7 @@ class WorkingSet:
         return [part for part in chosen if len(part) > 0]
 
     def active(self, motion: Motion) -> list[HalfSpaces]:
-        """The rows that hold a motion of all vehicles back, constraint by constraint."""
+        """The rows at whose bounds a motion of all vehicles is, constraint by constraint."""
         touching = (
             part.select(part.margins(motion) < _TOUCHING * part.tolerances)
             for part in self.rows.values()
