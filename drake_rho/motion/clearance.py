@@ -45,8 +45,9 @@ class CloseApproaches:
 
     def select(self, which: BoolArray | IntArray) -> CloseApproaches:
         """Only some of them."""
-        arrays = (self.one, self.other, self.times, self.distances)
-        return CloseApproaches(*(array[which] for array in arrays))
+        return CloseApproaches(
+            self.one[which], self.other[which], self.times[which], self.distances[which]
+        )
 
     def and_also(self, more: CloseApproaches) -> CloseApproaches:
         """These and others, pair by pair and in the order of time; equal instants once."""
@@ -122,7 +123,8 @@ def close_pairs_at_knots(motion: Motion, separation: Separation, within: float) 
     p = separation.scaled(motion.positions)
     one, other, k = _pairs_at(p, np.full(p.shape[1], within))
     distances = np.linalg.norm(p[one, k] - p[other, k], axis=1)
-    return CloseApproaches(one, other, motion.step * k, distances)
+    times: FloatArray = k * np.float64(motion.step)
+    return CloseApproaches(one, other, times, distances)
 
 
 def _reach(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
@@ -277,9 +279,8 @@ def closest_over_time(motion: Motion, separation: Separation, *, per_step: int) 
             time = h * k + closer.times[m]
             found.append((closer.one[m], closer.other[m], time, closer.distances[m]))
     one, other, instants, distances = (np.array(each) for each in zip(*found, strict=True))
-    return CloseApproaches(one, other, instants, distances).select(
-        np.argsort(instants, kind="stable")
-    )
+    order = np.argsort(instants, kind="stable")
+    return CloseApproaches(one, other, instants, distances).select(order)
 
 
 def _closest_two(points: FloatArray, time: float) -> tuple[int, int, float, float]:
