@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.clearance import closest_approach
+from drake_rho.motion.clearance import closest_approach, closest_over_time
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.pairs import closest_over_time
 from tests.tolerances import ROUNDING
 
 
@@ -40,7 +39,7 @@ def test_the_least_distance_of_every_step_is_found(vehicles: int, seed: int, per
     plan, separation = _wandering(vehicles, seed), rho.Separation(0.35, downwash=2.0)
     found = closest_over_time(plan.motion(), separation, per_step=per_step)
     pairs = _every_pair(plan, separation)
-    exact = np.array([closest_approach(m, np.zeros(3)).distances for m in pairs.values()])
+    exact = np.array([closest_approach(m, np.zeros(3))[1] for m in pairs.values()])
     assert np.all(np.diff(found.times) >= 0.0)
     for k in range(10):
         inside = (found.times >= 0.3 * k - 1e-9) & (found.times <= 0.3 * (k + 1) + 1e-9)

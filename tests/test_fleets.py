@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.planning import program, solve
-from drake_rho.planning.keep_apart import close_pairs, coupled, decoupled, pairs_of
+from drake_rho.planning.keep_apart import coupled, decoupled, pairs_of, pairs_within
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import programs_of
 from drake_rho.planning.subproblem import Subproblem
@@ -218,7 +218,7 @@ def test_mirroring_turning_shifting_and_changing_units(
             costs.append(rho.plan_convex(each).cost / scale)
         except rho.InfeasibleError:
             costs.append(np.inf)
-    met = close_pairs(asked.separation, _free(asked), 1e-3 * size, between=True)
+    met = pairs_within(asked.separation, _free(asked), 1e-3 * size, between=True)
     if np.isfinite(costs[0]) and len(met) == 0:
         assert costs[1] == pytest.approx(costs[0], rel=10 * INDEX)
 

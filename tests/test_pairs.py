@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
+from drake_rho.motion.clearance import close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, roll_out
-from drake_rho.motion.pairs import at_knots, closest, nearest
 from tests.tolerances import ROUNDING
 
 seeds = st.integers(0, 2**32 - 1)
@@ -43,7 +43,7 @@ def _sampled(motion: Motion, separation: rho.Separation, per_step: int) -> np.nd
 @given(seed=seeds)
 def test_no_sample_is_closer_than_the_closest_approach(seed: int) -> None:
     motion, separation = _swarm(seed)
-    found = closest(motion, separation, 1e12)  # every pair in every step
+    found = close_pairs(motion, separation, 1e12)  # every pair in every step
     count, steps = motion.accelerations.shape[:2]
     assert len(found) == count * (count - 1) // 2 * steps
     dense = _sampled(motion, separation, 500).min(axis=3)
@@ -61,13 +61,13 @@ def test_no_sample_is_closer_than_the_closest_approach(seed: int) -> None:
 def test_the_pairs_found_are_those_of_a_visit_to_every_pair(seed: int, within: float) -> None:
     motion, separation = _swarm(seed)
     radius, steps = within * separation.distance, motion.accelerations.shape[1]
-    every = closest(motion, separation, 1e12)
+    every = close_pairs(motion, separation, 1e12)
     expected = every.select(every.distances < radius)
-    found = closest(motion, separation, radius)
+    found = close_pairs(motion, separation, radius)
     np.testing.assert_array_equal(found.one, expected.one)
     np.testing.assert_array_equal(found.other, expected.other)
     np.testing.assert_allclose(found.distances, expected.distances, rtol=ROUNDING, atol=1e-12)
-    knots = at_knots(motion, separation, radius)
+    knots = close_pairs_at_knots(motion, separation, radius)
     assert np.all(knots.one < knots.other)
     scaled = separation.scaled(motion.positions)
     known = {
@@ -81,50 +81,23 @@ def test_the_pairs_found_are_those_of_a_visit_to_every_pair(seed: int, within: f
     np.testing.assert_allclose(knots.distances, [known[key] for key in keys], rtol=ROUNDING)
 
 
-@given(seed=seeds)
-def test_the_nearest_other_vehicle_is_the_nearest(seed: int) -> None:
-    motion, separation = _swarm(seed)
-    count = len(motion.positions)
-    scale = np.abs(motion.positions).max()
-    every = closest(motion, separation, 1e12)
-    for every_instant in (False, True):
-        found = nearest(motion, separation, every_instant=every_instant)
-        scaled = separation.scaled(motion.positions)
-        for one in range(count):
-            others = np.delete(np.arange(count), one)
-            at_knot = np.linalg.norm(scaled[others] - scaled[one], axis=2).min()
-            assert found.partners[one] in others
-            if not every_instant:
-                assert found.distances[one] == pytest.approx(at_knot, abs=ROUNDING * scale)
-                continue
-            mine = (every.one == one) | (every.other == one)
-            least = every.distances[mine].min()
-            if least < 4.0 * separation.distance:
-                assert found.distances[one] == pytest.approx(least, abs=ROUNDING * scale)
-            assert least * (1 - ROUNDING) - ROUNDING * scale <= found.distances[one]
-            assert found.distances[one] <= at_knot + ROUNDING * scale
-            two = motion.of(np.array([one, found.partners[one]])).at("position", found.times[one])
-            attained = np.linalg.norm(separation.scaled(two[0, 0] - two[1, 0]))
-            assert found.distances[one] == pytest.approx(attained, abs=ROUNDING * scale)
-
-
 def test_a_meeting_in_the_middle_of_a_step_is_known() -> None:
     """Two pass each other at 3 m beside and 4 m above, which with a downwash of 2 is 2 m."""
     p = np.array([[[-5.0, 0.0, 0.0]], [[5.0, 3.0, 4.0]]])
     v = np.array([[[2.0, 0.0, 0.0]], [[-2.0, 0.0, 0.0]]])
     a = np.zeros((2, 5, 3))
     motion = Motion(1.0, *roll_out(p[:, 0], v[:, 0], a, 1.0), a, np.full((2, 3), np.nan))
-    found = closest(motion, rho.Separation(4.0, 2.0), 4.0)
+    found = close_pairs(motion, rho.Separation(4.0, 2.0), 4.0)
     best = np.argmin(found.distances)
     assert (found.one[best], found.other[best]) == (0, 1)
     assert found.times[best] == pytest.approx(2.5)
     assert found.distances[best] == pytest.approx(np.sqrt(3.0**2 + 2.0**2))
-    assert at_knots(motion, rho.Separation(4.0, 2.0), 3.7).times.size == 0
+    assert close_pairs_at_knots(motion, rho.Separation(4.0, 2.0), 3.7).times.size == 0
 
 
 def test_the_same_instant_counts_once() -> None:
     motion, separation = _swarm(3)
-    some = closest(motion, separation, 4.0 * separation.distance)
+    some = close_pairs(motion, separation, 4.0 * separation.distance)
     assert len(some) > 0
     both = some.and_also(some)
     np.testing.assert_array_equal(both.times, some.times)

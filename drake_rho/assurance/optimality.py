@@ -108,9 +108,9 @@ class Certificate:
         verdict = "globally optimal" if self.is_globally_optimal else "not proved optimal"
         verdict = verdict if self.holds else "breaks its constraints"
         lines = [
-            f"{self.scenario.name}: {verdict}; index {self.cost:.6f}, no plan below "
+            f"{self.scenario.name}: {verdict}; cost {self.cost:.6f}, no plan below "
             f"{self.lower_bound:.6f} m²/s⁴, gap {self.gap:.1e}",
-            f"{'vehicle':<12} {'index':>14} {'lower bound':>14} {'gap':>9} {'eigenvalue':>11}",
+            f"{'vehicle':<12} {'cost':>14} {'lower bound':>14} {'gap':>9} {'eigenvalue':>11}",
         ]
         lines += [
             f"{each.vehicle:<12} {each.cost:>14.6f} {each.lower_bound:>14.6f} {each.gap:>9.1e} "

@@ -49,7 +49,7 @@ def report(planned: Plan | Flight) -> int:
     say(str(judged))
     numbers = whole.statistics
     say(
-        f"index {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
+        f"cost {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
         f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver or 'no solver'}"
     )
     if isinstance(planned, Flight):
@@ -57,8 +57,10 @@ def report(planned: Plan | Flight) -> int:
         say(f"{len(planned.windows)} windows, {len(kept)} of them without a plan of their own")
         for window in kept:
             say(f"  from knot {window.first_knot + 1}, along the previous: {window.infeasible}")
+    if numbers.tolerance is not None and numbers.converged:
+        say(f"converged: the last linearisation saved less than {100 * numbers.tolerance:g} %")
     if not numbers.converged:
-        say("the iteration was stopped before the index settled")
+        say("not converged: the iteration was stopped before the cost settled")
     return 0 if judged.ok else 1
 
 

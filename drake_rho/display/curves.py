@@ -24,7 +24,7 @@ from drake_rho.display.style import (
     vehicle_colours,
     vehicle_marker,
 )
-from drake_rho.motion.pairs import closest_over_time
+from drake_rho.motion.clearance import closest_over_time
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Sphere

@@ -1,10 +1,11 @@
 """Exact distances and extremes in continuous time, without sampling.
 
-In every step a motion is quadratic in time, so its squared distance from a point is a quartic and
-the derivative of that a cubic. A cubic is monotone between the roots of its own derivative, which
-are those of a quadratic: in each of these at most three pieces of a step its root, if there is
-one, is found to the last digit by Newton's steps, and by bisection where these lead outside.
-Everything is vectorised over leading axes.
+In every step a relative motion is quadratic in time, so its squared length is a quartic and the
+derivative of that a cubic. A cubic is monotone between the roots of its own derivative, which are
+those of a quadratic: in each of these at most three pieces of a step its root, if there is one, is
+found to the last digit by Newton's steps, and by bisection where these lead outside. Everything is
+vectorised. Which pairs of vehicles come close is asked of k-d trees, never of all pairs; their
+distance is measured where their separation is a sphere, with z divided by its downwash.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from itertools import pairwise
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import Separation
 
 _STEPS = 60
 """Bound on the steps to a root; bisections alone would be past the last digit of a double."""
@@ -25,36 +27,43 @@ _LAST_DIGIT = 1e-15
 
 
 @dataclasses.dataclass(frozen=True)
-class Approach:
-    """The closest approach in each step of a motion."""
+class CloseApproaches:
+    """Instants at which a vehicle is close to another, or to a point."""
 
+    one: IntArray
+    """index of the vehicle, shape (M,)"""
+    other: IntArray
+    """index of the other, which is larger; the vehicle's own for a point, shape (M,)"""
     times: FloatArray
-    """when, since the first knot [s], shape (..., K-1)"""
+    """when, since the first knot [s], shape (M,)"""
     distances: FloatArray
-    """how close [m], shape (..., K-1)"""
+    """how close [m], shape (M,)"""
 
-    def nearest(self) -> tuple[FloatArray, FloatArray]:
-        """Time [s] and distance [m] of the closest approach of the whole motion, shape (...)."""
-        k = np.argmin(self.distances, axis=-1)[..., None]
-        return (
-            np.take_along_axis(self.times, k, axis=-1)[..., 0],
-            np.take_along_axis(self.distances, k, axis=-1)[..., 0],
+    def __len__(self) -> int:
+        """M."""
+        return len(self.times)
+
+    def select(self, which: BoolArray | IntArray) -> CloseApproaches:
+        """Only some of them."""
+        return CloseApproaches(
+            self.one[which], self.other[which], self.times[which], self.distances[which]
         )
 
+    def and_also(self, more: CloseApproaches) -> CloseApproaches:
+        """These and others, pair by pair and in the order of time; equal instants once."""
+        one = np.concatenate([self.one, more.one])
+        other = np.concatenate([self.other, more.other])
+        times = np.concatenate([self.times, more.times])
+        distances = np.concatenate([self.distances, more.distances])
+        order = np.lexsort((times, other, one))
+        every = CloseApproaches(one, other, times, distances).select(order)
+        again = np.diff(every.one, prepend=-1) == 0
+        again &= np.diff(every.other, prepend=-1) == 0
+        again &= np.abs(np.diff(every.times, prepend=-1.0)) <= 1e-9 * (1.0 + every.times)
+        return every.select(~again)
 
-@dataclasses.dataclass(frozen=True)
-class Dips:
-    """Closest approaches that are too close, one for each step that has one."""
 
-    vehicles: IntArray
-    """whose, as indices into the motions, shape (D,)"""
-    times: FloatArray
-    """when, since the first knot [s], shape (D,)"""
-    distances: FloatArray
-    """how close [m], shape (D,)"""
-
-
-def closest_approach(motion: Motion, center: FloatArray) -> Approach:
+def closest_approach(motion: Motion, center: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The exact least distance of a motion from a point, in every step.
 
     Args:
@@ -62,45 +71,99 @@ def closest_approach(motion: Motion, center: FloatArray) -> Approach:
         center: the point [m], shape (3,), or any shape that broadcasts against (..., K-1, 3).
 
     Returns:
-        Times and distances, shape (..., K-1).
+        Times since the first knot [s] and distances [m], shape (..., K-1).
     """
-    h = motion.step
-    p, v, a = _steps_from(motion, center)
+    h, a = motion.step, motion.accelerations
+    p, v = motion.positions[..., :-1, :] - center, motion.velocities[..., :-1, :]
     s = nearest_moments(p, v, a, h)
     at = p + s[..., None] * (v + s[..., None] / 2 * a)
-    times = h * np.arange(a.shape[-2]) + s
-    return Approach(times, np.linalg.norm(at, axis=-1))
+    return h * np.arange(a.shape[-2]) + s, np.linalg.norm(at, axis=-1)
 
 
-def dips(motion: Motion, center: FloatArray, radius: float) -> Dips:
-    """The steps of several motions that come closer to a point than `radius`, and where.
+def penetrations(motion: Motion, center: FloatArray, radius: float) -> CloseApproaches:
+    """Closest approaches to a point below a distance, one for each step that has one.
 
     Only steps that begin close enough to get there are looked at.
 
     Args:
         motion: of several vehicles, arrays of shape (N, ..., 3).
         center: the point [m], shape (3,).
-        radius: distance [m].
+        radius: the distance [m].
+    """
+    p, v, a = motion.positions[:, :-1] - center, motion.velocities[:, :-1], motion.accelerations
+    close = np.linalg.norm(p, axis=-1) - _reach(motion.step, v, a) < radius
+    one, k = np.nonzero(close)
+    return _closest_below(radius, motion.step, one, one, k, p[one, k], v[one, k], a[one, k])
+
+
+def close_pairs(motion: Motion, separation: Separation, within: float) -> CloseApproaches:
+    """Closest approaches of vehicles below a distance, in each step, pair by pair.
+
+    A pair is looked at in a step if it is close enough at its first knot to get there.
+
+    Args:
+        motion: of several vehicles, arrays of shape (N, ..., 3).
+        separation: how distances are measured.
+        within: the distance [m].
     """
     h = motion.step
-    p, v, a = _steps_from(motion, center)
-    reach = np.linalg.norm(p, axis=-1)
-    reach -= h * (np.linalg.norm(v, axis=-1) + h / 2 * np.linalg.norm(a, axis=-1))
-    vehicles, steps = np.nonzero(reach < radius)
-    p, v, a = p[vehicles, steps], v[vehicles, steps], a[vehicles, steps]
-    s = nearest_moments(p, v, a, h)[:, None]
-    distances = np.linalg.norm(p + s * (v + s / 2 * a), axis=-1)
-    close = distances < radius
-    return Dips(vehicles[close], (h * steps + s[:, 0])[close], distances[close])
+    p, v = separation.scaled(motion.positions[:, :-1]), separation.scaled(motion.velocities[:, :-1])
+    a = separation.scaled(motion.accelerations)
+    reach = _reach(h, v, a)
+    one, other, k = _pairs_at(p, within + 2.0 * reach.max(axis=0))
+    apart = np.linalg.norm(p[one, k] - p[other, k], axis=1)
+    near = apart - reach[one, k] - reach[other, k] < within
+    one, other, k = one[near], other[near], k[near]
+    relative = (each[one, k] - each[other, k] for each in (p, v, a))
+    return _closest_below(within, h, one, other, k, *relative)
 
 
-def _steps_from(motion: Motion, center: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position from `center`, velocity and acceleration at the beginning of each step."""
-    return (
-        motion.positions[..., :-1, :] - center,
-        motion.velocities[..., :-1, :],
-        motion.accelerations,
-    )
+def close_pairs_at_knots(motion: Motion, separation: Separation, within: float) -> CloseApproaches:
+    """Vehicles closer than a distance at the knots, pair by pair; arguments as for all instants."""
+    p = separation.scaled(motion.positions)
+    one, other, k = _pairs_at(p, np.full(p.shape[1], within))
+    distances = np.linalg.norm(p[one, k] - p[other, k], axis=1)
+    times: FloatArray = k * np.float64(motion.step)
+    return CloseApproaches(one, other, times, distances)
+
+
+def _reach(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
+    """How far vectors can get in a step."""
+    reach: FloatArray = np.linalg.norm(v, axis=-1) + step / 2 * np.linalg.norm(a, axis=-1)
+    return step * reach
+
+
+def _closest_below(
+    within: float,
+    step: float,
+    one: IntArray,
+    other: IntArray,
+    k: IntArray,
+    *relative: FloatArray,
+) -> CloseApproaches:
+    """Of relative motions in some steps the closest approaches that are below a distance."""
+    p, v, a = relative
+    s = nearest_moments(p, v, a, step)[:, None]
+    distances = np.linalg.norm(p + s * (v + s / 2 * a), axis=1)
+    return CloseApproaches(one, other, step * k + s[:, 0], distances).select(distances < within)
+
+
+def _pairs_at(points: FloatArray, radii: FloatArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Pairs of points (N, T, 3) closer than `radii` (T,) at each of T instants.
+
+    Returns:
+        Indices, rising, of the two and of the instant, pair by pair and in the order of time.
+    """
+    from scipy.spatial import cKDTree  # slow to load, so only where needed
+
+    found = []
+    for k, radius in enumerate(radii.tolist()):
+        tree = cKDTree(points[:, k], balanced_tree=False, compact_nodes=False)
+        pairs = tree.query_pairs(radius, output_type="ndarray")
+        found.append(np.column_stack([pairs, np.full(len(pairs), k)]))
+    one, other, k = np.concatenate(found).T
+    order = np.lexsort((k, other, one))
+    return one[order], other[order], k[order]
 
 
 def nearest_moments(p: FloatArray, v: FloatArray, a: FloatArray, h: float) -> FloatArray:
@@ -188,3 +251,45 @@ def turning_points(motion: Motion) -> tuple[FloatArray, FloatArray]:
     s = np.where(np.isfinite(s) & (s > 0) & (s < h), s, 0.0)
     times = h * np.arange(a.shape[-2])[:, None] + s
     return times, motion.positions[..., :-1, :] + s * (v + s / 2 * a)
+
+
+def closest_over_time(motion: Motion, separation: Separation, *, per_step: int) -> CloseApproaches:
+    """The closest two of all vehicles over time, in the order of time.
+
+    There is one at each of `per_step` instants of every step, and one, exact, where two
+    come closer than at all of these: the least distance of a step is that of one of them.
+
+    Args:
+        motion: of several vehicles, arrays of shape (N, ..., 3), N >= 2.
+        separation: by which distances are measured.
+        per_step: instants in a step, at least 1, the first at its knot.
+    """
+    h, steps = motion.step, motion.accelerations.shape[1]
+    times = h / per_step * np.arange(steps * per_step + 1)
+    scaled = separation.scaled(motion.at("position", times))
+    found = [_closest_two(scaled[:, m], time) for m, time in enumerate(times)]
+    least = np.array([distance for *_, distance in found])
+    for k in range(steps):
+        p, v = motion.positions[:, k : k + 2], motion.velocities[:, k : k + 2]
+        step = Motion(h, p, v, motion.accelerations[:, k : k + 1], motion.before)
+        bound = least[k * per_step : (k + 1) * per_step + 1].min()
+        closer = close_pairs(step, separation, float(bound))
+        if len(closer) > 0:
+            m = np.argmin(closer.distances)
+            time = h * k + closer.times[m]
+            found.append((closer.one[m], closer.other[m], time, closer.distances[m]))
+    one, other, instants, distances = (np.array(each) for each in zip(*found, strict=True))
+    order = np.argsort(instants, kind="stable")
+    return CloseApproaches(one, other, instants, distances).select(order)
+
+
+def _closest_two(points: FloatArray, time: float) -> tuple[int, int, float, float]:
+    """Indices of the closest two of several points, rising; `time`; and their distance."""
+    from scipy.spatial import cKDTree  # slow to load, so only where needed
+
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
+    distances, neighbours = tree.query(points, k=2)
+    one = int(np.argmin(distances[:, 1]))
+    # of two points in the same place either may come first
+    other = int(neighbours[one, int(neighbours[one, 0] == one)])
+    return min(one, other), max(one, other), time, float(distances[one, 1])

@@ -86,7 +86,7 @@ class Study:
         """The same as `clearances` at every instant, exactly [m], shape (N,)."""
         motion = example.plan.motion()
         nearest = [
-            closest_approach(motion, sphere.center).nearest()[1] - sphere.radius
+            closest_approach(motion, sphere.center)[1].min(axis=-1) - sphere.radius
             for sphere in self.scenario.obstacles
         ]
         clearances: FloatArray = np.min(nearest, axis=0)

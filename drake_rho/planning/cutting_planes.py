@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram, SolverInterface
@@ -138,8 +139,8 @@ class CuttingPlanes:
         self._constraints += more
         look, number, searches = more, 0, 0  # what is kept already needs no look at first
         moved, broken = self._mask(self._planned), self._add_violated(look, self._planned, 0)
-        own = [self._of_planned(rows) for rows in warm]
-        broken |= self._add([rows.select(~self.working.known(rows)) for rows in own])
+        broken |= self._add([self._of_planned(rows) for rows in warm])
+        self._lost = []  # nothing was solved yet
         for _ in range(MAX_ROUNDS):
             if not np.any(broken):
                 if infeasible and self._scenario.separation is not None:
@@ -166,15 +167,6 @@ class CuttingPlanes:
         mask[vehicles] = True
         return mask
 
-    def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
-        """Put rows in, and say whose they are."""
-        about = self._mask(self._planned[:0])
-        for part in rows:
-            if len(part) > 0:
-                self.working.add(part)
-                about[part.vehicles] = True
-        return about
-
     def _add_violated(
         self, look: Sequence[Constraint], vehicles: IntArray, number: int, *, between: bool = False
     ) -> BoolArray:
@@ -182,48 +174,28 @@ class CuttingPlanes:
         coupled = any(part.constraint.coupled for part in self.working.rows.values())
         patience = 0 if coupled else _PATIENCE  # a round of a large group is expensive
         reach = 2 ** max(0, number - patience) // 2
-        added = []
+        found = list[HalfSpaces]()
         for constraint in look if len(vehicles) > 0 else ():
-            if number >= (constraint.searches if between else constraint.rounds):
-                continue
-            rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
-            rows = self._of_planned(rows)
-            if len(rows) > 0:
-                worst = rows if reach > 0 else self._worst(rows, _PIECES * 2**number)
-                added.append(self._new(worst))
-        added_to = self._add(added)
-        for lost in self._lost:
-            added_to[lost.vehicles] = True
-        return added_to
+            if number < (constraint.searches if between else constraint.rounds):
+                rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
+                worst = rows if reach > 0 else rows.worst(self.motion, _PIECES * 2**number)
+                found.append(self._of_planned(worst))
+        return self._add(found)
+
+    def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
+        """Put rows in; say whose are new, or were in and are not kept."""
+        entered = [self.working.enter(part, self.motion) for part in rows if len(part) > 0]
+        self._lost = [lost for _, lost in entered if len(lost) > 0]
+        about = self._mask(self._planned[:0])
+        for part in chain(self._lost, (new for new, _ in entered)):
+            about[part.vehicles] = True
+        return about
 
     def _of_planned(self, rows: HalfSpaces) -> HalfSpaces:
         """The rows of vehicles that are planned: partners may not be, or have no solution."""
         if len(self._planned) == len(self.effort.units) or len(rows) == 0:
             return rows
         return rows.select(self._mask(self._planned)[rows.vehicles])
-
-    def _new(self, rows: HalfSpaces) -> HalfSpaces:
-        """The rows that are not in yet; one that is in, but is not kept, has to be solved again."""
-        known = self.working.known(rows)
-        if not np.any(known):
-            return rows
-        lost = known & (rows.margins(self.motion) < -rows.tolerances)
-        if np.any(lost) and np.isinf(rows.constraint.penalty):
-            self._lost.append(rows.select(lost))
-        return rows.select(~known)
-
-    def _worst(self, rows: HalfSpaces, pieces: int) -> HalfSpaces:
-        """The worst row of each piece of every stretch of neighbouring rows."""
-        if len(rows) <= 1:
-            return rows
-        later = np.diff(rows.times)
-        follows = (later > 0.0) & (later < 1.5 * self.effort.grid.step)
-        for array in (rows.vehicles, rows.partners, rows.sides):
-            follows &= np.diff(array) == 0
-        if not follows.any():
-            return rows
-        margins = rows.margins(self.motion) / rows.tolerances
-        return rows.select(worst_of_pieces(follows, margins, pieces))
 
     def _with_groups(self, vehicles: IntArray) -> IntArray:
         """The vehicles and those that rows couple them to."""
@@ -295,21 +267,3 @@ class CuttingPlanes:
             obstacles={names[vehicle]: in_the_way(self.working, vehicle) for vehicle in vehicles},
             reference=reference,
         )
-
-
-def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> IntArray:
-    """The worst row of each piece of every broken stretch, as indices.
-
-    Args:
-        follows: whether each row but the first belongs to the same stretch as that before it.
-        margins: of all broken rows, stretch by stretch, shape (R,).
-        pieces: into how many each stretch is cut.
-    """
-    first = np.flatnonzero(np.append(True, ~follows))
-    length = np.diff(np.append(first, len(margins)))
-    place = np.arange(len(margins)) - np.repeat(first, length)
-    piece = np.repeat(np.arange(len(first)) * pieces, length)
-    piece += place * pieces // np.maximum(np.repeat(length, length), pieces)
-    order = np.lexsort((margins, piece))
-    worst: IntArray = order[np.append(True, np.diff(piece[order]) != 0)]
-    return worst

@@ -163,6 +163,24 @@ class HalfSpaces:
         margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
         return margins
 
+    def worst(self, motion: Motion, pieces: int) -> HalfSpaces:
+        """The worst row of each piece of every stretch of neighbouring rows.
+
+        Args:
+            motion: of all vehicles.
+            pieces: into how many a stretch is cut.
+        """
+        if len(self) <= 1:
+            return self
+        later = np.diff(self.times)
+        follows = (later > 0.0) & (later < 1.5 * motion.step)
+        for array in (self.vehicles, self.partners, self.sides):
+            follows &= np.diff(array) == 0
+        if not follows.any():
+            return self
+        margins = self.margins(motion) / self.tolerances
+        return self.select(worst_of_pieces(follows, margins, pieces))
+
     def responses(self, grid: Grid) -> FloatArray:
         """What one unit of each acceleration adds along the normal, shape (R, K-1), by (10)-(11).
 
@@ -223,3 +241,21 @@ def near(marked: BoolArray, runs: IntArray, reach: int) -> BoolArray:
         before[np.minimum(place + reach + 1, last)] > before[np.maximum(place - reach, first)]
     )
     return above
+
+
+def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> IntArray:
+    """The worst row of each piece of every broken stretch, as indices.
+
+    Args:
+        follows: whether each row but the first belongs to the same stretch as that before it.
+        margins: of all broken rows, stretch by stretch, shape (R,).
+        pieces: into how many each stretch is cut.
+    """
+    first = np.flatnonzero(np.append(True, ~follows))
+    length = np.diff(np.append(first, len(margins)))
+    place = np.arange(len(margins)) - np.repeat(first, length)
+    piece = np.repeat(np.arange(len(first)) * pieces, length)
+    piece += place * pieces // np.maximum(np.repeat(length, length), pieces)
+    order = np.lexsort((margins, piece))
+    worst: IntArray = order[np.append(True, np.diff(piece[order]) != 0)]
+    return worst

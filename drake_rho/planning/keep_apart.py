@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drake_rho.motion.clearance import CloseApproaches, close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.pairs import Meetings, at_knots, closest
 from drake_rho.planning.half_spaces import BROKEN, HalfSpaces
 from drake_rho.planning.keep_out import FIRST, KeepOut, Places, side_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -173,9 +173,9 @@ def pairs_of(
         rounds: in how many rounds broken rows at the knots are added.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
-    near = _under_way(at_knots(reference, separation, NEAR * separation.distance), reference)
+    near = pairs_within(separation, reference, NEAR * separation.distance, between=False)
     within = separation.distance * (1.0 if soft else GRAZING)
-    grazing = close_pairs(separation, reference, within, between=scenario.between_knots)
+    grazing = pairs_within(separation, reference, within, between=scenario.between_knots)
     shape = separation.shape
     if soft:
         shape = Ellipsoid(shape.center, ROOM * shape.semi_axes)
@@ -197,18 +197,18 @@ def pairs_of(
     )
 
 
-def close_pairs(
+def pairs_within(
     separation: Separation, motion: Motion, within: float, *, between: bool
-) -> Meetings:
+) -> CloseApproaches:
     """Pairs closer than `within` [m] on their way: at any instant, or at the knots."""
-    find = closest if between else at_knots
+    find = close_pairs if between else close_pairs_at_knots
     return _under_way(find(motion, separation, within), motion)
 
 
-def too_close(separation: Separation, motion: Motion, *, between: bool) -> Meetings:
+def too_close(separation: Separation, motion: Motion, *, between: bool) -> CloseApproaches:
     """Pairs that break their separation."""
     least = separation.distance - BROKEN * separation.tolerance
-    return close_pairs(separation, motion, least, between=between)
+    return pairs_within(separation, motion, least, between=between)
 
 
 def separation_of(scenario: Scenario) -> Separation:
@@ -222,13 +222,13 @@ def separation_of(scenario: Scenario) -> Separation:
     return scenario.separation
 
 
-def places_of(found: Meetings) -> Places:
+def places_of(found: CloseApproaches) -> Places:
     """The places where pairs are close."""
     return Places(found.one, found.other, found.times)
 
 
-def _under_way(found: Meetings, motion: Motion) -> Meetings:
-    """The meetings after the start and before the end: at these nothing can be changed."""
+def _under_way(found: CloseApproaches, motion: Motion) -> CloseApproaches:
+    """Approaches after the start and before the end: at these nothing can be changed."""
     first = _AT_ONCE * motion.step
     last = motion.accelerations.shape[1] * motion.step - first
     return found.select((found.times > first) & (found.times < last))

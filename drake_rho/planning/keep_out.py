@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.clearance import dips
+from drake_rho.motion.clearance import penetrations
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, Quadratic, near
 from drake_rho.planning.keep_in import QUANTITIES
@@ -187,8 +187,9 @@ class KeepOutOfSphere(KeepOut):
         sphere = self.shape
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
-        found = dips(motion.of(vehicles), sphere.center, sphere.radius - BROKEN * sphere.tolerance)
-        whose, times = vehicles[found.vehicles], found.times
+        least = sphere.radius - BROKEN * sphere.tolerance
+        found = penetrations(motion.of(vehicles), sphere.center, least)
+        whose, times = vehicles[found.one], found.times
         again = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
         return Places(whose[~again], whose[~again], times[~again])
 

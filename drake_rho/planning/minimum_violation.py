@@ -8,7 +8,6 @@ from itertools import repeat
 import numpy as np
 from pydrake.solvers import SolverInterface
 
-from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
@@ -51,11 +50,11 @@ class ElasticSubproblem(Subproblem):
         planes.keep_to(constraints)
         return planes.plan(reference)
 
-    def holds(self, motion: Motion) -> bool:
+    def holds(self, plan: Plan) -> bool:
         """False, so that every penalty is gone through."""
         return False
 
-    def failure(self, motion: Motion, spent: Statistics) -> InfeasibleError | None:
+    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
         """None: the least violation is the answer, however large it is."""
         return None
 

@@ -56,7 +56,7 @@ def iterate(
     restoring, falling = penalties is not None, np.arange(len(plan.accelerations))
     converged, spent = False, plan.statistics
     for number, penalty in enumerate(islice(penalties or repeat(np.inf), most)):
-        if restoring and subproblem.holds(plan.motion()):
+        if restoring and subproblem.holds(plan):
             break
         try:
             if restoring:
@@ -74,7 +74,7 @@ def iterate(
         plan, falling = _better(subproblem, plan, after, falling, tolerance)
         if converged := len(falling) == 0:
             break
-    if restoring and (failure := subproblem.failure(plan.motion(), spent)) is not None:
+    if restoring and (failure := subproblem.failure(plan, spent)) is not None:
         raise failure
     done = dataclasses.replace(spent, converged=converged or restoring, tolerance=tolerance)
     return plan.with_statistics(done)

@@ -49,7 +49,7 @@ _CHUNK = 40_000
 """Squared variables of the programs that a thread is given at once, some ten milliseconds: less
 work than that is done where it is asked for, since to wake another core takes time too."""
 
-MAX_RETRIES = 2
+MAX_RETRIES = 1
 """How often programs are solved again whose solutions do not keep their rows."""
 
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
@@ -83,8 +83,8 @@ def solve(
     Args:
         programs: convex quadratic programs, or linear ones.
         solver: a Drake solver; Clarabel if not given.
-        retry: at how many of the attempts, at most `MAX_RETRIES`, to begin later: each found
-            solutions that did not keep their rows.
+        retry: how often these were solved and their solutions did not keep their rows; then
+            others are asked before `solver`.
 
     Raises:
         SolverError: no solver found a solution or a proof that there is none.
@@ -94,7 +94,10 @@ def solve(
     if not (first.available() and first.enabled()):
         raise ValueError(f"solver: got {_name(first)}, expected one available and enabled here")
     solutions: dict[int, Solution] = {}
-    for attempt, options in _attempts(first)[retry:]:
+    attempts = _attempts(first)
+    if retry > 0:  # others first: this one's solutions do not keep their rows
+        attempts = sorted(attempts, key=lambda attempt: _name(attempt[0]) == _name(first))
+    for attempt, options in attempts:
         left = [
             index
             for index, program in enumerate(programs)

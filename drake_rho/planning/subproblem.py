@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pydrake.solvers import SolverInterface
 
-from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
@@ -101,6 +101,7 @@ class Subproblem:
         self.labels: IntArray = np.zeros(count, dtype=int) if apart else np.arange(count)
         self._coupling, self._solver = coupling, solver
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
+        self._looked: tuple[Plan, CloseApproaches] | None = None
 
     def around(self, reference: Plan, vehicles: IntArray | None = None) -> Plan:
         """The plan of least cost with obstacles and pairs linearised around `reference`.
@@ -144,16 +145,15 @@ class Subproblem:
         Raises:
             SolverError: the solvers fail numerically.
         """
-        motion, separation = reference.motion(), separation_of(self.scenario)
-        close = too_close(separation, motion, between=self.scenario.between_knots)
-        if close.distances.min() > _ALMOST * separation.distance:
+        close = self._too_close(reference)
+        if close.distances.min() > _ALMOST * separation_of(self.scenario).distance:
             try:
                 return self.around(reference)
             except (InfeasibleError, SolverError):  # not yet
                 pass
         pairs = pairs_of(
             self.scenario,
-            motion,
+            reference.motion(),
             self._coupling,
             penalty=penalty,
             aside=number == 0,
@@ -162,20 +162,23 @@ class Subproblem:
         crowded = np.unique(np.concatenate([close.one, close.other]))
         return self._solve(reference, [pairs], crowded)
 
-    def holds(self, motion: Motion) -> bool:
+    def holds(self, plan: Plan) -> bool:
         """Whether all pairs keep apart, if the scenario asks for it."""
-        separation = self.scenario.separation
-        if separation is None:
-            return True
-        return len(too_close(separation, motion, between=self.scenario.between_knots)) == 0
+        return self.scenario.separation is None or len(self._too_close(plan)) == 0
 
-    def failure(self, motion: Motion, spent: Statistics) -> InfeasibleError | None:
-        """The pairs that a motion leaves too close, and when they are closest; None if none are."""
-        if self.holds(motion):
+    def _too_close(self, plan: Plan) -> CloseApproaches:
+        """The pairs that a plan leaves too close; looked for once."""
+        if self._looked is None or self._looked[0] is not plan:
+            separation, between = separation_of(self.scenario), self.scenario.between_knots
+            self._looked = plan, too_close(separation, plan.motion(), between=between)
+        return self._looked[1]
+
+    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
+        """The pairs that a plan leaves too close, and when they are closest; None if none are."""
+        if self.holds(plan):
             return None
         names = [vehicle.name for vehicle in self.scenario.vehicles]
-        separation, between = separation_of(self.scenario), self.scenario.between_knots
-        left = too_close(separation, motion, between=between)
+        left = self._too_close(plan)
         left = left.select(np.argsort(left.distances, kind="stable"))
         conflicts: dict[str, dict[int, str]] = {}
         for one, other, time in zip(left.one, left.other, left.times, strict=True):

@@ -85,6 +85,27 @@ class WorkingSet:
         known: BoolArray = np.any(alike & (keys[:, None] == self._keys.of(first)), axis=1)
         return known
 
+    def enter(self, rows: HalfSpaces, motion: Motion) -> tuple[HalfSpaces, HalfSpaces]:
+        """Put those rows in that are not in yet.
+
+        Args:
+            rows: of one constraint.
+            motion: of all vehicles, as last solved.
+
+        Returns:
+            The rows that are new, and those that were in, must hold, and are not kept.
+        """
+        known = self.known(rows)
+        if not np.any(known):
+            self.add(rows)
+            return rows, rows.constraint.none
+        new = rows.select(~known)
+        if len(new) > 0:
+            self.add(new)
+        lost = known & (rows.margins(motion) < -rows.tolerances)
+        lost &= np.isinf(rows.constraint.penalty)
+        return new, rows.select(lost)
+
     def add(self, rows: HalfSpaces) -> None:
         """Put rows in that are not known."""
         if rows.constraint.curved:
