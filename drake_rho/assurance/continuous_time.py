@@ -38,7 +38,7 @@ _PARTS = 16
 """Parts that a piece of time is split into."""
 
 _LEVELS = 10
-"""Splits at most: a part is then 1e-12 of a step, which is where rounding begins."""
+"""Bound on the splits: a part is then 1e-12 of a step, which is where rounding begins."""
 
 _BLOCK = 1 << 15
 """Pieces of time sampled at once, so that what they take of memory is bounded."""

@@ -30,7 +30,7 @@ _LONGEST = 12
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Check:
-    """How one vehicle stands to one constraint, at the instant where it does so worst."""
+    """How one vehicle keeps one constraint, at the instant where it does so worst."""
 
     vehicle: str
     """name"""

@@ -50,7 +50,7 @@ class CuttingPlanes:
         effort: minimum effort of the scenario, if it is at hand.
         vehicles: which of them are planned, rising indices; all if not given.
         accelerations: what the others fly [m/s²], shape (N, K-1, 3).
-        linear: whether nothing but slack costs anything.
+        linear: whether only slack costs anything.
 
     Attributes:
         effort: what the programs are written in.
@@ -162,7 +162,7 @@ class CuttingPlanes:
         raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
 
     def _mask(self, vehicles: IntArray) -> BoolArray:
-        """Which of all vehicles are among some."""
+        """Whether each of all vehicles is among `vehicles`, shape (N,)."""
         mask = np.zeros(len(self.effort.units), dtype=bool)
         mask[vehicles] = True
         return mask

@@ -44,7 +44,7 @@ class Quadratic:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Constraint(abc.ABC):
-    """One constraint of all vehicles: what a new kind of constraint has to say of itself."""
+    """One constraint of all vehicles, in the only terms that programs and messages know."""
 
     number: int
     """its place among the scenario's constraints, the same around every reference"""
@@ -124,7 +124,7 @@ class HalfSpaces:
     """
 
     constraint: Constraint
-    """whose they are"""
+    """the constraint that the rows are of"""
     vehicles: IntArray
     """whose quantity, as indices into the scenario's vehicles, shape (R,)"""
     partners: IntArray

@@ -35,7 +35,7 @@ FIRST = len(QUANTITIES) + 1
 
 @dataclasses.dataclass(frozen=True)
 class Places:
-    """Vehicles at times, and whom they are to keep out of the way of there."""
+    """Vehicles at times, and the partners that they keep out of the way of then."""
 
     vehicles: IntArray
     """indices, shape (R,)"""

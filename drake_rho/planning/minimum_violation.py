@@ -81,7 +81,7 @@ def elastic_planes(
     solver: SolverInterface | None = None,
     vehicles: Sequence[int] | None = None,
 ) -> CuttingPlanes:
-    """Programs in which nothing but violations costs anything, and goals may be missed."""
+    """Programs in which only violations cost anything, and goals may be missed."""
     effort = MinimumEffort.of(scenario)
     return CuttingPlanes(
         scenario,

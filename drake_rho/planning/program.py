@@ -65,7 +65,7 @@ class Batch:
     basis: FloatArray | None
     """u = basis @ variables, shape (B, 3 G (K-1), V); None if u are the first of the variables"""
     lengths: FloatArray
-    """by what multipliers are multiplied to be those of rows of length one, shape (B, R)"""
+    """factors that turn multipliers into those of rows of length one, shape (B, R)"""
 
     def solutions(self, results: Sequence[MathematicalProgramResult], steps: int) -> FloatArray:
         """The accelerations u, in units, shape (B, G, K-1, 3).
@@ -89,7 +89,7 @@ def programs_of(
     Args:
         effort: of the scenario.
         rows: constraint by constraint; those of a group keep their order.
-        linear: whether nothing but slack costs anything.
+        linear: whether only slack costs anything.
     """
     groups = groups_of(len(effort.units), rows)
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
@@ -204,7 +204,7 @@ def _in_span(
         matrices: rows that leave the goal alone, shape (B, R, 3 G (K-1)).
         needed: b, shape (B, R).
         penalties: what it costs to break a row by one, shape (B, R).
-        linear: whether nothing but slack costs anything.
+        linear: whether only slack costs anything.
     """
     basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
     programs, rows = [], []

@@ -4,7 +4,7 @@ In terms of the accelerations alone a row of velocity or position has as many en
 before it. With (1) and (2) as equalities it has a few, and the program grows with K as the rows do.
 
 The variables are u, then the velocities and the positions at the knots after the first, as far as
-rows speak of them, all counted from the motion of minimum effort. Velocities are in units of u h
+rows need them, all counted from the motion of minimum effort. Velocities are in units of u h
 and positions of u h², so that (1) and (2) have entries of about one, however many steps there are.
 """
 
@@ -56,8 +56,8 @@ class SparseRows:
         """The rows.
 
         Returns:
-            The matrix, `needed`, what it costs to break a row by one, and by what the multipliers
-            of the rows are to be multiplied to become those of rows of length one.
+            The matrix, `needed`, what it costs to break a row by one, and factors that turn the
+            multipliers of the rows into those of rows of length one.
         """
         unit = self.effort.units[self.group].max()
         places, entries, needed, penalties, lengths = [], [], [], [], []
