@@ -50,7 +50,8 @@ def mapped(
 ) -> rho.Scenario:
     """The scenario in other coordinates: p' = length (turn p + shift), t' = time t.
 
-    `turn` is a signed permutation, so that boxes stay boxes; with a downwash, one that keeps z.
+    `turn` is a signed permutation, so that boxes stay boxes, or any orthogonal matrix where there
+    are none; with a downwash, one that keeps z.
     """
     apart = scenario.separation
     if apart is not None:
@@ -67,6 +68,7 @@ def mapped(
     def bounds(old: rho.Box | None, scale: float, offset: np.ndarray) -> rho.Box | None:
         if old is None:
             return None
+        assert np.count_nonzero(turn) == 3, "a box that is turned is no box"
         corners = scale * np.stack([turn @ old.lower + offset, turn @ old.upper + offset])
         return rho.Box(corners.min(axis=0), corners.max(axis=0))
 
@@ -78,6 +80,7 @@ def mapped(
             bounds(old.velocity, speed, np.zeros(3)),
             bounds(old.acceleration, force, np.zeros(3)),
             bounds(old.jerk, jerk, np.zeros(3)),
+            None if old.max_speed is None else speed * old.max_speed,
         )
 
     return dataclasses.replace(

@@ -65,8 +65,7 @@ class Diagnosis:
         shown = list(self.conflicts.items())[:3]
         reasons = [f"  {vehicle}: {', '.join(names)}" for vehicle, names in shown]
         breaches = [
-            f"  {one.vehicle}: {one.constraint} {one.part} by {one.excess:.3g} {one.unit} "
-            f"at {one.time:.4g} s"
+            f"  {one.vehicle}: {one.what} by {one.excess:.3g} {one.unit} at {one.time:.4g} s"
             for one in self.violations[:_SHOWN]
         ]
         more = len(self.conflicts) - len(reasons)
@@ -159,8 +158,9 @@ def shortest_plan(scenario: Scenario, *, solver: SolverInterface | None = None) 
 def is_monotone(scenario: Scenario) -> bool:
     """Whether a plan for one duration can be flown slower for any longer one.
 
-    That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
-    motion can be stretched in time, which leaves its path and makes its derivatives smaller.
+    That is so from rest to rest if no box keeps a vehicle from being slow (a maximum speed never
+    does): with the step, every motion can be stretched in time, which leaves its path and makes
+    its derivatives smaller.
     With obstacles or a separation it is true of the problem too, but not claimed, since the planner
     may miss the plan of one duration and find that of another.
     """

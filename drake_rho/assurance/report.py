@@ -35,9 +35,10 @@ class Check:
     vehicle: str
     """name"""
     constraint: str
-    """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, obstacle 1 …"""
+    """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, maximum speed,
+    obstacle 1, …, separation"""
     part: str = ""
-    """which side of a box, or which quantity of dynamics and goal"""
+    """which side of a box, or which quantity of dynamics and goal; empty where there are no parts"""
     time: float
     """since the first knot [s]"""
     value: float
@@ -52,6 +53,11 @@ class Check:
     """SI unit of the numbers"""
     asked: bool = True
     """whether the scenario asks for it; what it does not ask for is told, not judged"""
+
+    @property
+    def what(self) -> str:
+        """Constraint and part, in words."""
+        return f"{self.constraint} {self.part}".rstrip()
 
     @property
     def holds(self) -> bool:
@@ -169,7 +175,7 @@ def _table(title: str, rows: list[Check]) -> str:
     lines += [
         form.format(
             check.vehicle,
-            f"{check.constraint} {check.part}",
+            check.what,
             f"{check.time:.6g}",
             f"{check.value:.6g}",
             f"{check.limit:.6g}",

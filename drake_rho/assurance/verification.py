@@ -10,6 +10,7 @@ import numpy as np
 from drake_rho.assurance.boxes import check_boxes
 from drake_rho.assurance.closest_pairs import closest_at_all_times, closest_at_knots
 from drake_rho.assurance.continuous_time import least_distance
+from drake_rho.assurance.norms import check_norms
 from drake_rho.assurance.report import (
     AT_ALL_TIMES,
     AT_KNOTS,
@@ -56,6 +57,7 @@ def verify(flown: Plan | Flight) -> Report:
             *_check_dynamics(plan, motion),
             *_check_goal(scenario, motion),
             *check_boxes(scenario, motion),
+            *check_norms(scenario, motion),
             *_check_obstacles(scenario, motion),
             *_check_separation(scenario, motion),
         ]

@@ -197,7 +197,7 @@ class Plan:
         return self.scenario.from_states(
             unchecked(self.scenario.grid, knots=self.scenario.grid.knots - knot),
             self._kept("position", self.positions[:, knot]),
-            self._kept("velocity", self.velocities[:, knot]),
+            self._not_faster(self._kept("velocity", self.velocities[:, knot])),
             self._kept("acceleration", self.accelerations[:, knot - 1]),
         )
 
@@ -208,6 +208,14 @@ class Plan:
             return values
         bounds.check(f"start.{quantity}", values)
         return np.clip(values, bounds.lower, bounds.upper)
+
+    def _not_faster(self, velocities: FloatArray) -> FloatArray:
+        """Velocities of all vehicles; rounding does not put them above the largest speed."""
+        speeds = self.scenario.fleet.max_speeds()
+        if speeds is None:
+            return velocities
+        speeds.check("start.velocity", velocities)
+        return speeds.nearest(velocities)
 
     def tail(self, knot: int) -> Plan:
         """What is left of the plan from `knot` (counted from 0) on, as a plan of its own."""

@@ -61,6 +61,15 @@ class Norms:
             expected = f"a norm of at most {self.most[i]:g}, not {norms[i]:.7g}"
             raise ScenarioError(f"vehicles[{i}].{where}", values[i].tolist(), expected)
 
+    def nearest(self, values: FloatArray) -> FloatArray:
+        """The values nearest to `values`, shape (N, 3), whose norms are small enough."""
+        norms = np.linalg.norm(values, axis=1)
+        over = norms > self.most
+        factors = np.ones(len(norms))
+        factors[over] = self.most[over] / norms[over]
+        nearest: FloatArray = factors[:, None] * values
+        return nearest
+
 
 class Fleet:
     """Starts, goals, scales and bounds of all vehicles, each computed when first asked for."""
