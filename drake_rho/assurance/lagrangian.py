@@ -70,7 +70,7 @@ class Lagrangian:
             if quadratic is not None:
                 if np.all(np.isin(rows.partners, group)):  # else left out, which lowers the bound
                     bent.append(_curved_terms(effort, group, rows, quadratic, y))
-            else:
+            elif not rows.constraint.linearised:  # what is linear by itself; else left out too
                 matrix, needed, _ = rows_of(effort, group, [rows])
                 straight.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
         self._pull = np.concatenate([each.pull for each in bent])

@@ -24,13 +24,12 @@ import numpy as np
 from drake_rho.motion.clearance import penetrations
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, Quadratic, near
-from drake_rho.planning.keep_in import QUANTITIES
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario, Sphere
 from drake_rho.scenario.shapes import Quadric
 
-FIRST = len(QUANTITIES) + 1
-"""Number of the pairs' constraint; those of obstacles follow."""
+FIRST = 32
+"""Number of the pairs' constraint; those of obstacles follow, those of keep-in sets come before."""
 
 
 @dataclasses.dataclass(frozen=True)
