@@ -37,7 +37,9 @@ class OnVelocities(Constraint):
 
 def constraint(number: int = 3, *, curved: bool = False) -> Constraint:
     """One on velocities."""
-    return OnVelocities(number=number, name=f"constraint {number}", quantity="velocity", curved=curved)
+    return OnVelocities(
+        number=number, name=f"constraint {number}", quantity="velocity", curved=curved
+    )
 
 
 def rows(
@@ -57,10 +59,13 @@ def rows(
     size = len(arrays[0])
     return HalfSpaces(
         of,
-        *arrays,
-        np.broadcast_to(normals, (size, 3)),
-        np.broadcast_to(bounds, (size,)),
-        np.full(size, 1e-6),
+        vehicles=arrays[0],
+        partners=arrays[1],
+        sides=arrays[2],
+        times=arrays[3],
+        normals=np.broadcast_to(normals, (size, 3)),
+        bounds=np.broadcast_to(bounds, (size,)),
+        tolerances=np.full(size, 1e-6),
     )
 
 
@@ -222,7 +227,8 @@ def test_multipliers_balance_the_cost() -> None:
 
 def test_multipliers_of_a_coupled_group_balance_the_cost_of_all_of_it() -> None:
     """Two that cross share a program; a third far off has none."""
-    asked = fleet([[-5, 0.3, 0], [0, 50, 0], [0, -5, 0]], [[5, 0, 0], [9, 50, 0], [0, 5, 0.2]])
+    starts = np.array([[-5, 0.3, 0], [0, 50, 0], [0, -5, 0]])
+    asked = fleet(starts, np.array([[5, 0, 0], [9, 50, 0], [0, 5, 0.2]]))
     subproblem = Subproblem(asked, coupled)
     subproblem.around(rho.plan_scp(asked))
     planes = subproblem.planes
