@@ -343,7 +343,7 @@ def test_rows_of_pairs_are_asked_for_where_the_reference_is_near_and_not_at_the_
     """Side by side at 1.5 m all along: rows at every inner knot; at 1.7 m none."""
     for gap, count in ((1.5, 19), (1.7, 0)):
         ends = np.array([[0, 0, 0], [0, gap, 0]])
-        asked = fleet(ends, ends + [10, 0, 0])
+        asked = fleet(ends, ends + np.array([10, 0, 0]))
         motion = rho.plan_scp(asked.without_separation()).motion()
         pairs = pairs_of(asked, motion, coupled)
         assert len(np.unique(pairs.rows(pairs.places).times)) == count
