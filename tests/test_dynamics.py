@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -73,6 +75,28 @@ def test_jerk_is_equation_7(seed: int, given_before: bool) -> None:
     np.testing.assert_allclose(jerk[0], first, rtol=ROUNDING)
     answer = response("jerk", h, len(a) + 1, h * np.arange(1, len(a))) @ a
     np.testing.assert_allclose(answer, jerk[1:], rtol=ROUNDING, atol=ROUNDING / h)
+
+
+@pytest.mark.parametrize("quantity", ["acceleration", "jerk"])
+@pytest.mark.parametrize("part", [0.0, 0.25, 0.5, 0.75, 0.999])
+@given(seed=seeds)
+def test_acceleration_and_jerk_are_those_of_the_step_a_time_lies_in(
+    quantity: Any, part: float, seed: int
+) -> None:
+    """Right-continuous: from the knot at which a step begins up to, not including, the next."""
+    _, motion = _random_motion(seed)
+    a, h = motion.accelerations, motion.step
+    times = np.array([h * (k + part) for k in range(len(a))])
+    values = motion.at(quantity, times)
+    known = a if quantity == "acceleration" else np.diff(a, axis=0, prepend=[motion.before]) / h
+    np.testing.assert_array_equal(values, known)
+    states = motion.positions, motion.velocities, a, motion.before
+    several = Motion(h, *(np.stack([np.zeros_like(each), each]) for each in states))
+    own = several.each_at(quantity, np.ones(len(a), dtype=int), times)
+    np.testing.assert_array_equal(own, known)
+    if quantity == "acceleration":
+        answer = response(quantity, h, len(a) + 1, times) @ a
+        np.testing.assert_allclose(answer, known, rtol=ROUNDING)
 
 
 def test_motion_between_knots_is_what_an_integrator_finds() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import pickle
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -12,7 +13,9 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho.planning import cutting_planes, solve
 from drake_rho.scenario.files import scenario_from_yaml
+from tests.scenarios import box, single, through_the_middle
 
 BAD: list[Callable[[], object]] = [
     lambda: rho.Grid(float("nan"), 5),
@@ -48,3 +51,92 @@ def test_errors_come_back_from_another_process(tmp_path: Path) -> None:
         for work, error in ((rho.load_scenario, rho.ScenarioError), (rho.load, rho.PlanFileError)):
             with pytest.raises(error, match=r"nowhere.*No such file"):
                 pool.submit(work, str(tmp_path / "nowhere")).result()
+
+
+WEAK = single(limits=rho.Limits(acceleration=box(0.5)))
+"""No plan, whatever the reference."""
+
+WALLED = single(
+    goal=rho.State([10, 0, 0]),
+    limits=rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5)),
+    obstacles=(rho.Sphere([5, 0.1, 0], 2.0),),
+)
+"""A corridor that a sphere fills."""
+
+CROWDED = through_the_middle(2, grid=rho.Grid(5.0, 3))
+"""With two steps there is one way from rest to rest, through the middle together."""
+
+FAILURES: dict[str, Callable[[], object]] = {
+    "limits": functools.partial(rho.plan_convex, WEAK, steps=[0.25]),
+    "obstacle": functools.partial(rho.plan_convex, WALLED),
+    "way round": functools.partial(rho.plan, WALLED),
+    "fleet": functools.partial(rho.plan, CROWDED),
+    "window": functools.partial(rho.plan_rho, WALLED),
+}
+
+
+def _solver_error(monkeypatch: pytest.MonkeyPatch) -> rho.SolverError:
+    """One from solvers that may not iterate."""
+    for options in ("_CLARABEL", "_CLARABEL_AGAIN", "_OSQP"):
+        monkeypatch.setattr(solve, options, {"max_iter": 1})
+    with pytest.raises(rho.SolverError) as caught:
+        rho.plan_convex(single(limits=rho.Limits(velocity=box(1.5))))
+    return caught.value
+
+
+def _error(name: str, monkeypatch: pytest.MonkeyPatch) -> rho.InfeasibleError | rho.SolverError:
+    """The error of a real failure."""
+    if name == "solver":
+        return _solver_error(monkeypatch)
+    with pytest.raises(rho.InfeasibleError) as caught:
+        FAILURES[name]()
+    return caught.value
+
+
+@pytest.mark.parametrize("name", [*FAILURES, "solver"])
+def test_the_error_of_a_failure_is_plain_data(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It prints, compares and is pickled without a solver."""
+    error = _error(name, monkeypatch)
+    for module in (solve, cutting_planes):
+        monkeypatch.setattr(module, "solve_side_by_side", None)
+    monkeypatch.setattr(solve, "solve", None)
+    copy = pickle.loads(pickle.dumps(error))  # noqa: S301  # own
+    assert type(copy) is type(error)
+    assert str(copy) == str(error)
+    assert len(str(error)) > 20
+    assert copy.statistics == error.statistics
+    if isinstance(error, rho.InfeasibleError):
+        assert isinstance(copy, rho.InfeasibleError)
+        for field in ("conflicts", "obstacles", "steps_tried", "scenario"):
+            assert getattr(copy, field) == getattr(error, field)
+        assert copy.about_linearisation == error.about_linearisation
+        assert (copy.reference is None) == (error.reference is None)
+        if error.reference is not None and copy.reference is not None:
+            np.testing.assert_array_equal(
+                copy.reference.accelerations, error.reference.accelerations
+            )
+
+
+def test_an_error_that_was_pickled_can_be_explained_as_well_as_before() -> None:
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(WALLED)
+    copy = pickle.loads(pickle.dumps(caught.value))  # noqa: S301  # own
+    assert rho.infeasible_subset(copy) == rho.infeasible_subset(caught.value)
+
+
+def _raise(error: Exception) -> None:
+    raise error
+
+
+def test_failures_come_back_from_another_process_as_they_were(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    errors = [_error(name, monkeypatch) for name in ("limits", "obstacle", "solver")]
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        for error in errors:
+            with pytest.raises(type(error)) as caught:
+                pool.submit(_raise, error).result()
+            assert str(caught.value) == str(error)
+        with pytest.raises(rho.InfeasibleError) as caught:  # raised there by itself
+            pool.submit(rho.plan_convex, WALLED).result()
+    assert str(caught.value) == str(errors[1])

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,8 +13,10 @@ from hypothesis import strategies as st
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
+from drake_rho.planning import cutting_planes
+from drake_rho.planning.program import programs_of
 from drake_rho.planning.rho import Planner
-from tests.scenarios import scenarios, single
+from tests.scenarios import box, scenarios, single
 from tests.tolerances import INDEX, ROUNDING
 
 
@@ -92,6 +98,135 @@ def test_a_window_without_a_plan_flies_on_along_the_previous_one(paper: rho.Scen
     np.testing.assert_allclose(
         flight.plan.accelerations[:, 5:], flight.windows[1].plan.accelerations, rtol=ROUNDING
     )
+
+
+class Asked:
+    """A planner that fails in some windows, and the references it was asked with."""
+
+    def __init__(self, planner: Planner, failing: frozenset[int], error: Exception) -> None:
+        self.planner, self.failing, self.error = planner, failing, error
+        self.references: list[rho.Plan | None] = []
+
+    def __call__(
+        self,
+        scenario: rho.Scenario,
+        *,
+        reference: rho.Plan | None,
+        solver: SolverInterface | None = None,
+    ) -> rho.Plan:
+        """A plan, or the error."""
+        self.references.append(reference)
+        if len(self.references) - 1 in self.failing:
+            raise self.error
+        return self.planner(scenario, reference=reference, solver=solver)
+
+
+SPENT = rho.Statistics(programs=1000, solver="none")
+NO_PLAN = [
+    rho.InfeasibleError({"UAV-1": ("goal x",)}, statistics=SPENT),
+    rho.SolverError("numerically", SPENT),
+]
+
+
+@pytest.mark.parametrize("error", NO_PLAN)
+def test_where_the_planner_fails_the_fallback_plans_from_the_tail(
+    paper: rho.Scenario, error: Exception
+) -> None:
+    planner = Asked(rho.plan_convex, frozenset([0, 3]), error)
+    fallback = Asked(rho.plan, frozenset(), error)
+    flight = rho.plan_rho(paper, planner=planner, fallback=fallback)
+    assert rho.verify(flight.plan).ok
+    assert len(planner.references) == len(flight.windows) == 10
+    assert not any(window.infeasible for window in flight.windows)
+    first, later = fallback.references
+    assert first is None
+    assert later is not None
+    tail = flight.windows[2].plan.tail(5)
+    np.testing.assert_array_equal(later.accelerations, tail.accelerations)
+    for number, reference in ((0, None), (3, tail)):
+        window = flight.windows[number]
+        alone = rho.plan(window.plan.scenario, reference=reference)
+        np.testing.assert_allclose(window.plan.accelerations, alone.accelerations, atol=1e-9)
+        assert window.plan.statistics.programs == 1000 + alone.statistics.programs
+        assert window.reference is window.plan.reference
+    assert flight.statistics.programs > 2000
+
+
+def test_the_fallback_is_asked_by_itself_where_the_convex_method_has_no_plan() -> None:
+    """A free way through the centre of an obstacle, which no one linearisation leads round."""
+    scenario = single(
+        start=rho.State([0, 1, 2]),
+        goal=rho.State([20, 1, 2]),
+        grid=rho.Grid(0.25, 41),
+        limits=rho.Limits(velocity=box(4.0)),
+        obstacles=(rho.Sphere([10, 1, 2], 2.0),),
+    )
+    with pytest.raises(rho.InfeasibleError):
+        rho.plan_rho(scenario, fallback=None)
+    flight = rho.plan_rho(scenario)
+    assert rho.verify(flight.plan).ok
+    first = flight.windows[0]
+    assert not first.infeasible
+    assert first.plan.cost == pytest.approx(rho.plan(scenario).cost, rel=INDEX)
+
+
+@pytest.mark.parametrize("error", NO_PLAN)
+def test_where_both_fail_the_tail_is_flown_and_it_is_said_why(
+    paper: rho.Scenario, error: Exception
+) -> None:
+    last = rho.InfeasibleError({"UAV-2": ("obstacle 1 at 9 s",)}, statistics=SPENT)
+    planner = Asked(rho.plan_convex, frozenset([2]), error)
+    fallback = Asked(rho.plan, frozenset([0]), last)
+    flight = rho.plan_rho(paper, planner=planner, fallback=fallback)
+    assert rho.verify(flight.plan).ok
+    assert [window.infeasible for window in flight.windows] == [""] * 2 + [str(last)] + [""] * 7
+    window, before = flight.windows[2], flight.windows[1]
+    tail = before.plan.tail(5)
+    np.testing.assert_array_equal(window.plan.accelerations, tail.accelerations)
+    assert window.plan.statistics.programs == 2000  # what both have spent
+    with pytest.raises(rho.InfeasibleError, match="UAV-2"):
+        rho.plan_rho(
+            paper,
+            planner=Asked(rho.plan_convex, frozenset([0]), error),
+            fallback=Asked(rho.plan, frozenset([0]), last),
+        )
+
+
+def test_a_window_that_fails_is_not_explained(
+    paper: rho.Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No program in which constraints may be broken is written unless an explanation is asked."""
+    written: list[bool] = []
+
+    def counted(*args: Any, linear: bool) -> Iterator[Any]:
+        written.append(linear)
+        return programs_of(*args, linear=linear)
+
+    monkeypatch.setattr(cutting_planes, "programs_of", counted)
+    weak = dataclasses.replace(paper, limits=rho.Limits(acceleration=box(6.0)))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_rho(weak)
+    windows = 0
+
+    def weaker(
+        scenario: rho.Scenario,
+        *,
+        reference: rho.Plan | None,
+        solver: SolverInterface | None = None,
+    ) -> rho.Plan:
+        nonlocal windows
+        windows += 1
+        if windows > 1:
+            limits = dataclasses.replace(scenario.limits, jerk=box(1e-3))
+            scenario = dataclasses.replace(scenario, limits=limits)
+        return rho.plan_convex(scenario, reference=None, solver=solver)
+
+    flight = rho.plan_rho(paper, planner=weaker, fallback=None)
+    assert sum(bool(window.infeasible) for window in flight.windows) > 5
+    assert written
+    assert not any(written)
+    rho.infeasible_subset(caught.value)
+    assert any(written)
 
 
 def test_a_first_window_without_a_plan_is_an_error(paper: rho.Scenario) -> None:

@@ -108,13 +108,17 @@ def first_plan(
     if scenario.separation is not None:
         if (apart := _around_if_apart(scenario, reference, solver)) is not None:
             return apart
-        careless = first_plan(
-            scenario.without_separation(),
-            reference=reference,
-            solver=solver,
-            executor=executor,
-            options=options,
-        )
+        try:
+            careless = first_plan(
+                scenario.without_separation(),
+                reference=reference,
+                solver=solver,
+                executor=executor,
+                options=options,
+            )
+        except InfeasibleError as error:
+            error.scenario = scenario  # what was asked, apart and all
+            raise
         start = Plan.from_accelerations(scenario, careless.accelerations, careless.statistics)
         return restored(start, Subproblem(scenario, decoupled, solver), progress)
     try:

@@ -1,0 +1,259 @@
+"""`plan`: the convex method, ways round where that fails, and SCP until the cost stops falling."""
+
+from __future__ import annotations
+
+import dataclasses
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.planning import solve
+from drake_rho.planning.keep_apart import Coupling
+from drake_rho.planning.subproblem import Subproblem, coupling_for
+from tests.scenarios import box, fleet, single, through_the_middle
+from tests.tolerances import INDEX
+
+BESIDE = rho.Sphere([5.0, 2.6, -1.0], 1.5)
+
+
+def _two_in_the_middle() -> rho.Scenario:
+    """Two vehicles, whose free ways lead through the centre of one sphere each, and a third."""
+    ends = np.array([[0, 0, 0], [0, 10, 0], [0, 20, 0]])
+    spheres = (rho.Sphere([5, 0, 0], 1.5), rho.Sphere([5, 10, 0], 2.0))
+    limits, goals = rho.Limits(velocity=box(2.5)), ends + np.array([10, 0, 0])
+    asked = fleet(ends, goals, limits=limits, obstacles=spheres, between_knots=False)
+    return asked.without_separation()
+
+
+@pytest.mark.parametrize("limits", [rho.Limits(), rho.Limits(velocity=box(1.5))])
+def test_where_nothing_is_to_be_avoided_it_is_the_convex_method(limits: rho.Limits) -> None:
+    asked = single(limits=limits)
+    plan = rho.plan(asked)
+    np.testing.assert_array_equal(plan.accelerations, rho.plan_convex(asked).accelerations)
+    assert plan.statistics.linearisations == 0
+    assert plan.statistics.tolerance is None
+    assert plan.reference is None
+
+
+def test_where_the_convex_method_has_a_plan_it_goes_on_from_there(paper: rho.Scenario) -> None:
+    by_hand = rho.plan_convex(paper)
+    for _ in range(3):
+        by_hand = rho.scp_step(by_hand)
+    plan = rho.plan(paper, options=rho.Options(max_iterations=3))
+    assert plan.cost == pytest.approx(by_hand.cost, rel=INDEX)
+    assert plan.statistics.linearisations == 1 + 3
+
+
+def test_where_the_convex_method_has_none_it_finds_a_way_round_for_every_vehicle() -> None:
+    asked = _two_in_the_middle()
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(asked)
+    assert set(caught.value.conflicts) == {"v0", "v1"}
+    plan = rho.plan(asked)
+    assert rho.verify(plan).ok
+    alone = [
+        rho.plan(dataclasses.replace(asked, vehicles=(vehicle,))) for vehicle in asked.vehicles
+    ]
+    for index, each in enumerate(alone):
+        own = float(np.sum(plan.accelerations[index] ** 2))
+        assert own == pytest.approx(each.cost, rel=INDEX)
+
+
+def test_an_executor_gives_the_same_plan() -> None:
+    asked = _two_in_the_middle()
+    here = rho.plan(asked)
+    with ThreadPoolExecutor(2) as executor:
+        there = rho.plan(asked, executor=executor)
+    np.testing.assert_allclose(there.accelerations, here.accelerations, atol=1e-9)
+
+
+def test_vehicles_for_which_no_way_is_found_are_all_named() -> None:
+    asked = _two_in_the_middle()
+    walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]))
+    walled = dataclasses.replace(asked.vehicles[0], limits=walls)
+    asked = dataclasses.replace(asked, vehicles=(walled, *asked.vehicles[1:]))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(asked)
+    assert set(caught.value.conflicts) == {"v0"}  # for the other there is one
+    assert caught.value.obstacles == {"v0": frozenset([1])}
+    assert caught.value.scenario == asked
+    assert caught.value.reference is not None
+    assert caught.value.about_linearisation
+
+
+@pytest.mark.parametrize("separated", [False, True])
+def test_an_error_carries_the_scenario_that_was_asked(separated: bool) -> None:
+    weak = through_the_middle(3, limits=rho.Limits(acceleration=box(0.1)))
+    if not separated:
+        weak = weak.without_separation()
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(weak)
+    assert caught.value.scenario == weak
+    assert not caught.value.about_linearisation
+
+
+def test_an_iteration_ends_with_the_first_fall_below_the_tolerance(paper: rho.Scenario) -> None:
+    """The falls of one vehicle's cost, from plans that are stopped after one, two, ... steps."""
+    alone = dataclasses.replace(paper, vehicles=paper.vehicles[:1])
+    tolerance = 1e-3
+    plan = rho.plan(alone, options=rho.Options(tolerance=tolerance))
+    assert plan.statistics.converged
+    assert plan.statistics.tolerance == tolerance
+    count = plan.statistics.linearisations - 1
+    assert count > 2
+    stopped = [
+        rho.plan(alone, options=rho.Options(tolerance=tolerance, max_iterations=most))
+        for most in range(1, count + 2)
+    ]
+    costs = np.array([rho.plan_convex(alone).cost, *(each.cost for each in stopped)])
+    falls = -np.diff(costs) / costs[:-1]
+    assert np.all(falls[: count - 1] > tolerance)
+    assert 0.0 <= falls[count - 1] < tolerance
+    assert falls[count] == 0.0
+    assert [each.statistics.converged for each in stopped] == [False] * (count - 1) + [True] * 2
+
+
+@pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
+def test_what_is_said_of_convergence_is_true_of_fleets(coupling: Coupling) -> None:
+    asked = through_the_middle(4)
+    options = rho.Options(tolerance=1e-4)
+    plan = rho.plan(asked, coupling=coupling, options=options)
+    assert plan.statistics.converged
+    assert plan.statistics.tolerance == 1e-4
+    again = Subproblem(asked, coupling).around(plan)
+    assert again.cost <= plan.cost * (1 + INDEX)
+    assert plan.cost - again.cost < 1e-3 * plan.cost
+    once = rho.plan(
+        asked, coupling=coupling, options=rho.Options(tolerance=1e-15, max_iterations=1)
+    )
+    assert not once.statistics.converged
+    assert once.statistics.tolerance == 1e-15
+    assert rho.verify(once).ok
+
+
+def test_progress_is_told_of_every_linearisation_after_the_first() -> None:
+    said: list[str] = []
+    plan = rho.plan(single(obstacles=(BESIDE,)), progress=said.append)
+    assert len(said) == plan.statistics.linearisations - 1 > 2
+    for number, words in enumerate(said, start=2):
+        assert words.startswith(f"linearised {number} times, cost ")
+    costs = [float(words.split()[4]) for words in said]
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] == pytest.approx(plan.cost, rel=1e-5)
+
+
+def test_progress_is_told_of_a_fleet_that_is_brought_apart() -> None:
+    said: list[str] = []
+    plan = rho.plan(through_the_middle(4), progress=said.append)
+    assert rho.verify(plan).ok
+    assert len(said) > 2
+
+
+def test_a_given_reference_decides_on_which_side_an_obstacle_is_passed() -> None:
+    asked = single(goal=rho.State([10, 0, 0]), obstacles=(rho.Sphere([5, 0.3, 0], 1.0),))
+    ways = []
+    for y in (-1.0, 1.0):
+        pushed = rho.Sphere([5.0, 0.3 - 2.0 * y, 0.0], 3.5)
+        beside = rho.plan(single(goal=rho.State([10, 0, 0]), obstacles=(pushed,)))
+        plan = rho.plan(asked, reference=dataclasses.replace(beside, scenario=asked))
+        assert rho.verify(plan).ok
+        assert y * (plan.positions[0, 8, 1] - 0.3) >= 1.0 - 1e-6
+        ways.append(plan.cost)
+    assert ways[0] < ways[1]  # below is the shorter way
+    assert rho.plan(asked).cost == pytest.approx(ways[0], rel=INDEX)
+
+
+def test_a_fleets_reference_that_keeps_apart_is_gone_on_from() -> None:
+    """Two head-on that pass above and below each other go on so, though beside costs as much."""
+    ends = np.array([[-5, 0, 0], [5, 0, 0]])
+    asked = fleet(ends, -ends)
+    aside = fleet(ends, -ends, limits=rho.Limits(position=rho.Box([-9, -0.01, -9], [9, 0.01, 9])))
+    above = rho.plan(aside)
+    plan = rho.plan(asked, reference=dataclasses.replace(above, scenario=asked))
+    assert rho.verify(plan).ok
+    np.testing.assert_allclose(plan.positions[:, :, 1], 0.0, atol=1e-6)
+    assert plan.statistics.linearisations < rho.plan(asked).statistics.linearisations + 5
+
+
+def test_a_fleet_is_coupled_up_to_as_many_vehicles_as_asked() -> None:
+    asked = through_the_middle(3)
+    assert coupling_for(asked, rho.Options(max_coupled=3)) is rho.coupled
+    assert coupling_for(asked, rho.Options(max_coupled=2)) is rho.decoupled
+    assert coupling_for(through_the_middle(15)) is rho.coupled
+    assert coupling_for(through_the_middle(16, separation=rho.Separation(0.5))) is rho.decoupled
+    for most, coupling in ((3, rho.coupled), (2, rho.decoupled)):
+        plan = rho.plan(asked, options=rho.Options(max_coupled=most))
+        other = rho.plan(asked, coupling=coupling)
+        assert plan.cost == pytest.approx(other.cost, rel=INDEX)
+        assert plan.statistics.tolerance == other.statistics.tolerance
+
+
+def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
+    options = rho.Options()
+    alone, few, many = single(), through_the_middle(6), through_the_middle(7)
+    assert options.tolerance_of(alone, together=True) == 1e-9
+    assert options.tolerance_of(few, together=True) == 1e-7
+    assert options.tolerance_of(many, together=True) == 1e-3
+    for asked in (few, many):
+        assert options.tolerance_of(asked, together=False) == 5e-2
+    for asked in (alone, few, many):
+        assert rho.Options(tolerance=0.1).tolerance_of(asked, together=False) == 0.1
+    assert (options.max_iterations, options.max_coupled, options.max_ways) == (200, 15, 40)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"tolerance": 0.0},
+        {"tolerance": 1.0},
+        {"tolerance": float("nan")},
+        {"max_iterations": 0},
+        {"max_coupled": 0},
+        {"max_ways": 0},
+    ],
+)
+def test_options_that_make_no_sense_are_refused(bad: dict[str, float]) -> None:
+    with pytest.raises(rho.ScenarioError, match=next(iter(bad))):
+        rho.Options(**bad)  # type: ignore[arg-type]  # what is tested
+
+
+def test_the_number_of_ways_that_are_tried_is_bounded() -> None:
+    """With one try, the nearest side, no way past a sphere is found that it leads against."""
+    walls = rho.Limits(position=rho.Box([-1, -9, -0.2], [11, 1, 0.2]))
+    goal, sphere = rho.State([10, 0, 0]), rho.Sphere([5, -0.3, 0], 1.5)
+    asked = single(goal=goal, limits=walls, obstacles=(sphere,))
+    assert rho.verify(rho.plan(asked)).ok
+    programs = []
+    for most in (1, 5):
+        blocked = dataclasses.replace(
+            asked, limits=rho.Limits(position=rho.Box([-1, -1, -0.2], [11, 1, 0.2]))
+        )
+        with pytest.raises(rho.InfeasibleError) as caught:
+            rho.plan(blocked, options=rho.Options(max_ways=most))
+        programs.append(caught.value.statistics.programs)
+    assert programs[0] < programs[1]
+
+
+def test_a_reference_with_numbers_that_are_none_is_refused_before_any_solver(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = single(obstacles=(BESIDE,))
+    plan = rho.plan(asked)
+    monkeypatch.setattr(solve, "SolveInParallel", None)
+    for bad in (np.nan, np.inf):
+        accelerations = np.array(plan.accelerations)
+        accelerations[0, 3, 1] = bad
+        with pytest.raises(ValueError, match=r"accelerations: got (nan|inf) for solo at knot 3"):
+            rho.plan(asked, reference=dataclasses.replace(plan, accelerations=accelerations))
+
+
+def test_statistics_count_every_step_on_the_way() -> None:
+    asked = _two_in_the_middle()
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(asked)
+    plan = rho.plan(asked)
+    assert plan.statistics.programs > caught.value.statistics.programs + 2
+    assert plan.statistics.solver == "Clarabel"
+    assert plan.statistics.seconds > 0.0

@@ -1,0 +1,421 @@
+"""Rows of constraints: supporting half-spaces of convex sets, where a motion breaks them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import drake_rho as rho
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.half_spaces import Constraint, HalfSpaces
+from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
+from drake_rho.planning.keep_goal import goals_of
+from drake_rho.planning.keep_in import boxes_of
+from drake_rho.planning.keep_out import across, obstacles_of, side_of, sides_of
+from tests.scenarios import box, fleet, single
+from tests.tolerances import ROUNDING
+
+seeds = st.integers(0, 2**32 - 1)
+SPHERE = rho.Sphere([1.0, 1.0, -1.0], 2.0)
+
+
+def _three(**options: Any) -> rho.Scenario:
+    """Three vehicles in boxes of all kinds, of which the second has its own."""
+    limits = rho.Limits(
+        position=rho.Box([-12, -8, -6], [11, 7, 5]),
+        velocity=rho.Box([-2, -1, -3], [3, 2, 1]),
+        acceleration=rho.Box([-1, -0.5, -1.5], [1.5, 1, 0.5]),
+        jerk=rho.Box([-1, -2, -3], [3, 2, 1]),
+    )
+    scenario = fleet(
+        np.array([[-5, 0.3, 0], [0, -5, 0], [4, 4, 0.5]]),
+        np.array([[5, 0, 0], [0, 5, 0.2], [-4, -4, 0]]),
+        separation=rho.Separation(2.5, 2.0),
+        limits=limits,
+        obstacles=(SPHERE,),
+        **options,
+    )
+    before = rho.State([0, -5, 0], acceleration=[0.3, 0.0, -0.2])
+    second = rho.Vehicle("v1", before, scenario.vehicles[1].goal, rho.Limits(velocity=box(0.7)))
+    first, _, third = scenario.vehicles
+    return dataclasses.replace(scenario, vehicles=(first, second, third))
+
+
+def _flown(scenario: rho.Scenario, seed: int, size: float = 1.0) -> Motion:
+    """Accelerations of about `size` on the way to the goals."""
+    rng = np.random.default_rng(seed)
+    free = dataclasses.replace(scenario, limits=rho.Limits(), obstacles=(), separation=None)
+    vehicles = tuple(dataclasses.replace(each, limits=None) for each in scenario.vehicles)
+    plan = rho.plan_convex(dataclasses.replace(free, vehicles=vehicles))
+    noise = size * rng.normal(size=plan.accelerations.shape)
+    return rho.Plan.from_accelerations(scenario, plan.accelerations + noise).motion()
+
+
+def _places(rows: HalfSpaces) -> set[tuple[int, int, float]]:
+    every = zip(rows.vehicles.tolist(), rows.sides.tolist(), rows.times.tolist(), strict=True)
+    return {(vehicle, side, round(time, 9)) for vehicle, side, time in every}
+
+
+def _slow_box_rows(
+    scenario: rho.Scenario, motion: Motion, kind: Any, vehicles: list[int]
+) -> set[tuple[int, int, float]]:
+    """Sides beyond which a motion is at the knots, vehicle by vehicle, knot by knot."""
+    found, h, knots = set(), scenario.grid.step, scenario.grid.knots
+    inner = kind in ("position", "velocity")
+    for vehicle in vehicles:
+        bounds = getattr(scenario.limits_of(scenario.vehicles[vehicle]), kind)
+        if bounds is None:
+            continue
+        free = scenario.vehicles[vehicle].start.acceleration is None
+        for k in range(int(inner or (kind == "jerk" and free)), knots - 1):
+            value = motion.values(kind)[vehicle, k]
+            for axis in range(3):
+                if value[axis] < bounds.lower[axis]:
+                    found.add((vehicle, axis, round(h * k, 9)))
+                if value[axis] > bounds.upper[axis]:
+                    found.add((vehicle, 3 + axis, round(h * k, 9)))
+    return found
+
+
+@given(seed=seeds)
+@settings(max_examples=20)
+def test_a_box_gives_a_row_for_every_side_and_knot_that_is_broken(seed: int) -> None:
+    scenario = _three()
+    motion = _flown(scenario, seed)
+    for constraint in boxes_of(scenario):
+        for asked in ([0, 1, 2], [1], [0, 2]):
+            rows = constraint.violated(motion, np.array(asked))
+            slow = _slow_box_rows(scenario, motion, constraint.quantity, asked)
+            assert _places(rows) == slow
+            assert len(rows) == len(slow)
+            assert np.all(rows.margins(motion) < 0.0)
+
+
+@given(seed=seeds)
+@settings(max_examples=20)
+def test_neighbours_of_a_broken_row_are_the_same_side_at_the_next_knots(seed: int) -> None:
+    scenario = _three()
+    motion, every = _flown(scenario, seed, 0.4), np.arange(3)
+    for constraint in boxes_of(scenario):
+        few = _places(constraint.violated(motion, every))
+        more = _places(constraint.violated(motion, every, reach=1))
+        h, inner = scenario.grid.step, constraint.quantity in ("position", "velocity")
+        wanted = set()
+        for vehicle, side, time in few:
+            jerk = constraint.quantity == "jerk"
+            first = inner or (jerk and scenario.vehicles[vehicle].start.acceleration is None)
+            for k in range(round(time / h) - 1, round(time / h) + 2):
+                if int(first) <= k < scenario.grid.knots - 1:
+                    wanted.add((vehicle, side, round(h * k, 9)))
+        assert more == wanted
+
+
+def test_a_motion_inside_its_boxes_gives_no_rows() -> None:
+    scenario = _three()
+    still = rho.Plan.from_accelerations(scenario, np.zeros((3, 20, 3))).motion()
+    for constraint in boxes_of(scenario)[:3]:
+        assert len(constraint.violated(still, np.arange(3))) == 0
+        assert len(constraint.violated(still, np.arange(3), reach=4)) == 0
+
+
+@given(seed=seeds)
+@settings(max_examples=20)
+def test_between_knots_a_box_gives_a_row_where_a_coordinate_turns_beyond_it(seed: int) -> None:
+    scenario = _three(between_knots=True)
+    motion = _flown(scenario, seed, 6.0)
+    position, *others = boxes_of(scenario)
+    assert position.searches > 0
+    assert not any(each.searches for each in others)
+    vehicles = np.array([0, 2])
+    rows = position.violated(motion, vehicles, between=True)
+    assert np.all(rows.margins(motion) < 0.0)
+    bounds = scenario.limits.position
+    assert bounds is not None
+    h, found = scenario.grid.step, _places(rows)
+    for vehicle in vehicles.tolist():
+        for k in range(scenario.grid.knots - 1):
+            s = h * np.linspace(0.0, 1.0, 401)
+            path = motion.at("position", h * k + s)[vehicle]
+            for side in range(6):
+                axis, upper = side % 3, side >= 3
+                beyond = path[:, axis] - bounds.upper[axis]
+                if not upper:
+                    beyond = bounds.lower[axis] - path[:, axis]
+                worst = int(np.argmax(beyond))
+                if 0 < worst < 400 and beyond[worst] > 1e-5:
+                    moment = h * k + s[worst]
+                    times = [t for v, other, t in found if (v, other) == (vehicle, side)]
+                    assert np.abs(np.array(times) - moment).min() < 0.01 * h
+
+
+@pytest.mark.parametrize("coupling", [coupled, decoupled])
+def test_margins_answer_to_accelerations_as_the_responses_say(coupling: Coupling) -> None:
+    """Rows are affine: what a change of accelerations adds to their margins is M times it."""
+    scenario = _three()
+    motion, every = _flown(scenario, 1, 0.1), np.arange(3)
+    other = _flown(scenario, 2, 2.0)
+    constraints: list[Constraint] = [
+        *boxes_of(scenario),
+        *obstacles_of(scenario, motion),
+        pairs_of(scenario, motion, coupling),
+        *goals_of(scenario, first=9),
+    ]
+    kinds = set()
+    for constraint in constraints:
+        for between in (False, True):
+            if between and not constraint.searches:
+                continue
+            rows = constraint.violated(other, every, between=between)
+            if len(rows) == 0:
+                continue
+            kinds.add((constraint.quantity, constraint.coupled))
+            change = other.accelerations - motion.accelerations
+            moved = change[rows.vehicles]
+            if constraint.coupled:
+                moved = moved - change[rows.partners]
+            answer = np.einsum("rj,rjx,rx->r", rows.responses(scenario.grid), moved, rows.normals)
+            np.testing.assert_allclose(
+                rows.margins(other) - rows.margins(motion), answer, atol=1e-9
+            )
+            np.testing.assert_allclose(
+                rows.sparse_responses(scenario.grid).toarray(), rows.responses(scenario.grid)
+            )
+    quantities = {quantity for quantity, _ in kinds}
+    assert quantities == {"position", "velocity", "acceleration", "jerk"}
+    assert any(together for _, together in kinds) == coupling.together
+
+
+@given(seed=seeds)
+@settings(max_examples=20)
+def test_the_rows_of_an_obstacle_support_it_and_a_reference_outside_keeps_its_own(
+    seed: int,
+) -> None:
+    scenario = _three()
+    reference, other = _flown(scenario, seed, 0.5), _flown(scenario, seed + 1)
+    (constraint,) = obstacles_of(scenario, reference)
+    rows = constraint.violated(other, np.arange(3), reach=scenario.grid.knots)
+    np.testing.assert_allclose(np.linalg.norm(rows.normals, axis=1), 1.0, rtol=ROUNDING)
+    depth = rows.bounds - rows.normals @ SPHERE.center  # of the centre below the tangent plane
+    np.testing.assert_allclose(depth, SPHERE.radius, rtol=ROUNDING)
+    q = reference.each_at("position", rows.vehicles, rows.times) - SPHERE.center
+    clearance = np.linalg.norm(q, axis=1) - SPHERE.radius
+    np.testing.assert_allclose(rows.margins(reference), clearance, atol=ROUNDING * 100)
+
+
+@given(seed=seeds)
+@settings(max_examples=20)
+def test_an_obstacle_gives_the_rows_that_are_broken_at_the_knots(seed: int) -> None:
+    scenario = _three()
+    reference, other = _flown(scenario, seed, 0.5), _flown(scenario, seed + 1)
+    (constraint,) = obstacles_of(scenario, reference)
+    for vehicles in ([0, 1, 2], [1], [0, 2]):
+        rows = constraint.violated(other, np.array(vehicles))
+        slow = set()
+        for vehicle in vehicles:
+            for k in range(1, scenario.grid.knots - 1):
+                q = reference.positions[vehicle, k] - SPHERE.center
+                n = q / np.linalg.norm(q)
+                if n @ (other.positions[vehicle, k] - SPHERE.center) < SPHERE.radius - 1e-7:
+                    slow.add((vehicle, 0, round(0.5 * k, 9)))
+        assert _places(rows) == slow
+        assert np.all(rows.margins(other) < 0.0)
+        knots = np.rint(rows.times / 0.5).astype(int)
+        np.testing.assert_allclose(rows.margins_at(other, knots), rows.margins(other))
+
+
+@pytest.mark.parametrize("between_knots", [False, True])
+def test_a_motion_through_an_obstacle_gives_a_row_at_its_worst_instant(
+    between_knots: bool,
+) -> None:
+    """Straight through beside the centre: at the closest approach, or at the knots inside."""
+    start, goal = rho.State([0, 0, 0], [1, 0, 0]), rho.State([10, 0, 0], [1, 0, 0])
+    sphere = rho.Sphere([4.8, 0.5, 0.0], 1.0)
+    scenario = single(
+        start=start,
+        goal=goal,
+        obstacles=(sphere,),
+        grid=rho.Grid(0.5, 21),
+        between_knots=between_knots,
+    )
+    motion = rho.plan_convex(scenario.without_obstacles()).motion()
+    (constraint,) = obstacles_of(scenario, motion)
+    rows = constraint.violated(motion, np.array([0]), between=True)
+    if between_knots:
+        worst = int(np.argmin(rows.margins(motion)))
+        assert rows.times[worst] == pytest.approx(4.8)
+        assert rows.normals[worst] == pytest.approx(np.array([0.0, -1.0, 0.0]))
+        assert rows.margins(motion)[worst] == pytest.approx(-0.5)
+        assert np.all(np.diff(rows.times) > 0.0)  # each instant once
+    else:
+        assert rows.times == pytest.approx([4.0, 4.5, 5.0, 5.5])
+    assert bool(constraint.searches) == between_knots
+    renewed = constraint.renewed(rows)
+    np.testing.assert_array_equal(renewed.bounds, rows.bounds)
+    np.testing.assert_array_equal(renewed.normals, rows.normals)
+
+
+@pytest.mark.parametrize("y", [1.0, -1.0])
+def test_an_obstacle_that_is_to_be_passed_on_one_side_is_left_on_the_other(y: float) -> None:
+    side = np.array([0.0, y, 0.0])
+    scenario = single(goal=rho.State([10, 0, 0]), obstacles=(rho.Sphere([5, 0.1, 0], 1.0),))
+    motion = rho.plan_convex(scenario.without_obstacles()).motion()
+    (constraint,) = sides_of(scenario, motion, [side])
+    rows = constraint.violated(motion, np.array([0]), between=True)
+    assert len(rows) > 0
+    np.testing.assert_array_equal(rows.normals, np.tile(side, (len(rows), 1)))
+    np.testing.assert_allclose(rows.bounds, 0.1 * y + 1.0)
+
+
+@pytest.mark.parametrize("downwash", [0.5, 1.0, 2.0])
+def test_rows_about_differences_support_the_ellipsoid(downwash: float) -> None:
+    scenario = dataclasses.replace(_three(), separation=rho.Separation(2.5, downwash))
+    reference = _flown(scenario, 4, 0.2)
+    pairs = pairs_of(scenario, reference, coupled)
+    rows = pairs.rows(pairs.places)
+    assert len(rows) > 5
+    ellipsoid = 2.5 * np.array([1.0, 1.0, downwash])
+    np.testing.assert_allclose(
+        rows.bounds, np.linalg.norm(rows.normals * ellipsoid, axis=1), rtol=ROUNDING
+    )
+    one = reference.each_at("position", rows.vehicles, rows.times)
+    x = one - reference.each_at("position", rows.partners, rows.times)
+    outside = np.linalg.norm(x / ellipsoid, axis=1) >= 1.0
+    assert outside.any()
+    assert not outside.all()
+    assert np.all(rows.margins(reference)[outside] >= -ROUNDING)
+    assert np.all(rows.margins(reference)[~outside] < 0.0)
+
+
+@given(seed=seeds)
+@settings(max_examples=20)
+def test_two_vehicles_share_what_the_reference_leaves_between_them(seed: int) -> None:
+    """Their two rows add up to the one about their difference, and both have half its room."""
+    scenario = _three()
+    reference, other = _flown(scenario, seed, 0.2), _flown(scenario, seed + 1)
+    whole, halves = (pairs_of(scenario, reference, each) for each in (coupled, decoupled))
+    one, two = whole.rows(whole.places), halves.rows(halves.places)
+    assert len(two) == 2 * len(one)
+    margins = {
+        (i, j, round(t, 9)): (m, r)
+        for i, j, t, m, r in zip(
+            two.vehicles.tolist(),
+            two.partners.tolist(),
+            two.times.tolist(),
+            two.margins(other),
+            two.margins(reference),
+            strict=True,
+        )
+    }
+    of_whole = one.margins(other), one.margins(reference)
+    for index, (i, j, t) in enumerate(zip(one.vehicles, one.partners, one.times, strict=True)):
+        mine, its = margins[i, j, round(t, 9)], margins[j, i, round(t, 9)]
+        assert mine[0] + its[0] == pytest.approx(of_whole[0][index], abs=1e-9)
+        assert mine[1] == pytest.approx(of_whole[1][index] / 2, abs=1e-9)
+        assert its[1] == pytest.approx(mine[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("coupling", [coupled, decoupled])
+@pytest.mark.parametrize("asked", [[0], [1], [2], [0, 2], [0, 1, 2]])
+def test_pairs_of_which_one_is_looked_at_give_their_broken_rows(
+    coupling: Coupling, asked: list[int]
+) -> None:
+    scenario = _three(between_knots=False)
+    reference, other = _flown(scenario, 4, 0.2), _flown(scenario, 5, 0.3)
+    pairs = pairs_of(scenario, reference, coupling)
+    every = pairs.rows(pairs.places)
+    broken = every.margins(other) < -1e-7
+    looked_at = np.isin(every.vehicles, asked)
+    if coupling.together:
+        looked_at |= np.isin(every.partners, asked)
+    expected = every.select(broken & looked_at)
+    found = pairs.violated(other, np.array(asked))
+    assert len(expected) > 0
+    for name in ("vehicles", "partners", "times", "bounds"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def test_rows_of_pairs_are_asked_for_where_the_reference_is_near_and_not_at_the_ends() -> None:
+    """Side by side at 1.5 m all along: rows at every inner knot; at 1.7 m none."""
+    for gap, count in ((1.5, 19), (1.7, 0)):
+        ends = np.array([[0, 0, 0], [0, gap, 0]])
+        asked = fleet(ends, ends + np.array([10, 0, 0]))
+        motion = rho.plan_scp(asked.without_separation()).motion()
+        pairs = pairs_of(asked, motion, coupled)
+        assert len(np.unique(pairs.rows(pairs.places).times)) == count
+        assert len(pairs.violated(motion, np.arange(2))) == 0
+
+
+@pytest.mark.parametrize("downwash", [0.5, 1.0, 2.0])
+def test_quadratics_are_what_the_rows_were_linearised_from(downwash: float) -> None:
+    """Around the reference, norm(scales (x - c))² - size² has the row as its tangent's cut."""
+    scenario = dataclasses.replace(_three(), separation=rho.Separation(2.5, downwash))
+    reference = _flown(scenario, 6, 0.2)
+    pairs = pairs_of(scenario, reference, coupled)
+    (obstacle,) = obstacles_of(scenario, reference)
+    for constraint, rows in (
+        (pairs, pairs.rows(pairs.places)),
+        (obstacle, obstacle.violated(_flown(scenario, 7), np.arange(3))),
+    ):
+        quadratic = constraint.quadratics(rows)
+        assert quadratic is not None
+        x = reference.each_at("position", rows.vehicles, rows.times)
+        if constraint.coupled:
+            x = x - reference.each_at("position", rows.partners, rows.times)
+        scaled = quadratic.scales * (x - quadratic.centers)
+        directions = scaled / np.linalg.norm(scaled, axis=1)[:, None]
+        # directions · scales (x - c) >= size, over the length of the scaled normal
+        np.testing.assert_allclose(
+            rows.normals * quadratic.lengths[:, None], directions * quadratic.scales, atol=ROUNDING
+        )
+        np.testing.assert_allclose(
+            rows.bounds - np.sum(rows.normals * quadratic.centers, axis=1),
+            quadratic.sizes / quadratic.lengths,
+            rtol=ROUNDING,
+        )
+    assert boxes_of(scenario)[0].quadratics(rows) is None
+
+
+@given(seed=seeds)
+def test_a_side_is_a_unit_vector_across_the_way_on_the_side_of_the_offset(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    way, offset = 10 ** rng.uniform(-3, 3) * rng.normal(size=3), rng.normal(size=3)
+    side, rounding = side_of(offset, way), float(ROUNDING * np.linalg.norm(way))
+    assert np.linalg.norm(side) == pytest.approx(1.0)
+    assert side @ way == pytest.approx(0.0, abs=rounding)
+    assert side @ offset > 0.0
+    for along in (way, -way, np.zeros(3)):
+        head_on = side_of(3.0 * along, along)
+        assert np.linalg.norm(head_on) == pytest.approx(1.0)
+        assert head_on @ along == pytest.approx(0.0, abs=rounding)
+        np.testing.assert_array_equal(head_on, across(along / (np.linalg.norm(along) or 1.0)))
+
+
+def test_a_goal_gives_a_row_for_the_side_on_which_it_is_missed() -> None:
+    scenario = _three()
+    motion = _flown(scenario, 8)
+    goals = goals_of(scenario, first=9)
+    assert sorted(each.number for each in goals) == list(range(9, 15))
+    for axis in range(3):
+        for quantity in ("position", "velocity"):
+            (goal,) = [
+                each
+                for each in goals
+                if each.quantity == quantity and each.name == f"goal {'xyz'[axis]}"
+            ]
+            rows = goal.violated(motion, np.array([0, 2]))
+            assert rows.vehicles.tolist() == [0, 2]
+            np.testing.assert_allclose(rows.times, scenario.grid.duration)
+            last = motion.values(goal.quantity)[[0, 2], -1, axis]
+            wanted = np.array(
+                [getattr(scenario.vehicles[index].goal, quantity)[axis] for index in (0, 2)]
+            )
+            np.testing.assert_allclose(rows.margins(motion), -np.abs(last - wanted), atol=1e-12)
+            assert np.unique(rows.sides).size == np.unique(last > wanted).size
+    reached = _flown(scenario, 0, 0.0)
+    for goal in goals:
+        assert len(goal.violated(reached, np.arange(3))) == 0

@@ -1,0 +1,169 @@
+"""The call of a solver: what it answers, who takes over, and what is not believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverInterface
+
+import drake_rho as rho
+from drake_rho.planning import solve
+from drake_rho.planning.solve import Solution, solve_side_by_side
+from tests.scenarios import box, single
+from tests.tolerances import INDEX
+
+SLOW = rho.Limits(velocity=box(1.5))
+
+
+def nearest(value: float) -> MathematicalProgram:
+    """Least x² with x at least a value above 0, in one variable: x is the value."""
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(1)
+    program.AddQuadraticCost(np.eye(1), np.zeros(1), x, is_convex=True)
+    program.AddLinearConstraint(np.eye(1), np.array([value]), np.array([np.inf]), x)
+    return program
+
+
+def empty() -> MathematicalProgram:
+    """One without a solution."""
+    program = nearest(1.0)
+    program.AddBoundingBoxConstraint(-1.0, 0.0, program.decision_variables())
+    return program
+
+
+def value_of(solution: Solution) -> float:
+    """X."""
+    return float(solution.result.get_x_val()[0])
+
+
+@pytest.mark.parametrize("chunk", [0, 4, 10**9])
+def test_solutions_come_in_the_order_of_the_programs(
+    chunk: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether they are solved here or, in chunks, on threads."""
+    monkeypatch.setattr(solve, "_CHUNK", chunk)
+    batches = [[1.0, 2.0, 3.0], [], [4.0], [5.0, 6.0, 7.0, 8.0, 9.0]]
+    asked = ([nearest(value) for value in batch] for batch in batches)
+    found = solve_side_by_side(asked)
+    assert [[round(value_of(each), 6) for each in batch] for batch in found] == batches
+
+
+def test_a_program_without_a_solution_is_told_from_those_that_have_one(
+    solver: SolverInterface,
+) -> None:
+    found = solve.solve([nearest(2.0), empty(), nearest(3.0)], solver)
+    assert [each.feasible for each in found] == [True, False, True]
+    assert [value_of(found[index]) for index in (0, 2)] == pytest.approx([2.0, 3.0])
+    assert {each.solver for each in found} == {str(solver.solver_id().name())}
+    assert all(each.seconds >= 0.0 for each in found)
+
+
+Attempt = Callable[
+    [SolverInterface, dict[str, float | int], Sequence[MathematicalProgram]],
+    list[Solution | None],
+]
+
+
+def _spoiled(spoil: Callable[[str, int, Solution], Solution | None]) -> tuple[Attempt, list[str]]:
+    """Attempts of which each answer goes through `spoil`, and the names of who was asked."""
+    asked: list[str] = []
+    solve_with = solve._solve_with
+
+    def attempt(
+        solver: SolverInterface,
+        values: dict[str, float | int],
+        programs: Sequence[MathematicalProgram],
+    ) -> list[Solution | None]:
+        name = str(solver.solver_id().name()) + ("" if values else " as it is")
+        asked.append(name)
+        answers = solve_with(solver, values, programs)
+        return [
+            None if answer is None else spoil(name, index, answer)
+            for index, answer in enumerate(answers)
+        ]
+
+    return attempt, asked
+
+
+def test_only_programs_on_which_a_solver_fails_go_to_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(name: str, index: int, answer: Solution) -> Solution | None:
+        return None if name == "Clarabel" and index == 1 else answer
+
+    attempt, asked = _spoiled(fail)
+    monkeypatch.setattr(solve, "_solve_with", attempt)
+    found = solve.solve([nearest(2.0), nearest(3.0), nearest(4.0)])
+    assert [value_of(each) for each in found] == pytest.approx([2.0, 3.0, 4.0])
+    assert asked == ["Clarabel", "Clarabel as it is"]
+
+
+def _off(answer: Solution) -> Solution:
+    """A solution on the wrong side of its rows."""
+    answer.result.set_x_val(0.5 * answer.result.get_x_val())
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("wrong", "solver"),
+    [
+        ((), "Clarabel"),
+        (("Clarabel",), "Clarabel"),
+        (("Clarabel", "Clarabel as it is"), "OSQP"),
+    ],
+)
+def test_rows_that_are_in_and_not_kept_are_solved_again_by_another(
+    wrong: tuple[str, ...], solver: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = rho.plan_convex(single(limits=SLOW))
+    attempt, asked = _spoiled(lambda name, _, answer: _off(answer) if name in wrong else answer)
+    monkeypatch.setattr(solve, "_solve_with", attempt)
+    plan = rho.plan_convex(single(limits=SLOW))
+    assert plan.cost == pytest.approx(known.cost, rel=INDEX)
+    assert rho.verify(plan).ok
+    assert plan.statistics.solver == solver
+    assert set(wrong) < set(asked)
+
+
+def test_rows_that_no_solver_keeps_are_an_error_that_names_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    attempt, asked = _spoiled(lambda name, index, answer: _off(answer))
+    monkeypatch.setattr(solve, "_solve_with", attempt)
+    with pytest.raises(rho.SolverError, match="do not keep the velocity box of solo") as caught:
+        rho.plan_convex(single(limits=SLOW))
+    assert asked == ["Clarabel", "Clarabel as it is", "OSQP"]
+    assert caught.value.statistics.programs == 3
+
+
+def test_one_attempt_that_is_off_is_not_held_against_the_next_program(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each retry begins with the first solver again, once rows are kept."""
+    spoiled = [False]
+
+    def first_only(name: str, index: int, answer: Solution) -> Solution:
+        if spoiled[0]:
+            return answer
+        spoiled[0] = True
+        return _off(answer)
+
+    attempt, asked = _spoiled(first_only)
+    monkeypatch.setattr(solve, "_solve_with", attempt)
+    start = rho.State([0, 0, 0], acceleration=[0, 0, 0])
+    limits = rho.Limits(velocity=box(1.8), jerk=box(1.0))
+    plan = rho.plan_convex(single(limits=limits, start=start, grid=rho.Grid(0.1, 81)))
+    assert rho.verify(plan).ok
+    assert asked[:2] == ["Clarabel", "Clarabel as it is"]
+    assert set(asked[2:]) == {"Clarabel"}
+
+
+def test_retries_go_to_clarabel_from_another_solver(solver: SolverInterface) -> None:
+    for retry in range(solve.MAX_RETRIES + 1):
+        (found,) = solve.solve([nearest(2.0)], solver, retry=retry)
+        assert value_of(found) == pytest.approx(2.0, rel=INDEX)
+    given = str(ClarabelSolver().solver_id().name())
+    (found,) = solve.solve([nearest(2.0)], solver, retry=1)
+    assert found.solver == given

@@ -1,0 +1,243 @@
+"""Which rows are in: the same row has one key, and no two rows share one."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import drake_rho as rho
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.cutting_planes import CuttingPlanes
+from drake_rho.planning.half_spaces import Constraint, HalfSpaces
+from drake_rho.planning.keep_apart import coupled
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.program import rows_of
+from drake_rho.planning.subproblem import Subproblem, convex_constraints
+from drake_rho.planning.working_set import Keys, WorkingSet
+from tests.scenarios import box, fleet, single
+from tests.tolerances import ROUNDING
+
+GRID = rho.Grid(0.5, 17)
+COUNT, CONSTRAINTS = 7, 12
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class OnVelocities(Constraint):
+    """A constraint of which nothing but its rows matters."""
+
+    def violated(self, motion: Motion, vehicles: Any, **options: Any) -> HalfSpaces:
+        """None."""
+        return self.none
+
+
+def constraint(number: int = 3, *, curved: bool = False) -> Constraint:
+    """One on velocities."""
+    return OnVelocities(
+        number=number, name=f"constraint {number}", quantity="velocity", curved=curved
+    )
+
+
+def rows(
+    of: Constraint,
+    *,
+    vehicles: Any = (0,),
+    partners: Any = None,
+    sides: Any = (0,),
+    times: Any = (1.0,),
+    normals: Any = ((1.0, 0.0, 0.0),),
+    bounds: Any = (-1.0,),
+) -> HalfSpaces:
+    """Rows of a constraint; what is given once is that of all."""
+    own = np.asarray(vehicles)
+    given = own if partners is None else np.asarray(partners)
+    arrays = np.broadcast_arrays(own, given, np.asarray(sides), np.asarray(times, float))
+    size = len(arrays[0])
+    return HalfSpaces(
+        of,
+        vehicles=arrays[0],
+        partners=arrays[1],
+        sides=arrays[2],
+        times=arrays[3],
+        normals=np.broadcast_to(normals, (size, 3)),
+        bounds=np.broadcast_to(bounds, (size,)),
+        tolerances=np.full(size, 1e-6),
+    )
+
+
+def working_set() -> WorkingSet:
+    """An empty one, for seven vehicles."""
+    return WorkingSet(Keys(CONSTRAINTS, COUNT, GRID))
+
+
+whose = st.tuples(
+    st.integers(0, CONSTRAINTS - 1),
+    st.integers(0, COUNT - 1),
+    st.integers(0, COUNT - 1),
+    st.integers(0, 255),
+    st.integers(0, 16 * 1000),
+)
+
+
+def key(parts: tuple[int, int, int, int, int], count: int = COUNT, grid: rho.Grid = GRID) -> int:
+    """The key of one row: its constraint, vehicle, partner, side, and time in 1/1000 steps."""
+    number, vehicle, partner, side, moment = parts
+    part = rows(
+        constraint(number),
+        vehicles=[vehicle],
+        partners=[partner],
+        sides=[side],
+        times=[grid.step * moment / 1000],
+    )
+    return int(Keys(CONSTRAINTS, count, grid).of(part)[0])
+
+
+@given(one=whose, other=whose)
+def test_rows_have_the_same_key_if_and_only_if_they_are_the_same(
+    one: tuple[int, int, int, int, int], other: tuple[int, int, int, int, int]
+) -> None:
+    assert (key(one) == key(other)) == (one == other)
+
+
+@given(parts=whose, data=st.data())
+def test_a_row_that_differs_in_one_thing_has_another_key(
+    parts: tuple[int, int, int, int, int], data: st.DataObject
+) -> None:
+    index = data.draw(st.integers(0, 4))
+    most = (CONSTRAINTS, COUNT, COUNT, 256, 16001)[index]
+    changed = list(parts)
+    changed[index] = (parts[index] + data.draw(st.integers(1, most - 1))) % most
+    assert key(parts) != key(tuple(changed))  # type: ignore[arg-type]  # five
+
+
+def test_keys_of_a_thousand_vehicles_in_a_long_flight_do_not_overflow() -> None:
+    grid = rho.Grid(0.01, 10_001)
+    corners = [
+        (number, vehicle, partner, side, moment)
+        for number in (0, CONSTRAINTS - 1)
+        for vehicle in (0, 999)
+        for partner in (0, 999)
+        for side in (0, 255)
+        for moment in (0, 500, 10_000 * 1000)
+    ]
+    keys = [key(corner, 1000, grid) for corner in corners]
+    assert min(keys) >= 0
+    assert len(set(keys)) == len(corners)
+
+
+def test_a_time_that_differs_by_rounding_is_the_same_instant() -> None:
+    times = 0.1 + 0.2, 0.3
+    assert times[0] != times[1]
+    one, other = Keys(CONSTRAINTS, COUNT, rho.Grid(0.1, 17)).of(
+        rows(constraint(), vehicles=[0, 0], times=times)
+    )
+    assert one == other
+
+
+def test_what_was_added_is_known_and_nothing_else_is() -> None:
+    working = working_set()
+    every = rows(constraint(), vehicles=[5, 0, 3, 3, 2], times=[1.0, 2.0, 0.5, 4.0, 7.5])
+    assert not working.known(every).any()
+    working.add(every.select(np.array([3, 0])))
+    np.testing.assert_array_equal(working.known(every), [True, False, False, True, False])
+    working.add(every.select(np.array([1])))
+    np.testing.assert_array_equal(working.known(every), [True, True, False, True, False])
+    assert len(working) == 3
+    for number, known in ((3, True), (4, False)):  # another constraint's are others
+        part = rows(constraint(number), vehicles=[5])
+        working.add(rows(constraint(4), vehicles=[6]))
+        assert working.known(part).tolist() == [known]
+
+
+def test_a_curved_set_may_have_several_normals_at_one_instant() -> None:
+    curved, working = constraint(curved=True), working_set()
+    turned = [np.cos(0.01), np.sin(0.01), 0.0]
+    first = rows(curved, normals=[[1.0, 0.0, 0.0]])
+    working.add(first)
+    assert working.known(first).all()
+    for different in (
+        rows(curved, normals=[turned]),
+        rows(curved, normals=[[-1.0, 0.0, 0.0]]),
+        rows(curved, times=[1.5]),
+        rows(curved, vehicles=[1]),
+    ):
+        assert not working.known(different).any()
+    working.add(rows(curved, normals=[turned]))
+    assert working.known(rows(curved, normals=[turned])).all()
+    assert working.known(first).all()
+    (kept,) = working.rows.values()
+    assert len(set(Keys(CONSTRAINTS, COUNT, GRID).of(kept).tolist())) == 2
+
+
+def test_the_rows_of_some_vehicles_are_theirs_and_in_order() -> None:
+    working = working_set()
+    working.add(rows(constraint(2), vehicles=[4, 1, 4], times=[1.0, 2.0, 3.0]))
+    working.add(rows(constraint(1), vehicles=[0]))
+    assert working.of(np.arange(COUNT), COUNT) == list(working.rows.values())
+    (own,) = working.of(np.array([2, 4]), COUNT)
+    assert own.vehicles.tolist() == [4, 4]
+    assert own.times.tolist() == [1.0, 3.0]
+    assert [part.constraint.number for part in working.of(np.array([0, 1]), COUNT)] == [2, 1]
+
+
+def test_active_rows_are_those_without_room() -> None:
+    """A vehicle at 1 m/s in x: rows v_x >= bound with room 0, a hundredth, and below the bound."""
+    start = rho.State([0, 0, 0], [1, 0, 0])
+    motion = rho.Plan.from_accelerations(single(start=start), np.zeros((1, 16, 3))).motion()
+    working = working_set()
+    working.add(rows(constraint(), vehicles=[0] * 3, times=[1, 2, 3], bounds=[1.0, 0.99, 1.5]))
+    working.add(rows(constraint(4), bounds=[0.0]))
+    (active,) = working.active(motion)
+    np.testing.assert_allclose(active.margins(motion), [0.0, -0.5], atol=ROUNDING)
+
+
+def _pull(planes: CuttingPlanes, vehicle: int) -> tuple[np.ndarray, np.ndarray]:
+    """2 u and M' y of the program of a vehicle's group, which (KKT) are the same."""
+    effort, group = planes.effort, planes.working.group(vehicle)
+    parts = planes.working.multipliers(vehicle)
+    matrix, _, _ = rows_of(effort, group, [part for part, _ in parts])
+    pull = matrix.T @ np.concatenate([y for _, y in parts])
+    inside = pull.reshape(len(group), -1, 3)
+    inside = np.stack([effort.goals.without(each.T).T for each in inside])
+    moved = planes.motion.accelerations[group] - effort.motion.accelerations[group]
+    return 2.0 * moved / effort.units[group].max(), inside
+
+
+def test_multipliers_balance_the_cost() -> None:
+    """Stationarity: twice the change of accelerations is what the rows push, goals aside."""
+    scenario = fleet(
+        [[0, 0, 0], [0, 9, 0], [0, 18, 0]],
+        [[10, 4, -2], [5, 9, 0], [9, 18, 3]],
+        limits=rho.Limits(velocity=box(1.2)),
+    ).without_separation()
+    planes = CuttingPlanes(scenario)
+    planes.keep_to(convex_constraints(scenario))
+    for vehicle, binding in ((0, True), (1, False), (2, True)):
+        assert bool(planes.working.multipliers(vehicle)) == binding
+        assert planes.working.group(vehicle).tolist() == [vehicle]
+        if binding:
+            changed, pull = _pull(planes, vehicle)
+            np.testing.assert_allclose(changed, pull, atol=1e-6 * np.abs(changed).max())
+            assert np.abs(changed).max() > 1e-3
+
+
+def test_multipliers_of_a_coupled_group_balance_the_cost_of_all_of_it() -> None:
+    """Two that cross share a program; a third far off has none."""
+    starts = np.array([[-5, 0.3, 0], [0, 50, 0], [0, -5, 0]])
+    asked = fleet(starts, np.array([[5, 0, 0], [9, 50, 0], [0, 5, 0.2]]))
+    subproblem = Subproblem(asked, coupled)
+    subproblem.around(rho.plan_scp(asked))
+    planes = subproblem.planes
+    assert planes is not None
+    assert planes.working.group(0).tolist() == planes.working.group(2).tolist() == [0, 2]
+    assert planes.working.group(1).tolist() == [1]
+    changed, pull = _pull(planes, 2)
+    assert np.abs(changed).max() > 1e-3
+    np.testing.assert_allclose(changed, pull, atol=1e-5 * np.abs(changed).max())
+    assert MinimumEffort.of(asked).motion.accelerations[1] == pytest.approx(
+        planes.motion.accelerations[1]
+    )
