@@ -139,7 +139,7 @@ class CuttingPlanes:
         look, number, searches = more, 0, 0  # what is kept already needs no look at first
         moved, broken = self._mask(self._planned), self._add_violated(look, self._planned, 0)
         own = [self._of_planned(rows) for rows in warm]
-        broken |= self._add([rows.select(~self.working.known(rows)) for rows in own])
+        broken |= self._add([rows.select(~self.working.known(rows, self.motion)) for rows in own])
         for _ in range(MAX_ROUNDS):
             if not np.any(broken):
                 if infeasible and self._scenario.separation is not None:
@@ -204,7 +204,7 @@ class CuttingPlanes:
 
     def _new(self, rows: HalfSpaces) -> HalfSpaces:
         """Those that are not in yet; one that is in, but is not kept, has to be solved again."""
-        known = self.working.known(rows)
+        known = self.working.known(rows, self.motion)
         if not np.any(known):
             return rows
         lost = known & (rows.margins(self.motion) < -rows.tolerances)
