@@ -69,6 +69,17 @@ def rows(
     )
 
 
+def moving(velocity: tuple[float, float, float]) -> Motion:
+    """The motion of seven vehicles without thrust."""
+    grid = rho.Grid(0.5, 17)
+    alone = single(start=rho.State([0, 0, 0], velocity), grid=grid)
+    coasting = rho.Plan.from_accelerations(alone, np.zeros((1, 16, 3))).motion()
+    return coasting.of(np.zeros(COUNT, dtype=int))
+
+
+MOTION = moving((0.0, 0.0, 0.0))
+
+
 def working_set() -> WorkingSet:
     """An empty one, for seven vehicles."""
     return WorkingSet(Keys(CONSTRAINTS, COUNT, GRID))
@@ -141,34 +152,34 @@ def test_a_time_that_differs_by_rounding_is_the_same_instant() -> None:
 def test_what_was_added_is_known_and_nothing_else_is() -> None:
     working = working_set()
     every = rows(constraint(), vehicles=[5, 0, 3, 3, 2], times=[1.0, 2.0, 0.5, 4.0, 7.5])
-    assert not working.known(every).any()
+    assert not working.known(every, MOTION).any()
     working.add(every.select(np.array([3, 0])))
-    np.testing.assert_array_equal(working.known(every), [True, False, False, True, False])
+    np.testing.assert_array_equal(working.known(every, MOTION), [True, False, False, True, False])
     working.add(every.select(np.array([1])))
-    np.testing.assert_array_equal(working.known(every), [True, True, False, True, False])
+    np.testing.assert_array_equal(working.known(every, MOTION), [True, True, False, True, False])
     assert len(working) == 3
     for number, known in ((3, True), (4, False)):  # another constraint's are others
         part = rows(constraint(number), vehicles=[5])
         working.add(rows(constraint(4), vehicles=[6]))
-        assert working.known(part).tolist() == [known]
+        assert working.known(part, MOTION).tolist() == [known]
 
 
 def test_a_curved_set_may_have_several_normals_at_one_instant() -> None:
+    """A vehicle is twice as fast as its cuts allow: another cut is known if broken no more."""
     curved, working = constraint(curved=True), working_set()
-    turned = [np.cos(0.01), np.sin(0.01), 0.0]
-    first = rows(curved, normals=[[1.0, 0.0, 0.0]])
+    motion = moving((-2.0, 0.0, 0.0))
+    turned = [np.cos(1.0), np.sin(1.0), 0.0]
+    first = rows(curved, normals=[turned], bounds=[-1.0])
     working.add(first)
-    assert working.known(first).all()
+    assert working.known(first, motion).all()
     for different in (
-        rows(curved, normals=[turned]),
-        rows(curved, normals=[[-1.0, 0.0, 0.0]]),
-        rows(curved, times=[1.5]),
-        rows(curved, vehicles=[1]),
+        rows(curved, normals=[[1.0, 0.0, 0.0]], bounds=[-1.0]),
+        rows(curved, normals=[turned], bounds=[-1.0], times=[1.5]),
+        rows(curved, normals=[turned], bounds=[-1.0], vehicles=[1]),
     ):
-        assert not working.known(different).any()
-    working.add(rows(curved, normals=[turned]))
-    assert working.known(rows(curved, normals=[turned])).all()
-    assert working.known(first).all()
+        assert not working.known(different, motion).any()
+    working.add(rows(curved, normals=[[1.0, 0.0, 0.0]], bounds=[-1.0]))
+    assert working.known(first, motion).all()
     (kept,) = working.rows.values()
     assert len(set(Keys(CONSTRAINTS, COUNT, GRID).of(kept).tolist())) == 2
 

@@ -192,6 +192,17 @@ class HalfSpaces:
         """`responses` as a sparse array, for many rows."""
         return sparse_response(self.constraint.quantity, grid.step, grid.knots, self.times)
 
+    def slacks(self) -> IntArray:
+        """Numbers from 0, the same for rows that share a slack if they may be broken, shape (R,).
+
+        A curved set is broken once at an instant, by as much as the worst of its rows says.
+        """
+        if not self.constraint.curved or np.isinf(self.constraint.penalty):
+            return np.arange(len(self))
+        instants = np.stack([self.vehicles, self.partners, self.times])
+        numbers: IntArray = np.unique(instants, axis=1, return_inverse=True)[1]
+        return numbers
+
     def select(self, rows: BoolArray | IntArray | slice) -> HalfSpaces:
         """Some of the rows."""
         return HalfSpaces(self.constraint, *(array[rows] for array in self._arrays()))

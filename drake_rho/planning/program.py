@@ -136,6 +136,7 @@ def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) ->
     short = -np.concatenate([part.margins(effort.motion) for part in rows])[order]
     costs = [part.constraint.penalty for part in rows]
     penalties = np.repeat(costs, [len(part) for part in rows])[order]
+    slacks = slacks_of(rows)[order]
     lengths = np.sqrt(np.einsum("rj,rj->r", responses, responses))
     inside = effort.goals.without(responses / lengths[:, None])
     vehicles, sizes = vehicles[order], sizes[order]
@@ -144,9 +145,14 @@ def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) ->
     matrix = (inside[:, :, None] * normals[:, None, :]).reshape(len(order), -1)
     for size in np.unique(sizes)[::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
-        stack = matrix[own].reshape(-1, size, matrix.shape[1])
-        numbers = (needed[own].reshape(-1, size), penalties[own].reshape(-1, size))
-        yield _in_span(vehicles[own][::size, None], stack, *numbers, linear)
+        yield _in_span(
+            vehicles[own][::size, None],
+            matrix[own].reshape(-1, size, matrix.shape[1]),
+            needed[own].reshape(-1, size),
+            penalties[own].reshape(-1, size),
+            slacks[own].reshape(-1, size),
+            linear,
+        )
 
 
 def _reduced_group(
@@ -157,7 +163,14 @@ def _reduced_group(
     dense = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
     inside = np.stack([effort.goals.without(dense[:, :, axis]) for axis in range(3)], axis=2)
     stack = inside.reshape(1, len(needed), -1)
-    return _in_span(group[None], stack, needed[None], penalties[None], linear)
+    numbers = needed[None], penalties[None], slacks_of(rows)[None]
+    return _in_span(group[None], stack, *numbers, linear)
+
+
+def slacks_of(rows: Sequence[HalfSpaces]) -> IntArray:
+    """The slack of each of some half-spaces, constraint by constraint, as numbers, shape (R,)."""
+    first = np.cumsum([0, *map(len, rows)])[:-1]
+    return np.concatenate([n + part.slacks() for n, part in zip(first, rows, strict=True)])
 
 
 def rows_of(
@@ -195,7 +208,12 @@ def rows_of(
 
 
 def _in_span(
-    groups: IntArray, matrices: FloatArray, needed: FloatArray, penalties: FloatArray, linear: bool
+    groups: IntArray,
+    matrices: FloatArray,
+    needed: FloatArray,
+    penalties: FloatArray,
+    slacks: IntArray,
+    linear: bool,
 ) -> Batch:
     """Programs in coordinates of an orthonormal basis of the span of their rows.
 
@@ -204,16 +222,18 @@ def _in_span(
         matrices: rows that leave the goal alone, shape (B, R, 3 G (K-1)).
         needed: b, shape (B, R).
         penalties: what it costs to break a row by one, shape (B, R).
+        slacks: the number of each row's slack, shape (B, R).
         linear: whether only slack costs anything.
     """
     basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
     programs, rows = [], []
-    for triangle, least, costs in zip(np.swapaxes(triangles, 1, 2), needed, penalties, strict=True):
+    rows_of_each = np.swapaxes(triangles, 1, 2)
+    for triangle, least, costs, shared in zip(rows_of_each, needed, penalties, slacks, strict=True):
         program = MathematicalProgram()
         x = program.NewContinuousVariables(triangle.shape[1])
         if not linear:
             add_cost(program, x)
-        rows.append(add_rows(program, triangle, least, costs, x))
+        rows.append(add_rows(program, triangle, least, costs, shared, x))
         programs.append(program)
     return Batch(groups, programs, rows, basis, np.ones_like(needed))
 
@@ -233,8 +253,8 @@ def _sparse(
         zero = np.zeros(equations.shape[0])
         program.AddLinearEqualityConstraint(equations, zero, x)
     matrix, needed, penalties, lengths = sparse.matrix()
-    rows = add_rows(program, matrix, needed, penalties, x)
-    return Batch(sparse.group[None], [program], [rows], None, lengths[None])
+    added = add_rows(program, matrix, needed, penalties, slacks_of(rows), x)
+    return Batch(sparse.group[None], [program], [added], None, lengths[None])
 
 
 def add_cost(to: MathematicalProgram, x: np.ndarray) -> None:
@@ -265,12 +285,12 @@ def add_rows(
     matrix: FloatArray | csc_array,
     needed: FloatArray,
     penalties: FloatArray,
+    slacks: IntArray,
     x: np.ndarray,
 ) -> Binding[LinearConstraint]:
     """(4) to (8) and pairs, made linear: matrix @ x >= needed, or less at a cost."""
-    soft = np.isfinite(penalties)
-    if np.any(soft):
-        matrix, x = _with_slack(to, matrix, soft, penalties[soft], x)
+    if np.any(np.isfinite(penalties)):
+        matrix, x = _with_slack(to, matrix, penalties, slacks, x)
     if not isinstance(matrix, np.ndarray):
         matrix = csc_matrix(matrix)  # what Drake knows
     return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)
@@ -279,22 +299,23 @@ def add_rows(
 def _with_slack(
     to: MathematicalProgram,
     matrix: FloatArray | csc_array,
-    soft: BoolArray,
     penalties: FloatArray,
+    slacks: IntArray,
     x: np.ndarray,
 ) -> tuple[FloatArray | csc_array, np.ndarray]:
-    """Rows and variables with a slack for each soft row, at its price in the cost."""
-    rows = np.flatnonzero(soft)
-    slack = to.NewContinuousVariables(len(rows))
-    to.AddBoundingBoxConstraint(np.zeros(len(rows)), _infinite(len(rows)), slack)
-    to.AddLinearCost(penalties, slack)
+    """Rows and variables with the slacks of the soft rows, at their penalty in the cost."""
+    rows = np.flatnonzero(np.isfinite(penalties))
+    _, first, columns = np.unique(slacks[rows], return_index=True, return_inverse=True)
+    slack = to.NewContinuousVariables(len(first))
+    to.AddBoundingBoxConstraint(np.zeros(len(first)), _infinite(len(first)), slack)
+    to.AddLinearCost(penalties[rows[first]], slack)
     x = np.concatenate([x, slack])
-    where = (rows, np.arange(len(rows)))
-    if isinstance(matrix, np.ndarray) and len(soft) <= _BLOCK:
-        ones = np.zeros((len(soft), len(rows)))
-        ones[where] = 1.0
+    if isinstance(matrix, np.ndarray) and len(penalties) <= _BLOCK:
+        ones = np.zeros((len(penalties), len(first)))
+        ones[rows, columns] = 1.0
         return np.hstack([matrix, ones]), x
-    ones = coo_array((np.ones(len(rows)), where), shape=(len(soft), len(rows)))
+    shape = len(penalties), len(first)
+    ones = coo_array((np.ones(len(rows)), (rows, columns)), shape=shape)
     return hstack([csc_array(matrix), ones], format="csc"), x
 
 

@@ -19,8 +19,8 @@ _TOUCHING = 100.0
 _CUTS = 256
 """Bound on the sides of a box, and on the normals that a curved set may have at one instant."""
 
-_SAME_NORMAL = 1e-13
-"""What the cosine of two normals may lack of one for them to be the same."""
+_AS_MUCH = 0.01
+"""Relative difference up to which a cut is broken as much as another at the same instant."""
 
 _FINEST = 2**20
 """Parts of a step that are told apart in a key, if there are bits enough."""
@@ -66,23 +66,37 @@ class WorkingSet:
         """How many rows are in."""
         return sum(map(len, self.rows.values()))
 
-    def known(self, rows: HalfSpaces) -> BoolArray:
-        """Which rows are in already, shape (R,)."""
+    def known(self, rows: HalfSpaces, motion: Motion) -> BoolArray:
+        """Which rows of one constraint are in already, shape (R,).
+
+        Args:
+            rows: that may be added.
+            motion: of all vehicles, for which they were written.
+        """
         if rows.constraint.number not in self.rows:
             return np.zeros(len(rows), dtype=bool)
         keys = self._keys.of(rows)
         if rows.constraint.curved:
-            return self._known_cuts(rows, keys)
+            return self._known_cuts(rows, keys, motion)
         place = np.minimum(np.searchsorted(self._known, keys), len(self._known) - 1)
         known: BoolArray = self._known[place] == keys
         return known
 
-    def _known_cuts(self, rows: HalfSpaces, keys: IntArray) -> BoolArray:
-        """`known` for a curved set, of which each new normal is another cut."""
+    def _known_cuts(self, rows: HalfSpaces, keys: IntArray, motion: Motion) -> BoolArray:
+        """`known` for a curved set, of which each new normal is another cut.
+
+        A cut is known where one at the same instant is broken as much, to `_AS_MUCH`. What keeps to
+        its cuts breaks none, so that a constraint that must hold is cut until it does; and one that
+        may be broken, until its cuts tell by how much it is.
+        """
         old = self.rows[rows.constraint.number]
-        first = dataclasses.replace(old, sides=np.zeros(len(old), dtype=int))
-        alike = rows.normals @ old.normals.T > 1.0 - _SAME_NORMAL
-        known: BoolArray = np.any(alike & (keys[:, None] == self._keys.of(first)), axis=1)
+        theirs = self._keys.of(dataclasses.replace(old, sides=np.zeros(len(old), dtype=int)))
+        order = np.lexsort((old.margins(motion), theirs))  # of each instant the worst first
+        place = np.searchsorted(theirs[order], keys)
+        worst = order[np.minimum(place, len(old) - 1)]
+        there, margins = theirs[worst] == keys, rows.margins(motion)
+        close = old.select(worst).margins(motion) <= margins + _AS_MUCH * np.abs(margins)
+        known: BoolArray = there & close
         return known
 
     def enter(self, rows: HalfSpaces, motion: Motion) -> tuple[HalfSpaces, HalfSpaces]:
@@ -95,7 +109,7 @@ class WorkingSet:
         Returns:
             The rows that are new, and those that were in, must hold, and are not kept.
         """
-        known = self.known(rows)
+        known = self.known(rows, motion)
         if not np.any(known):
             self.add(rows)
             return rows, rows.constraint.none
