@@ -17,7 +17,7 @@ def many() -> rho.Scenario:
     """520 vehicles two metres apart that rise by five; neighbours in five places change places."""
     rng = np.random.default_rng(0)
     starts = 2.0 * np.stack(np.meshgrid(np.arange(26), np.arange(20), [0.0]), -1).reshape(-1, 3)
-    goals = starts + [0.0, 0.0, 5.0] + rng.uniform(-0.3, 0.3, starts.shape)
+    goals = starts + np.array([0.0, 0.0, 5.0]) + rng.uniform(-0.3, 0.3, starts.shape)
     for one in (10, 110, 212, 314, 418):
         goals[[one, one + 1]] = goals[[one + 1, one]]
     return fleet(starts, goals, grid=rho.Grid(1.0, 9), limits=rho.Limits(acceleration=box(2.0)))
