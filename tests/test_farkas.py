@@ -1,0 +1,206 @@
+"""Conflicts are proofs: what is named cannot be met together, by linear programs of one's own.
+
+Without obstacles the axes of a vehicle are independent, and each is a linear program in its
+accelerations, straight from (1), (2) and (7).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+import drake_rho as rho
+from drake_rho.planning.minimum_violation import minimum_violation
+from tests.scenarios import box, random_scenario, single
+from tests.tolerances import INDEX
+
+Rows = list[tuple[str, np.ndarray, float]]
+"""Quantity, row and bound of each: row @ a >= bound."""
+
+BACK_AND_FORTH = single(
+    start=rho.State([0, 0, 0], [4, 0, 0]),
+    goal=rho.State([0, 0, 0], [4, 0, 0]),
+    limits=rho.Limits(position=box(1.0), acceleration=box(3.0)),
+)
+"""Too fast to stop before the upper wall, and to be reached without a run-up beyond the lower."""
+
+
+def _states(scenario: rho.Scenario, vehicle: rho.Vehicle, axis: int) -> dict[str, Any]:
+    """Of each quantity along an axis the matrix and the rest: at the knots M @ a + r."""
+    h, n = scenario.grid.step, scenario.grid.knots - 1
+    before = np.arange(n + 1)[:, None] - np.arange(n)
+    p, v, a = vehicle.start.position[axis], vehicle.start.velocity[axis], vehicle.start.acceleration
+    jerk = (np.eye(n) - np.eye(n, k=-1)) / h
+    first = np.zeros(n)
+    first[0] = np.nan if a is None else -a[axis] / h
+    return {
+        "position": (h**2 * np.maximum(before - 0.5, 0.0), p + h * np.arange(n + 1) * v),
+        "velocity": (h * (before > 0), np.full(n + 1, v)),
+        "acceleration": (np.eye(n), np.zeros(n)),
+        "jerk": (jerk, first),
+    }
+
+
+def _goal_rows(scenario: rho.Scenario, vehicle: rho.Vehicle, axis: int) -> Rows:
+    states = _states(scenario, vehicle, axis)
+    rows: Rows = []
+    for kind in ("position", "velocity"):
+        matrix, rest = states[kind]
+        missing = getattr(vehicle.goal, kind)[axis] - rest[-1]
+        rows += [(kind, sign * matrix[-1], sign * missing) for sign in (1.0, -1.0)]
+    return rows
+
+
+def _box_rows(
+    scenario: rho.Scenario, vehicle: rho.Vehicle, axis: int, kind: str, first: float, last: float
+) -> Rows:
+    """Both sides of a box at the knots from one time to another [s]."""
+    matrix, rest = _states(scenario, vehicle, axis)[kind]
+    bounds, h = getattr(scenario.limits_of(vehicle), kind), scenario.grid.step
+    inner = kind in ("position", "velocity")
+    rows: Rows = []
+    for k in range(int(inner), scenario.grid.knots - 1):
+        if first - h / 2 < h * k < last + h / 2 and not np.isnan(rest[k]):
+            rows.append((kind, matrix[k], bounds.lower[axis] - rest[k]))
+            rows.append((kind, -matrix[k], rest[k] - bounds.upper[axis]))
+    return rows
+
+
+def _least_breach(rows: Rows) -> float:
+    """By how much, of the largest bound, the worst row of length one has to be broken."""
+    if not rows:
+        return 0.0
+    matrix, bounds = np.array([row for _, row, _ in rows]), np.array([b for _, _, b in rows])
+    lengths = np.linalg.norm(matrix, axis=1)
+    bounds = bounds / lengths
+    bounds = bounds / (np.abs(bounds).max() or 1.0)
+    program = np.column_stack([-matrix / lengths[:, None], -np.ones(len(rows))])
+    cost = np.append(np.zeros(matrix.shape[1]), 1.0)
+    found = linprog(
+        cost, A_ub=program, b_ub=-bounds, bounds=[(None, None)] * matrix.shape[1] + [(0, None)]
+    )
+    assert found.status == 0
+    return float(found.fun)
+
+
+def _contradict(scenario: rho.Scenario, name: str, told: Collection[str]) -> bool:
+    """Whether the constraints in words, of one vehicle, cannot be met together."""
+    vehicle = scenario.vehicles[scenario.index_of(name)]
+    for axis, letter in enumerate("xyz"):
+        rows: Rows = []
+        for words in told:
+            if words == f"goal {letter}":
+                rows += _goal_rows(scenario, vehicle, axis)
+            elif not words.startswith("goal"):
+                found = re.fullmatch(
+                    r"(\w+) box ([xyz/]+) (?:at|from) (\S+) s(?: to (\S+) s)?", words
+                )
+                assert found, words
+                kind, axes, first, last = found.groups()
+                if letter in axes:
+                    span = float(first), float(last or first)
+                    rows += _box_rows(scenario, vehicle, axis, kind, *span)
+        if _least_breach(rows) > 1e-9:
+            return True
+    return False
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=8)
+def test_what_is_named_cannot_be_met_together(seed: int) -> None:
+    """Of a planner's error, and of its subset, of which none can be spared either."""
+    scenario = random_scenario(seed, tight=True).without_obstacles()
+    try:
+        rho.plan_convex(scenario)
+    except rho.InfeasibleError as caught:
+        error = caught
+    else:
+        assume(False)
+    name, named = next(iter(error.conflicts.items()))
+    assert _contradict(scenario, name, named)
+    alone = rho.InfeasibleError({name: named}, scenario=scenario)
+    subset = rho.infeasible_subset(alone)[name]
+    assert _contradict(scenario, name, subset)
+    for box_named in (words for words in subset if not words.startswith("goal")):
+        assert not _contradict(scenario, name, set(subset) - {box_named})
+
+
+def test_both_sides_of_a_box_are_broken_where_both_have_to_be() -> None:
+    plan = minimum_violation(BACK_AND_FORTH)
+    x = plan.positions[0, :, 0]
+    assert x.max() > 1.0 + 1.0
+    assert x.min() < -1.0 - 0.01
+
+
+def _penalty(scenario: rho.Scenario, kind: str) -> float:
+    """What it costs to break a row by one of a quantity's units."""
+    scales = scenario.fleet.scale
+    unit = float(scales("acceleration").max())
+    return unit**2 / float(scales(kind).max())  # type: ignore[arg-type]  # one of the four
+
+
+def _least_violation(scenario: rho.Scenario, vehicle: rho.Vehicle) -> float:
+    """The least sum of penalties and violations, as linear programs with every row in them."""
+    total, n = 0.0, scenario.grid.knots - 1
+    limits = scenario.limits_of(vehicle)
+    for axis in range(3):
+        rows = _goal_rows(scenario, vehicle, axis)
+        for kind in ("position", "velocity", "jerk"):
+            if getattr(limits, kind) is not None:
+                rows += _box_rows(scenario, vehicle, axis, kind, 0.0, np.inf)
+        most: Any = [(None, None)] * n
+        if (force := limits.acceleration) is not None:
+            most = [(force.lower[axis], force.upper[axis])] * n
+        unit = float(scenario.fleet.scale("acceleration").max())
+        sizes = np.array([_penalty(scenario, kind) / unit**2 for kind, _, _ in rows])
+        matrix = sizes[:, None] * np.array([row for _, row, _ in rows]) * unit
+        bounds = sizes * np.array([bound for _, _, bound in rows])
+        found = linprog(
+            np.append(np.zeros(n), np.ones(len(rows))),
+            A_ub=-np.column_stack([matrix, np.eye(len(rows))]),
+            b_ub=-bounds,
+            bounds=[
+                (None if low is None else low / unit, None if high is None else high / unit)
+                for low, high in most
+            ]
+            + [(0.0, None)] * len(rows),
+        )
+        assert found.status == 0
+        total += found.fun * unit**2
+    return total
+
+
+def _violation(scenario: rho.Scenario, plan: rho.Plan) -> float:
+    """What a plan's violations cost."""
+    total = 0.0
+    for vehicle, accelerations in zip(scenario.vehicles, plan.accelerations, strict=True):
+        limits = scenario.limits_of(vehicle)
+        for axis in range(3):
+            rows = _goal_rows(scenario, vehicle, axis)
+            for kind in ("position", "velocity", "jerk"):
+                if getattr(limits, kind) is not None:
+                    rows += _box_rows(scenario, vehicle, axis, kind, 0.0, np.inf)
+            for kind, row, bound in rows:
+                missing = max(0.0, bound - row @ accelerations[:, axis])
+                total += _penalty(scenario, kind) * missing
+    return total
+
+
+@pytest.mark.parametrize("seed", [None, *range(8)])
+def test_no_plan_breaks_less_than_the_one_of_minimum_violation(seed: int | None) -> None:
+    """The programs that rows enter one by one, against linear programs with all of them."""
+    scenario = BACK_AND_FORTH
+    if seed is not None:
+        scenario = random_scenario(seed, tight=True).without_obstacles()
+    known = sum(_least_violation(scenario, vehicle) for vehicle in scenario.vehicles)
+    found = _violation(scenario, minimum_violation(scenario))
+    unit = float(scenario.fleet.scale("acceleration").max())
+    # of many rows each may be left broken by a hundredth of a tolerance
+    assert found == pytest.approx(known, rel=10 * INDEX, abs=10 * INDEX * unit**2)
