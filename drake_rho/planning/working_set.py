@@ -80,9 +80,16 @@ class WorkingSet:
     def _known_cuts(self, rows: HalfSpaces, keys: IntArray) -> BoolArray:
         """The same for a curved set, of which each new normal is another cut."""
         old = self.rows[rows.constraint.number]
-        first = dataclasses.replace(old, sides=np.zeros(len(old), dtype=int))
-        alike = rows.normals @ old.normals.T > 1.0 - _SAME_NORMAL
-        known: BoolArray = np.any(alike & (keys[:, None] == self._keys.of(first)), axis=1)
+        theirs = self._keys.of(dataclasses.replace(old, sides=np.zeros(len(old), dtype=int)))
+        order = np.argsort(theirs)
+        first = np.searchsorted(theirs, keys, side="left", sorter=order)
+        last = np.searchsorted(theirs, keys, side="right", sorter=order)
+        counts = last - first  # cuts at the instant of each row
+        row = np.repeat(np.arange(len(rows)), counts)
+        cut = order[np.arange(len(row)) + np.repeat(last - np.cumsum(counts), counts)]
+        cosines = np.einsum("ri,ri->r", rows.normals[row], old.normals[cut])
+        known = np.zeros(len(rows), dtype=bool)
+        known[row[cosines > 1.0 - _SAME_NORMAL]] = True
         return known
 
     def add(self, rows: HalfSpaces) -> None:
