@@ -59,6 +59,16 @@ def test_a_jerk_limit_in_the_way_is_named() -> None:
     assert names[1].startswith("jerk box x")
 
 
+def test_an_error_names_no_axis_of_the_goal_that_its_constraints_say_nothing_of() -> None:
+    """Where the jerk along x is what fails, before anything is narrowed down."""
+    start = rho.State([0.0, 0.0, 0.0], acceleration=[0.0, 0.0, 0.0])
+    goal, limits = rho.State([30.0, 4.0, -2.0]), rho.Limits(jerk=box(0.06))
+    grid = rho.Grid.lasting(20.0, step=20.0 / 99)
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(single(start=start, goal=goal, limits=limits, grid=grid))
+    assert caught.value.conflicts == {"solo": ("goal x", "jerk box x from 0 s to 19.798 s")}
+
+
 def test_an_obstacle_in_the_way_is_named_with_its_times() -> None:
     # a corridor that the sphere fills
     walls = rho.Box([-1.0, -0.5, -0.5], [11.0, 0.5, 0.5])

@@ -38,9 +38,12 @@ def conflict_of(
     group, told = working.group(vehicle), list[str]()
     parts = working.multipliers(vehicle)
     largest = max((float(np.max(y)) for _, y in parts), default=0.0)
-    weighted = [(rows, y if largest > 0.0 else np.ones(len(y))) for rows, y in parts]
+    weighted = [
+        (rows, np.where(y > _NO_PART * largest, y, 0.0) if largest > 0.0 else np.ones(len(y)))
+        for rows, y in parts
+    ]
     for rows, y in weighted:
-        own = rows.select((y > _NO_PART * largest) & (rows.vehicles == vehicle))
+        own = rows.select((y > 0.0) & (rows.vehicles == vehicle))
         if len(own) > 0:
             told.append(rows.constraint.describe(own, names))
     matrix, _, _ = rows_of(effort, group, [rows for rows, _ in weighted])
