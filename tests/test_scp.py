@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,12 @@ from hypothesis import assume, given, settings
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
-from tests.scenarios import scenarios
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.keep_apart import decoupled
+from drake_rho.planning.scp import iterate, restored
+from drake_rho.planning.subproblem import Subproblem
+from drake_rho.scenario.fields import IntArray
+from tests.scenarios import fleet, scenarios, through_the_middle
 from tests.tolerances import INDEX
 
 
@@ -69,3 +75,170 @@ def test_a_reference_on_another_grid_is_refused(paper: rho.Scenario) -> None:
     tail = rho.plan_convex(paper).tail(5)
     with pytest.raises(ValueError, match="reference"):
         rho.plan_scp(paper, reference=tail)
+
+
+class Scripted(Subproblem):
+    """A subproblem whose plans are known: accelerations of so many m/s² of each vehicle.
+
+    Args:
+        scenario: of some vehicles.
+        script: for each iteration a number for each vehicle, or an error.
+        together: whether all stop together.
+        apart: from which of the restorations on the vehicles keep apart.
+    """
+
+    def __init__(
+        self,
+        scenario: rho.Scenario,
+        script: Sequence[Sequence[float] | Exception],
+        *,
+        together: bool = False,
+        apart: int = 0,
+    ) -> None:
+        super().__init__(scenario.without_separation())
+        if together:
+            self.labels = np.zeros(len(scenario.vehicles), dtype=int)
+        self.script, self.apart = list(script), apart
+        self.planned: list[list[int]] = []
+        self.penalties: list[tuple[float, int]] = []
+
+    def _next(self) -> rho.Plan:
+        after = self.script.pop(0)
+        if isinstance(after, Exception):
+            raise after
+        return flown(self.scenario, after)
+
+    def around(self, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
+        """The next plan."""
+        assert vehicles is not None
+        self.planned.append(vehicles.tolist())
+        return self._next()
+
+    def restored(self, reference: rho.Plan, penalty: float, number: int) -> rho.Plan:
+        """The next plan."""
+        self.penalties.append((penalty, number))
+        return self._next()
+
+    def holds(self, motion: Motion) -> bool:
+        """As it is said when it is made."""
+        return len(self.penalties) >= self.apart
+
+    def failure(self, motion: Motion, spent: rho.Statistics) -> rho.InfeasibleError | None:
+        """An error, unless they keep apart."""
+        return None if self.holds(motion) else rho.InfeasibleError({}, statistics=spent)
+
+
+def flown(scenario: rho.Scenario, each: Sequence[float]) -> rho.Plan:
+    """Vehicles that fly constant accelerations along x; one linearisation was needed for it."""
+    accelerations = np.zeros((len(each), scenario.grid.knots - 1, 3))
+    accelerations[:, :, 0] = np.array(each)[:, None]
+    return rho.Plan.from_accelerations(scenario, accelerations, rho.Statistics(linearisations=1))
+
+
+@pytest.fixture
+def two() -> rho.Scenario:
+    """Two vehicles, ten steps."""
+    ends = np.array([[0.0, 0, 0], [0, 50, 0]])
+    return fleet(ends, ends + 5.0, grid=rho.Grid(1.0, 11)).without_separation()
+
+
+def test_vehicles_stop_by_themselves_and_keep_their_better_plan(two: rho.Scenario) -> None:
+    """The second rises at first, so it stops where it was; the first goes on until it is level."""
+    script = [[3.0, 5.0], [2.0, 1.0], [2.0, 1.0]]
+    subproblem = Scripted(two, script)
+    plan = iterate(subproblem, flown(two, [4.0, 4.0]), 1e-6)
+    assert subproblem.planned == [[0, 1], [0], [0]]
+    assert plan.statistics.converged
+    assert plan.accelerations[0, 0, 0] == 2.0
+    assert plan.statistics.linearisations == 1 + 3
+    assert plan.statistics.tolerance == 1e-6
+
+
+def test_a_rise_of_one_vehicle_is_not_taken_over_where_nothing_couples_it(
+    two: rho.Scenario,
+) -> None:
+    plan = iterate(Scripted(two, [[3.0, 5.0]]), flown(two, [4.0, 4.0]), 1e-6, most=1)
+    assert plan.accelerations[:, 0, 0].tolist() == [3.0, 4.0]
+    assert not plan.statistics.converged
+
+
+def test_vehicles_that_pairs_couple_take_the_plan_that_costs_less_in_total(
+    two: rho.Scenario,
+) -> None:
+    subproblem = Scripted(two, [[3.0, 4.5], [4.0, 4.0]], together=True)
+    plan = iterate(subproblem, flown(two, [4.0, 4.0]), 1e-6)
+    assert plan.accelerations[:, 0, 0].tolist() == [3.0, 4.5]  # 29.25 is less than 32
+    assert subproblem.planned == [[0, 1], [0, 1]]
+    assert plan.statistics.converged
+
+
+def test_a_cost_that_rises_is_left_and_counts_as_converged(two: rho.Scenario) -> None:
+    for together in (True, False):
+        start = flown(two, [4.0, 4.0])
+        plan = iterate(Scripted(two, [[4.1, 4.1]], together=together), start, 1e-6)
+        np.testing.assert_array_equal(plan.accelerations, start.accelerations)
+        assert plan.statistics.converged
+
+
+@pytest.mark.parametrize(("tolerance", "count"), [(0.1, 2), (1e-3, 4)])
+def test_the_tolerance_is_relative_to_the_whole_cost(
+    two: rho.Scenario, tolerance: float, count: int
+) -> None:
+    """The cost falls by 36 %, by 9.8 %, by 4 % and by nothing."""
+    script = [[3.2, 3.2], [3.04, 3.04], [2.98, 2.98], [2.98, 2.98]]
+    subproblem = Scripted(two, script, together=True)
+    plan = iterate(subproblem, flown(two, [4.0, 4.0]), tolerance)
+    assert len(subproblem.planned) == count
+    assert plan.statistics.converged
+
+
+@pytest.mark.parametrize("error", [rho.InfeasibleError({}), rho.SolverError("by rounding")])
+def test_a_linearisation_that_fails_by_rounding_ends_with_the_plan_before_it(
+    two: rho.Scenario, error: Exception
+) -> None:
+    subproblem = Scripted(two, [[3.0, 3.0], error])
+    plan = iterate(subproblem, flown(two, [4.0, 4.0]), 1e-6)
+    assert plan.accelerations[:, 0, 0].tolist() == [3.0, 3.0]
+    assert not plan.statistics.converged
+
+
+def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart(
+    two: rho.Scenario,
+) -> None:
+    said: list[str] = []
+    subproblem = Scripted(two, [[5.0, 5.0], [6.0, 6.0], [7.0, 7.0]], apart=2)
+    start = flown(two, [4.0, 4.0])
+    plan = iterate(subproblem, start, 1.0, [10.0, 20.0, 40.0], progress=said.append)
+    assert subproblem.penalties == [(10.0, 0), (20.0, 1)]
+    assert plan.accelerations[:, 0, 0].tolist() == [6.0, 6.0]  # though the cost has risen
+    assert plan.statistics.converged
+    assert plan.statistics.linearisations == 3
+    assert said == [
+        "linearised 2 times, cost 500 m²/s⁴",
+        "linearised 3 times, cost 720 m²/s⁴",
+    ]
+    with pytest.raises(rho.InfeasibleError) as caught:
+        iterate(Scripted(two, [[5.0, 5.0]] * 2, apart=3), start, 1.0, [1.0, 2.0])
+    assert caught.value.statistics.linearisations == 3
+
+
+def test_penalties_of_a_restoration_triple_from_what_it_costs_to_move_aside() -> None:
+    asked = through_the_middle(2)
+    careless = rho.plan(asked.without_separation())
+    start = rho.Plan.from_accelerations(asked, careless.accelerations)
+    noted: list[tuple[float, int]] = []
+
+    class Noted(Subproblem):
+        def restored(self, reference: rho.Plan, penalty: float, number: int) -> rho.Plan:
+            noted.append((penalty, number))
+            return reference
+
+    with pytest.raises(rho.InfeasibleError, match="separation from v1 at 5 s") as caught:
+        restored(start, Noted(asked, decoupled))
+    assert set(caught.value.conflicts) == {"v0", "v1"}
+    penalties = np.array([penalty for penalty, _ in noted])
+    assert [number for _, number in noted] == list(range(20))
+    np.testing.assert_allclose(penalties[1:] / penalties[:-1], 3.0)
+    # a plan's cost for each vehicle, and that of a metre aside and back at 4 d / T² all along
+    known = careless.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
+    assert penalties[0] == pytest.approx(known)

@@ -1,0 +1,122 @@
+"""Both forms of a program's rows say what the half-spaces say of a motion."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.half_spaces import HalfSpaces
+from drake_rho.planning.keep_apart import coupled, pairs_of
+from drake_rho.planning.keep_in import boxes_of
+from drake_rho.planning.keep_out import obstacles_of
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.program import rows_of
+from drake_rho.planning.sparse import SparseRows
+from tests.scenarios import box, fleet
+from tests.tolerances import ROUNDING
+
+GROUP = np.array([0, 2])
+
+
+@pytest.fixture
+def scenario() -> rho.Scenario:
+    """Three vehicles with limits of every kind, at every instant."""
+    return fleet(
+        np.array([[-5, 0.3, 0], [0, -5, 0], [4, 4, 0.5]]),
+        np.array([[5, 0, 0], [0, 5, 0.2], [-4, -4, 0]]),
+        separation=rho.Separation(2.5, 2.0),
+        limits=rho.Limits(box(9), box(2), box(1), box(2)),
+        obstacles=(rho.Sphere([1, 1, -1], 2.0),),
+    )
+
+
+def _flown(scenario: rho.Scenario, seed: int, size: float) -> Motion:
+    rng = np.random.default_rng(seed)
+    a = MinimumEffort.of(scenario).motion.accelerations
+    plan = rho.Plan.from_accelerations(scenario, a + size * rng.normal(size=a.shape))
+    return plan.motion()
+
+
+def _rows(scenario: rho.Scenario, kinds: set[str]) -> list[HalfSpaces]:
+    """Rows of the group that a wild motion breaks, at knots and between them."""
+    reference, wild = _flown(scenario, 1, 0.1), _flown(scenario, 2, 5.0)
+    constraints = [
+        *boxes_of(scenario),
+        *obstacles_of(scenario, reference),
+        pairs_of(scenario, reference, coupled),
+    ]
+    found = []
+    for constraint in constraints:
+        if constraint.quantity not in kinds:
+            continue
+        each = dataclasses.replace(constraint, penalty=3.0 + constraint.number)
+        for between in {False, constraint.searches > 0}:
+            rows = each.violated(wild, np.arange(3), between=between)
+            own = np.isin(rows.vehicles, GROUP) & np.isin(rows.partners, GROUP)
+            if own.any():
+                found.append(rows.select(own))
+    return found
+
+
+ALL = {"position", "velocity", "acceleration", "jerk"}
+KINDS = [ALL, {"velocity"}, {"velocity", "jerk"}, {"acceleration"}, {"position"}]
+
+
+@pytest.mark.parametrize("kinds", KINDS, ids=lambda kinds: "-".join(sorted(kinds)))
+def test_sparse_rows_are_the_margins_of_the_motion_that_the_dynamics_allow(
+    scenario: rho.Scenario, kinds: set[str]
+) -> None:
+    rows, effort = _rows(scenario, kinds), MinimumEffort.of(scenario)
+    sparse = SparseRows(effort, GROUP, rows)
+    motion = _flown(scenario, 3, 1.0)
+    unit, h = effort.units[GROUP].max(), scenario.grid.step
+    free = effort.motion
+    states = [(motion.accelerations - free.accelerations)[GROUP] / unit]
+    if kinds & {"position", "velocity"}:
+        states.append((motion.velocities - free.velocities)[GROUP, 1:] / (unit * h))
+    if "position" in kinds:
+        states.append((motion.positions - free.positions)[GROUP, 1:] / (unit * h**2))
+    x = np.concatenate([each.reshape(-1) for each in states])
+    assert sparse.columns == len(x)
+    equations = list(sparse.dynamics())
+    assert len(equations) == len(states) - 1
+    for each in equations:
+        np.testing.assert_allclose(each @ x, 0.0, atol=ROUNDING * np.abs(x).max())
+        moved = x + np.random.default_rng(0).normal(size=len(x))
+        assert np.abs(each @ moved).max() > 0.1  # and nothing else
+    matrix, needed, penalties, lengths = sparse.matrix()
+    margins = np.concatenate([part.margins(motion) for part in rows])
+    worth = np.repeat([part.constraint.penalty for part in rows], [len(part) for part in rows])
+    scaled = penalties / worth * unit  # the unit of each row, over that of the accelerations
+    found = (matrix @ x - needed) * scaled
+    np.testing.assert_allclose(found * unit, margins, atol=1e-8 * np.abs(margins).max())
+    dense, _, _ = rows_of(effort, GROUP, rows)
+    assert dense.shape == (len(margins), 3 * sparse.steps * len(GROUP))
+    sizes = np.concatenate(
+        [
+            np.linalg.norm(part.responses(scenario.grid), axis=1)
+            * (np.sqrt(2.0) if part.constraint.coupled else 1.0)
+            for part in rows
+        ]
+    )
+    np.testing.assert_allclose(lengths * scaled, sizes, rtol=ROUNDING)
+    assert matrix.nnz <= 8 * 3 * len(margins)  # sparse, however long the flight
+
+
+def test_dense_rows_have_length_one_and_are_the_margins(scenario: rho.Scenario) -> None:
+    rows, effort = _rows(scenario, ALL), MinimumEffort.of(scenario)
+    assert {part.constraint.quantity for part in rows} == ALL
+    assert {part.constraint.coupled for part in rows} == {False, True}
+    matrix, needed, penalties = rows_of(effort, GROUP, rows)
+    np.testing.assert_allclose(np.sqrt(matrix.power(2).sum(axis=1)), 1.0, rtol=ROUNDING)
+    motion, unit = _flown(scenario, 4, 1.0), effort.units[GROUP].max()
+    u = (motion.accelerations - effort.motion.accelerations)[GROUP].reshape(-1) / unit
+    margins = np.concatenate([part.margins(motion) for part in rows])
+    worth = np.repeat([part.constraint.penalty for part in rows], [len(part) for part in rows])
+    # a row that is broken by one is worth its penalty: margins are rows times penalties over it
+    found = (matrix @ u - needed) * penalties / worth
+    np.testing.assert_allclose(found * unit**2, margins, atol=1e-8 * np.abs(margins).max())
