@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tracemalloc
 
 import numpy as np
@@ -60,21 +59,8 @@ def test_known_tangent_planes_take_memory_in_proportion() -> None:
     faster = motion.with_accelerations(1.1 * motion.accelerations)
     working.add(ball.violated(faster, np.arange(100)))
     tracemalloc.start()
-    known = working.known(rows)
+    known = working.known(rows, motion)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert known.all()
     assert most < 1000 * len(rows)
-
-
-def test_a_tangent_plane_of_another_direction_is_not_known() -> None:
-    """At the same instant, only the same normal is the same row."""
-    scenario = fleet(2, knots=11, most=1.01)
-    (ball,) = balls_of(scenario)
-    rows = ball.violated(MinimumEffort.of(scenario).motion, np.arange(2))
-    working = WorkingSet(Keys(20, 2, scenario.grid))
-    working.add(rows.select(rows.vehicles == 1))
-    turned = rows.normals @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    assert np.array_equal(working.known(rows), rows.vehicles == 1)
-    rows = dataclasses.replace(rows, normals=turned)
-    assert not working.known(rows).any()
