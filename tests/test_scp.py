@@ -11,7 +11,6 @@ from hypothesis import assume, given, settings
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
-from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.scp import iterate, restored
 from drake_rho.planning.subproblem import Subproblem
@@ -119,13 +118,13 @@ class Scripted(Subproblem):
         self.penalties.append((penalty, number))
         return self._next()
 
-    def holds(self, motion: Motion) -> bool:
+    def holds(self, plan: rho.Plan) -> bool:
         """As it is said when it is made."""
         return len(self.penalties) >= self.apart
 
-    def failure(self, motion: Motion, spent: rho.Statistics) -> rho.InfeasibleError | None:
+    def failure(self, plan: rho.Plan, spent: rho.Statistics) -> rho.InfeasibleError | None:
         """An error, unless they keep apart."""
-        return None if self.holds(motion) else rho.InfeasibleError({}, statistics=spent)
+        return None if self.holds(plan) else rho.InfeasibleError({}, statistics=spent)
 
 
 def flown(scenario: rho.Scenario, each: Sequence[float]) -> rho.Plan:
