@@ -38,7 +38,7 @@ class Check:
     """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, maximum speed,
     obstacle 1, …, separation"""
     part: str = ""
-    """which side of a box, or which quantity of dynamics and goal; empty where there are no parts"""
+    """which side of a box, or which quantity of dynamics and goal; empty where there is one only"""
     time: float
     """since the first knot [s]"""
     value: float

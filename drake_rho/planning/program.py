@@ -145,8 +145,9 @@ def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) ->
     for size in np.unique(sizes)[::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
         stack = matrix[own].reshape(-1, size, matrix.shape[1])
-        numbers = (each[own].reshape(-1, size) for each in (needed, penalties, slacks))
-        yield _in_span(vehicles[own][::size, None], stack, *numbers, linear)
+        numbers = (needed[own].reshape(-1, size), penalties[own].reshape(-1, size))
+        shared = slacks[own].reshape(-1, size)
+        yield _in_span(vehicles[own][::size, None], stack, *numbers, shared, linear)
 
 
 def _reduced_group(
@@ -157,8 +158,8 @@ def _reduced_group(
     dense = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
     inside = np.stack([effort.goals.without(dense[:, :, axis]) for axis in range(3)], axis=2)
     stack = inside.reshape(1, len(needed), -1)
-    numbers = needed[None], penalties[None], slacks_of(rows)[None]
-    return _in_span(group[None], stack, *numbers, linear)
+    slacks = slacks_of(rows)[None]
+    return _in_span(group[None], stack, needed[None], penalties[None], slacks, linear)
 
 
 def slacks_of(rows: Sequence[HalfSpaces]) -> IntArray:
@@ -221,13 +222,13 @@ def _in_span(
     """
     basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
     programs, rows = [], []
-    numbers = needed, penalties, slacks
-    for triangle, *own in zip(np.swapaxes(triangles, 1, 2), *numbers, strict=True):
+    triangles = np.swapaxes(triangles, 1, 2)
+    for triangle, least, costs, own in zip(triangles, needed, penalties, slacks, strict=True):
         program = MathematicalProgram()
         x = program.NewContinuousVariables(triangle.shape[1])
         if not linear:
             add_cost(program, x)
-        rows.append(add_rows(program, triangle, *own, x))
+        rows.append(add_rows(program, triangle, least, costs, own, x))
         programs.append(program)
     return Batch(groups, programs, rows, basis, np.ones_like(needed))
 
