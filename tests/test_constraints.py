@@ -14,6 +14,7 @@ LIMITS = {
     "velocity box": rho.Limits(velocity=box(1.5)),
     "acceleration box": rho.Limits(acceleration=box(0.8)),
     "jerk box": rho.Limits(jerk=box(1.0)),
+    "maximum speed": rho.Limits(max_speed=1.5),
 }
 STARTS = {
     # running past the goal, so that the position box is in the way

@@ -312,6 +312,7 @@ def test_a_swarm_is_drawn_without_knots_and_names(count: int) -> None:
         (rho.Limits(), False, False),
         (rho.Limits(velocity=box(50.0)), True, False),
         (rho.Limits(acceleration=box(50.0)), False, True),
+        (rho.Limits(velocity=box(50.0), max_speed=50.0), True, False),
     ],
 )
 def test_the_legend_names_limits_where_there_are_some(
@@ -327,6 +328,25 @@ def test_the_legend_names_limits_where_there_are_some(
         assert entries == ["v0", "v1", "v2"] + ["limit"] * limited
         dashed = [line for line in figure.axes[0].lines if line.get_linestyle() == "--"]
         assert bool(dashed) == limited
+
+
+def test_speeds_are_drawn_with_their_limits_where_they_are_limited() -> None:
+    """A vehicle's own limit beside the scenario's; the curves are the norms."""
+    free = straight(3)
+    assert len(rho.velocities_figure(free).axes) == 3
+    own = dataclasses.replace(free.scenario.vehicles[0], limits=rho.Limits(max_speed=1.5))
+    vehicles = (own, *free.scenario.vehicles[1:])
+    limits = rho.Limits(max_speed=1.6)
+    plan = rho.plan_convex(dataclasses.replace(free.scenario, vehicles=vehicles, limits=limits))
+    ax = rho.velocities_figure(plan).axes[3]
+    dashed = [line.get_ydata() for line in ax.lines if line.get_linestyle() == "--"]
+    assert sorted(float(np.asarray(y)[0]) for y in dashed) == [1.5, 1.6]
+    for vehicle, norms in zip(
+        plan.scenario.vehicles, np.linalg.norm(plan.velocities, axis=2), strict=True
+    ):
+        (curve,) = (line for line in ax.lines if line.get_label() == vehicle.name)
+        shown = float(np.max(np.asarray(curve.get_ydata())))
+        assert shown == pytest.approx(norms.max(), rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,32 @@ GRID = rho.Grid(1.0, 5)
         (lambda: rho.Box([0, 2, 0], [1, 1, 1]), "box.lower", "above upper [1.0, 1.0, 1.0]"),
         (lambda: rho.Sphere([0, 0, 0], 0.0), "sphere.radius", "greater than 0"),
         (lambda: rho.Sphere([0, 0, 0], -1.0), "sphere.radius", "-1"),
+        *[
+            (lambda most=most: rho.Limits(max_speed=as_any(most)), "limits.max_speed", words)
+            for most, words in (
+                (0.0, "greater than 0"),
+                (-1.0, "-1"),
+                (float("nan"), "nan"),
+                (float("inf"), "finite"),
+                (1e13, "between 1e-12 and 1e+12"),
+                (True, "a number"),
+                ([1, 1, 1], "[1, 1, 1]"),
+                ("fast", "'fast'"),
+            )
+        ],
+        *[
+            (
+                lambda ends=ends: rho.Scenario(
+                    "s", GRID, (rho.Vehicle("a", *ends),), rho.Limits(max_speed=1.0)
+                ),
+                f"scenario.vehicles[0].{end}.velocity",
+                "a norm of at most 1, not 1.131371",
+            )
+            for end, ends in {
+                "start": (rho.State([0, 0, 0], [0.8, 0.8, 0.0]), STATE),
+                "goal": (STATE, rho.State([0, 0, 0], [0.8, 0.0, -0.8])),
+            }.items()
+        ],
         (lambda: rho.Vehicle("", STATE, STATE), "vehicle.name", "at least 1 character"),
         (
             lambda: rho.Vehicle("a", STATE, rho.State([0, 0, 0], acceleration=[0, 0, 0])),
@@ -106,6 +132,8 @@ def test_bad_input_names_field_value_and_expectation(
         ("radius: 1000.0", "radius: 6000.0", "vehicles[0].start.position"),
         ("grid:", "name: twice\ngrid:", ""),
         ("grid:", "]grid:", ""),
+        ("limits:", "limits:\n  max_speed: -3", "limits.max_speed"),
+        ("limits:", "limits:\n  max_speed: 1", "vehicles[0].start.velocity"),
     ],
 )
 def test_bad_yaml_is_refused_by_name(old: str, new: str, field: str, paper: rho.Scenario) -> None:
@@ -185,6 +213,7 @@ def test_the_schema_describes_every_field_with_its_unit() -> None:
         assert record["additionalProperties"] is False
         assert all("description" in field for field in record["properties"].values())
     assert "[m/s]" in schema["$defs"]["State"]["properties"]["velocity"]["description"]
+    assert "[m/s]" in schema["$defs"]["Limits"]["properties"]["max_speed"]["description"]
 
 
 def test_records_cannot_be_changed(paper: rho.Scenario) -> None:
@@ -207,6 +236,26 @@ def test_own_limits_stand_in_for_the_scenarios() -> None:
     assert merged.velocity == own.velocity
     assert merged.jerk == common.jerk
     assert merged.acceleration is None
+
+
+def test_an_own_largest_speed_stands_in_for_the_scenarios() -> None:
+    """A faster vehicle, a slower one, and one with a box of its own only."""
+    owns = (2.0, 0.5, None)
+    box = rho.Box([-1] * 3, [1] * 3)
+    vehicles = [
+        rho.Vehicle(str(own), STATE, STATE, rho.Limits(velocity=box, max_speed=own)) for own in owns
+    ]
+    scenario = rho.Scenario("s", GRID, (*vehicles, VEHICLE), rho.Limits(max_speed=1.0))
+    found = [scenario.limits_of(vehicle).max_speed for vehicle in scenario.vehicles]
+    assert found == [2.0, 0.5, 1.0, 1.0]
+    speeds = scenario.fleet.max_speeds()
+    assert speeds is not None
+    np.testing.assert_array_equal(speeds.most, found)
+    alone = dataclasses.replace(scenario, limits=rho.Limits()).fleet.max_speeds()
+    assert alone is not None
+    np.testing.assert_array_equal(alone.most, [2.0, 0.5, np.inf, np.inf])
+    assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
+    assert dataclasses.replace(scenario, vehicles=(VEHICLE,), limits=rho.Limits()) != scenario
 
 
 def test_the_grid_of_the_paper(paper: rho.Scenario) -> None:

@@ -16,7 +16,7 @@ from tests.scenarios import box, scenarios, single
 @pytest.fixture(scope="module")
 def plan() -> rho.Plan:
     """A plan under limits of every kind, past an obstacle."""
-    limits = rho.Limits(box(30), box(3), box(2), box(2))
+    limits = rho.Limits(box(30), box(3), box(2), box(2), max_speed=2.5)
     return rho.plan_scp(single(limits=limits, obstacles=(rho.Sphere([5.0, 2.3, -1.0], 1.0),)))
 
 
@@ -32,6 +32,7 @@ def test_a_good_plan_passes_every_check(plan: rho.Plan) -> None:
         "velocity box",
         "acceleration box",
         "jerk box",
+        "maximum speed",
         "obstacle 1",
     }
 
@@ -193,7 +194,7 @@ def test_huge_numbers_are_judged_in_silence(plan: rho.Plan, huge: float) -> None
         vehicles=(*plan.scenario.vehicles, far),
         separation=rho.Separation(0.1),
         between_knots=True,
-        limits=rho.Limits(box(90), box(3), box(2), box(2)),
+        limits=rho.Limits(box(90), box(3), box(2), box(2), max_speed=3.0),
     )
     a = np.zeros((2, *plan.accelerations.shape[1:]))
     a[0, 3, 2], a[1, 5] = huge, [-huge, huge, 0.0]

@@ -110,6 +110,24 @@ def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
     return lines
 
 
+def draw_speeds(ax: Axes, plan: Plan) -> list[Line2D]:
+    """The norm of each vehicle's velocity over time, with the largest speeds."""
+    times = dense_times(plan)
+    exact = np.linalg.norm(plan.motion().at("velocity", times), axis=2)
+    knots = np.linalg.norm(plan.velocities, axis=2)
+    limits = map(plan.scenario.limits_of, plan.scenario.vehicles)
+    for most in {each.max_speed for each in limits if each.max_speed is not None}:
+        ax.axhline(most, **LIMIT_STYLE)
+    lines = [
+        _draw_curve(ax, plan, index, (times, exact[index]), (plan.times, knots[index]))
+        for index in range(len(exact))
+    ]
+    ax.set(xlabel="time [s]", ylabel=r"$\Vert v \Vert$ [m/s]", ylim=(0, None))
+    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    ax.grid(alpha=0.25, linewidth=0.5)
+    return lines
+
+
 def draw_accelerations(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
     """Acceleration components, constant in each step, with their bounds; one axes an axis."""
     lines = []

@@ -15,6 +15,7 @@ from drake_rho.display.curves import (
     draw_accelerations,
     draw_distances,
     draw_separation,
+    draw_speeds,
     draw_velocities,
 )
 from drake_rho.display.frame import frame_scene
@@ -103,8 +104,16 @@ def separation_figure(flown: Plan | Flight) -> Figure:
 
 
 def velocities_figure(flown: Plan | Flight) -> Figure:
-    """The components of the velocities over time, with their bounds."""
-    return _components(_plan(flown), draw_velocities, "velocity")
+    """The components of the velocities over time, with their bounds; speeds if they are limited."""
+    plan = _plan(flown)
+    if plan.scenario.fleet.max_speeds() is None:
+        return _components(plan, draw_velocities, "velocity")
+    figure = Figure(figsize=(_WIDTH, 7.2), layout="constrained")
+    *components, speeds = figure.subplots(4, sharex=True)
+    draw_velocities(components, plan)
+    components[-1].set_xlabel("")
+    draw_speeds(speeds, plan)
+    return _with_legend(figure, [*vehicle_handles(plan.scenario), _limit_handle()])
 
 
 def accelerations_figure(flown: Plan | Flight) -> Figure:

@@ -163,8 +163,8 @@ def _reduced_group(
     dense = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
     inside = np.stack([effort.goals.without(dense[:, :, axis]) for axis in range(3)], axis=2)
     stack = inside.reshape(1, len(needed), -1)
-    numbers = needed[None], penalties[None], slacks_of(rows)[None]
-    return _in_span(group[None], stack, *numbers, linear)
+    slacks = slacks_of(rows)[None]
+    return _in_span(group[None], stack, needed[None], penalties[None], slacks, linear)
 
 
 def slacks_of(rows: Sequence[HalfSpaces]) -> IntArray:
