@@ -419,3 +419,88 @@ def test_a_goal_gives_a_row_for_the_side_on_which_it_is_missed() -> None:
     reached = _flown(scenario, 0, 0.0)
     for goal in goals:
         assert len(goal.violated(reached, np.arange(3))) == 0
+
+
+def test_each_encounter_has_one_direction_all_along_where_that_is_asked_for() -> None:
+    """One that hovers is passed on its right on the way there, and on its left on the way back."""
+    there = single(start=rho.State([-5, 0.2, 0]), goal=rho.State([5, 0.2, 0]))
+    back = single(start=rho.State([5, 0.2, 0]), goal=rho.State([-5, -0.6, 0]))
+    legs = [rho.plan_convex(each).accelerations[0] for each in (there, back)]
+    ends = np.array([[0, 0, 0], [-5, 0.2, 0]])
+    goals = np.array([[0, 0, 0], [-5, -0.6, 0]])
+    asked = fleet(ends, goals, grid=rho.Grid(0.5, 33))
+    flown = np.stack([np.zeros((32, 3)), np.concatenate(legs)])
+    reference = rho.Plan.from_accelerations(asked, flown).motion()
+    pairs = pairs_of(asked, reference, coupled, penalty=1.0, aside=True)
+    places = pairs.places
+    close = np.linalg.norm(pairs.offsets(reference, places), axis=1) < 1.0
+    for passing, y in ((places.times < 8.0, -1.0), (places.times > 8.0, 1.0)):
+        directions = pairs.directions(places)[close & passing]
+        assert len(directions) > 1
+        np.testing.assert_array_equal(directions, np.tile(directions[0], (len(directions), 1)))
+        assert directions[0] @ [0.0, y, 0.0] > 0.98
+        way = pairs.ways(places)[close & passing]
+        assert np.abs(way @ directions[0]).max() < 0.1 * np.linalg.norm(way, axis=1).max()
+    plain = pairs_of(asked, reference, coupled, penalty=1.0).directions(places)
+    x = pairs.offsets(reference, places)
+    along = x / np.linalg.norm(x, axis=1)[:, None]
+    np.testing.assert_allclose(plain, along, atol=ROUNDING)
+    np.testing.assert_allclose(pairs.directions(places)[~close], along[~close], atol=ROUNDING)
+
+
+def test_rows_that_may_be_broken_ask_for_a_little_more_than_the_separation() -> None:
+    scenario = _three()
+    reference = _flown(scenario, 4, 0.2)
+    hard, soft = (
+        pairs_of(scenario, reference, coupled, penalty=penalty) for penalty in (np.inf, 1.0)
+    )
+    one, two = hard.rows(soft.places), soft.rows(soft.places)
+    np.testing.assert_allclose(two.bounds, 1.02 * one.bounds, rtol=ROUNDING)
+    np.testing.assert_allclose(two.normals, one.normals, rtol=ROUNDING)
+    assert soft.penalty == 1.0
+    assert np.isinf(hard.penalty)
+
+
+@pytest.mark.parametrize("coupling", [coupled, decoupled])
+def test_rows_are_renewed_around_another_reference_at_the_same_places(coupling: Coupling) -> None:
+    scenario = _three(between_knots=False)
+    old, new = (pairs_of(scenario, _flown(scenario, 4, size), coupling) for size in (0.2, 0.21))
+    rows = old.rows(old.places).select(slice(None, None, 2))
+    renewed = new.renewed(rows)
+    assert renewed.constraint is new
+    wanted = {
+        (i, j, round(t, 6))
+        for i, j, t in zip(rows.vehicles.tolist(), rows.partners.tolist(), rows.times, strict=True)
+    }
+    every = new.rows(new.places)
+    there = {
+        (i, j, round(t, 6))
+        for i, j, t in zip(
+            every.vehicles.tolist(), every.partners.tolist(), every.times, strict=True
+        )
+    }
+    found = {
+        (i, j, round(t, 6))
+        for i, j, t in zip(
+            renewed.vehicles.tolist(), renewed.partners.tolist(), renewed.times, strict=True
+        )
+    }
+    assert found == wanted & there
+    assert len(found) > 3
+
+
+def test_rows_in_words_are_the_constraint_its_axes_or_partners_and_its_times() -> None:
+    scenario = _three()
+    names = ["v0", "v1", "v2"]
+    _, velocity, *_ = boxes_of(scenario)
+    sides, times = np.array([0, 3, 2]), np.array([1.0, 2.5, 1.5])
+    rows = velocity.rows(np.zeros(3, dtype=int), sides, times)  # type: ignore[attr-defined]
+    assert velocity.describe(rows, names) == "velocity box x/z from 1 s to 2.5 s"
+    assert velocity.describe(rows.select(slice(1)), names) == "velocity box x at 1 s"
+    pairs = pairs_of(scenario, _flown(scenario, 4, 0.2), coupled)
+    every = pairs.rows(pairs.places)
+    own = every.select((every.vehicles == 0) & (every.partners == 2))
+    assert pairs.describe(own, names).startswith("separation from v2 ")
+    both = every.select(every.vehicles == 0)
+    partners = sorted({names[index] for index in both.partners})
+    assert pairs.describe(both, names).startswith(f"separation from {', '.join(partners)} ")

@@ -1,0 +1,147 @@
+"""The convex problem around one reference after the other."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.planning.keep_apart import coupled, decoupled, too_close
+from drake_rho.planning.minimum_violation import minimum_violation
+from drake_rho.planning.subproblem import Subproblem, plan_around
+from tests.scenarios import box, fleet, single, through_the_middle
+from tests.tolerances import INDEX, MOTION
+
+
+def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
+    asked = single(
+        start=rho.State([0, 0, 0], acceleration=[0, 0, 0]),
+        limits=rho.Limits(velocity=box(1.7), jerk=box(1.2)),
+        grid=rho.Grid(0.1, 81),
+        obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),),
+    )
+    reference = rho.plan_convex(asked)
+    warm = Subproblem(asked, coupled)
+    first, second = warm.around(reference), warm.around(reference)
+    cold = Subproblem(asked, coupled).around(reference)
+    largest = np.abs(cold.accelerations).max()
+    for each in (first, second):
+        np.testing.assert_allclose(each.accelerations, cold.accelerations, atol=MOTION * largest)
+    assert 1 <= second.statistics.programs < first.statistics.programs
+    assert second.statistics.rows <= first.statistics.rows
+    assert second.reference is not None
+    np.testing.assert_array_equal(second.reference.accelerations, reference.accelerations)
+
+
+def test_who_is_not_planned_flies_the_reference() -> None:
+    spheres = (rho.Sphere([5, 0.5, 0], 1.0), rho.Sphere([5, 10.5, 0], 1.0))
+    ends = np.array([[0, 0, 0], [0, 10, 0]])
+    asked = fleet(ends, ends + np.array([10, 0, 0]), obstacles=spheres).without_separation()
+    reference = rho.plan_convex(asked)
+    after = Subproblem(asked).around(reference, np.array([1]))
+    np.testing.assert_array_equal(after.accelerations[0], reference.accelerations[0])
+    both = Subproblem(asked).around(reference)
+    np.testing.assert_allclose(after.accelerations[1], both.accelerations[1], atol=1e-6)
+    assert not np.array_equal(both.accelerations[0], reference.accelerations[0])
+
+
+def test_vehicles_in_nobodys_way_fly_the_reference_while_others_are_brought_apart() -> None:
+    starts = np.array([[-5, 0, 0], [0, 30, 0], [5, 0, 0]])
+    asked = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
+    careless = rho.plan(asked.without_separation())
+    start = rho.Plan.from_accelerations(asked, careless.accelerations)
+    subproblem = Subproblem(asked, decoupled)
+    assert not subproblem.holds(start.motion())
+    after = subproblem.restored(start, 1e3, 0)
+    np.testing.assert_array_equal(after.accelerations[1], start.accelerations[1])
+    assert asked.separation is not None
+    gaps = [
+        too_close(asked.separation, plan.motion(), between=True).distances.min(initial=1.0)
+        for plan in (start, after)
+    ]
+    assert gaps[0] < 0.1 < gaps[1]
+
+
+def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -> None:
+    """Three in a row through one point: each at the time of its closest approach."""
+    starts = np.array([[-5, 0, 0], [5, 0, 0], [0.0, -5, 0]])
+    asked = fleet(starts, np.array([[5, 0, 0], [-5, 0, 0], [0.8, 5, 0]]))
+    careless = rho.plan(asked.without_separation())
+    error = Subproblem(asked).failure(careless.motion(), rho.Statistics(programs=7))
+    assert error is not None
+    times = np.linspace(0.0, 10.0, 100_001)
+    x = careless.motion().at("position", times)
+    moment = times[np.argmin(np.linalg.norm(x[0] - x[2], axis=1))]
+    reasons = "separation from v1 at 5 s", f"separation from v2 at {moment:.4g} s"
+    assert error.conflicts["v0"] == reasons
+    assert error.conflicts["v1"][0] == "separation from v0 at 5 s"
+    assert {reason.split(" at ")[0] for reason in error.conflicts["v2"]} == {
+        "separation from v0",
+        "separation from v1",
+    }
+    assert error.statistics.programs == 7
+    assert error.scenario == asked
+    assert error.about_linearisation
+    assert set(error.obstacles.values()) == {frozenset([0])}
+    assert Subproblem(asked).failure(rho.plan(asked).motion(), rho.Statistics()) is None
+
+
+def test_a_coupled_fleet_without_a_solution_says_the_reasons_of_each_vehicle() -> None:
+    asked = through_the_middle(2, grid=rho.Grid(5.0, 3))
+    careless = rho.plan(asked.without_separation())
+    with pytest.raises(rho.InfeasibleError) as caught:
+        Subproblem(asked, coupled).around(dataclasses.replace(careless, scenario=asked))
+    for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
+        assert f"separation from {partner} at 5 s" in caught.value.conflicts[vehicle]
+        assert caught.value.obstacles[vehicle] == frozenset([0])
+
+
+def test_a_fleet_iterates_together_where_it_keeps_apart_and_alone_elsewhere() -> None:
+    asked = through_the_middle(3)
+    assert len(set(Subproblem(asked).labels.tolist())) == 1
+    assert len(set(Subproblem(asked.without_separation()).labels.tolist())) == 3
+
+
+@pytest.mark.parametrize("wrong", ["vehicles", "knots", "step"])
+def test_a_reference_that_does_not_fit_is_refused(wrong: str) -> None:
+    asked = single(obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),))
+    others = {
+        "vehicles": through_the_middle(2, grid=asked.grid).without_separation(),
+        "knots": single(grid=rho.Grid(0.5, 18)),
+        "step": single(grid=rho.Grid(0.51, 17)),
+    }
+    reference = rho.plan_convex(others[wrong])
+    with pytest.raises(ValueError, match=r"reference: got . vehicles on .* expected 1 vehicles on"):
+        plan_around(asked, reference)
+
+
+def test_obstacles_that_are_in_the_way_are_numbered_as_in_the_scenario() -> None:
+    far, near = rho.Sphere([5.0, 30.0, 0.0], 1.0), rho.Sphere([5, 0.1, 0], 2.0)
+    walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5))
+    for spheres, number in (((far, near), 2), ((near, far), 1), ((far, far, near), 3)):
+        asked = single(goal=rho.State([10, 0, 0]), limits=walls, obstacles=spheres)
+        with pytest.raises(rho.InfeasibleError) as caught:
+            rho.plan_convex(asked)
+        assert caught.value.obstacles == {"solo": frozenset([number])}
+        assert any(f"obstacle {number} " in name for name in caught.value.conflicts["solo"])
+
+
+def test_the_plan_of_minimum_violation_minds_obstacles_and_accelerations() -> None:
+    """A corridor that a sphere fills: what is broken is shared out, strength is kept."""
+    walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5))
+    asked = single(
+        goal=rho.State([10, 0, 0]), limits=walls, obstacles=(rho.Sphere([5, 0.1, 0], 2),)
+    )
+    plan = minimum_violation(asked)
+    assert np.abs(plan.accelerations).max() <= 5.0 * (1 + INDEX)
+    free = minimum_violation(asked.without_obstacles())
+    assert rho.verify(free).ok
+    depth = [
+        2.0 - np.linalg.norm(each.positions[0] - [5, 0.1, 0], axis=1).min() for each in (plan, free)
+    ]
+    assert depth[0] < depth[1] - 0.1
+    violations = rho.verify(plan).violations
+    assert violations
+    assert "acceleration box" not in {each.constraint for each in violations}
