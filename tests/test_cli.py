@@ -167,7 +167,7 @@ def test_what_cannot_be_kept_or_shown_is_refused_before_anything_is_planned(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("planned before all was known to be good")
 
-    for name in ("plan_convex", "plan_scp", "run_study"):
+    for name in ("plan_convex", "best_plan", "run_study"):
         monkeypatch.setattr(f"drake_rho.cli.commands.{name}", never)
     monkeypatch.chdir(tmp_path)
     Path("folder.npz").mkdir()
