@@ -270,3 +270,12 @@ def test_without_weights_of_a_solver_all_rows_are_named(monkeypatch: pytest.Monk
     (name,) = [name for name in caught.value.conflicts["solo"] if "box" in name]
     assert name.startswith("velocity box x")
     assert weighed.value.conflicts["solo"][0] == "goal x"
+
+
+def test_a_limit_that_binds_on_another_axis_is_not_named_in_the_subset() -> None:
+    """Too slow along x; along y it is slowed down too, and gets there."""
+    slow = rho.Limits(velocity=rho.Box([-1.2, -0.6, -9.0], [1.2, 0.6, 9.0]))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(single(limits=slow))
+    (names,) = rho.infeasible_subset(caught.value).values()
+    assert names == ("goal x", "velocity box x from 0.5 s to 7.5 s")
