@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning import solve
+from drake_rho.planning import best, solve
 from drake_rho.planning.keep_apart import Coupling
 from drake_rho.planning.subproblem import Subproblem, coupling_for
 from tests.scenarios import box, fleet, single, through_the_middle
@@ -257,3 +257,20 @@ def test_statistics_count_every_step_on_the_way() -> None:
     assert plan.statistics.programs > caught.value.statistics.programs + 2
     assert plan.statistics.solver == "Clarabel"
     assert plan.statistics.seconds > 0.0
+
+
+def test_where_the_solvers_fail_ways_round_are_tried_if_there_is_an_obstacle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = single(obstacles=(BESIDE,))
+    known = rho.plan(asked)
+
+    def failing(*args: object, **options: object) -> rho.Plan:
+        raise rho.SolverError("numerically")
+
+    monkeypatch.setattr(best, "plan_convex", failing)
+    plan = rho.plan(asked)
+    assert rho.verify(plan).ok
+    assert plan.cost == pytest.approx(known.cost, rel=INDEX)
+    with pytest.raises(rho.SolverError, match="numerically"):
+        rho.plan(asked.without_obstacles())

@@ -395,9 +395,10 @@ def test_a_side_is_a_unit_vector_across_the_way_on_the_side_of_the_offset(seed: 
         np.testing.assert_array_equal(head_on, across(along / (np.linalg.norm(along) or 1.0)))
 
 
-def test_a_goal_gives_a_row_for_the_side_on_which_it_is_missed() -> None:
+@pytest.mark.parametrize("size", [1e-3, 1.0])
+def test_a_goal_gives_a_row_for_the_side_on_which_it_is_missed(size: float) -> None:
     scenario = _three()
-    motion = _flown(scenario, 8)
+    motion = _flown(scenario, 8, size)
     goals = goals_of(scenario, first=9)
     assert sorted(each.number for each in goals) == list(range(9, 15))
     for axis in range(3):

@@ -13,6 +13,9 @@ from scipy.optimize import linprog
 
 import drake_rho as rho
 from drake_rho.planning import solve
+from drake_rho.planning.half_spaces import HalfSpaces
+from drake_rho.planning.working_set import WorkingSet
+from drake_rho.scenario.fields import FloatArray
 from tests.scenarios import box, scenarios, single
 
 
@@ -260,3 +263,29 @@ def test_two_solvers_that_fail_are_an_error(
 def test_a_solver_that_is_not_here_is_refused(paper: rho.Scenario) -> None:
     with pytest.raises(ValueError, match="solver: got Gurobi"):
         rho.plan_convex(paper, solver=GurobiSolver())
+
+
+def test_without_weights_of_a_solver_all_rows_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    multipliers = WorkingSet.multipliers
+
+    def none(self: WorkingSet, vehicle: int) -> list[tuple[HalfSpaces, FloatArray]]:
+        return [(rows, 0.0 * y) for rows, y in multipliers(self, vehicle)]
+
+    scenario = single(limits=rho.Limits(velocity=box(1.2)))
+    with pytest.raises(rho.InfeasibleError) as weighed:
+        rho.plan_convex(scenario)
+    monkeypatch.setattr(WorkingSet, "multipliers", none)
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(scenario)
+    (name,) = [name for name in caught.value.conflicts["solo"] if "box" in name]
+    assert name.startswith("velocity box x")
+    assert weighed.value.conflicts["solo"][0] == "goal x"
+
+
+def test_a_limit_that_binds_on_another_axis_is_not_named_in_the_subset() -> None:
+    """Too slow along x; along y it is slowed down too, and gets there."""
+    slow = rho.Limits(velocity=rho.Box([-1.2, -0.6, -9.0], [1.2, 0.6, 9.0]))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan_convex(single(limits=slow))
+    (names,) = rho.infeasible_subset(caught.value).values()
+    assert names == ("goal x", "velocity box x from 0.5 s to 7.5 s")

@@ -241,3 +241,9 @@ def test_penalties_of_a_restoration_triple_from_what_it_costs_to_move_aside() ->
     # a plan's cost for each vehicle, and that of a metre aside and back at 4 d / T² all along
     known = careless.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
     assert penalties[0] == pytest.approx(known)
+
+
+def test_vehicles_that_cost_nothing_have_converged(two: rho.Scenario) -> None:
+    subproblem = Scripted(two, [[0.0, 0.0]])
+    assert iterate(subproblem, flown(two, [0.0, 0.0]), 1e-6).statistics.converged
+    assert len(subproblem.planned) == 1

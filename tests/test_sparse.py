@@ -11,7 +11,7 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.half_spaces import HalfSpaces
 from drake_rho.planning.keep_apart import coupled, pairs_of
-from drake_rho.planning.keep_in import boxes_of
+from drake_rho.planning.keep_in import KeepInBox, boxes_of
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import rows_of
@@ -120,3 +120,32 @@ def test_dense_rows_have_length_one_and_are_the_margins(scenario: rho.Scenario) 
     # a row that is broken by one is worth its penalty: margins are rows times penalties over it
     found = (matrix @ u - needed) * penalties / worth
     np.testing.assert_allclose(found * unit**2, margins, atol=1e-8 * np.abs(margins).max())
+
+
+@pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration", "jerk"])
+def test_sparse_rows_hold_at_any_time_from_the_first_step_to_the_last(
+    scenario: rho.Scenario, quantity: str
+) -> None:
+    (constraint,) = [each for each in boxes_of(scenario) if each.quantity == quantity]
+    assert isinstance(constraint, KeepInBox)
+    h, steps = scenario.grid.step, scenario.grid.knots - 1
+    times = h * np.array([0.3, 0.5, 1.0, 1.5, 7.25, steps - 0.25, steps])
+    if quantity in ("acceleration", "jerk"):  # in the steps, and of a jerk not in the first
+        times = times[2:-1]
+    every = [np.repeat(each, 6 * len(times)) for each in GROUP]
+    sides = np.tile(np.repeat(np.arange(6), len(times)), len(GROUP))
+    rows = constraint.rows(np.concatenate(every), sides, np.tile(times, 6 * len(GROUP)))
+    effort, motion = MinimumEffort.of(scenario), _flown(scenario, 5, 1.0)
+    sparse = SparseRows(effort, GROUP, [rows])
+    unit = effort.units[GROUP].max()
+    moved = [
+        (getattr(motion, kind) - getattr(effort.motion, kind))[GROUP] / unit
+        for kind in ("accelerations", "velocities", "positions")
+    ]
+    blocks = [moved[0], moved[1][:, 1:] / h, moved[2][:, 1:] / h**2]
+    x = np.concatenate([each.reshape(-1) for each in blocks])[: sparse.columns]
+    matrix, needed, _, _ = sparse.matrix()
+    worth = {"position": h**2, "velocity": h, "acceleration": 1.0, "jerk": 1.0 / h}[quantity]
+    margins = rows.margins(motion)
+    found = (matrix @ x - needed) * unit * worth
+    np.testing.assert_allclose(found, margins, atol=1e-8 * np.abs(margins).max())

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.keep_apart import coupled, decoupled, too_close
+from drake_rho.planning import subproblem as module
+from drake_rho.planning.keep_apart import KeepApart, coupled, decoupled, pairs_of, too_close
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.subproblem import Subproblem, plan_around
 from tests.scenarios import box, fleet, single, through_the_middle
@@ -145,3 +147,23 @@ def test_the_plan_of_minimum_violation_minds_obstacles_and_accelerations() -> No
     violations = rho.verify(plan).violations
     assert violations
     assert "acceleration box" not in {each.constraint for each in violations}
+
+
+def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones_look_longer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = through_the_middle(2)
+    careless = rho.plan(asked.without_separation())
+    start = rho.Plan.from_accelerations(asked, careless.accelerations)
+    made: list[KeepApart] = []
+
+    def noted(*args: Any, **options: Any) -> KeepApart:
+        made.append(pairs_of(*args, **options))
+        return made[-1]
+
+    monkeypatch.setattr(module, "pairs_of", noted)
+    for number in range(4):
+        Subproblem(asked, decoupled).restored(start, 7.0, number)
+    assert [each.aside for each in made] == [True, False, False, False]
+    assert [each.rounds for each in made] == [1, 1, 2, 2]
+    assert {each.penalty for each in made} == {7.0}

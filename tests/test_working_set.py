@@ -181,6 +181,7 @@ def test_a_curved_set_may_have_several_normals_at_one_instant() -> None:
     working.add(rows(curved, normals=[[1.0, 0.0, 0.0]], bounds=[-1.0]))
     assert working.known(first, motion).all()
     (kept,) = working.rows.values()
+    assert kept.sides.min() >= 0
     assert len(set(Keys(CONSTRAINTS, COUNT, GRID).of(kept).tolist())) == 2
 
 
