@@ -55,7 +55,7 @@ def test_vehicles_in_nobodys_way_fly_the_reference_while_others_are_brought_apar
     careless = rho.plan(asked.without_separation())
     start = rho.Plan.from_accelerations(asked, careless.accelerations)
     subproblem = Subproblem(asked, decoupled)
-    assert not subproblem.holds(start.motion())
+    assert not subproblem.holds(start)
     after = subproblem.restored(start, 1e3, 0)
     np.testing.assert_array_equal(after.accelerations[1], start.accelerations[1])
     assert asked.separation is not None
@@ -71,7 +71,7 @@ def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -
     starts = np.array([[-5, 0, 0], [5, 0, 0], [0.0, -5, 0]])
     asked = fleet(starts, np.array([[5, 0, 0], [-5, 0, 0], [0.8, 5, 0]]))
     careless = rho.plan(asked.without_separation())
-    error = Subproblem(asked).failure(careless.motion(), rho.Statistics(programs=7))
+    error = Subproblem(asked).failure(careless, rho.Statistics(programs=7))
     assert error is not None
     times = np.linspace(0.0, 10.0, 100_001)
     x = careless.motion().at("position", times)
@@ -87,7 +87,7 @@ def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -
     assert error.scenario == asked
     assert error.about_linearisation
     assert set(error.obstacles.values()) == {frozenset([0])}
-    assert Subproblem(asked).failure(rho.plan(asked).motion(), rho.Statistics()) is None
+    assert Subproblem(asked).failure(rho.plan(asked), rho.Statistics()) is None
 
 
 def test_a_coupled_fleet_without_a_solution_says_the_reasons_of_each_vehicle() -> None:

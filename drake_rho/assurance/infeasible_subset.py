@@ -88,5 +88,8 @@ def _contradiction(planes: CuttingPlanes, vehicle: int) -> dict[str, HalfSpaces]
     if not any(np.any(rows.margins(planes.motion) < -rows.tolerances) for rows, _ in parts):
         return {}
     largest = max(float(np.max(y)) for _, y in parts)
-    weighed = {rows.constraint.name: rows.select(y > _NO_PART * largest) for rows, y in parts}
-    return {name: rows for name, rows in weighed.items() if len(rows) > 0}
+    weighed: dict[str, HalfSpaces] = {}
+    for rows, y in parts:  # position and velocity of an axis of the goal share a name
+        if np.any(taking_part := y > _NO_PART * largest):
+            weighed.setdefault(rows.constraint.name, rows.select(taking_part))
+    return weighed

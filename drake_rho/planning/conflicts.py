@@ -16,8 +16,8 @@ from drake_rho.planning.program import rows_of
 from drake_rho.planning.working_set import WorkingSet
 from drake_rho.scenario.fields import FloatArray, IntArray
 
-_NO_PART = 1e-6
-"""Weights below this part of the largest one count as zero."""
+_NO_PART = 1e-4
+"""Weights below this part of the largest one count as zero: they are known to some 1e-5 of it."""
 
 
 def conflict_of(
