@@ -16,8 +16,8 @@ from drake_rho.scenario.parts import Grid
 _TOUCHING = 100.0
 """Tolerances within which a row counts as active."""
 
-_CUTS = 256
-"""Bound on the sides of a box, and on the normals that a curved set may have at one instant."""
+_SIDES = 256
+"""Bound on the sides of a box."""
 
 _AS_MUCH = 0.01
 """Relative difference up to which a cut is broken as much as another at the same instant."""
@@ -28,7 +28,7 @@ _FINEST = 2**20
 
 @dataclasses.dataclass(frozen=True)
 class Keys:
-    """How a row is packed into an integer: constraint, vehicle, partner, side or cut, time."""
+    """How a row is packed into an integer: constraint, vehicle, partner, side, time."""
 
     constraints: int
     """bound on the constraints' numbers"""
@@ -39,11 +39,11 @@ class Keys:
 
     def of(self, rows: HalfSpaces) -> IntArray:
         """One number for each row, shape (R,); rows that are the same have the same."""
-        radix = self.constraints * self.vehicles**2 * _CUTS
+        radix = self.constraints * self.vehicles**2 * _SIDES
         parts = min(_FINEST, 2**62 // (radix * self.grid.knots))
         instants = np.rint(rows.times * (parts / self.grid.step)).astype(np.int64)
         keys: IntArray = rows.vehicles * self.vehicles + rows.partners
-        keys = (keys * _CUTS + rows.sides) * self.constraints + rows.constraint.number
+        keys = (keys * _SIDES + rows.sides) * self.constraints + rows.constraint.number
         return keys * (parts * self.grid.knots) + instants
 
 
@@ -75,14 +75,14 @@ class WorkingSet:
         """
         if rows.constraint.number not in self.rows:
             return np.zeros(len(rows), dtype=bool)
-        keys = self._keys.of(rows)
         if rows.constraint.curved:
-            return self._known_cuts(rows, keys, motion)
+            return self._known_cuts(rows, motion)
+        keys = self._keys.of(rows)
         place = np.minimum(np.searchsorted(self._known, keys), len(self._known) - 1)
         known: BoolArray = self._known[place] == keys
         return known
 
-    def _known_cuts(self, rows: HalfSpaces, keys: IntArray, motion: Motion) -> BoolArray:
+    def _known_cuts(self, rows: HalfSpaces, motion: Motion) -> BoolArray:
         """`known` for a curved set, of which each new normal is another cut.
 
         A cut is known where one at the same instant is broken as much, to `_AS_MUCH`. What keeps to
@@ -90,7 +90,10 @@ class WorkingSet:
         may be broken, until its cuts tell by how much it is.
         """
         old = self.rows[rows.constraint.number]
-        theirs = self._keys.of(dataclasses.replace(old, sides=np.zeros(len(old), dtype=int)))
+        keys, theirs = (
+            self._keys.of(dataclasses.replace(part, sides=np.zeros(len(part), dtype=int)))
+            for part in (rows, old)
+        )
         order = np.lexsort((old.margins(motion), theirs))  # of each instant the worst first
         place = np.searchsorted(theirs[order], keys)
         worst = order[np.minimum(place, len(old) - 1)]
@@ -130,8 +133,9 @@ class WorkingSet:
             self.rows[number] = self.rows[number].and_also(rows)
         else:
             self.rows[number] = rows
-        keys = np.concatenate([self._known, np.sort(self._keys.of(rows))])
-        self._known = np.sort(keys, kind="stable")  # two sorted runs: merged
+        if not rows.constraint.curved:  # whose cuts are compared by what they say
+            keys = np.concatenate([self._known, np.sort(self._keys.of(rows))])
+            self._known = np.sort(keys, kind="stable")  # two sorted runs: merged
 
     def of(self, vehicles: IntArray, count: int) -> list[HalfSpaces]:
         """The rows of some of `count` vehicles, constraint by constraint."""

@@ -14,14 +14,20 @@ import numpy.typing as npt
 from pydantic import model_validator
 
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import FloatArray, Positive, Vector, record
+from drake_rho.scenario.fields import LARGEST, FloatArray, Positive, Vector, record
 
 TOLERANCE = 1e-6
 """Relative tolerance to which a constraint counts as held, everywhere in the package: of a
 shape's size, of the length scale of a vehicle's motion, of a box's side if that is less."""
 
-_BISECTIONS = 100
-"""Halvings of the bracket of a root: past the last digit of a double."""
+_BISECTIONS = 64
+"""Halvings of the bracket of a root's logarithm: past the last digit of a double."""
+
+_NOTHING = 1e-30
+"""Part of a shape's extent that no coordinate of a position in double precision can tell."""
+
+_THINNEST = 1e-3 / LARGEST
+"""Least semi-axis of an ellipsoid [m]: that of the closest separation with the least downwash."""
 
 
 class Shape(abc.ABC):
@@ -47,7 +53,7 @@ class Shape(abc.ABC):
     def outward(self, x: FloatArray) -> FloatArray:
         """Unit vectors from the nearest point of the set to x, shape (..., 3).
 
-        Inside, towards the nearest point of the surface; NaN where there is no nearest one.
+        Inside, towards the nearest point of the surface, or one of several that are as near.
         """
 
 
@@ -111,8 +117,9 @@ class Sphere(Quadric):
         return distance
 
     def outward(self, x: FloatArray) -> FloatArray:
-        """The direction of x from the centre."""
-        return self.scaled_normal(x)
+        """The direction of x from the centre; at the centre, that of the x axis."""
+        normals = self.scaled_normal(x)
+        return np.where(np.isnan(normals), np.array([1.0, 0.0, 0.0]), normals)
 
 
 @record
@@ -130,8 +137,9 @@ class Ellipsoid(Quadric):
 
     @model_validator(mode="after")
     def _has_extent(self) -> Ellipsoid:
-        if not np.all(self.semi_axes > 0.0):
-            raise ScenarioError("semi_axes", self.semi_axes.tolist(), "three numbers above 0")
+        if not np.all(self.semi_axes >= _THINNEST):
+            expected = f"three numbers above 0, of at least {_THINNEST:g}"
+            raise ScenarioError("semi_axes", self.semi_axes.tolist(), expected)
         return self
 
     @property
@@ -162,23 +170,52 @@ class Ellipsoid(Quadric):
         return normals
 
     def _nearest(self, x: FloatArray) -> FloatArray:
-        """The points of the surface nearest to x, shape (..., 3).
+        """The points y of the surface nearest to x, shape (..., 3).
 
-        They are y = a² x / (a² + t), where norm(y / a) = 1: t lies above minus the least a² and
-        the norm falls with t, so bisection finds it. Where x has no component along the shortest
-        axis and lies deep inside, t stays at its end and that component is what is missing.
+        With m the shortest semi-axis they are y = a² x / (a² - m² + s), where s >= 0 and
+        norm(y / a) = 1. That norm falls with s, so bisection finds it, in its logarithm, since
+        near the plane through the centre across the shortest axis s is as small as the distance
+        from it. Deep inside, on that plane, s is zero, and y lies above or below x.
+        """
+        a = self.semi_axes
+        shortest = a == a.min()
+        above = np.linalg.norm(x * shortest, axis=-1)  # the plane across the shortest axis
+        high = np.maximum(np.linalg.norm(a * x, axis=-1), _NOTHING * a.min() ** 2)
+        low = np.maximum(a.min() * above, _NOTHING * high)
+        deep = self._length(x, low) < 1.0
+        deep &= a.min() * above < low
+        for _ in range(_BISECTIONS):
+            s = np.sqrt(low * high)
+            far = self._length(x, s) > 1.0
+            low, high = np.where(far, s, low), np.where(far, high, s)
+        y: FloatArray = a**2 * x / (self._differences + high[..., None])
+        y[deep] = self._above(x[deep])
+        return y
+
+    @property
+    def _differences(self) -> FloatArray:
+        """a² - m², shape (3,)."""
+        a = self.semi_axes
+        differences: FloatArray = (a - a.min()) * (a + a.min())
+        return differences
+
+    def _length(self, x: FloatArray, s: FloatArray) -> FloatArray:
+        """norm(y / a), shape (...)."""
+        length: FloatArray = np.linalg.norm(
+            self.semi_axes * x / (self._differences + s[..., None]), axis=-1
+        )
+        return length
+
+    def _above(self, x: FloatArray) -> FloatArray:
+        """The points nearest to x, shape (D, 3), deep inside on the plane across the shortest axis.
+
+        Two are equally near: that on the side of x, or else that on the positive side.
         """
         a = self.semi_axes
         least = np.argmin(a)
-        low = np.full(x.shape[:-1], -(a[least] ** 2))
-        high = a.max() * np.linalg.norm(x, axis=-1)  # where the norm is at most one
-        for _ in range(_BISECTIONS):
-            t = (low + high) / 2.0
-            with np.errstate(divide="ignore", invalid="ignore"):
-                far = np.nansum((a * x / (a**2 + t[..., None])) ** 2, axis=-1) > 1.0
-            low, high = np.where(far, t, low), np.where(far, high, t)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            y: FloatArray = np.nan_to_num(a**2 * x / (a**2 + high[..., None]))
-        missing = np.sqrt(np.maximum(0.0, 1.0 - np.sum((y / a) ** 2, axis=-1)))
-        y[..., least] += np.where(x[..., least] < 0.0, -1.0, 1.0) * a[least] * missing
+        longer = a > a[least]
+        y = np.zeros_like(x)
+        y[:, longer] = a[longer] ** 2 * x[:, longer] / self._differences[longer]
+        rest = 1.0 - np.sum((y / a) ** 2, axis=-1)
+        y[:, least] = np.copysign(a[least] * np.sqrt(np.maximum(0.0, rest)), x[:, least])
         return y
