@@ -87,6 +87,8 @@ def dips(motion: Motion, center: FloatArray, radius: float) -> Dips:
     reach = np.linalg.norm(p, axis=-1)
     reach -= h * (np.linalg.norm(v, axis=-1) + h / 2 * np.linalg.norm(a, axis=-1))
     vehicles, steps = np.nonzero(reach < radius)
+    if len(steps) == 0:
+        return Dips(vehicles, np.zeros(0), np.zeros(0))
     p, v, a = p[vehicles, steps], v[vehicles, steps], a[vehicles, steps]
     s = nearest_moments(p, v, a, h)[:, None]
     distances = np.linalg.norm(p + s * (v + s / 2 * a), axis=-1)
