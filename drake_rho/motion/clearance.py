@@ -143,6 +143,8 @@ def _closest_below(
 ) -> CloseApproaches:
     """Of relative motions in some steps the closest approaches that are below a distance."""
     p, v, a = relative
+    if len(k) == 0:
+        return CloseApproaches(one, other, np.zeros(0), np.zeros(0))
     s = nearest_moments(p, v, a, step)[:, None]
     distances = np.linalg.norm(p + s * (v + s / 2 * a), axis=1)
     return CloseApproaches(one, other, step * k + s[:, 0], distances).select(distances < within)

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.planning.errors import Names
+from drake_rho.planning.half_spaces import HalfSpaces
 from drake_rho.planning.keep_out import FIRST
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.program import rows_of
 from drake_rho.planning.working_set import WorkingSet
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray
 
 _NO_PART = 1e-4
 """Weights below this part of the largest one count as zero: they are known to some 1e-5 of it."""
@@ -35,8 +35,7 @@ def conflict_of(
     """
     if effort.unreachable[vehicle]:
         return "goal position", "goal velocity", "a single step"
-    group, told = working.group(vehicle), list[str]()
-    parts = working.multipliers(vehicle)
+    parts, told = working.multipliers(vehicle), list[str]()
     largest = max((float(np.max(y)) for _, y in parts), default=0.0)
     weighted = [
         (rows, np.where(y > _NO_PART * largest, y, 0.0) if largest > 0.0 else np.ones(len(y)))
@@ -46,15 +45,29 @@ def conflict_of(
         own = rows.select((y > 0.0) & (rows.vehicles == vehicle))
         if len(own) > 0:
             told.append(rows.constraint.describe(own, names))
-    matrix, _, _ = rows_of(effort, group, [rows for rows, _ in weighted])
-    pull = matrix.T @ np.concatenate([y for _, y in weighted])
-    return (*_axes(effort, group, vehicle, pull), *told)
+    pull = np.zeros((effort.grid.knots - 1, 3))
+    for rows, y in weighted:
+        pull += _pull(effort, vehicle, rows, y)
+    return (*_axes(effort, pull), *told)
 
 
-def _axes(effort: MinimumEffort, group: IntArray, vehicle: int, pull: FloatArray) -> list[str]:
+def _pull(effort: MinimumEffort, vehicle: int, rows: HalfSpaces, y: FloatArray) -> FloatArray:
+    """M' y of one vehicle's accelerations, from rows of length one, shape (K-1, 3)."""
+    signs = (rows.vehicles == vehicle).astype(float)
+    if rows.constraint.coupled:
+        signs -= rows.partners == vehicle
+    weights = signs * y
+    own = rows.select(weights != 0.0)
+    responses = own.responses(effort.grid)
+    weights = weights[weights != 0.0] / np.linalg.norm(responses, axis=1)
+    weights /= np.sqrt(2.0) if rows.constraint.coupled else 1.0
+    pull: FloatArray = responses.T @ (weights[:, None] * own.normals)
+    return pull
+
+
+def _axes(effort: MinimumEffort, pull: FloatArray) -> list[str]:
     """The axes of the goal that M' y needs to vanish."""
-    own = pull.reshape(len(group), -1, 3)[group.tolist().index(vehicle)]
-    sizes = np.linalg.norm(effort.goals.rows @ own, axis=0)
+    sizes = np.linalg.norm(effort.goals.rows @ pull, axis=0)
     least = _NO_PART * np.abs(pull).max()
     return [f"goal {axis}" for axis, size in zip("xyz", sizes, strict=True) if size > least]
 
