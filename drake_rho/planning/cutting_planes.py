@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from itertools import chain
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram, SolverInterface
@@ -139,8 +138,9 @@ class CuttingPlanes:
         self._constraints += more
         look, number, searches = more, 0, 0  # what is kept already needs no look at first
         moved, broken = self._mask(self._planned), self._add_violated(look, self._planned, 0)
-        broken |= self._add([self._of_planned(rows) for rows in warm])
-        self._lost = []  # nothing was solved yet
+        if len(warm) > 0:
+            broken |= self._add([self._of_planned(rows) for rows in warm])
+            self._lost = []  # nothing was solved yet
         for _ in range(MAX_ROUNDS):
             if not np.any(broken):
                 if infeasible and self._scenario.separation is not None:
@@ -178,17 +178,19 @@ class CuttingPlanes:
         for constraint in look if len(vehicles) > 0 else ():
             if number < (constraint.searches if between else constraint.rounds):
                 rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
-                worst = rows if reach > 0 else rows.worst(self.motion, _PIECES * 2**number)
-                found.append(self._of_planned(worst))
+                if len(rows) > 0:
+                    worst = rows if reach > 0 else rows.worst(self.motion, _PIECES * 2**number)
+                    found.append(self._of_planned(worst))
         return self._add(found)
 
     def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
         """Put rows in; say whose are new, or were in and are not kept."""
-        entered = [self.working.enter(part, self.motion) for part in rows if len(part) > 0]
-        self._lost = [lost for _, lost in entered if len(lost) > 0]
-        about = self._mask(self._planned[:0])
-        for part in chain(self._lost, (new for new, _ in entered)):
-            about[part.vehicles] = True
+        about, self._lost = self._mask(self._planned[:0]), []
+        for part in rows:
+            new, lost = self.working.enter(part, self.motion)
+            about[new.vehicles] = about[lost.vehicles] = True
+            if len(lost) > 0:
+                self._lost.append(lost)
         return about
 
     def _of_planned(self, rows: HalfSpaces) -> HalfSpaces:

@@ -169,6 +169,8 @@ def _reduced_group(
 
 def slacks_of(rows: Sequence[HalfSpaces]) -> IntArray:
     """The slack of each of some half-spaces, constraint by constraint, as numbers, shape (R,)."""
+    if all(np.isinf(part.constraint.penalty) for part in rows):
+        return np.zeros(sum(map(len, rows)), dtype=int)  # there are none
     first = np.cumsum([0, *map(len, rows)])[:-1]
     return np.concatenate([n + part.slacks() for n, part in zip(first, rows, strict=True)])
 

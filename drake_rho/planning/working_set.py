@@ -60,6 +60,7 @@ class WorkingSet:
     def __init__(self, keys: Keys) -> None:
         self.rows: dict[int, HalfSpaces] = {}
         self._keys, self._known, self._cuts = keys, np.zeros(0, dtype=np.int64), 0
+        self._not_indexed: list[HalfSpaces] = []
         self._solved: dict[int, tuple[Batch, int, Solution]] = {}
 
     def __len__(self) -> int:
@@ -78,6 +79,7 @@ class WorkingSet:
         if rows.constraint.curved:
             return self._known_cuts(rows, motion)
         keys = self._keys.of(rows)
+        self._index()
         place = np.minimum(np.searchsorted(self._known, keys), len(self._known) - 1)
         known: BoolArray = self._known[place] == keys
         return known
@@ -134,8 +136,14 @@ class WorkingSet:
         else:
             self.rows[number] = rows
         if not rows.constraint.curved:  # whose cuts are compared by what they say
-            keys = np.concatenate([self._known, np.sort(self._keys.of(rows))])
-            self._known = np.sort(keys, kind="stable")  # two sorted runs: merged
+            self._not_indexed.append(rows)
+
+    def _index(self) -> None:
+        """Sort in the keys of what was added since the last look: many programs need none."""
+        if self._not_indexed:
+            new = np.sort(np.concatenate([self._keys.of(rows) for rows in self._not_indexed]))
+            self._known = np.sort(np.concatenate([self._known, new]), kind="stable")
+            self._not_indexed = []
 
     def of(self, vehicles: IntArray, count: int) -> list[HalfSpaces]:
         """The rows of some of `count` vehicles, constraint by constraint."""
