@@ -20,7 +20,7 @@ err = Console(stderr=True)
 
 
 def say(text: str, console: Console = out) -> None:
-    """As it is, on a console of any width: names are no markup, and a table is not folded."""
+    """Print text unchanged on a console of any width: no markup in names, no folded tables."""
     console.file.write(f"{text}\n")
     console.file.flush()
 

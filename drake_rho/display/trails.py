@@ -39,7 +39,7 @@ def record_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> Non
 
 
 def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> None:
-    """The same as lines, those of one colour together in one object: few, however many fly."""
+    """Trails as lines, all of one colour in one object: few objects, however many vehicles fly."""
     colours = palette(len(plan.positions))
     for first, last in _pieces(plan, len(colours)):
         paths = _paths(plan, first, last, 1)

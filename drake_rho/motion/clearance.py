@@ -141,7 +141,7 @@ def _closest_below(
     k: IntArray,
     *relative: FloatArray,
 ) -> CloseApproaches:
-    """Of relative motions in some steps the closest approaches that are below a distance."""
+    """The closest approaches below a distance among relative motions in some steps."""
     p, v, a = relative
     if len(k) == 0:
         return CloseApproaches(one, other, np.zeros(0), np.zeros(0))
@@ -212,7 +212,7 @@ def _quadratic_roots(
 def _rising_root(
     coefficients: tuple[FloatArray, ...], low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Where the cubic goes from below to above zero between `low` and `high`, else `low`."""
+    """The point between `low` and `high` where a cubic rises through zero, else `low`."""
     c0, c1, c2, c3 = coefficients
     rises = (c0 + low * (c1 + low * (c2 + low * c3)) < 0) & (
         c0 + high * (c1 + high * (c2 + high * c3)) > 0
@@ -238,7 +238,7 @@ def _rising_root(
 
 
 def turning_points(motion: Motion) -> tuple[FloatArray, FloatArray]:
-    """Where each coordinate turns round inside a step: its extremes between the knots.
+    """The extremes of each coordinate between the knots, where it turns round inside a step.
 
     Args:
         motion: of one vehicle or several.

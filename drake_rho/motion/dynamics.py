@@ -85,7 +85,7 @@ class Motion:
         return Motion(self.step, p, v, accelerations, self.before)
 
     def with_some(self, vehicles: IntArray, accelerations: FloatArray) -> Motion:
-        """The same motions, but for some vehicles that fly other accelerations."""
+        """Motions in which some of the vehicles fly other accelerations."""
         if len(vehicles) == len(self.accelerations):
             return self.with_accelerations(accelerations)
         start = self.positions[vehicles, 0], self.velocities[vehicles, 0]
@@ -124,7 +124,7 @@ class Motion:
         return self._at(quantity, times, lambda array, k: array[..., k, :])
 
     def each_at(self, quantity: Quantity, vehicles: IntArray, times: FloatArray) -> FloatArray:
-        """The same of one vehicle at each time: arrays of shape (M,) give values (M, 3)."""
+        """`at` for one vehicle at each time: arrays of shape (M,) give values (M, 3)."""
         return self._at(quantity, times, lambda array, k: array[vehicles, k])
 
     def _at(
@@ -205,7 +205,7 @@ def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) 
 
 
 def sparse_response(quantity: Quantity, step: float, knots: int, times: FloatArray) -> csr_array:
-    """The same as a sparse array: those of acceleration and jerk have one or two entries a row."""
+    """`response` as a sparse array: rows of acceleration and jerk have one or two entries."""
     from scipy.sparse import csr_array  # slow to load, so only where needed
 
     if quantity not in ("acceleration", "jerk"):

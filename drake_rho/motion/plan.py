@@ -109,13 +109,13 @@ class Plan:
         return cls(scenario, positions, velocities, accelerations, statistics or Statistics())
 
     def with_statistics(self, statistics: Statistics) -> Plan:
-        """The same plan with another account of what it took."""
+        """This plan with another account of what it took."""
         plan = copy(self)
         object.__setattr__(plan, "statistics", statistics)
         return plan
 
     def found_around(self, reference: Plan) -> Plan:
-        """The same plan with its reference, of which only the motion is kept."""
+        """This plan with its reference, of which only the motion is kept."""
         plan, motion = copy(self), copy(reference)
         object.__setattr__(motion, "reference", None)
         object.__setattr__(motion, "statistics", Statistics())

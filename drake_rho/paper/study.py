@@ -83,7 +83,7 @@ class Study:
     """Examples 1 to 4"""
 
     def clearances_at_all_times(self, example: Example) -> FloatArray:
-        """The same as `clearances` at every instant, exactly [m], shape (N,)."""
+        """Least distance from any sphere's surface at every instant, exact [m], shape (N,)."""
         motion = example.plan.motion()
         nearest = [
             closest_approach(motion, sphere.center)[1].min(axis=-1) - sphere.radius

@@ -91,7 +91,7 @@ class KeepApart(KeepOut):
         return difference
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
-        """Where pairs are closer than the separation, one of them looked at."""
+        """Places where a pair, one of it among `vehicles`, is closer than the separation."""
         found = too_close(self.kept, motion, between=self.every_instant)
         asked = np.zeros(len(motion.positions), dtype=bool)
         asked[vehicles] = True

@@ -88,7 +88,7 @@ class KeepInBall(Constraint):
         )
 
     def softened(self, penalty: float) -> Self:
-        """The same ball, which may be left at a cost; how far it is left is known to a part."""
+        """This ball, to be left at a cost; how far it is left is known to a part."""
         soft = super().softened(penalty)
         rounds = min(self.rounds, _SOFT_ROUNDS)
         return dataclasses.replace(soft, rounds=rounds, precision=_SOFT_PRECISION)

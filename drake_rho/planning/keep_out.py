@@ -46,7 +46,7 @@ class Places:
     """at which knots, if all are at knots, shape (R,)"""
 
     def position(self, motion: Motion, vehicles: IntArray) -> FloatArray:
-        """Where vehicles are at these times [m], shape (R, 3)."""
+        """Positions of vehicles at these times [m], shape (R, 3)."""
         if self.knots is None:
             return motion.each_at("position", vehicles, self.times)
         at: FloatArray = motion.positions[vehicles, self.knots]
@@ -77,7 +77,7 @@ class KeepOut(Constraint):
 
     @abc.abstractmethod
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
-        """Where a motion is inside S: the worst instants, or the knots if only they are asked."""
+        """Places where a motion is inside S: worst instants, or knots if only they are asked."""
 
     @abc.abstractmethod
     def rows(self, places: Places) -> HalfSpaces:

@@ -46,7 +46,7 @@ class ScenarioError(DrakeRhoError, ValueError):
         return ScenarioError, (self.field, value, self.expected)
 
     def inside(self, parent: str) -> ScenarioError:
-        """The same error as seen from the record that holds this one under `parent`."""
+        """This error as seen from the record that holds this one under `parent`."""
         if not parent or not self.field or self.field.startswith("["):
             return ScenarioError(parent + self.field, self.value, self.expected)
         return ScenarioError(f"{parent}.{self.field}", self.value, self.expected)

@@ -189,7 +189,7 @@ class Fleet:
     def started_at(
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
     ) -> Fleet:
-        """The same vehicles with other starts, arrays of shape (N, 3), on another grid."""
+        """These vehicles with other starts, arrays of shape (N, 3), on another grid."""
         fleet = Fleet(grid, self._vehicles, self._limits, self._aside)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before

@@ -117,7 +117,7 @@ class Mission(_Part):
 
     @property
     def numbers(self) -> list[int]:
-        """Of the agents; that of one without `cid` is its place in the list."""
+        """Numbers of the agents; an agent without `cid` has that of its place in the list."""
         given = [agent.cid for agent in self.agents]
         return [index if cid is None else cid for index, cid in enumerate(given)]
 

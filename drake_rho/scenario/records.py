@@ -137,17 +137,17 @@ class Scenario:
         return self.limits.overridden_by(vehicle.limits)
 
     def without_obstacles(self) -> Scenario:
-        """The same scenario with nothing in the way (the paper's Examples 1 and 3)."""
+        """This scenario with nothing in the way (the paper's Examples 1 and 3)."""
         return unchecked(self, obstacles=(), fleet=self.fleet)
 
     def without_separation(self) -> Scenario:
-        """The same scenario with vehicles that do not mind each other."""
+        """This scenario without a separation."""
         return dataclasses.replace(self, separation=None)
 
     def from_states(
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
     ) -> Scenario:
-        """The same vehicles from other states on another grid; boxes and pairs are not looked at.
+        """This scenario from other states on another grid; boxes and pairs are not looked at.
 
         Args:
             grid: what is left of the flight.
@@ -171,7 +171,7 @@ class Scenario:
         return unchecked(self, grid=grid, vehicles=vehicles, fleet=fleet)
 
     def index_of(self, name: str) -> int:
-        """Where the vehicle called `name` stands in `vehicles`.
+        """The place of the vehicle called `name` in `vehicles`.
 
         Raises:
             ValueError: there is no such vehicle.
