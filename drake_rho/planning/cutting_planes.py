@@ -174,13 +174,15 @@ class CuttingPlanes:
         coupled = any(part.constraint.coupled for part in self.working.rows.values())
         patience = 0 if coupled else _PATIENCE  # a round of a large group is expensive
         reach = 2 ** max(0, number - patience) // 2
+        gap = np.inf if between else 1.5 * self.effort.grid.step
         found = list[HalfSpaces]()
         for constraint in look if len(vehicles) > 0 else ():
             if number < (constraint.searches if between else constraint.rounds):
                 rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
                 if len(rows) > 0:
-                    worst = rows if reach > 0 else rows.worst(self.motion, _PIECES * 2**number)
-                    found.append(self._of_planned(worst))
+                    if reach == 0:
+                        rows = rows.worst(self.motion, _PIECES * 2**number, gap=gap)
+                    found.append(self._of_planned(rows))
         return self._add(found)
 
     def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:

@@ -163,19 +163,22 @@ class HalfSpaces:
         margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
         return margins
 
-    def worst(self, motion: Motion, pieces: int) -> HalfSpaces:
-        """The worst row of each piece of every stretch of neighbouring rows.
+    def worst(self, motion: Motion, pieces: int, *, gap: float) -> HalfSpaces:
+        """Of every stretch of rows the worst of each of its pieces.
 
         Args:
             motion: of all vehicles.
             pieces: into how many a stretch is cut.
+            gap: rows of a vehicle and a side that are further apart in time are of two stretches
+                [s]; where it is infinite, a stretch goes on from one partner to the next.
         """
         if len(self) <= 1:
             return self
         later = np.diff(self.times)
-        follows = (later > 0.0) & (later < 1.5 * motion.step)
-        for array in (self.vehicles, self.partners, self.sides):
-            follows &= np.diff(array) == 0
+        follows = (later > 0.0) & (later < gap)
+        follows &= (np.diff(self.vehicles) == 0) & (np.diff(self.sides) == 0)
+        if np.isfinite(gap):
+            follows &= np.diff(self.partners) == 0
         if not follows.any():
             return self
         margins = self.margins(motion) / self.tolerances
