@@ -210,11 +210,6 @@ class HalfSpaces:
         """Some of the rows."""
         return HalfSpaces(self.constraint, *(array[rows] for array in self._arrays()))
 
-    def numbered(self, numbers: IntArray) -> HalfSpaces:
-        """These rows with other indices: that of vehicle i becomes numbers[i]."""
-        vehicles, partners = numbers[self.vehicles], numbers[self.partners]
-        return dataclasses.replace(self, vehicles=vehicles, partners=partners)
-
     def and_also(self, more: HalfSpaces) -> HalfSpaces:
         """These rows, then more of the same constraint."""
         pairs = zip(self._arrays(), more._arrays(), strict=True)
