@@ -124,7 +124,7 @@ def test_bad_input_names_field_value_and_expectation(
     ("old", "new", "field"),
     [
         ("grid:", "gird:", "gird"),
-        ("  radius:", "  colour: red\n  radius:", "obstacles[0].colour"),
+        ("  radius: 1000", "  colour: red\n  radius: 1000", "obstacles[0].colour"),
         ("knots: 50", "knots: fifty", "grid.knots"),
         ("name: UAV-2", "name: UAV-1", "vehicles[1].name"),
         ("[10.0, 20.0, 30.0]", "[10.0, 20.0, .nan]", "vehicles[1].start.velocity"),

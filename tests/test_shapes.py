@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes import Ellipsoid, Quadric
+from drake_rho.scenario.quadrics import Ellipsoid, Quadric
 from tests.tolerances import ROUNDING
 
 SEMI_AXES = [[3.0, 2.0, 1.0], [1.0, 1.0, 2.0], [2.0, 2.0, 1.0], [1.0, 1.0, 1.0], [20.0, 0.5, 0.5]]
@@ -25,7 +25,7 @@ named = pytest.mark.parametrize("shape", SHAPES, ids=str)
 
 def semi_axes_of(shape: Quadric) -> FloatArray:
     """Half the extents, by the definition of a quadric."""
-    return shape.size / shape.scales
+    return shape.radius / shape.scales
 
 
 def directions(count: int, seed: int = 0) -> FloatArray:
@@ -161,7 +161,7 @@ def test_the_distance_changes_by_no_more_than_the_way(shape: Quadric) -> None:
 
 def test_an_ellipsoid_of_equal_axes_is_a_sphere() -> None:
     sphere, ellipsoid = rho.Sphere([0, 0, 0], 1.7), Ellipsoid([0, 0, 0], [1.7, 1.7, 1.7])
-    assert sphere.size == ellipsoid.size
+    assert sphere.radius == ellipsoid.radius
     assert sphere.tolerance == ellipsoid.tolerance
     for x in (special_points(sphere), random_points(sphere)):
         for function in ("signed_distance", "outward", "scaled"):

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import ConfigDict
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.scenario.fields import FloatArray, IntArray, locked, unchecked
+from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -195,7 +195,7 @@ class Plan:
         if knot == 0:
             return self.scenario
         return self.scenario.from_states(
-            unchecked(self.scenario.grid, knots=self.scenario.grid.knots - knot),
+            self.scenario.grid.from_knot(knot),
             self._kept("position", self.positions[:, knot]),
             self._not_faster(self._kept("velocity", self.velocities[:, knot])),
             self._kept("acceleration", self.accelerations[:, knot - 1]),

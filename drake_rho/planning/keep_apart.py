@@ -18,8 +18,8 @@ from drake_rho.planning.half_spaces import BROKEN, HalfSpaces
 from drake_rho.planning.keep_out import FIRST, KeepOut, Places, side_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
+from drake_rho.scenario.quadrics import Ellipsoid
 from drake_rho.scenario.records import Scenario
-from drake_rho.scenario.shapes import Ellipsoid
 
 NAME = "separation"
 

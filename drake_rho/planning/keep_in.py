@@ -98,7 +98,7 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
     The first and the last knot are left out where the start and the goal decide. Between knots
     only positions can break theirs: velocity is linear there, acceleration and jerk are constant.
     """
-    times, boxes = scenario.grid.times, list[Constraint]()
+    times, boxes = scenario.grid.elapsed, list[Constraint]()
     for number, quantity in enumerate(QUANTITIES):
         bounds = scenario.fleet.bounds(quantity)
         if bounds is None:

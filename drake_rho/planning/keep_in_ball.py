@@ -106,6 +106,6 @@ def balls_of(scenario: Scenario) -> list[Constraint]:
             quantity="velocity",
             curved=True,
             norms=speeds,
-            times=scenario.grid.times[1:-1],
+            times=scenario.grid.elapsed[1:-1],
         )
     ]

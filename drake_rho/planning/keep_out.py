@@ -25,8 +25,8 @@ from drake_rho.motion.clearance import penetrations
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, Quadratic, near
 from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.records import Scenario, Sphere
-from drake_rho.scenario.shapes import Quadric
+from drake_rho.scenario.quadrics import Quadric
+from drake_rho.scenario.records import TOLERANCE, Scenario, Sphere
 
 FIRST = 32
 """Number of the pairs' constraint; those of obstacles follow, those of keep-in sets come before."""
@@ -127,7 +127,7 @@ class KeepOut(Constraint):
             times=places.times,
             normals=normals,
             bounds=bounds,
-            tolerances=self.shape.tolerance / self.shape.size * supports,
+            tolerances=TOLERANCE * supports,
         )
 
     def violated(
@@ -166,8 +166,8 @@ class KeepOut(Constraint):
         return Quadratic(
             centers=np.zeros((len(rows), 3)),
             scales=np.tile(self.shape.scales, (len(rows), 1)),
-            sizes=np.full(len(rows), self.shape.size),
-            lengths=self.shape.size / self.shape.support(rows.normals),
+            sizes=np.full(len(rows), self.shape.radius),
+            lengths=self.shape.radius / self.shape.support(rows.normals),
         )
 
 
@@ -229,7 +229,7 @@ class PassOnOneSide(KeepOutOfSphere):
 
 def obstacles_of(scenario: Scenario, reference: Motion) -> list[Constraint]:
     """The obstacles linearised (15) around a motion of the same vehicles, at all inner knots."""
-    count, times = len(scenario.vehicles), scenario.grid.times[1:-1]
+    count, times = len(scenario.vehicles), scenario.grid.elapsed[1:-1]
     every = np.repeat(np.arange(count), len(times))
     knots = np.tile(np.arange(1, len(times) + 1), count)
     places = Places(every, every, np.tile(times, count), knots)

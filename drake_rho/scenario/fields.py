@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Annotated, Any, TypeVar, dataclass_transform
+from contextlib import suppress
+from difflib import get_close_matches
+from typing import Annotated, Any, TypeVar, dataclass_transform, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -93,6 +95,50 @@ Vector = Annotated[
 ]
 """x, y and z as a write-locked array of shape (3,)."""
 
+
+def _points(value: object) -> FloatArray:
+    rows = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(rows, list | tuple):
+        raise ScenarioError("", rows, "a list of positions")
+    if len(rows) > _MOST:
+        raise ScenarioError("", Words(f"{len(rows)} positions"), f"at most {_MOST}")
+    points = []
+    for index, row in enumerate(rows):
+        try:
+            points.append(_vector(row))
+        except ScenarioError as error:
+            raise error.inside(f"[{index}]") from None
+    return locked(np.array(points).reshape(-1, 3))
+
+
+def numbers_of(value: object) -> FloatArray:
+    """`value` as a write-locked array of shape (M,)."""
+    numbers = value.tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(numbers, list | tuple) and not any(map(_nested, numbers)):
+        with suppress(TypeError, ValueError, OverflowError):
+            array = locked(numbers)
+            if array.shape == (len(numbers),) and np.all(np.abs(array) <= LARGEST):
+                return array
+    raise ScenarioError("", numbers, f"a list of finite numbers of at most {LARGEST:g}")
+
+
+_MOST = 100_000
+"""Most positions in one list."""
+
+Points = Annotated[
+    FloatArray,
+    PlainValidator(_points, json_schema_input_type=list[tuple[Finite, Finite, Finite]]),
+    PlainSerializer(np.ndarray.tolist),
+]
+"""Positions as a write-locked array of shape (M, 3)."""
+
+Numbers = Annotated[
+    FloatArray,
+    PlainValidator(numbers_of, json_schema_input_type=list[Finite]),
+    PlainSerializer(np.ndarray.tolist),
+]
+"""Numbers as a write-locked array of shape (M,)."""
+
 _Record = TypeVar("_Record")
 
 
@@ -120,7 +166,7 @@ def record(cls: type[_Record]) -> type[_Record]:
         try:  # every field by its name, so that a complaint names it too
             validate(self, **by_place, **kwargs)
         except ValidationError as error:
-            raise scenario_error(error, made.__name__.lower()) from None
+            raise scenario_error(error, made, made.__name__.lower()) from None
 
     made.__init__ = init
     made.__eq__ = _equal
@@ -158,30 +204,72 @@ def _reduce(self: Any) -> tuple[type, tuple[object, ...]]:
     return type(self), tuple(getattr(self, field.name) for field in dataclasses.fields(self))
 
 
-def scenario_error(error: ValidationError, parent: str = "") -> ScenarioError:
-    """The first of pydantic's complaints as one `ScenarioError`, unknown names before others."""
+def scenario_error(error: ValidationError, root: type, parent: str = "") -> ScenarioError:
+    """The first of pydantic's complaints as one `ScenarioError`, unknown names before others.
+
+    Args:
+        error: what pydantic says.
+        root: of what it says it: a record, or a model.
+        parent: what the fields are told to be inside of.
+    """
     complaints = error.errors(include_url=False)
     unknown = [one for one in complaints if one["type"] in _UNKNOWN]
     first = (unknown or complaints)[0]
-    where = _path(first["loc"])
+    kinds, names = _along(root, first["loc"])
+    where = _path(names)
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, ScenarioError):
         return cause.inside(where).inside(parent)
     if first["type"] in _UNKNOWN:
-        return ScenarioError(where, first["input"], "no field of this name").inside(parent)
+        expected = "no field of this name" + _suggestion(str(names[-1]), kinds)
+        return ScenarioError(where, first["input"], expected).inside(parent)
     if first["type"] in {"missing", "missing_argument"}:
         return ScenarioError(where, Words("nothing"), "a value").inside(parent)
-    if first["type"] in {"dataclass_type", "dataclass_exact_type"}:
+    if first["type"] in _NO_RECORD:
         return ScenarioError(where, first["input"], "a mapping of field names to values").inside(
             parent
         )
     return ScenarioError(where, first["input"], _expectation(first["msg"])).inside(parent)
 
 
+def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], list[int | str]]:
+    """The kinds of record that may hold what is at a location, and its path without their names.
+
+    Where a field may be one of several kinds pydantic puts the name of the kind into a location.
+    """
+    kinds: list[type] = [root]
+    names = list[int | str]()
+    for part in location:
+        of_this_name = [kind for kind in kinds if kind.__name__ == part]
+        if of_this_name:
+            kinds = of_this_name
+            continue
+        names.append(part)
+        fields = [getattr(kind, "__pydantic_fields__", {}) for kind in kinds]
+        found = [each[part].annotation for each in fields if part in each]
+        if found:
+            kinds = [kind for annotation in found for kind in _records_in(annotation)]
+    return kinds, names
+
+
+def _records_in(annotation: object) -> list[type]:
+    """The records that an annotation speaks of."""
+    if isinstance(annotation, type) and hasattr(annotation, "__pydantic_fields__"):
+        return [annotation]
+    return [kind for part in get_args(annotation) for kind in _records_in(part)]
+
+
+def _suggestion(name: str, kinds: list[type]) -> str:
+    """The field that a mistyped name was meant to be, as '; did you mean radius?', or nothing."""
+    fields = {field for kind in kinds for field in getattr(kind, "__pydantic_fields__", {})}
+    return "".join(f"; did you mean {each}?" for each in get_close_matches(name, fields, 1))
+
+
 _UNKNOWN = {"unexpected_keyword_argument", "extra_forbidden"}
+_NO_RECORD = {"dataclass_type", "dataclass_exact_type", "union_tag_invalid", "union_tag_not_found"}
 
 
-def _path(location: tuple[int | str, ...]) -> str:
+def _path(location: list[int | str]) -> str:
     parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
     return "".join(parts).removeprefix(".")
 

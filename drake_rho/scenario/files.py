@@ -85,7 +85,7 @@ def scenario_from_yaml(text: str) -> Scenario:
     try:
         return _adapter().validate_python(content)
     except ValidationError as error:
-        raise scenario_error(error) from None
+        raise scenario_error(error, Scenario) from None
 
 
 def scenario_to_yaml(scenario: Scenario) -> str:
@@ -108,7 +108,7 @@ def scenario_from_json(text: str) -> Scenario:
     try:
         return _adapter().validate_json(text)
     except ValidationError as error:
-        raise scenario_error(error) from None
+        raise scenario_error(error, Scenario) from None
 
 
 def scenario_schema() -> dict[str, Any]:

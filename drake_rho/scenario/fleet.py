@@ -92,6 +92,11 @@ class Fleet:
         return Norms(most, TOLERANCE * np.clip(most, 1e-3 * scale, scale))
 
     @cached_property
+    def radii(self) -> FloatArray:
+        """How far the vehicles keep from obstacles [m], shape (N,)."""
+        return np.array([vehicle.radius for vehicle in self._vehicles])
+
+    @cached_property
     def start_positions(self) -> FloatArray:
         """p[1] [m], shape (N, 3)."""
         return np.array([vehicle.start.position for vehicle in self._vehicles])

@@ -134,7 +134,7 @@ def parse_mission(text: str) -> Mission:
     except ScenarioError:
         raise
     except ValidationError as error:
-        raise scenario_error(error) from None
+        raise scenario_error(error, Mission) from None
     except (ValueError, RecursionError) as error:
         raise ScenarioError("", Words("broken JSON"), f"JSON; {error}") from None
 

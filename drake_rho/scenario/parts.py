@@ -18,6 +18,7 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     LARGEST,
     Count,
+    Finite,
     FloatArray,
     Name,
     Positive,
@@ -25,7 +26,9 @@ from drake_rho.scenario.fields import (
     locked,
     record,
 )
-from drake_rho.scenario.shapes import TOLERANCE, Ellipsoid
+from drake_rho.scenario.polyhedra import Box
+from drake_rho.scenario.quadrics import Ellipsoid
+from drake_rho.scenario.shapes import TOLERANCE
 
 Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 """What a box can bound."""
@@ -39,6 +42,8 @@ class Grid:
     """h, the time from one knot to the next [s]"""
     knots: Annotated[Count, Field(ge=2, le=100_000)]
     """K, the number of knots, the first and the last included"""
+    start: Finite = 0.0
+    """time of the first knot on the scenario's clock, on which obstacles move [s]"""
 
     @classmethod
     def lasting(cls, duration: float, *, step: float) -> Self:
@@ -62,9 +67,23 @@ class Grid:
         return self.step * (self.knots - 1)
 
     @property
+    def end(self) -> float:
+        """Time of the last knot on the scenario's clock [s]."""
+        return self.start + self.duration
+
+    @property
     def times(self) -> FloatArray:
-        """Time of every knot from the first one on [s], shape (K,)."""
+        """Time of every knot on the scenario's clock [s], shape (K,)."""
+        return locked(self.start + self.elapsed)
+
+    @property
+    def elapsed(self) -> FloatArray:
+        """Time of every knot since the first one [s], shape (K,)."""
         return locked(self.step * np.arange(self.knots))
+
+    def from_knot(self, knot: int) -> Grid:
+        """What is left of the grid from a knot on, counted from 0."""
+        return Grid(self.step, self.knots - knot, self.start + self.step * knot)
 
 
 @record
@@ -87,27 +106,6 @@ class State:
             velocity: npt.ArrayLike = ...,
             acceleration: npt.ArrayLike | None = None,
         ) -> None: ...
-
-
-@record
-class Box:
-    """Lower and upper bound on each axis."""
-
-    lower: Vector
-    """least x, y and z"""
-    upper: Vector
-    """greatest x, y and z"""
-
-    if TYPE_CHECKING:
-
-        def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike) -> None: ...
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if not np.all(self.lower <= self.upper):
-            expected = f"no component above upper {self.upper.tolist()}"
-            raise ScenarioError("lower", self.lower.tolist(), expected)
-        return self
 
 
 @record
@@ -148,6 +146,9 @@ class Vehicle:
     """state at the last knot"""
     limits: Limits | None = None
     """own limits, where they differ from the scenario's"""
+    radius: Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)] = 0.0
+    """how far its position keeps from every obstacle [m]; from other vehicles it keeps the
+    separation"""
 
     @model_validator(mode="after")
     def _goal_has_no_acceleration(self) -> Self:

@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from drake_rho.scenario.cylinders import Cylinder
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, Name, locked, record, unchecked
 from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, Track
 from drake_rho.scenario.pairs import check_apart
 from drake_rho.scenario.parts import (
     Box,
@@ -27,18 +29,25 @@ from drake_rho.scenario.parts import (
     State,
     Vehicle,
 )
-from drake_rho.scenario.shapes import TOLERANCE, Sphere
+from drake_rho.scenario.polyhedra import Polytope
+from drake_rho.scenario.quadrics import Ellipsoid, Sphere
+from drake_rho.scenario.shapes import TOLERANCE, Shape
 
 __all__ = [
     "TOLERANCE",
     "Box",
+    "Cylinder",
+    "Ellipsoid",
     "Grid",
     "Limits",
+    "Obstacle",
+    "Polytope",
     "Quantity",
     "Scenario",
     "Separation",
     "Sphere",
     "State",
+    "Track",
     "Vehicle",
 ]
 
@@ -55,8 +64,8 @@ class Scenario:
     """the vehicles, each with a name of its own"""
     limits: Limits = dataclasses.field(default_factory=Limits)
     """limits of every vehicle, box by box, unless it has its own"""
-    obstacles: tuple[Sphere, ...] = ()
-    """the spheres to keep out of; numbered from 1 in reports"""
+    obstacles: tuple[AnyObstacle, ...] = ()
+    """what to keep out of, shapes at rest or `Obstacle`s; numbered from 1 in reports"""
     separation: Separation | None = None
     """how far every pair of vehicles keeps apart at all times; not at all if not given"""
     between_knots: bool = True
@@ -71,7 +80,7 @@ class Scenario:
             grid: Grid,
             vehicles: Sequence[Vehicle],
             limits: Limits = ...,
-            obstacles: Sequence[Sphere] = (),
+            obstacles: Sequence[Shape | Obstacle] = (),
             separation: Separation | None = None,
             between_knots: bool = True,
         ) -> None: ...
@@ -90,6 +99,15 @@ class Scenario:
                 expected = "a name no other vehicle has"
                 raise ScenarioError(f"vehicles[{index}].name", vehicle.name, expected)
             names.add(vehicle.name)
+        for index, each in enumerate(self.obstacles):
+            try:
+                (each.shape if isinstance(each, Obstacle) else each).check_solid()
+            except ScenarioError as error:
+                raise error.inside(f"obstacles[{index}]") from None
+        for index, obstacle in enumerate(self.bodies):
+            if obstacle.known_from > self.grid.end:
+                expected = f"a time in the flight, which ends at {self.grid.end:g} s"
+                raise ScenarioError(f"obstacles[{index}].known_from", obstacle.known_from, expected)
         self.check_ends()
         return self
 
@@ -114,23 +132,60 @@ class Scenario:
         if (speeds := fleet.max_speeds()) is not None:
             speeds.check("start.velocity", fleet.start_velocities)
             speeds.check("goal.velocity", fleet.goal_velocities)
-        for end, positions in (("start", fleet.start_positions), ("goal", fleet.goal_positions)):
-            for number, sphere in enumerate(self.obstacles, start=1):
-                self._check_outside(sphere, number, end, positions)
+        ends = (
+            ("start", fleet.start_positions, self.grid.start),
+            ("goal", fleet.goal_positions, self.grid.end),
+        )
+        for end, positions, time in ends:
+            self.check_outside(f"{end}.position", positions, time)
             if self.separation is not None:
                 check_apart(self.separation, self.vehicles, f"{end}.position", positions)
 
-    @staticmethod
-    def _check_outside(sphere: Sphere, number: int, end: str, positions: FloatArray) -> None:
-        distances = np.linalg.norm(positions - sphere.center, axis=1)
-        inside = distances < sphere.radius - sphere.tolerance
-        if np.any(inside):
-            i = int(np.argmax(inside))
-            expected = (
-                f"a position outside obstacle {number} (center {sphere.center.tolist()}, "
-                f"radius {sphere.radius:g} m; {distances[i]:g} m from the center)"
-            )
-            raise ScenarioError(f"vehicles[{i}].{end}.position", positions[i].tolist(), expected)
+    def check_outside(self, where: str, positions: FloatArray, time: float) -> None:
+        """See that the vehicles keep their radius from all obstacles, known or not, at a time.
+
+        Args:
+            where: the field of a vehicle that holds its position, as `"start.position"`.
+            positions: of the vehicles [m], shape (N, 3).
+            time: on the scenario's clock [s].
+
+        Raises:
+            ScenarioError: one does not.
+        """
+        for number, obstacle in enumerate(self.bodies, start=1):
+            x = positions - obstacle.centers(np.array([time]))
+            distances, radii = obstacle.shape.signed_distance(x), self.fleet.radii
+            inside = distances < radii - obstacle.shape.tolerance
+            if np.any(inside):
+                i = int(np.argmax(inside))
+                kept = f"at least {radii[i]:g} m from" if radii[i] > 0.0 else "outside"
+                d = float(distances[i])
+                far = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
+                when = f" at {time:g} s" if obstacle.moves else ""
+                expected = (
+                    f"a position {kept} {self.obstacle_name(number)}, not {far} it{when} "
+                    f"({obstacle.shape})"
+                )
+                raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
+
+    @cached_property
+    def bodies(self) -> tuple[Obstacle, ...]:
+        """The obstacles, each as an `Obstacle`."""
+        return tuple(
+            each if isinstance(each, Obstacle) else Obstacle(each) for each in self.obstacles
+        )
+
+    @property
+    def known(self) -> list[tuple[int, Obstacle]]:
+        """The obstacles that planners know of at the first knot, with their numbers from 1."""
+        now = max(self.grid.start, 0.0) + 1e-9 * self.grid.step
+        numbered = enumerate(self.bodies, start=1)
+        return [(number, obstacle) for number, obstacle in numbered if obstacle.known_from <= now]
+
+    def obstacle_name(self, number: int) -> str:
+        """What an obstacle is called in reports, by its number from 1: number, and name if any."""
+        name = self.bodies[number - 1].name
+        return f"obstacle {number}" + (f" ({name})" if name else "")
 
     def limits_of(self, vehicle: Vehicle) -> Limits:
         """The vehicle's own limits where it has them, else the scenario's."""
@@ -138,7 +193,7 @@ class Scenario:
 
     def without_obstacles(self) -> Scenario:
         """This scenario with nothing in the way (the paper's Examples 1 and 3)."""
-        return unchecked(self, obstacles=(), fleet=self.fleet)
+        return unchecked(self, obstacles=(), bodies=(), fleet=self.fleet)
 
     def without_separation(self) -> Scenario:
         """This scenario without a separation."""
@@ -147,16 +202,13 @@ class Scenario:
     def from_states(
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
     ) -> Scenario:
-        """This scenario from other states on another grid; boxes and pairs are not looked at.
+        """This scenario from other states on another grid, which are not looked at.
 
         Args:
             grid: what is left of the flight.
             positions: p[1] [m], shape (N, 3).
             velocities: v[1] [m/s], shape (N, 3).
             before: accelerations just before [m/s²], shape (N, 3).
-
-        Raises:
-            ScenarioError: a position is inside an obstacle.
         """
         states = zip(locked(positions), locked(velocities), locked(before), strict=True)
         vehicles = tuple(
@@ -165,8 +217,6 @@ class Scenario:
             )
             for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)
         )
-        for number, sphere in enumerate(self.obstacles, start=1):
-            self._check_outside(sphere, number, "start", positions)
         fleet = self.fleet.started_at(grid, positions, velocities, before)
         return unchecked(self, grid=grid, vehicles=vehicles, fleet=fleet)
 

@@ -1,0 +1,233 @@
+"""Obstacles: a shape at rest or moving, known from the start or from a time on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Annotated, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from drake_rho.scenario.cylinders import Cylinder
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import (
+    Finite,
+    FloatArray,
+    Name,
+    Numbers,
+    Points,
+    Vector,
+    numbers_of,
+    record,
+)
+from drake_rho.scenario.polyhedra import Box, Polytope
+from drake_rho.scenario.quadrics import Ellipsoid, Sphere
+
+if TYPE_CHECKING:
+    from drake_rho.scenario.shapes import Shape
+
+_KINDS = {
+    "Obstacle": ("shape", "velocity", "track", "known_from"),
+    "Polytope": ("vertices",),
+    "Ellipsoid": ("semi_axes",),
+    "Box": ("lower", "upper"),
+    "Cylinder": ("height", "axis"),
+    "Sphere": ("center", "radius"),
+}
+"""Keys that tell what a mapping describes; of several kinds, the first that has one of them."""
+
+_BETWEEN = 8
+"""Parts of each piece of a track at which its deviation from a function is measured."""
+
+
+def _kind(value: object) -> str:
+    """The name of the record that a value is, or that a mapping describes, mistyped keys too."""
+    if not isinstance(value, Mapping):
+        return type(value).__name__
+    known = [key for keys in _KINDS.values() for key in keys]
+    close = {match for key in value for match in get_close_matches(str(key), known, 1, 0.75)}
+    return next((kind for kind, keys in _KINDS.items() if close.intersection(keys)), "Sphere")
+
+
+AnyShape = Annotated[
+    Annotated[Sphere, Tag("Sphere")]
+    | Annotated[Box, Tag("Box")]
+    | Annotated[Ellipsoid, Tag("Ellipsoid")]
+    | Annotated[Cylinder, Tag("Cylinder")]
+    | Annotated[Polytope, Tag("Polytope")],
+    Discriminator(_kind),
+]
+"""One of the shapes, told apart by its keys."""
+
+
+@record
+class Track:
+    """A polyline in time; at rest before its first time and after its last."""
+
+    times: Numbers
+    """on the scenario's clock, rising [s], shape (M,), M >= 1"""
+    positions: Points
+    """of the middle of the shape's bounding box [m], shape (M, 3)"""
+    deviation: Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)] = 0.0
+    """how far what it stands for may be from the polyline [m]; planners keep that much further"""
+    deviation_is_estimated: bool = False
+    """whether the deviation is an estimate from samples, rather than a bound"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            times: npt.ArrayLike,
+            positions: npt.ArrayLike,
+            deviation: float = 0.0,
+            deviation_is_estimated: bool = False,
+        ) -> None: ...
+
+    @model_validator(mode="after")
+    def _rises(self) -> Self:
+        if len(self.times) == 0 or not np.all(np.diff(self.times) > 0.0):
+            expected = "at least one time, each after the one before"
+            raise ScenarioError("times", self.times.tolist(), expected)
+        if len(self.positions) != len(self.times):
+            expected = f"one for each of the {len(self.times)} times, not {len(self.positions)}"
+            raise ScenarioError("positions", self.positions.tolist(), expected)
+        return self
+
+    @classmethod
+    def sampled(
+        cls,
+        function: Callable[[float], npt.ArrayLike],
+        times: npt.ArrayLike,
+        max_acceleration: float | None = None,
+    ) -> Self:
+        """The track of a function of time, which is straight between samples of it.
+
+        Args:
+            function: gives a position [m], shape (3,), for a time on the scenario's clock [s].
+            times: of the samples, rising [s], shape (M,).
+            max_acceleration: the function's [m/s²]. With it the deviation is at most its Δt² / 8;
+                without it, it is estimated at eight instants between two samples.
+
+        Raises:
+            ScenarioError: the times do not rise, or the function gives no positions.
+        """
+        try:
+            at = numbers_of(times)
+        except ScenarioError as error:
+            raise error.inside("times") from None
+        track = cls(at, [function(float(time)) for time in at])
+        if max_acceleration is not None:
+            longest = float(np.max(np.diff(at), initial=0.0))
+            return dataclasses.replace(track, deviation=max_acceleration * longest**2 / 8.0)
+        parts = np.arange(1, _BETWEEN) / _BETWEEN
+        between = (at[:-1, None] + parts * np.diff(at)[:, None]).reshape(-1)
+        true = np.array([function(float(time)) for time in between]).reshape(-1, 3)
+        most = np.max(np.linalg.norm(true - track.at(between), axis=1), initial=0.0)
+        return dataclasses.replace(track, deviation=float(most), deviation_is_estimated=True)
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Positions at times on the scenario's clock [m], shape (M, 3)."""
+        axes = [np.interp(times, self.times, axis) for axis in self.positions.T]
+        return np.stack(axes, axis=-1)
+
+    def velocities(self, times: FloatArray) -> FloatArray:
+        """Velocities at times [m/s], shape (M, 3); at a corner, of the piece that begins there."""
+        piece = np.searchsorted(self.times, times, side="right")
+        ways = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
+        rest = np.zeros((1, 3))
+        velocities: FloatArray = np.concatenate([rest, ways, rest])[piece]
+        return velocities
+
+
+@record
+class Obstacle:
+    """A shape to keep out of, which may move and may be seen only later."""
+
+    shape: AnyShape
+    """as it stands at time 0 of the scenario's clock; with a track, its place is the track's"""
+    velocity: Vector | None = None
+    """constant, from time 0 on and before [m/s]; at rest if neither this nor a track is given"""
+    track: Track | None = None
+    """where the middle of its bounding box is"""
+    known_from: Finite = 0.0
+    """time on the scenario's clock from which planners know of it [s]: it is there all the time,
+    but what is planned at an earlier time does not avoid it; at 0 it is known from the start"""
+    name: Name | None = None
+    """shown in figures and reports, beside its number"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            shape: Shape,
+            velocity: npt.ArrayLike | None = None,
+            track: Track | None = None,
+            known_from: float = 0.0,
+            name: str | None = None,
+        ) -> None: ...
+
+    @model_validator(mode="after")
+    def _moves_in_one_way(self) -> Self:
+        if self.velocity is not None and self.track is not None:
+            expected = "no velocity beside a track, which says where it is"
+            raise ScenarioError("velocity", self.velocity.tolist(), expected)
+        self.shape.check_solid()
+        return self
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is ever in motion."""
+        if self.track is not None:
+            return bool(np.any(np.diff(self.track.positions, axis=0)))
+        return self.velocity is not None and bool(np.any(self.velocity))
+
+    @property
+    def deviation(self) -> float:
+        """How far it may be from where `centers` puts it [m]."""
+        return 0.0 if self.track is None else self.track.deviation
+
+    @property
+    def corners(self) -> FloatArray:
+        """Times on the scenario's clock at which its velocity changes [s], shape (M,)."""
+        return np.zeros(0) if self.track is None else self.track.times
+
+    def centers(self, times: FloatArray) -> FloatArray:
+        """Middles of its bounding box at times on the scenario's clock [m], shape (M, 3)."""
+        if self.track is not None:
+            return self.track.at(times)
+        if self.velocity is not None:
+            centers: FloatArray = self.shape.center + times[..., None] * self.velocity
+            return centers
+        return np.broadcast_to(self.shape.center, (*times.shape, 3))
+
+    def velocities(self, times: FloatArray) -> FloatArray:
+        """Velocities at times on the scenario's clock [m/s], shape (M, 3)."""
+        if self.track is not None:
+            return self.track.velocities(times)
+        velocity = np.zeros(3) if self.velocity is None else self.velocity
+        return np.broadcast_to(velocity, (*times.shape, 3))
+
+
+def _with_its_shape(value: object) -> object:
+    if isinstance(value, Mapping) and _kind(value) == "Obstacle" and "shape" not in value:
+        own = ", ".join(str(key) for key in value if _kind({key: None}) == "Obstacle")
+        raise ScenarioError(
+            "", dict(value), f"the shape in a mapping of its own, shape, beside {own}"
+        )
+    return value
+
+
+AnyObstacle = Annotated[
+    Annotated[Sphere, Tag("Sphere")]
+    | Annotated[Box, Tag("Box")]
+    | Annotated[Ellipsoid, Tag("Ellipsoid")]
+    | Annotated[Cylinder, Tag("Cylinder")]
+    | Annotated[Polytope, Tag("Polytope")]
+    | Annotated[Obstacle, Tag("Obstacle")],
+    Discriminator(_kind),
+    BeforeValidator(_with_its_shape),
+]
+"""A shape at rest that is known from the start, or an `Obstacle`."""
