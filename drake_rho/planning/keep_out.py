@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, Quadratic, near
@@ -160,6 +161,12 @@ class KeepOutOfObstacle(KeepOut):
         again = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
         return Places(whose[~again], whose[~again], times[~again])
 
+    def approaches(self, motion: Motion) -> CloseApproaches:
+        """Where a motion is inside, and its distances from the shape [m]."""
+        places = self.penetrations(motion, np.arange(len(self.kept)))
+        distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
+        return CloseApproaches(places.vehicles, places.partners, places.times, distances)
+
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
         """Inner knots inside."""
         places = self._inner_knots(vehicles)
@@ -240,7 +247,7 @@ class PassOnOneSide(KeepOutOfObstacle):
         return self.none
 
 
-def obstacles_of(scenario: Scenario, reference: Motion) -> list[Constraint]:
+def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacle]:
     """The obstacles known at the start, linearised (15) around a motion of the same vehicles."""
     return [
         KeepOutOfObstacle(**_common(scenario, reference, number, obstacle))
