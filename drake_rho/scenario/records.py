@@ -87,8 +87,11 @@ class Scenario:
     @cached_property
     def fleet(self) -> Fleet:
         """The vehicles as arrays."""
+        return self._fleet_of(self.vehicles)
+
+    def _fleet_of(self, vehicles: Sequence[Vehicle]) -> Fleet:
         aside = 0.0 if self.separation is None else self.separation.distance
-        return Fleet(self.grid, self.vehicles, self.limits, aside)
+        return Fleet(self.grid, vehicles, self.limits, aside)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -197,6 +200,11 @@ class Scenario:
     def without_separation(self) -> Scenario:
         """This scenario without a separation."""
         return dataclasses.replace(self, separation=None)
+
+    def of_vehicles(self, indices: Sequence[int]) -> Scenario:
+        """This scenario of some of its vehicles only, which are not looked at again."""
+        vehicles = tuple(self.vehicles[index] for index in indices)
+        return unchecked(self, vehicles=vehicles, fleet=self._fleet_of(vehicles))
 
     def from_states(
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
