@@ -153,7 +153,8 @@ def _unpack(prefix: str, content: Mapping[str, np.ndarray]) -> Plan:
     arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
     _check_numbers(prefix, arrays)
     statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
-    scenario = scenario_from_json(str(content[f"{prefix}.scenario"]))
+    under_way = prefix != "plan"  # what a window begins with, no one has chosen
+    scenario = scenario_from_json(str(content[f"{prefix}.scenario"]), under_way=under_way)
     positions, velocities, accelerations = (arrays[name] for name in _ARRAYS)
     return Plan(scenario, positions, velocities, accelerations, statistics)
 
