@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
 from drake_rho.assurance.feasibility import BISECTED, is_monotone
-from drake_rho.planning.keep_in_ball import balls_of
+from drake_rho.planning.keep_in_norm import norms_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.working_set import Keys, WorkingSet
@@ -482,7 +482,7 @@ def side_by_side(count: int, *, knots: int, most: float) -> rho.Scenario:
 def test_known_tangent_planes_take_memory_in_proportion() -> None:
     """Looking rows up compares each with those of its own instant, not with all there are."""
     scenario = side_by_side(100, knots=101, most=1.01)
-    (ball,) = balls_of(scenario)
+    (ball,) = norms_of(scenario)
     motion = MinimumEffort.of(scenario).motion
     rows = ball.violated(motion, np.arange(100))
     working = WorkingSet(Keys(20, 100, scenario.grid))

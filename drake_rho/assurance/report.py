@@ -36,7 +36,7 @@ class Check:
     """name"""
     constraint: str
     """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, maximum speed,
-    obstacle 1, …, separation"""
+    maximum acceleration, maximum thrust, maximum tilt, obstacle 1, …, separation"""
     part: str = ""
     """which side of a box, or which quantity of dynamics and goal; empty if there is but one"""
     time: float
