@@ -21,10 +21,6 @@ costs anything, solutions jump about, and their tangent planes come to an end la
 _SOFT_ROOM = 1e3
 """Tolerances by which a set that may be left is left without another tangent plane."""
 
-_FAR = 1e7
-"""Tolerances beyond which a value is far outside: ten times the set's width or the motion's scale.
-Where nothing can be met, solutions fly off round by round until no solver can tell anything."""
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class KeepInNorm(Constraint):
@@ -48,8 +44,6 @@ class KeepInNorm(Constraint):
     """which of the quantity's values is that of the first of `times`"""
     room: float = BROKEN
     """tolerances by which values may be outside without another row"""
-    far: float = _FAR
-    """tolerances beyond which a polyhedron around the set comes with the tangent plane"""
 
     def violated(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
@@ -58,8 +52,7 @@ class KeepInNorm(Constraint):
         knots = slice(self.first, self.first + len(self.times))
         values = motion.values(self.quantity)[vehicles, knots].reshape(-1, 3)
         who = np.repeat(vehicles, len(self.times))
-        excess = self.limit.excess(who, values) / self.limit.tolerances[who]
-        broken = excess > self.room
+        broken = self.limit.excess(who, values) > self.room * self.limit.tolerances[who]
         if not broken.any():
             return self.none
         wanted = np.flatnonzero(near(broken, who, reach))
@@ -67,18 +60,18 @@ class KeepInNorm(Constraint):
         pointing = np.any(outward, axis=1)  # at a centre no half-space faces a value
         wanted, outward = wanted[pointing], outward[pointing]
         rows = self.rows(who[wanted], self.times[wanted % len(self.times)], outward)
-        far = excess[wanted] > self.far
-        return rows.and_also(self._around(rows.select(far))) if far.any() else rows
+        return rows if np.isinf(self.penalty) else self._with_faces(rows)
 
-    def _around(self, rows: HalfSpaces) -> HalfSpaces:
-        """At the instants of some rows those of a polyhedron around the set.
+    def _with_faces(self, rows: HalfSpaces) -> HalfSpaces:
+        """The rows, and at their instants those of a polyhedron around the set.
 
-        Without it a motion that is pushed from one side may fly off to where a half-space is still
-        open, and all the more where only violations cost anything.
+        Without it a motion that only violations cost anything may fly off to where a half-space
+        is still open.
         """
         outward = self.limit.around(rows.vehicles)
         every = np.tile(np.arange(len(rows)), len(outward))
-        return self.rows(rows.vehicles[every], rows.times[every], outward.reshape(-1, 3))
+        faces = self.rows(rows.vehicles[every], rows.times[every], outward.reshape(-1, 3))
+        return rows.and_also(faces)
 
     def rows(self, vehicles: IntArray, times: FloatArray, outward: FloatArray) -> HalfSpaces:
         """Tangent planes of given vehicles at given times, (R,), with outward normals, (R, 3)."""
@@ -97,7 +90,7 @@ class KeepInNorm(Constraint):
         """This set, to be left at a cost; how far it is left is known to `_SOFT_ROOM`."""
         soft = super().softened(penalty)
         rounds = min(self.rounds, _SOFT_ROUNDS)
-        return dataclasses.replace(soft, rounds=rounds, room=_SOFT_ROOM, far=_SOFT_ROOM)
+        return dataclasses.replace(soft, rounds=rounds, room=_SOFT_ROOM)
 
 
 def norms_of(scenario: Scenario) -> list[Constraint]:
