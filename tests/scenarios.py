@@ -52,7 +52,7 @@ def mapped(
     """The scenario in other coordinates: p' = length (turn p + shift), t' = time t.
 
     `turn` is a signed permutation, so that boxes stay boxes, or any orthogonal matrix where there
-    are none; with a downwash, one that keeps z.
+    are none; with a downwash or gravity, one that keeps z. Gravity keeps lengths and times too.
     """
     apart = scenario.separation
     if apart is not None:
@@ -82,6 +82,9 @@ def mapped(
             bounds(old.acceleration, force, np.zeros(3)),
             bounds(old.jerk, jerk, np.zeros(3)),
             None if old.max_speed is None else speed * old.max_speed,
+            None if old.max_acceleration is None else force * old.max_acceleration,
+            old.max_thrust,
+            old.max_tilt,
         )
 
     return dataclasses.replace(

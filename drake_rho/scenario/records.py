@@ -136,9 +136,9 @@ class Scenario:
             bounds = fleet.bounds(quantity)
             if bounds is not None:
                 bounds.check(f"{end}.{quantity}", values)
-        if (speeds := fleet.max_speeds()) is not None:
-            speeds.check("start.velocity", fleet.start_velocities)
-            speeds.check("goal.velocity", fleet.goal_velocities)
+            for limit in fleet.norms.values():
+                if limit.quantity == quantity:
+                    limit.check(f"{end}.{quantity}", values)
         ends = (
             ("start", fleet.start_positions, self.grid.start),
             ("goal", fleet.goal_positions, self.grid.end),
