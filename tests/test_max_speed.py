@@ -98,7 +98,7 @@ class Twin:
             cone = np.vstack([np.zeros(3 * self.n), np.kron(row, np.eye(3))])
             ends = np.array([speed, *self.start.velocity])
             self.program.AddLorentzConeConstraint(cone / speed, ends / speed, flat)
-        for sphere in scenario.obstacles:
+        for sphere in scenario.spheres:
             assert reference is not None
             for k, row in enumerate(self.position[:-1]):
                 q = reference[k + 1] - sphere.center
@@ -168,7 +168,7 @@ def test_random_scenarios_cost_what_the_programs_with_cones_cost(seed: int, tigh
         return
     if any(
         np.linalg.norm(reference.positions - sphere.center, axis=2).min() < 1e-3 * sphere.radius
-        for sphere in scenario.obstacles
+        for sphere in scenario.spheres
     ):
         return  # through a centre, where the direction is the planner's own choice
     known = twin_cost(scenario, reference)

@@ -21,7 +21,6 @@ from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, Track
 from drake_rho.scenario.pairs import check_apart
 from drake_rho.scenario.parts import (
-    Box,
     Grid,
     Limits,
     Quantity,
@@ -29,7 +28,7 @@ from drake_rho.scenario.parts import (
     State,
     Vehicle,
 )
-from drake_rho.scenario.polyhedra import Polytope
+from drake_rho.scenario.polyhedra import Box, Polytope
 from drake_rho.scenario.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes import TOLERANCE, Shape
 
@@ -174,6 +173,12 @@ class Scenario:
         return tuple(
             each if isinstance(each, Obstacle) else Obstacle(each) for each in self.obstacles
         )
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """The obstacles (8) as the paper has them: spheres at rest that are known all the time."""
+        always = (each for each in self.bodies if not each.moves and each.known_from <= 0.0)
+        return tuple(each.shape for each in always if isinstance(each.shape, Sphere))
 
     @property
     def known(self) -> list[tuple[int, Obstacle]]:
