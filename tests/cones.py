@@ -36,7 +36,7 @@ class Twin:
         self.length = max(float(np.linalg.norm(way)) for way in ways)
         self.unit = self.length / self.duration**2
         self.velocity, self.position = (self.unit * each for each in integrals(scenario))
-        times = grid.times[1:, None]
+        times = grid.elapsed[1:, None]
         self.coasting = self.start.position + times * self.start.velocity
         self.program = MathematicalProgram()
         self.a = self.program.NewContinuousVariables(self.n, 3, "a")
@@ -92,7 +92,7 @@ class Twin:
             self.keep_norm(speed, np.kron(row, np.eye(3)), self.start.velocity, flat)
         for own in self.a:
             self.keep_acceleration(own)
-        for sphere in scenario.obstacles:
+        for sphere in scenario.spheres:
             assert reference is not None
             for k, row in enumerate(self.position[:-1]):
                 q = reference[k + 1] - sphere.center

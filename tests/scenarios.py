@@ -53,7 +53,9 @@ def mapped(
 
     `turn` is a signed permutation, so that boxes stay boxes, or any orthogonal matrix where there
     are none; with a downwash or gravity, one that keeps z. Gravity keeps lengths and times too.
+    Obstacles are spheres at rest.
     """
+    assert len(scenario.spheres) == len(scenario.obstacles)
     apart = scenario.separation
     if apart is not None:
         assert apart.downwash == 1.0 or abs(turn[2, 2]) == 1.0
@@ -89,7 +91,7 @@ def mapped(
 
     return dataclasses.replace(
         scenario,
-        grid=rho.Grid(time * scenario.grid.step, scenario.grid.knots),
+        grid=rho.Grid(time * scenario.grid.step, scenario.grid.knots, time * scenario.grid.start),
         vehicles=tuple(
             rho.Vehicle(old.name, state(old.start), state(old.goal), limits(old.limits))
             for old in scenario.vehicles
@@ -97,7 +99,7 @@ def mapped(
         limits=limits(scenario.limits) or rho.Limits(),
         obstacles=tuple(
             rho.Sphere(length * (turn @ old.center + shift), length * old.radius)
-            for old in scenario.obstacles
+            for old in scenario.spheres
         ),
         separation=apart,
     )

@@ -15,7 +15,7 @@ from drake_rho.planning.best import first_plan, plan_scp
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.records import Box, Grid, Limits, Scenario, Vehicle
+from drake_rho.scenario.records import Box, Grid, Limits, Obstacle, Scenario, Vehicle
 
 BISECTED = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
@@ -139,8 +139,9 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
 def shortest_plan(scenario: Scenario, *, solver: SolverInterface | None = None) -> Plan:
     """The plan of least duration, on as many knots, everything else unchanged.
 
-    The duration is found by bisection to a relative `BISECTED`. Where feasibility grows with the
-    duration (`is_monotone`) none is shorter; else a shorter one may have been passed over.
+    The flight begins at the same time, and obstacles move as they did. The duration is found by
+    bisection to a relative `BISECTED`. Where feasibility grows with the duration (`is_monotone`)
+    none is shorter; else a shorter one may have been passed over.
 
     Args:
         scenario: what is asked; its own duration need not be feasible.
@@ -181,9 +182,19 @@ def is_monotone(scenario: Scenario) -> bool:
 
 
 def _lasting(scenario: Scenario, factor: float) -> Scenario:
-    """The scenario with `factor` times its duration, on as many knots."""
-    grid = Grid(scenario.grid.step * factor, scenario.grid.knots)
-    return dataclasses.replace(scenario, grid=grid)
+    """The scenario with `factor` times its duration, on as many knots and from the same time on.
+
+    Obstacles move as they did, on the clock. One that would be known only after the end is known
+    at the end: there the goals are clear of it, so that it asks for nothing more.
+    """
+    grid = Grid(scenario.grid.step * factor, scenario.grid.knots, scenario.grid.start)
+    obstacles = tuple(
+        dataclasses.replace(each, known_from=min(each.known_from, grid.end))
+        if isinstance(each, Obstacle)
+        else each
+        for each in scenario.obstacles
+    )
+    return dataclasses.replace(scenario, grid=grid, obstacles=obstacles)
 
 
 def _least(

@@ -184,6 +184,12 @@ class Scenario:
         )
 
     @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """The obstacles (8) as the paper has them: spheres at rest that are known all the time."""
+        always = (each for each in self.bodies if not each.moves and each.known_from <= 0.0)
+        return tuple(each.shape for each in always if isinstance(each.shape, Sphere))
+
+    @property
     def known(self) -> list[tuple[int, Obstacle]]:
         """The obstacles that planners know of at the first knot, with their numbers from 1."""
         now = max(self.grid.start, 0.0) + 1e-9 * self.grid.step
