@@ -20,6 +20,7 @@ from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.keep_out import FIRST
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.options import SMALL_FLEET
 from drake_rho.planning.program import Batch, groups_of, programs_of
 from drake_rho.planning.solve import MAX_RETRIES, Solution, solve_side_by_side
 from drake_rho.planning.threads import one_for_arrays
@@ -219,7 +220,12 @@ class CuttingPlanes:
                 batches.append(batch)
                 yield batch.programs
 
-        answers = solve_side_by_side(written(), self._solver, retry=self._retry())
+        answers = solve_side_by_side(
+            written(),
+            self._solver,
+            retry=self._retry(),
+            quick=len(self.effort.units) > SMALL_FLEET,  # others are planned to the last digit
+        )
         solved = list(map(self._take, batches, answers))
         vehicles = np.concatenate([whose for whose, _ in solved])
         found = self.effort.goals.met_by(np.concatenate([own for _, own in solved]), vehicles)
