@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-
 MOVES = np.array(list(product((-1, 0, 1), repeat=3)))
 """Moves in steps of the grid, shape (27, 3); move 26 - u is the reverse of move u."""
 
@@ -92,16 +91,16 @@ class Lattice:
             _block(raster, body, radius, free, clear)
         self.raster, self._still, self._radius = raster, still, radius
         count = int(free.sum())
-        self.numbers: IntArray = np.full(np.array(raster.shape) + 2, count, dtype=np.int32)
-        self.numbers[1:-1, 1:-1, 1:-1][free] = np.arange(count, dtype=np.int32)
+        self.numbers: IntArray = np.full(np.array(raster.shape) + 2, count, dtype=np.int64)
+        self.numbers[1:-1, 1:-1, 1:-1][free] = np.arange(count)
         self.index = np.argwhere(free)
         self.points = raster.at(self.index)
         self.neighbors = self._neighbors(free, clear)
 
     def _neighbors(self, free: BoolArray, clear: BoolArray) -> IntArray:
         count, shape = len(self.points), self.raster.shape
-        neighbors = np.full((len(MOVES), count), count, dtype=np.int32)
-        neighbors[STAY] = own = np.arange(count, dtype=np.int32)
+        neighbors: IntArray = np.full((len(MOVES), count), count, dtype=np.int64)
+        neighbors[STAY] = own = np.arange(count)
         for u in range(STAY + 1, len(MOVES)):
             there = self.numbers[
                 tuple(slice(1 + m, 1 + m + n) for m, n in zip(MOVES[u], shape, strict=True))
@@ -129,37 +128,68 @@ class Lattice:
         known = to < count
         lengths = np.broadcast_to(self.lengths[others], to.shape)[known]
         starts = np.concatenate([[0], np.cumsum(known.sum(axis=1))]).astype(np.int32)
-        return csr_array((lengths, to[known], starts), shape=(count, count))
+        return csr_array((lengths, to[known].astype(np.int32), starts), shape=(count, count))
 
     def near(self, position: FloatArray, steps: int) -> IntArray:
         """Numbers of the points within so many steps of a position along each axis."""
         low, high = self.raster.window(position, (steps + 1e-9) * self.raster.spacing)
         inside = tuple(slice(1 + a, 1 + b) for a, b in zip(low, high, strict=True))
         numbers = self.numbers[inside].ravel()
-        near: IntArray = numbers[numbers < len(self.points)].astype(np.int64)
+        near: IntArray = numbers[numbers < len(self.points)]
         return near
+
+    def clear(self, one: FloatArray, other: FloatArray, samples: int = _SAMPLES) -> BoolArray:
+        """Whether straight ways between positions, (E, 3), are clear of what stands still: (E,)."""
+        parts = np.linspace(0.0, 1.0, samples)[:, None, None]
+        x, lengths = one + parts * (other - one), np.linalg.norm(other - one, axis=1)
+        clear = np.ones(len(lengths), dtype=bool)
+        for body in self._still:
+            at = x[:, clear] - body.shape.center
+            d = body.shape.signed_distance(at) - kept_from(body, self._radius)
+            clear[clear] = least_between(d, lengths[clear]) >= 0.0
+        return clear
 
     def next_to(self, position: FloatArray) -> IntArray:
         """Numbers of the points next to a position to which a straight way is clear."""
         for steps in (1, 2):
             near = self.near(position, steps)
-            ways = self.points[near] - position
-            parts = np.linspace(0.0, 1.0, _SAMPLES)[:, None, None]
-            clear = np.ones(len(near), dtype=bool)
-            for body in self._still:
-                x = position + parts * ways - body.centers(np.zeros(1))[0]
-                d = body.shape.signed_distance(x) - kept_from(body, self._radius)
-                clear &= least_between(d, np.linalg.norm(ways, axis=1)) >= 0.0
-            if clear.any():
+            near = near[self.clear(np.tile(position, (len(near), 1)), self.points[near])]
+            if len(near) > 0:
                 break
-        return near[clear]
+        return near
 
-    def distances(self, sources: IntArray) -> FloatArray:
-        """Lengths of the shortest ways from the nearest of some points [m], shape (F,)."""
+    def nearest(self, position: FloatArray) -> int:
+        """The clear point among those around a position that is nearest to it; F if none is."""
+        near = self.near(position, 2)
+        if len(near) == 0:
+            return len(self.points)
+        return int(near[np.argmin(np.linalg.norm(self.points[near] - position, axis=1))])
+
+    def shortest(self, sources: IntArray) -> ShortestPaths:
+        """The shortest ways from the nearest of some points to all others."""
         from scipy.sparse.csgraph import dijkstra  # slow to load, so only where needed
 
-        lengths: FloatArray = dijkstra(self.graph, indices=sources, min_only=True)
-        return lengths
+        lengths, before, _ = dijkstra(
+            self.graph, indices=sources, min_only=True, return_predecessors=True
+        )
+        return ShortestPaths(lengths, before)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ShortestPaths:
+    """Shortest ways from some points of a lattice to all."""
+
+    lengths: FloatArray
+    """[m], infinite where no way leads, shape (F,)"""
+    before: IntArray
+    """the point before each on its way, negative at the beginning, shape (F,)"""
+
+    def path(self, point: int) -> IntArray:
+        """The way back from a point, itself first, to where it begins."""
+        path = [point]
+        while self.before[path[-1]] >= 0:
+            path.append(int(self.before[path[-1]]))
+        return np.array(path)
 
 
 def kept_from(body: Obstacle, radius: float) -> float:
@@ -183,7 +213,8 @@ def least_between(values: FloatArray, length: FloatArray) -> FloatArray:
     after = np.concatenate([slopes[1:], steepest[None]])
     bend = np.maximum(after - before, 1e-300)
     met = np.clip((after - slopes) / bend, 0.0, 1.0)
-    return np.min(np.minimum(values[:-1] + before * met, values[1:]), axis=0)
+    least: FloatArray = np.min(np.minimum(values[:-1] + before * met, values[1:]), axis=0)
+    return least
 
 
 def _block(
@@ -217,7 +248,7 @@ def _block(
                 for k in range(3)
             ]
         )
-        length = np.linalg.norm(move * raster.spacing)
+        length = np.asarray(np.linalg.norm(move * raster.spacing))
         keeps = least_between(values, length) >= 0.0
         unsure = ~keeps & (values.min(axis=0) >= 0.0)
         if unsure.any():

@@ -92,7 +92,7 @@ class Search:
         self._to_go = np.full(F + 2, np.inf)
         self._to_go[F + 1] = 0.0
         if len(self._begin) and len(self._end):
-            self._to_go[:F] = lattice.distances(self._end)
+            self._to_go[:F] = lattice.shortest(self._end).lengths
             first = np.linalg.norm(self._points[self._begin] - start, axis=1)
             self._to_go[F] = np.min(self._to_go[self._begin] + first)
         self.length = float(self._to_go[F])
@@ -130,7 +130,7 @@ class Search:
         F, M = self._count, self._obstacles.count
         self._values = values = np.full((M + 1, F + 2), np.inf, dtype=np.float32)
         values[0, F] = 0.0
-        origins = self._lattice.neighbors[::-1].astype(np.intp)  # of the moves that lead here
+        origins = self._lattice.neighbors[::-1]  # of the moves that lead here
         costs = (self._scale * self._lattice.lengths).astype(np.float32)[:, None]
         arrivals = np.empty(origins.shape, dtype=np.float32)
         left = (self._to_go / max(self.length, 1e-300)).astype(np.float32)
@@ -172,7 +172,7 @@ class Search:
         costs = self._scale * self._lattice.lengths
         costs[_among(moves, self._vehicles.blocked[t])] += _CONFLICT
         costs[_among(moves, self._obstacles.blocked[t])] = np.inf
-        origins = self._lattice.neighbors[::-1, number].astype(np.int64)
+        origins = self._lattice.neighbors[::-1, number]
         origins, costs = origins[origins < F], costs[origins < F]
         first = self._begin == number
         return np.append(origins, np.full(first.sum(), F)), np.append(costs, self._out[t, first])

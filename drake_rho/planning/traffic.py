@@ -75,7 +75,8 @@ class MovingVehicle:
     def room(self, layers: IntArray, positions: FloatArray) -> FloatArray:
         """How far positions, (Q, 3), are from coming too close when layers, (Q,), begin."""
         x = self._separation.scaled(positions - self.centers[layers])
-        return np.sqrt(np.einsum("qi,qi->q", x, x)) - self._separation.distance
+        room: FloatArray = np.linalg.norm(x, axis=1) - self._separation.distance
+        return room
 
     def lengths(self, ways: FloatArray) -> FloatArray:
         """By how much the room can change when ways, (U, 3), are gone in a layer: shape (U, M)."""
@@ -111,7 +112,7 @@ def met_moves(lattice: Lattice, moving: Moving) -> list[IntArray]:
     start, ways = lattice.points[points], MOVES * raster.spacing
     within = moving.room(layers, start) < moving.lengths(ways)[:, layers]
     u, q = np.nonzero(within & (to < count))
-    to, start, layers = to[u, q].astype(np.int64), start[q], layers[q]
+    to, start, layers = to[u, q], start[q], layers[q]
     met = moving.met(layers, start, start + ways[u])
     codes, layers = (u * count + to)[met], layers[met]
     order = np.argsort(layers, kind="stable")
@@ -119,9 +120,7 @@ def met_moves(lattice: Lattice, moving: Moving) -> list[IntArray]:
     return np.split(codes[order], ends)
 
 
-def _near(
-    lattice: Lattice, centers: FloatArray, reach: FloatArray
-) -> tuple[IntArray, IntArray]:
+def _near(lattice: Lattice, centers: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
     """Layers, and numbers of points that are within `reach` of the layer's center, each (Q,)."""
     raster = lattice.raster
     shape = np.array(raster.shape)
@@ -132,4 +131,4 @@ def _near(
     index = np.clip(low[:, None] + offsets, -1, shape) + 1
     numbers = lattice.numbers[index[..., 0], index[..., 1], index[..., 2]]
     layers, which = np.nonzero(numbers < len(lattice.points))
-    return layers, numbers[layers, which].astype(np.int64)
+    return layers, numbers[layers, which]
