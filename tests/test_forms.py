@@ -34,7 +34,7 @@ def _fresh(scenario: rho.Scenario) -> rho.Scenario:
         rho.Vehicle(old.name, state(old.start), state(old.goal), old.limits)
         for old in scenario.vehicles
     ]
-    grid = rho.Grid(scenario.grid.step, scenario.grid.knots)
+    grid = rho.Grid(scenario.grid.step, scenario.grid.knots, scenario.grid.start)
     return dataclasses.replace(scenario, grid=grid, vehicles=tuple(vehicles))
 
 

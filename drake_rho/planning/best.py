@@ -139,7 +139,7 @@ def _around_if_apart(
 ) -> Plan | None:
     """A fleet's plan around a reference whose vehicles keep apart; None if there is none."""
     subproblem = Subproblem(scenario, decoupled, solver)
-    if reference is not None and subproblem.holds(reference):
+    if reference is not None and subproblem.keeps_apart(reference):
         with suppress(InfeasibleError, SolverError):
             return subproblem.around(reference)
     return None

@@ -10,7 +10,8 @@ import numpy as np
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import Box, Grid, Limits, Quantity, Vehicle
+from drake_rho.scenario.parts import Grid, Limits, Quantity, Vehicle
+from drake_rho.scenario.polyhedra import Box
 from drake_rho.scenario.shapes import TOLERANCE
 
 

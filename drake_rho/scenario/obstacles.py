@@ -118,7 +118,7 @@ class Track:
             at = numbers_of(times)
         except ScenarioError as error:
             raise error.inside("times") from None
-        track = cls(at, [function(float(time)) for time in at])
+        track = cls(at, np.array([function(float(time)) for time in at]))
         if max_acceleration is not None:
             longest = float(np.max(np.diff(at), initial=0.0))
             return dataclasses.replace(track, deviation=max_acceleration * longest**2 / 8.0)

@@ -51,7 +51,7 @@ class Box(Shape):
         return center
 
     @cached_property
-    def extent(self) -> FloatArray:  # type: ignore[override]  # computed once
+    def extent(self) -> FloatArray:
         """Half the sides [m]."""
         extent: FloatArray = (self.upper - self.lower) / 2.0
         return extent
@@ -109,7 +109,7 @@ class Polytope(Shape):
         return center
 
     @cached_property
-    def extent(self) -> FloatArray:  # type: ignore[override]  # computed once
+    def extent(self) -> FloatArray:
         """Half the sides of the bounding box [m]."""
         extent: FloatArray = (self.vertices.max(axis=0) - self.vertices.min(axis=0)) / 2.0
         return extent

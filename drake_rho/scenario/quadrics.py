@@ -78,6 +78,10 @@ class Sphere(Quadric):
         """One for each axis."""
         return np.ones(3)
 
+    def quadric_inside(self, kept: float) -> Sphere:
+        """The whole set around it is a ball."""
+        return Sphere(self.center, self.radius + kept)
+
     def support(self, n: FloatArray) -> FloatArray:
         """The radius, in every direction."""
         return np.full(n.shape[:-1], self.radius)
@@ -132,6 +136,10 @@ class Ellipsoid(Quadric):
         """The first semi-axis over each."""
         scales: FloatArray = self.semi_axes[0] / self.semi_axes
         return scales
+
+    def quadric_inside(self, kept: float) -> Ellipsoid:
+        """With semi-axes that much longer: its support is no more than that of the set."""
+        return Ellipsoid(self.center, self.semi_axes + kept)
 
     def support(self, n: FloatArray) -> FloatArray:
         """norm(A n) with the semi-axes on the diagonal of A."""

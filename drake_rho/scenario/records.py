@@ -21,7 +21,6 @@ from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, Track
 from drake_rho.scenario.pairs import check_apart
 from drake_rho.scenario.parts import (
-    Box,
     Grid,
     Limits,
     Quantity,
@@ -29,7 +28,7 @@ from drake_rho.scenario.parts import (
     State,
     Vehicle,
 )
-from drake_rho.scenario.polyhedra import Polytope
+from drake_rho.scenario.polyhedra import Box, Polytope
 from drake_rho.scenario.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes import TOLERANCE, Shape
 

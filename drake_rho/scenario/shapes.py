@@ -8,11 +8,15 @@ the set for every unit vector n: that is all that a planner needs to know of a s
 from __future__ import annotations
 
 import abc
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drake_rho.scenario.errors import ScenarioError, Words
 from drake_rho.scenario.fields import FloatArray
+
+if TYPE_CHECKING:
+    from drake_rho.scenario.quadrics import Quadric
 
 TOLERANCE = 1e-6
 """Relative tolerance to which a constraint counts as held, everywhere in the package: of a
@@ -58,6 +62,13 @@ class Shape(abc.ABC):
 
         Inside, towards the nearest point of the surface, or one of several that are as near.
         """
+
+    def quadric_inside(self, kept: float) -> Quadric | None:  # of no use here
+        """A ball or an ellipsoid, like itself, in the set that is up to `kept` [m] around it.
+
+        For bounds that hold for the set because they hold for less; None where it has none.
+        """
+        return None
 
     @abc.abstractmethod
     def __str__(self) -> str:
