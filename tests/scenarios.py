@@ -11,6 +11,7 @@ import numpy.typing as npt
 from hypothesis import strategies as st
 
 import drake_rho as rho
+from drake_rho.scenario.shapes import Shape
 
 
 def box(half: float) -> rho.Box:
@@ -21,7 +22,7 @@ def box(half: float) -> rho.Box:
 def single(
     *,
     limits: rho.Limits | None = None,
-    obstacles: tuple[rho.Sphere, ...] = (),
+    obstacles: Sequence[Shape | rho.Obstacle] = (),
     grid: rho.Grid | None = None,
     start: rho.State | None = None,
     goal: rho.State | None = None,
@@ -168,7 +169,7 @@ def fleet(
     separation: rho.Separation | None = None,
     grid: rho.Grid | None = None,
     limits: rho.Limits | None = None,
-    obstacles: tuple[rho.Sphere, ...] = (),
+    obstacles: Sequence[Shape | rho.Obstacle] = (),
     between_knots: bool = True,
 ) -> rho.Scenario:
     """Vehicles `v0`, `v1`, ... from rest to rest in 10 s, 1 m apart unless told otherwise."""

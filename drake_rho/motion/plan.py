@@ -238,7 +238,12 @@ class Window:
     reference: Plan
     """the motion around which obstacles were linearised"""
     infeasible: str = ""
-    """empty, or why the window had no plan of its own; `plan` is then the previous one's tail"""
+    """empty, or why the window had no plan of its own; `plan` is then the previous one's tail, or
+    where that does not avoid what is known now, the plan that comes least too close"""
+    learned: tuple[int, ...] = ()
+    """numbers of the obstacles, from 1, that this window is the first to know of"""
+    not_avoided: tuple[int, ...] = ()
+    """numbers of the obstacles that its plan does not keep out of"""
 
     @property
     def statistics(self) -> Statistics:
@@ -246,6 +251,18 @@ class Window:
         if self.reference is self.plan:
             return self.plan.statistics
         return self.reference.statistics + self.plan.statistics
+
+
+@dataclasses.dataclass(frozen=True)
+class Sighting:
+    """When a flight learned of an obstacle, and what came of it."""
+
+    obstacle: str
+    """what it is called"""
+    time: float
+    """start of the first window that knew of it, on the scenario's clock [s]"""
+    avoided: bool
+    """whether all windows from then on had a plan that keeps out of it"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -266,6 +283,20 @@ class Flight:
     def cost(self) -> float:
         """The performance index (13) of what was flown [m²/s⁴]."""
         return self.plan.cost
+
+    @property
+    def sightings(self) -> tuple[Sighting, ...]:
+        """The obstacles that became known under way, in the order of time."""
+        missed = {number for window in self.windows for number in window.not_avoided}
+        return tuple(
+            Sighting(
+                self.scenario.obstacle_name(number),
+                window.plan.scenario.grid.start,
+                number not in missed,
+            )
+            for window in self.windows
+            for number in window.learned
+        )
 
     @property
     def statistics(self) -> Statistics:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from concurrent.futures import Executor
 from contextlib import suppress
 
@@ -161,9 +160,7 @@ def _ways_round(
     free = plan_around(scenario.without_obstacles(), None, solver)
     spent = free.statistics if failure is None else failure.statistics + free.statistics
     indices = [scenario.index_of(name) for name in stuck]
-    alone = [
-        dataclasses.replace(scenario, vehicles=(scenario.vehicles[index],)) for index in indices
-    ]
+    alone = [scenario.of_vehicles([index]) for index in indices]
     tasks = [
         (each, Plan.from_accelerations(each, free.accelerations[index : index + 1]), solver)
         for each, index in zip(alone, indices, strict=True)

@@ -16,7 +16,7 @@ import numpy as np
 from drake_rho.motion.clearance import CloseApproaches, close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.half_spaces import BROKEN, HalfSpaces, Quadratic
-from drake_rho.planning.keep_out import FIRST, KeepOut, Places, side_of
+from drake_rho.planning.keep_out import AT_ONCE, FIRST, KeepOut, Places, side_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
 from drake_rho.scenario.quadrics import Ellipsoid
@@ -34,9 +34,6 @@ rows; where these may be broken at a cost, only those that are too close."""
 ROOM = 1.02
 """Times the separation that rows ask for while they may be broken: room for what a slack gives
 away, and for what comes closer between knots."""
-
-_AT_ONCE = 1e-6
-"""Part of a step after the start, or before the end, in which nothing can be changed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -288,7 +285,7 @@ def places_of(found: CloseApproaches) -> Places:
 
 def _under_way(found: CloseApproaches, motion: Motion) -> CloseApproaches:
     """Approaches after the start and before the end: at these nothing can be changed."""
-    first = _AT_ONCE * motion.step
+    first = AT_ONCE * motion.step
     last = motion.accelerations.shape[1] * motion.step - first
     return found.select((found.times > first) & (found.times < last))
 

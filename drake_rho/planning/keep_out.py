@@ -36,6 +36,9 @@ from drake_rho.scenario.records import Scenario
 FIRST = 32
 """Number of the pairs' constraint; those of obstacles follow, those of keep-in sets come before."""
 
+AT_ONCE = 1e-6
+"""Part of a step after the start, or before the end, in which nothing can be changed."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Places:
@@ -92,6 +95,9 @@ class KeepOut(Constraint):
         if not between:
             return self.violated_at_knots(motion, vehicles, reach)
         places = self.penetrations(motion, vehicles)
+        first, last = AT_ONCE, motion.accelerations.shape[1] - AT_ONCE
+        k = places.times / motion.step
+        places = places.select((k > first) & (k < last))  # start and goal are not to be changed
         if len(places) == 0:
             return self.none
         rows = self.rows(places)  # of two that are too close, one may keep its own half

@@ -12,10 +12,11 @@ from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.half_spaces import Constraint
+from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.keep_goal import goals_of
 from drake_rho.planning.keep_out import FIRST
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.scp import iterate
+from drake_rho.planning.scp import iterate, restored
 from drake_rho.planning.subproblem import Subproblem, constraints_around
 from drake_rho.scenario.records import Scenario
 
@@ -57,6 +58,26 @@ class ElasticSubproblem(Subproblem):
     def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
         """None: the least violation is the answer, however large it is."""
         return None
+
+
+class LenientSubproblem(Subproblem):
+    """Feasibility restoration that ends with what is left of the breaches, rather than an error."""
+
+    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
+        """None: what comes least too close is the answer."""
+        return None
+
+
+def minimum_breach(plan: Plan, solver: SolverInterface | None = None) -> Plan:
+    """A plan that keeps goals and limits, and comes as little as can be too close to the rest.
+
+    The total over obstacles, pairs and instants is made small, linearised again and again.
+
+    Args:
+        plan: a motion that keeps goals and limits.
+        solver: a Drake solver; Clarabel if not given.
+    """
+    return restored(plan, LenientSubproblem(plan.scenario, decoupled, solver))
 
 
 def elastic(

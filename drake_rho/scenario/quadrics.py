@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray, Positive, Vector, record
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes import Quadric
 
 _BISECTIONS = 64
 """Halvings of the bracket of a root's logarithm: past the last digit of a double."""
@@ -20,35 +20,6 @@ _NOTHING = 1e-30
 
 _THINNEST = 1e-3 / LARGEST
 """Least semi-axis of an ellipsoid [m]: that of the closest separation with the least downwash."""
-
-
-class Quadric(Shape):
-    """A ball or an ellipsoid: norm(scales * x) <= radius.
-
-    Attributes:
-        radius: of the ball that it is in scaled coordinates [m].
-        scales: of each axis, shape (3,).
-    """
-
-    radius: float
-    scales: FloatArray
-
-    def scaled(self, x: FloatArray) -> FloatArray:
-        """Positions in coordinates in which the set is a ball of `radius`, shape (..., 3)."""
-        scaled: FloatArray = x * self.scales
-        return scaled
-
-    def scaled_normal(self, x: FloatArray) -> FloatArray:
-        """Unit normals, at x, of the scaled copy of the surface that goes through x.
-
-        For an ellipsoid it is not `outward`, and cheaper. A point x outside the set is on the
-        outer side of the half-space that has this normal, as it is with `outward`. NaN at the
-        centre.
-        """
-        n = x * self.scales**2
-        with np.errstate(invalid="ignore"):
-            normals: FloatArray = n / np.sqrt(np.einsum("...i,...i->...", n, n))[..., None]
-        return normals
 
 
 @record

@@ -8,15 +8,11 @@ the set for every unit vector n: that is all that a planner needs to know of a s
 from __future__ import annotations
 
 import abc
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drake_rho.scenario.errors import ScenarioError, Words
 from drake_rho.scenario.fields import FloatArray
-
-if TYPE_CHECKING:
-    from drake_rho.scenario.quadrics import Quadric
 
 TOLERANCE = 1e-6
 """Relative tolerance to which a constraint counts as held, everywhere in the package: of a
@@ -84,3 +80,32 @@ class Shape(abc.ABC):
             sides = Words(f"sides of {(2.0 * self.extent).tolist()} m")
             expected = f"none below {_THINNEST:g} of the greatest: what is flat has no inside"
             raise ScenarioError("", sides, expected)
+
+
+class Quadric(Shape):
+    """A ball or an ellipsoid: norm(scales * x) <= radius.
+
+    Attributes:
+        radius: of the ball that it is in scaled coordinates [m].
+        scales: of each axis, shape (3,).
+    """
+
+    radius: float
+    scales: FloatArray
+
+    def scaled(self, x: FloatArray) -> FloatArray:
+        """Positions in coordinates in which the set is a ball of `radius`, shape (..., 3)."""
+        scaled: FloatArray = x * self.scales
+        return scaled
+
+    def scaled_normal(self, x: FloatArray) -> FloatArray:
+        """Unit normals, at x, of the scaled copy of the surface that goes through x.
+
+        For an ellipsoid it is not `outward`, and cheaper. A point x outside the set is on the
+        outer side of the half-space that has this normal, as it is with `outward`. NaN at the
+        centre.
+        """
+        n = x * self.scales**2
+        with np.errstate(invalid="ignore"):
+            normals: FloatArray = n / np.sqrt(np.einsum("...i,...i->...", n, n))[..., None]
+        return normals
