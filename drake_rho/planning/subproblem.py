@@ -21,7 +21,6 @@ from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 
-
 _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
 with fewer they come out inside of some, and on the wrong side of others."""
