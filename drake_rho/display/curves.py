@@ -1,7 +1,7 @@
 """Drawing a plan over time on axes that are given: distances, separation, components.
 
-Curves are the exact motion between the knots, not lines from knot to knot; the knots are marked,
-unless there are more vehicles than can be told apart.
+Times are those of the scenario's clock. Curves are the exact motion between the knots, not lines
+from knot to knot; the knots are marked, unless there are more vehicles than can be told apart.
 Every function takes the axes first and returns the artists it has drawn.
 """
 
@@ -32,17 +32,17 @@ from drake_rho.scenario.records import Sphere
 
 def draw_distances(ax: Axes, plan: Plan, sphere: Sphere) -> list[Line2D]:
     """Distance of each vehicle from the centre of a sphere over time, with the radius."""
-    times = dense_times(plan)
+    times, start = dense_times(plan), plan.scenario.grid.start
     exact = np.linalg.norm(plan.motion().at("position", times) - sphere.center, axis=2)
     knots = np.linalg.norm(plan.positions - sphere.center, axis=2)
     _draw_limit(ax, sphere.radius, f"R = {sphere.radius:g} m")
     lines = [
-        _draw_curve(ax, plan, index, (times, exact[index]), (plan.times, knots[index]))
+        _draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
         for index in range(len(exact))
     ]
     ax.set(xlabel="time [s]", ylabel="distance from the obstacle's centre [m]", ylim=(0, None))
     ax.grid(alpha=0.25, linewidth=0.5)
-    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     return lines
 
 
@@ -67,13 +67,14 @@ def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
         raise ValueError(f"separation: got {got}, expected one, and two vehicles to keep apart")
     found = closest_over_time(plan.motion(), separation, per_step=PER_STEP)
     _draw_limit(ax, separation.distance, f"separation {separation.distance:g} m")
-    (curve,) = ax.plot(found.times, found.distances, color=COLOURS[0], linewidth=1.2)
+    times = plan.scenario.grid.start + found.times
+    (curve,) = ax.plot(times, found.distances, color=COLOURS[0], linewidth=1.2)
     m = int(np.argmin(found.distances))
     closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
     names = " and ".join(as_text(brief(name)) for name in closest)
-    label = f"{found.distances[m]:.4g} m at {found.times[m]:.4g} s: {names}"
+    label = f"{found.distances[m]:.4g} m at {times[m]:.4g} s: {names}"
     (ring,) = ax.plot(
-        found.times[m],
+        times[m],
         found.distances[m],
         marker="o",
         linestyle="none",
@@ -89,19 +90,19 @@ def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
     span = max(high - low, 0.02 * separation.distance)
     ax.set_ylim(max(0.0, low - 0.5 * span), high + 0.1 * span)
     ax.grid(alpha=0.25, linewidth=0.5)
-    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     return [curve, ring]
 
 
 def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
     """Velocity components over time with their bounds; one axes for each of x, y and z."""
     times = dense_times(plan)
-    exact = plan.motion().at("velocity", times)
+    exact, drawn = plan.motion().at("velocity", times), plan.scenario.grid.start + times
     lines = []
     for axis, ax in enumerate(axes):
         lines += [
             _draw_curve(
-                ax, plan, i, (times, exact[i, :, axis]), (plan.times, plan.velocities[i, :, axis])
+                ax, plan, i, (drawn, exact[i, :, axis]), (plan.times, plan.velocities[i, :, axis])
             )
             for i in range(len(exact))
         ]
@@ -112,18 +113,18 @@ def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
 
 def draw_speeds(ax: Axes, plan: Plan) -> list[Line2D]:
     """The norm of each vehicle's velocity over time, with the largest speeds."""
-    times = dense_times(plan)
+    times, start = dense_times(plan), plan.scenario.grid.start
     exact = np.linalg.norm(plan.motion().at("velocity", times), axis=2)
     knots = np.linalg.norm(plan.velocities, axis=2)
     limits = map(plan.scenario.limits_of, plan.scenario.vehicles)
     for most in {each.max_speed for each in limits if each.max_speed is not None}:
         ax.axhline(most, **LIMIT_STYLE)
     lines = [
-        _draw_curve(ax, plan, index, (times, exact[index]), (plan.times, knots[index]))
+        _draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
         for index in range(len(exact))
     ]
     ax.set(xlabel="time [s]", ylabel=r"$\Vert v \Vert$ [m/s]", ylim=(0, None))
-    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     ax.grid(alpha=0.25, linewidth=0.5)
     return lines
 
@@ -181,5 +182,5 @@ def _finish_component(
             ax.axhline(box.lower[axis], **LIMIT_STYLE)
             ax.axhline(box.upper[axis], **LIMIT_STYLE)
     ax.set_ylabel(f"${letter}_{'xyz'[axis]}$ [{unit}]")
-    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     ax.grid(alpha=0.25, linewidth=0.5)

@@ -24,7 +24,7 @@ class Pace:
 
     rate: float
     frames_per_second: float
-    times: FloatArray  # of the recorded poses, in flight [s]
+    times: FloatArray  # of the recorded poses, since the first knot [s]
 
     @classmethod
     def of(cls, plan: Plan, rate: float | None) -> Pace:
@@ -40,5 +40,5 @@ class Pace:
         return cls(rate, frames_per_second, times)
 
     def playback(self, time: float) -> float:
-        """When `time` [s] in flight is shown, since the beginning of the playback [s]."""
+        """When an instant, in seconds since the first knot, is shown [s of playback]."""
         return float(time) / self.rate

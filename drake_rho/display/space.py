@@ -103,7 +103,7 @@ def draw_windows(
         flown = _flown_steps(flight, window.first_knot)
         times = dense_times(window.plan)
         paths = window.plan.motion().at("position", times)
-        part = times <= window.plan.times[flown] + 1e-9
+        part = times <= window.plan.scenario.grid.elapsed[flown] + 1e-9
         lines.append([])
         for index in range(len(paths)):
             _draw_path(ax, paths[index], obstacles, color=colour, linewidth=0.6, alpha=0.45)

@@ -73,7 +73,8 @@ def _pieces(plan: Plan, trails: int) -> list[tuple[int, int]]:
 
 def _paths(plan: Plan, first: int, last: int, per_step: int) -> FloatArray:
     """Points along all ways between two knots [m], shape (N, M, 3)."""
-    times = np.linspace(plan.times[first], plan.times[last], per_step * (last - first) + 1)
+    elapsed = plan.scenario.grid.elapsed
+    times = np.linspace(elapsed[first], elapsed[last], per_step * (last - first) + 1)
     return plan.motion().at("position", times)
 
 
@@ -84,7 +85,8 @@ def _segments(paths: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _middle(plan: Plan, pace: Pace, first: int, last: int) -> float:
-    return pace.playback((plan.times[first] + plan.times[last]) / 2)
+    elapsed = plan.scenario.grid.elapsed
+    return pace.playback((elapsed[first] + elapsed[last]) / 2)
 
 
 def _show_between(meshcat: Meshcat, path: str, begin: float, end: float | None) -> None:
