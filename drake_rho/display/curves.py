@@ -1,4 +1,4 @@
-"""Drawing a plan over time on axes that are given: distances, separation, components.
+"""Drawing a plan over time on axes that are given: separation, velocities, accelerations.
 
 Times are those of the scenario's clock. Curves are the exact motion between the knots, not lines
 from knot to knot; the knots are marked, unless there are more vehicles than can be told apart.
@@ -27,23 +27,6 @@ from drake_rho.display.style import (
 from drake_rho.motion.clearance import closest_over_time
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Sphere
-
-
-def draw_distances(ax: Axes, plan: Plan, sphere: Sphere) -> list[Line2D]:
-    """Distance of each vehicle from the centre of a sphere over time, with the radius."""
-    times, start = dense_times(plan), plan.scenario.grid.start
-    exact = np.linalg.norm(plan.motion().at("position", times) - sphere.center, axis=2)
-    knots = np.linalg.norm(plan.positions - sphere.center, axis=2)
-    _draw_limit(ax, sphere.radius, f"R = {sphere.radius:g} m")
-    lines = [
-        _draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
-        for index in range(len(exact))
-    ]
-    ax.set(xlabel="time [s]", ylabel="distance from the obstacle's centre [m]", ylim=(0, None))
-    ax.grid(alpha=0.25, linewidth=0.5)
-    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
-    return lines
 
 
 def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
@@ -66,7 +49,7 @@ def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
         got = "none" if separation is None else "one for a single vehicle"
         raise ValueError(f"separation: got {got}, expected one, and two vehicles to keep apart")
     found = closest_over_time(plan.motion(), separation, per_step=PER_STEP)
-    _draw_limit(ax, separation.distance, f"separation {separation.distance:g} m")
+    draw_limit(ax, separation.distance, f"separation {separation.distance:g} m")
     times = plan.scenario.grid.start + found.times
     (curve,) = ax.plot(times, found.distances, color=COLOURS[0], linewidth=1.2)
     m = int(np.argmin(found.distances))
@@ -101,7 +84,7 @@ def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
     lines = []
     for axis, ax in enumerate(axes):
         lines += [
-            _draw_curve(
+            draw_curve(
                 ax, plan, i, (drawn, exact[i, :, axis]), (plan.times, plan.velocities[i, :, axis])
             )
             for i in range(len(exact))
@@ -120,7 +103,7 @@ def draw_speeds(ax: Axes, plan: Plan) -> list[Line2D]:
     for most in {each.max_speed for each in limits if each.max_speed is not None}:
         ax.axhline(most, **LIMIT_STYLE)
     lines = [
-        _draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
+        draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
         for index in range(len(exact))
     ]
     ax.set(xlabel="time [s]", ylabel=r"$\Vert v \Vert$ [m/s]", ylim=(0, None))
@@ -136,15 +119,15 @@ def draw_accelerations(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
         for i in range(len(plan.accelerations)):
             a = plan.accelerations[i, :, axis]
             steps = (np.repeat(plan.times, 2)[1:-1], np.repeat(a, 2))
-            lines.append(_draw_curve(ax, plan, i, steps, (plan.times[:-1], a)))
+            lines.append(draw_curve(ax, plan, i, steps, (plan.times[:-1], a)))
         _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
     axes[-1].set_xlabel("time [s]")
     return lines
 
 
-def _draw_limit(ax: Axes, least: float, name: str) -> None:
-    """The least distance that is allowed [m], with its name, and grey where none may be."""
-    ax.axhspan(0.0, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
+def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:
+    """The least distance that is allowed [m], with its name, and grey from there to `bottom`."""
+    ax.axhspan(bottom, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
     ax.axhline(least, **LIMIT_STYLE)
     ax.annotate(
         name,
@@ -157,13 +140,14 @@ def _draw_limit(ax: Axes, least: float, name: str) -> None:
     )
 
 
-def _draw_curve(
+def draw_curve(
     ax: Axes,
     plan: Plan,
     index: int,
     exact: tuple[FloatArray, FloatArray],
     knots: tuple[FloatArray, FloatArray],
 ) -> Line2D:
+    """One vehicle's curve in its colour, and its marks at the knots if these are told apart."""
     colour = vehicle_colours(len(plan.positions))[index]
     name = as_text(plan.scenario.vehicles[index].name)
     (line,) = ax.plot(*exact, color=colour, linewidth=1.2, label=name)
