@@ -15,7 +15,7 @@ _FRAMES = 32.0
 _LONGEST = 60.0
 """Longest playback [s]; a flight of up to this runs in real time."""
 _MOST_POSES = 50_000
-"""Most recorded poses, of all vehicles together."""
+"""Most recorded poses, of all vehicles and moving obstacles together."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +33,8 @@ class Pace:
         if rate is None:
             rate = 1.0 if duration <= _LONGEST else nice_step(duration / _LONGEST)
         playback = duration / rate
-        most = _MOST_POSES / len(plan.positions)
+        moving = sum(obstacle.moves for obstacle in plan.scenario.bodies)
+        most = _MOST_POSES / (len(plan.positions) + moving)
         frames_per_second = min(_FRAMES, max(4.0, most / playback))
         frames = int(np.ceil(playback * frames_per_second))
         times = np.minimum(np.arange(frames + 1) * rate / frames_per_second, duration)
