@@ -50,8 +50,9 @@ from drake_rho.display.space import (
 from drake_rho.display.style import LIMIT_STYLE, window_colours
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.files import replacing
-from drake_rho.scenario.obstacles import AnyObstacle
+from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.quadrics import Sphere
+from drake_rho.scenario.shapes import Shape
 
 _WIDTH = 6.5
 """Width of a page's text [in]."""
@@ -61,7 +62,9 @@ _ONE_ROW = 0.3
 """Height of a legend for which curves have room anyway [in]."""
 
 
-def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[AnyObstacle] | None = None) -> Figure:
+def paths_figure(
+    flown: Plan | Flight, *, obstacles: Sequence[Shape | Obstacle] | None = None
+) -> Figure:
     """The vehicles' paths in space, around the obstacles; each window of a flight in its colour.
 
     Args:
@@ -98,7 +101,7 @@ def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[AnyObstacle] | Non
 
 
 def distances_figure(
-    flown: Plan | Flight, *, obstacles: Sequence[AnyObstacle] | None = None
+    flown: Plan | Flight, *, obstacles: Sequence[Shape | Obstacle] | None = None
 ) -> Figure:
     """The vehicles' distances from the obstacles over time.
 

@@ -13,7 +13,7 @@ from drake_rho.display.style import dense_times
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.cylinders import Cylinder
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
+from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes import Shape
 
 MOST_FOLLOWED = 6
@@ -22,6 +22,8 @@ _MOST_NUMBERED = 60
 """Most obstacles with their numbers; more would be a picture of numbers."""
 _AROUND = 0.5
 """How far from what stands still a moving obstacle is shown, in parts of the longest side."""
+_APART = 0.2
+"""How far an obstacle has to be from where it is drawn to be drawn again, in parts of its size."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ def placed(shape: Shape, centers: FloatArray, lower: FloatArray, upper: FloatArr
     return np.where(np.isinf(shape.extent), (lower + upper) / 2.0, centers)
 
 
-def as_bodies(obstacles: Sequence[Shape | Obstacle | AnyObstacle]) -> tuple[Obstacle, ...]:
+def as_bodies(obstacles: Sequence[Shape | Obstacle]) -> tuple[Obstacle, ...]:
     """Each as an `Obstacle`."""
     return tuple(each if isinstance(each, Obstacle) else Obstacle(each) for each in obstacles)
 
@@ -79,7 +81,8 @@ def snapshots(plan: Plan, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
     """What a still picture shows of the obstacles.
 
     Those at rest as they are. A moving one as it is when a vehicle comes closest to it, and if
-    there are few, fainter where it is at first and at last; its label has the times.
+    there are few, fainter where it is at first and at last; its label has the times. One that is
+    never near what else is shown is left out.
     """
     shown: list[Snapshot] = []
     few = sum(obstacle.moves for obstacle in obstacles) <= MOST_FOLLOWED
@@ -90,14 +93,21 @@ def snapshots(plan: Plan, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
             (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
             shown.append(Snapshot(obstacle.shape, center, label))
             continue
-        at = plan.scenario.grid.start + nearest(plan, obstacle).time
-        others = _first_and_last(plan, obstacle, obstacles) if few else []
-        distinct = 0.02 * plan.scenario.grid.duration
-        times = [at, *(time for time in others if abs(time - at) > distinct)]
-        for time, center in zip(times, obstacle.centers(np.array(times)), strict=True):
-            when = f"{time:.3g} s"
-            words = f"{label}, {when}" if label and time == at else when
-            shown.append(Snapshot(obstacle.shape, center, words if few else label, time != at))
+        clock, near = _near(plan, obstacle, obstacles)
+        if not np.any(near):
+            continue
+        times = np.array([plan.scenario.grid.start + nearest(plan, obstacle).time])
+        if few:
+            times = np.append(times, clock[near][[0, -1]])
+        centers = obstacle.centers(times)
+        for index, (time, center) in enumerate(zip(times, centers, strict=True)):
+            moved = np.linalg.norm(center - centers[0]) > _APART * obstacle.shape.size
+            when = f"{round(time, 2):g} s" if few else ""
+            if index == 0:
+                words = ", ".join(filter(None, (label, when)))
+                shown.append(Snapshot(obstacle.shape, center, words))
+            elif moved:
+                shown.append(Snapshot(obstacle.shape, center, when, faint=True))
     return shown
 
 
@@ -110,6 +120,8 @@ def approaches(plan: Plan, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
     for obstacle in moving if len(moving) <= MOST_FOLLOWED else []:
+        if not np.any(_near(plan, obstacle, obstacles)[1]):
+            continue
         at = nearest(plan, obstacle)
         position = plan.motion().at("position", at.time)[at.vehicle]
         x = position - obstacle.centers(np.array([plan.scenario.grid.start + at.time]))
@@ -149,12 +161,15 @@ def obstacle_notes(plan: Plan, obstacles: Sequence[Obstacle]) -> list[str]:
         notes.append(
             "moving obstacles: when a vehicle comes closest (black line); faint: at first and last"
         )
+    never = [
+        str(number)
+        for number, obstacle in enumerate(obstacles, start=1)
+        if obstacle.moves and not np.any(_near(plan, obstacle, obstacles)[1])
+    ]
+    if never:
+        which = ", ".join(never) if len(never) <= MOST_FOLLOWED else f"{len(never)} of them"
+        notes.append(f"obstacles that are never near, not shown: {which}")
     return notes
-
-
-def _first_and_last(plan: Plan, obstacle: Obstacle, obstacles: Sequence[Obstacle]) -> list[float]:
-    times, near = _near(plan, obstacle, obstacles)
-    return [float(times[near][end]) for end in (0, -1)] if np.any(near) else []
 
 
 def _near(
@@ -173,6 +188,6 @@ def _near(
     upper = np.max([plan.positions.max(axis=(0, 1)), *(high for _, high in resting)], axis=0)
     room = _AROUND * float(np.max(upper - lower))
     times = plan.scenario.grid.start + dense_times(plan)
-    centers = obstacle.centers(times)
-    beyond = (centers < lower - room) | (centers > upper + room)
-    return times, ~np.any(beyond & np.isfinite(obstacle.shape.extent), axis=1)
+    centers, extent = obstacle.centers(times), obstacle.shape.extent
+    beyond = (centers + extent < lower - room) | (centers - extent > upper + room)
+    return times, ~np.any(beyond, axis=1)
