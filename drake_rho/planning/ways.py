@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.plan import Plan
+from drake_rho.motion.plan import Plan, Searched
 from drake_rho.planning.lattice import Lattice, Raster
 from drake_rho.planning.pace import paced, progress, usable_speeds
 from drake_rho.planning.resolution import Resolution, region, resolutions
@@ -31,24 +31,6 @@ _ORDERS = 5
 
 _RAMP = 1.0 / 8.0
 """Part of the time in which speed rises, and falls, on ways in space and time."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Searched:
-    """Where ways were looked for."""
-
-    spacing: float
-    """greatest distance of neighbours along an axis of the finest grid [m]"""
-    points: int
-    """how many points it has, clear ones and others"""
-    layers: int
-    """in how many moves a way was to lead to its goal; 0 where time did not matter"""
-    orders: int
-    """in how many orders vehicles were planned, on all grids; 0 where the order did not matter"""
-
-    def __str__(self) -> str:
-        """The grid, in words."""
-        return f"a grid of {self.spacing:.2g} m"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -96,15 +78,15 @@ def _in_space(scenario: Scenario, most: int) -> Ways:
         if ways[-1]:
             break
     points = max(lattice.raster.count for lattice in lattices.values())
-    searched = Searched(resolution.length, points, layers=0, orders=0)
-    if not ways[-1]:
+    count = max(len(each) for each in ways) if ways[-1] else 0
+    searched = Searched(spacing=resolution.length, points=points, ways=count)
+    if count == 0:
         return Ways((), 0, searched)
     speeds = usable_speeds(scenario)
     timed = [
         [paced(way.positions, scenario.grid.elapsed, most) for way in each]
         for each, most in zip(ways, speeds, strict=True)
     ]
-    count = max(len(each) for each in timed)
     references = [
         _reference(scenario, np.array([each[min(k, len(each) - 1)] for each in timed]))
         for k in range(count)
@@ -138,7 +120,11 @@ def _in_space_and_time(scenario: Scenario) -> Ways:
         if best:
             break
     searched = Searched(
-        float(resolution.spacing.max()), fleet.points, len(resolution.times) - 1, orders
+        spacing=float(resolution.spacing.max()),
+        points=fleet.points,
+        layers=len(resolution.times) - 1,
+        orders=orders,
+        ways=int(len(best) > 0),
     )
     if not best:
         return Ways((), 0, searched)
