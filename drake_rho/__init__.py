@@ -39,6 +39,7 @@ from drake_rho.scenario.records import (
     Track,
     Vehicle,
 )
+from drake_rho.scenario.worlds import random_field, trefoil_swap
 
 if TYPE_CHECKING:
     from drake_rho.display.animation import animate
@@ -100,6 +101,7 @@ __all__ = [
     "plan_convex",
     "plan_rho",
     "plan_scp",
+    "random_field",
     "random_transitions",
     "save",
     "save_scenario",
@@ -108,6 +110,7 @@ __all__ = [
     "separation_figure",
     "shortest_plan",
     "tail_reference",
+    "trefoil_swap",
     "velocities_figure",
     "verify",
 ]

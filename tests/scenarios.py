@@ -11,6 +11,7 @@ import numpy.typing as npt
 from hypothesis import strategies as st
 
 import drake_rho as rho
+from drake_rho.scenario.shapes import Shape
 
 
 def box(half: float) -> rho.Box:
@@ -21,7 +22,7 @@ def box(half: float) -> rho.Box:
 def single(
     *,
     limits: rho.Limits | None = None,
-    obstacles: tuple[rho.Sphere, ...] = (),
+    obstacles: Sequence[Shape | rho.Obstacle] = (),
     grid: rho.Grid | None = None,
     start: rho.State | None = None,
     goal: rho.State | None = None,
@@ -51,8 +52,10 @@ def mapped(
     """The scenario in other coordinates: p' = length (turn p + shift), t' = time t.
 
     `turn` is a signed permutation, so that boxes stay boxes, or any orthogonal matrix where there
-    are none; with a downwash, one that keeps z.
+    are none; with a downwash or gravity, one that keeps z. Gravity keeps lengths and times too.
+    Obstacles are spheres at rest.
     """
+    assert len(scenario.spheres) == len(scenario.obstacles)
     apart = scenario.separation
     if apart is not None:
         assert apart.downwash == 1.0 or abs(turn[2, 2]) == 1.0
@@ -81,11 +84,14 @@ def mapped(
             bounds(old.acceleration, force, np.zeros(3)),
             bounds(old.jerk, jerk, np.zeros(3)),
             None if old.max_speed is None else speed * old.max_speed,
+            None if old.max_acceleration is None else force * old.max_acceleration,
+            old.max_thrust,
+            old.max_tilt,
         )
 
     return dataclasses.replace(
         scenario,
-        grid=rho.Grid(time * scenario.grid.step, scenario.grid.knots),
+        grid=rho.Grid(time * scenario.grid.step, scenario.grid.knots, time * scenario.grid.start),
         vehicles=tuple(
             rho.Vehicle(old.name, state(old.start), state(old.goal), limits(old.limits))
             for old in scenario.vehicles
@@ -93,7 +99,7 @@ def mapped(
         limits=limits(scenario.limits) or rho.Limits(),
         obstacles=tuple(
             rho.Sphere(length * (turn @ old.center + shift), length * old.radius)
-            for old in scenario.obstacles
+            for old in scenario.spheres
         ),
         separation=apart,
     )
@@ -168,7 +174,7 @@ def fleet(
     separation: rho.Separation | None = None,
     grid: rho.Grid | None = None,
     limits: rho.Limits | None = None,
-    obstacles: tuple[rho.Sphere, ...] = (),
+    obstacles: Sequence[Shape | rho.Obstacle] = (),
     between_knots: bool = True,
 ) -> rho.Scenario:
     """Vehicles `v0`, `v1`, ... from rest to rest in 10 s, 1 m apart unless told otherwise."""

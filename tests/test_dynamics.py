@@ -170,7 +170,7 @@ def test_a_plan_of_the_wrong_shape_is_refused() -> None:
 def test_the_tail_of_a_plan_is_the_same_motion(knot: int) -> None:
     plan = rho.plan_convex(single())
     tail = plan.tail(knot)
-    assert tail.scenario.grid == rho.Grid(0.5, 17 - knot)
+    assert tail.scenario.grid == rho.Grid(0.5, 17 - knot, 0.5 * knot)
     assert rho.verify(tail).ok
     later = np.linspace(0, tail.scenario.grid.duration, 50)
     np.testing.assert_allclose(

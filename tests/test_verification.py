@@ -81,7 +81,8 @@ def test_a_dip_is_named_with_obstacle_time_and_depth() -> None:
     (violation,) = rho.verify(dataclasses.replace(through, scenario=scenario)).violations
     assert violation.constraint == "obstacle 2"
     assert violation.time == 4.0
-    assert violation.value == pytest.approx(0.0, abs=1e-9)
+    assert violation.value == pytest.approx(-1.0, abs=1e-9)  # in its middle
+    assert violation.limit == 0.0
     assert violation.excess == pytest.approx(1.0)
     assert "obstacle 2" in str(rho.verify(dataclasses.replace(through, scenario=scenario)))
 
@@ -221,7 +222,7 @@ def test_what_is_planned_holds_by_other_means_too(scenario: rho.Scenario) -> Non
         before = vehicle.start.acceleration
         way = scenario.fleet.lengths[scenario.index_of(vehicle.name)]
         for a in plan.accelerations[index]:
-            for sphere in scenario.obstacles:
+            for sphere in scenario.spheres:
                 assert np.linalg.norm(p - sphere.center) >= sphere.radius * (1 - 2e-6)
             jerk = np.zeros(3) if before is None else (a - before) / h
             T = scenario.grid.duration

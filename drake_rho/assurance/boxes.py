@@ -31,7 +31,7 @@ def check_boxes(scenario: Scenario, motion: Motion) -> Iterator[Column]:
             yield _check_box(scenario, quantity, AT_KNOTS, bounds, knots)
     bounds = scenario.fleet.bounds("position")
     if bounds is not None:
-        always = _extremes_at_all_times(motion, bounds)
+        always = _extremes_at_all_times(scenario, motion, bounds)
         yield _check_box(scenario, "position", AT_ALL_TIMES, bounds, always)
 
 
@@ -52,14 +52,14 @@ def _extremes_at_knots(scenario: Scenario, values: FloatArray, skipped: BoolArra
     return _Extremes(scenario.grid.times[k], np.stack([least, greatest], axis=1))
 
 
-def _extremes_at_all_times(motion: Motion, bounds: Bounds) -> _Extremes:
+def _extremes_at_all_times(scenario: Scenario, motion: Motion, bounds: Bounds) -> _Extremes:
     """Extremes of positions: the least of x, y, z and of -x, -y, -z, as distances from a wall."""
     signs = np.array([1.0, -1.0])[:, None, None, None]
     states = (motion.positions, motion.velocities, motion.accelerations)
     p, v, a = (signs * np.moveaxis(each, 1, 2)[:, None, ..., None] for each in states)
     precision = PRECISION * bounds.tolerances[:, None]
     times, least = least_distance(motion.step, (p, v, a), lambda x: x[..., 0], precision)
-    return _Extremes(times, signs[..., 0, 0] * least)
+    return _Extremes(scenario.grid.start + times, signs[..., 0, 0] * least)
 
 
 def _check_box(

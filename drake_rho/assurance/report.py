@@ -36,15 +36,17 @@ class Check:
     """name"""
     constraint: str
     """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, maximum speed,
-    obstacle 1, …, separation"""
+    maximum acceleration, maximum thrust, maximum tilt, obstacle 1, obstacle 2 (intruder), …,
+    separation"""
     part: str = ""
     """which side of a box, or which quantity of dynamics and goal; empty if there is but one"""
     time: float
-    """since the first knot [s]"""
+    """on the scenario's clock [s]"""
     value: float
-    """what the plan does, in `unit`"""
+    """what the plan does, in `unit`; of an obstacle the signed distance, negative inside"""
     limit: float
-    """what the constraint allows, in `unit`"""
+    """what the constraint allows, in `unit`; of an obstacle the vehicle's radius, and how far the
+    obstacle may be from its track"""
     excess: float
     """by how much the value is beyond the limit, in `unit`; negative on the right side of it"""
     tolerance: float
@@ -138,11 +140,23 @@ class Report:
                     tightest[_kind(check)] = check
             several = len(self.scenario.vehicles) > 1
             which = "; for each, the vehicle closest to it" if several else ""
-            return _table(f"{name}: all constraints hold{which}", list(tightest.values()))
+            table = _table(f"{name}: all constraints hold{which}", list(tightest.values()))
+            return table + self._notes()
         title = f"{name}: {len(violations)} of {len(self.checks)} checks broken"
         more = len(violations) - _LONGEST
         rest = f"\n… and {more} more" if more > 0 else ""
-        return _table(title, list(violations[:_LONGEST])) + rest
+        return _table(title, list(violations[:_LONGEST])) + rest + self._notes()
+
+    def _notes(self) -> str:
+        """Lines on what is judged with an estimate."""
+        estimated = [
+            self.scenario.obstacle_name(number)
+            for number, obstacle in enumerate(self.scenario.bodies, start=1)
+            if obstacle.track is not None and obstacle.track.deviation_is_estimated
+        ]
+        if not estimated:
+            return ""
+        return f"\nestimated from samples: how far from its track is {', '.join(estimated)}"
 
 
 def _kind(check: Check) -> tuple[str, str, bool]:
@@ -167,7 +181,8 @@ def _verdict(check: Check) -> str:
 
 
 def _table(title: str, rows: list[Check]) -> str:
-    form = "{:<12} {:<35} {:>9} {:>12} {:>12} {:>11} {:<4}  {}"
+    wide = max([35, *(len(check.what) for check in rows)])
+    form = f"{{:<12}} {{:<{wide}}} {{:>9}} {{:>12}} {{:>12}} {{:>11}} {{:<4}}  {{}}"
     lines = [
         title,
         form.format("vehicle", "constraint", "time [s]", "value", "limit", "excess", "", ""),

@@ -35,6 +35,10 @@ class Steps:
         each = (p[..., :-1, :], step * v[..., :-1, :], step**2 * a)
         return cls(*(array.reshape(-1, array.shape[-1]) for array in each))
 
+    def select(self, which: IntArray) -> Steps:
+        """Some of the steps, by their indices."""
+        return Steps(self.p[which], self.v[which], self.a[which])
+
     def at(self, which: IntArray, u: FloatArray) -> FloatArray:
         """Positions in the steps `which`, shape (P,), at moments u, shape (P, S): (P, S, D)."""
         p, v, a = (array[which, None] for array in (self.p, self.v, self.a))

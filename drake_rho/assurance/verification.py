@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 
 from drake_rho.assurance.boxes import check_boxes
 from drake_rho.assurance.closest_pairs import closest_at_all_times, closest_at_knots
-from drake_rho.assurance.continuous_time import least_distance
 from drake_rho.assurance.norms import check_norms
+from drake_rho.assurance.obstacles import check_obstacles
 from drake_rho.assurance.report import (
     AT_ALL_TIMES,
     AT_KNOTS,
@@ -38,6 +37,10 @@ def verify(flown: Plan | Flight) -> Report:
     than a hundredth of the tolerance. A scenario that asks for the knots only (`between_knots`)
     is judged by these, and the other is told beside it. A value that is no number never holds.
 
+    From an obstacle a vehicle keeps its radius, and the deviation of the obstacle's track. One that
+    is known later is judged from then on; how close it was before is told in a row of its own.
+    All times are on the scenario's clock.
+
     The arithmetic is that of double precision. A position at the knots is a sum of 2K terms, none
     larger than the largest of the motion's coordinates and its length scale, so with the unit
     roundoff u = 1.1e-16 it is within 4 K u of that; an instant adds a few roundings more. For the
@@ -58,7 +61,7 @@ def verify(flown: Plan | Flight) -> Report:
             *_check_goal(scenario, motion),
             *check_boxes(scenario, motion),
             *check_norms(scenario, motion),
-            *_check_obstacles(scenario, motion),
+            *check_obstacles(scenario, motion),
             *_check_separation(scenario, motion),
         ]
     names = [vehicle.name for vehicle in scenario.vehicles]
@@ -88,7 +91,7 @@ def _check_goal(scenario: Scenario, motion: Motion) -> Iterator[Column]:
     )
     for quantity, reached, wanted in pairs:
         missed = np.linalg.norm(reached - wanted, axis=1)
-        times = np.full(len(missed), scenario.grid.duration)
+        times = np.full(len(missed), scenario.grid.end)
         yield _difference(scenario, "goal", quantity, times, missed)
 
 
@@ -108,34 +111,6 @@ def _difference(
     )
 
 
-def _check_obstacles(scenario: Scenario, motion: Motion) -> Iterator[Column]:
-    """(8), at the knots and at every instant."""
-    motions = motion.positions, motion.velocities, motion.accelerations
-    for number, sphere in enumerate(scenario.obstacles, start=1):
-        distance = partial(_distance_from, sphere.center)
-        distances = distance(motion.positions)
-        k = np.argmin(distances, axis=1)
-        knots = (scenario.grid.times[k], _pick(distances, k))
-        always = least_distance(motion.step, motions, distance, PRECISION * sphere.tolerance)
-        for part, (times, values) in ((AT_KNOTS, knots), (AT_ALL_TIMES, always)):
-            yield Column(
-                constraint=f"obstacle {number}",
-                parts=[part] * len(values),
-                times=times,
-                values=values,
-                limits=np.full(len(values), sphere.radius),
-                excess=sphere.radius - values,
-                tolerances=np.full(len(values), sphere.tolerance),
-                unit="m",
-                asked=part == AT_KNOTS or scenario.between_knots,
-            )
-
-
-def _distance_from(center: FloatArray, positions: FloatArray) -> FloatArray:
-    distances: FloatArray = np.linalg.norm(positions - center, axis=-1)
-    return distances
-
-
 def _check_separation(scenario: Scenario, motion: Motion) -> Iterator[Column]:
     """Every vehicle's distance from the one that comes closest, at the knots and at every instant.
 
@@ -151,7 +126,7 @@ def _check_separation(scenario: Scenario, motion: Motion) -> Iterator[Column]:
         yield Column(
             constraint="separation",
             parts=[f"from {name} {part}" for name in names],
-            times=found.times,
+            times=scenario.grid.start + found.times,
             values=found.distances,
             limits=np.full(len(names), separation.distance),
             excess=separation.distance - found.distances,

@@ -27,6 +27,14 @@ from drake_rho.display.style import (
 from drake_rho.motion.clearance import closest_over_time
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.norms import Norm
+
+_NORM_LABELS: dict[Norm, str] = {
+    "max_speed": r"$\Vert v \Vert$ [m/s]",
+    "max_acceleration": r"$\Vert a \Vert$ [m/s²]",
+    "max_thrust": "thrust [m/s²]",
+    "max_tilt": "tilt [rad]",
+}
 
 
 def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
@@ -94,35 +102,51 @@ def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
     return lines
 
 
-def draw_speeds(ax: Axes, plan: Plan) -> list[Line2D]:
-    """The norm of each vehicle's velocity over time, with the largest speeds."""
-    times, start = dense_times(plan), plan.scenario.grid.start
-    exact = np.linalg.norm(plan.motion().at("velocity", times), axis=2)
-    knots = np.linalg.norm(plan.velocities, axis=2)
-    limits = map(plan.scenario.limits_of, plan.scenario.vehicles)
-    for most in {each.max_speed for each in limits if each.max_speed is not None}:
+def draw_accelerations(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
+    """Acceleration components, constant in each step, with their bounds; one axes an axis."""
+    lines = []
+    for axis, ax in enumerate(axes):
+        lines += [
+            _draw_steps(ax, plan, i, plan.accelerations[i, :, axis])
+            for i in range(len(plan.accelerations))
+        ]
+        _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
+    axes[-1].set_xlabel("time [s]")
+    return lines
+
+
+def draw_norm(ax: Axes, plan: Plan, norm: Norm) -> list[Line2D]:
+    """What a limit on a norm is about, of each vehicle over time, with the limits.
+
+    Args:
+        ax: where to draw.
+        plan: what to draw.
+        norm: the field of `Limits`; some vehicle has such a limit.
+    """
+    limit = plan.scenario.fleet.norms[norm]
+    for most in np.unique(limit.most[np.isfinite(limit.most)]):
         ax.axhline(most, **LIMIT_STYLE)
-    lines = [
-        draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
-        for index in range(len(exact))
-    ]
-    ax.set(xlabel="time [s]", ylabel=r"$\Vert v \Vert$ [m/s]", ylim=(0, None))
+    if limit.quantity == "velocity":
+        times, start = dense_times(plan), plan.scenario.grid.start
+        exact = limit.measured(plan.motion().at("velocity", times))
+        knots = limit.measured(plan.velocities)
+        lines = [
+            draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
+            for index in range(len(exact))
+        ]
+    else:
+        steps = limit.measured(plan.accelerations)
+        lines = [_draw_steps(ax, plan, index, steps[index]) for index in range(len(steps))]
+    ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     ax.grid(alpha=0.25, linewidth=0.5)
     return lines
 
 
-def draw_accelerations(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
-    """Acceleration components, constant in each step, with their bounds; one axes an axis."""
-    lines = []
-    for axis, ax in enumerate(axes):
-        for i in range(len(plan.accelerations)):
-            a = plan.accelerations[i, :, axis]
-            steps = (np.repeat(plan.times, 2)[1:-1], np.repeat(a, 2))
-            lines.append(draw_curve(ax, plan, i, steps, (plan.times[:-1], a)))
-        _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
-    axes[-1].set_xlabel("time [s]")
-    return lines
+def _draw_steps(ax: Axes, plan: Plan, index: int, values: FloatArray) -> Line2D:
+    """Values that are constant in each step, shape (K-1,), of one vehicle."""
+    steps = (np.repeat(plan.times, 2)[1:-1], np.repeat(values, 2))
+    return draw_curve(ax, plan, index, steps, (plan.times[:-1], values))
 
 
 def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 
 from drake_rho.display.curves import (
     draw_accelerations,
+    draw_norm,
     draw_separation,
-    draw_speeds,
     draw_velocities,
 )
 from drake_rho.display.distances import (
@@ -52,6 +52,7 @@ from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.files import replacing
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.quadrics import Sphere
+from drake_rho.scenario.records import Quantity
 from drake_rho.scenario.shapes import Shape
 
 _WIDTH = 6.5
@@ -151,19 +152,14 @@ def separation_figure(flown: Plan | Flight) -> Figure:
 
 def velocities_figure(flown: Plan | Flight) -> Figure:
     """The components of the velocities over time, with their bounds; speeds if they are limited."""
-    plan = _plan(flown)
-    if plan.scenario.fleet.max_speeds() is None:
-        return _components(plan, draw_velocities, "velocity")
-    figure = Figure(figsize=(_WIDTH, 7.2), layout="constrained")
-    *components, speeds = figure.subplots(4, sharex=True)
-    draw_velocities(components, plan)
-    components[-1].set_xlabel("")
-    draw_speeds(speeds, plan)
-    return _with_legend(figure, [*vehicle_handles(plan.scenario), _limit_handle()])
+    return _components(_plan(flown), draw_velocities, "velocity")
 
 
 def accelerations_figure(flown: Plan | Flight) -> Figure:
-    """The components of the accelerations over time, with their bounds."""
+    """The components of the accelerations over time, with their bounds.
+
+    Below them norms, thrusts and tilts, each if it is limited.
+    """
     return _components(_plan(flown), draw_accelerations, "acceleration")
 
 
@@ -201,13 +197,20 @@ def write_figure(figure: Figure, path: Path) -> Path:
 
 
 def _components(
-    plan: Plan, draw: Callable[[Sequence[Axes], Plan], list[Line2D]], quantity: str
+    plan: Plan, draw: Callable[[Sequence[Axes], Plan], list[Line2D]], quantity: Quantity
 ) -> Figure:
-    figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
-    draw(list(figure.subplots(3, sharex=True)), plan)
-    limits = map(plan.scenario.limits_of, plan.scenario.vehicles)
+    """The components of a quantity, and below them what limits on norms of it are about."""
+    limited = plan.scenario.fleet.norms
+    norms = [norm for norm in limited if limited[norm].quantity == quantity]
+    figure = Figure(figsize=(_WIDTH, 5.6 + 1.6 * len(norms)), layout="constrained")
+    axes = list(figure.subplots(3 + len(norms), sharex=True))
+    draw(axes[:3], plan)
+    for norm, ax in zip(norms, axes[3:], strict=True):
+        draw_norm(ax, plan, norm)
+    for ax in axes[:-1]:
+        ax.set_xlabel("")
     handles = vehicle_handles(plan.scenario)
-    if any(getattr(each, quantity) is not None for each in limits):
+    if norms or plan.scenario.fleet.bounds(quantity) is not None:
         handles.append(_limit_handle())
     return _with_legend(figure, handles)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from concurrent.futures import Executor
 from contextlib import suppress
 
@@ -139,7 +138,7 @@ def _around_if_apart(
 ) -> Plan | None:
     """A fleet's plan around a reference whose vehicles keep apart; None if there is none."""
     subproblem = Subproblem(scenario, decoupled, solver)
-    if reference is not None and subproblem.holds(reference):
+    if reference is not None and subproblem.keeps_apart(reference):
         with suppress(InfeasibleError, SolverError):
             return subproblem.around(reference)
     return None
@@ -161,9 +160,7 @@ def _ways_round(
     free = plan_around(scenario.without_obstacles(), None, solver)
     spent = free.statistics if failure is None else failure.statistics + free.statistics
     indices = [scenario.index_of(name) for name in stuck]
-    alone = [
-        dataclasses.replace(scenario, vehicles=(scenario.vehicles[index],)) for index in indices
-    ]
+    alone = [scenario.of_vehicles([index]) for index in indices]
     tasks = [
         (each, Plan.from_accelerations(each, free.accelerations[index : index + 1]), solver)
         for each, index in zip(alone, indices, strict=True)

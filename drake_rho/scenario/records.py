@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.cylinders import Cylinder
 from drake_rho.scenario.errors import ScenarioError
@@ -21,7 +21,6 @@ from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, Track
 from drake_rho.scenario.pairs import check_apart
 from drake_rho.scenario.parts import (
-    Box,
     Grid,
     Limits,
     Quantity,
@@ -29,7 +28,7 @@ from drake_rho.scenario.parts import (
     State,
     Vehicle,
 )
-from drake_rho.scenario.polyhedra import Polytope
+from drake_rho.scenario.polyhedra import Box, Polytope
 from drake_rho.scenario.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes import TOLERANCE, Shape
 
@@ -88,11 +87,15 @@ class Scenario:
     @cached_property
     def fleet(self) -> Fleet:
         """The vehicles as arrays."""
+        return self._fleet_of(self.vehicles)
+
+    def _fleet_of(self, vehicles: Sequence[Vehicle]) -> Fleet:
         aside = 0.0 if self.separation is None else self.separation.distance
-        return Fleet(self.grid, self.vehicles, self.limits, aside)
+        return Fleet(self.grid, vehicles, self.limits, aside)
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _consistent(self, info: ValidationInfo[bool | None]) -> Self:
+        under_way = bool(info.context)  # where a vehicle is then is for no one to choose
         names: set[str] = set()
         for index, vehicle in enumerate(self.vehicles):
             if vehicle.name in names:
@@ -108,11 +111,15 @@ class Scenario:
             if obstacle.known_from > self.grid.end:
                 expected = f"a time in the flight, which ends at {self.grid.end:g} s"
                 raise ScenarioError(f"obstacles[{index}].known_from", obstacle.known_from, expected)
-        self.check_ends()
+        self.check_ends(under_way=under_way)
         return self
 
-    def check_ends(self) -> None:
+    def check_ends(self, *, under_way: bool = False) -> None:
         """See that all starts and goals are in their boxes, outside the obstacles and apart.
+
+        Args:
+            under_way: whether starts are states that a flight has reached; what was seen late may
+                have been too close to avoid.
 
         Raises:
             ScenarioError: one is not.
@@ -129,15 +136,16 @@ class Scenario:
             bounds = fleet.bounds(quantity)
             if bounds is not None:
                 bounds.check(f"{end}.{quantity}", values)
-        if (speeds := fleet.max_speeds()) is not None:
-            speeds.check("start.velocity", fleet.start_velocities)
-            speeds.check("goal.velocity", fleet.goal_velocities)
+            for limit in fleet.norms.values():
+                if limit.quantity == quantity:
+                    limit.check(f"{end}.{quantity}", values)
         ends = (
             ("start", fleet.start_positions, self.grid.start),
             ("goal", fleet.goal_positions, self.grid.end),
         )
         for end, positions, time in ends:
-            self.check_outside(f"{end}.position", positions, time)
+            if end == "goal" or not under_way:
+                self.check_outside(f"{end}.position", positions, time)
             if self.separation is not None:
                 check_apart(self.separation, self.vehicles, f"{end}.position", positions)
 
@@ -176,6 +184,12 @@ class Scenario:
         )
 
     @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """The obstacles (8) as the paper has them: spheres at rest that are known all the time."""
+        always = (each for each in self.bodies if not each.moves and each.known_from <= 0.0)
+        return tuple(each.shape for each in always if isinstance(each.shape, Sphere))
+
+    @property
     def known(self) -> list[tuple[int, Obstacle]]:
         """The obstacles that planners know of at the first knot, with their numbers from 1."""
         now = max(self.grid.start, 0.0) + 1e-9 * self.grid.step
@@ -198,6 +212,11 @@ class Scenario:
     def without_separation(self) -> Scenario:
         """This scenario without a separation."""
         return dataclasses.replace(self, separation=None)
+
+    def of_vehicles(self, indices: Sequence[int]) -> Scenario:
+        """This scenario of some of its vehicles only, which are not looked at again."""
+        vehicles = tuple(self.vehicles[index] for index in indices)
+        return unchecked(self, vehicles=vehicles, fleet=self._fleet_of(vehicles))
 
     def from_states(
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray

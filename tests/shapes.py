@@ -1,0 +1,40 @@
+"""Shapes for tests: one of each kind, and random ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+import drake_rho as rho
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.shapes import Shape
+
+KINDS: dict[str, Callable[[np.random.Generator, FloatArray, float], Shape]] = {
+    "sphere": lambda rng, at, size: rho.Sphere(at, size * rng.uniform(0.2, 1.0)),
+    "box": lambda rng, at, size: rho.Box(
+        at - size * rng.uniform(0.1, 1.0, 3), at + size * rng.uniform(0.1, 1.0, 3)
+    ),
+    "ellipsoid": lambda rng, at, size: rho.Ellipsoid(at, size * rng.uniform(0.1, 1.0, 3)),
+    "cylinder": lambda rng, at, size: rho.Cylinder(
+        at, size * rng.uniform(0.1, 1.0), size * rng.uniform(0.1, 2.0), rng.choice(["x", "y", "z"])
+    ),
+    "endless cylinder": lambda rng, at, size: rho.Cylinder(
+        at, size * rng.uniform(0.1, 1.0), axis=rng.choice(["x", "y", "z"])
+    ),
+    "polytope": lambda rng, at, size: rho.Polytope(
+        at + size * rng.uniform(-1.0, 1.0, (int(rng.integers(4, 20)), 3))
+    ),
+}
+"""Of each kind, how a random one is made around a place, and of a size."""
+
+
+def random_shape(rng: np.random.Generator, kind: str, at: FloatArray, size: float) -> Shape:
+    """A shape of a kind; flat polytopes are drawn again."""
+    while True:
+        try:
+            shape = KINDS[kind](rng, at, size)
+            shape.check_solid()
+        except rho.ScenarioError:
+            continue
+        return shape
