@@ -136,7 +136,7 @@ def test_random_scenarios_cost_what_the_programs_with_cones_cost(
         return
     if any(
         np.linalg.norm(reference.positions - sphere.center, axis=2).min() < 1e-3 * sphere.radius
-        for sphere in scenario.obstacles
+        for sphere in scenario.spheres
     ):
         return  # through a centre, where the direction is the planner's own choice
     known = twin_cost(scenario, reference)
