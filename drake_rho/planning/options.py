@@ -31,8 +31,9 @@ class Options:
     """bound on the linearisations of one call"""
     max_coupled: Annotated[Count, Field(ge=1)] = 15
     """vehicles up to which a fleet is coupled if nothing else is asked"""
-    max_ways: Annotated[Count, Field(ge=1)] = 40
-    """bound on the combinations of sides on which obstacles are passed, tried for one vehicle"""
+    max_ways: Annotated[Count, Field(ge=1)] = 6
+    """bound on the ways past obstacles that are tried for one vehicle; the plan of least cost among
+    them is kept"""
 
     def tolerance_of(self, scenario: Scenario, *, together: bool) -> float:
         """The tolerance for a scenario, whose pairs are coupled (`together`) or not."""
