@@ -16,6 +16,7 @@ from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
 from drake_rho.planning.keep_in import boxes_of
 from drake_rho.planning.keep_in_norm import norms_of
 from drake_rho.planning.keep_out import obstacles_of
+from drake_rho.planning.keep_waypoints import waypoints_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.scenario.fields import IntArray
@@ -28,7 +29,7 @@ with fewer they come out inside of some, and on the wrong side of others."""
 
 def convex_constraints(scenario: Scenario) -> list[Constraint]:
     """What holds whatever the reference: keep-in constraints."""
-    return [*boxes_of(scenario), *norms_of(scenario)]
+    return [*boxes_of(scenario), *norms_of(scenario), *waypoints_of(scenario)]
 
 
 def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
