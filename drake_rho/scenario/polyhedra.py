@@ -13,8 +13,8 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray, Points, Vector, record
 from drake_rho.scenario.shapes import Shape
 
-_BLOCK = 1 << 20
-"""Pairs of a position and a facet that are looked at together, so that memory is bounded."""
+_BLOCK = 1 << 15
+"""Pairs of a position and an edge's coordinate that are looked at together: what a cache holds."""
 
 _FLAT = 1e-9
 """Height of a facet over its plane, in parts of a polytope's size, up to which it lies in it."""
