@@ -69,7 +69,8 @@ def verify(flown: Plan | Flight) -> Report:
     names = [vehicle.name for vehicle in scenario.vehicles]
     by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
     checks = (check for checks in by_vehicle for check in checks if check is not None)
-    return Report(scenario, tuple(checks))
+    sightings = flown.sightings if isinstance(flown, Flight) else ()
+    return Report(scenario, tuple(checks), sightings)
 
 
 def _check_dynamics(plan: Plan, motion: Motion) -> Iterator[Column]:
