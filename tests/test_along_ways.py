@@ -153,6 +153,16 @@ def test_a_free_way_that_is_bent_is_linearised_around_on_that_side() -> None:
         assert up * (plan.positions[0, 20, 2] - 2.0) == pytest.approx(2.0, abs=1e-4)
 
 
+def test_the_number_of_ways_that_are_tried_is_bounded() -> None:
+    tried = []
+    for most in (1, 3):
+        plan = rho.plan(_through_the_middle(), options=rho.Options(max_ways=most))
+        assert rho.verify(plan).ok
+        assert plan.statistics.searched is not None
+        tried.append(plan.statistics.searched.ways)
+    assert tried == [1, 3]
+
+
 def test_of_ways_on_different_sides_the_best_is_kept() -> None:
     """The shortest way is not the one of least cost: it asks for sharp turns, one after another."""
     scenario = random_scenario(401)

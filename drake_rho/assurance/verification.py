@@ -19,6 +19,7 @@ from drake_rho.assurance.report import (
     Column,
     Report,
 )
+from drake_rho.assurance.waypoints import check_waypoints
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -61,6 +62,7 @@ def verify(flown: Plan | Flight) -> Report:
             *_check_goal(scenario, motion),
             *check_boxes(scenario, motion),
             *check_norms(scenario, motion),
+            *check_waypoints(scenario, motion),
             *check_obstacles(scenario, motion),
             *_check_separation(scenario, motion),
         ]

@@ -3,9 +3,9 @@
 On a piece of time in which the relative motion x(s) is quadratic, with acceleration a, the signed
 distance d from a convex shape makes d(x(s)) - norm(a)/2 (s - s0) (s1 - s) convex in s. It equals d
 at the ends s0 and s1, is below it between, and above its own tangents there: where these meet is a
-lower bound of d. Pieces whose bound is too high are dropped, the others are split where the
-tangents meet, which at a corner of a shape as in a smooth valley is close to the lowest point. (A
-step by the distance alone, conservative advancement, stalls where a motion touches a shape.)
+lower bound of d, short of its least value in proportion to the square of the time between. Pieces
+whose bound is too high are dropped, the others are split. (A step by the distance alone,
+conservative advancement, stalls where a motion touches a shape.)
 
 A ball has a closed form (`drake_rho.motion.clearance`).
 """
@@ -24,11 +24,11 @@ from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.quadrics import Sphere
 from drake_rho.scenario.shapes import Shape
 
-_SPLITS = 60
-"""Bound on the splits of a piece; halving alone would be past the last digit of a double."""
+_PARTS = 8
+"""Parts that a piece is split into."""
 
-_EDGE = 0.1
-"""A piece is split no closer to its ends than this part of it."""
+_SPLITS = 18
+"""Bound on the splits of a piece: past the last digit of a double."""
 
 _PRECISION = 1e-9
 """Depth in parts of a shape's size to which the deepest instant is found."""
@@ -144,45 +144,43 @@ class _Search:
         low, high = np.zeros(len(which)), np.array(self._pieces.durations)
         at_low, at_high = self._sample(which, low), self._sample(which, high)
         for _ in range(_SPLITS):
-            least, middle = _tangents(low, high, at_low, at_high, self._bends[which])
+            least = _bounds(high - low, at_low, at_high, self._bends[which])
             sought = np.minimum(self._below[which], self.lowest[which] - self._precision)
-            open_ = least < sought
-            if not open_.any():
+            open_ = np.flatnonzero(least < sought)
+            if len(open_) == 0:
                 break
-            which, low, high, middle = which[open_], low[open_], high[open_], middle[open_]
-            at_low, at_high = at_low[:, open_], at_high[:, open_]
-            at_middle = self._sample(which, middle)
-            which = np.concatenate([which, which])
-            low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
-            at_low, at_high = (
-                np.concatenate([at_low, at_middle], axis=1),
-                np.concatenate([at_middle, at_high], axis=1),
+            which = np.repeat(which[open_], _PARTS)
+            nodes = np.linspace(low[open_], high[open_], _PARTS + 1, axis=1)
+            between = nodes[:, 1:-1].reshape(-1)
+            inner = self._sample(np.repeat(which[::_PARTS], _PARTS - 1), between)
+            inner = inner.reshape(2, len(open_), _PARTS - 1)
+            at_nodes = np.concatenate(
+                [at_low[:, open_, None], inner, at_high[:, open_, None]], axis=2
             )
+            low, high = nodes[:, :-1].reshape(-1), nodes[:, 1:].reshape(-1)
+            at_low, at_high = at_nodes[..., :-1].reshape(2, -1), at_nodes[..., 1:].reshape(2, -1)
         found = np.flatnonzero(self.lowest < self._below)
         return found, self.moments[found]
 
     def _sample(self, which: IntArray, s: FloatArray) -> FloatArray:
         """Signed distances and their slopes at times in pieces, shape (2, P)."""
         pieces = self._pieces.select(which)
-        x = pieces.at(s)
-        d = self._shape.signed_distance(x)
-        slope = np.einsum("pi,pi->p", self._shape.outward(x), pieces.v + s[:, None] * pieces.a)
+        d, n = self._shape.measured(pieces.at(s))
+        slope = np.einsum("pi,pi->p", n, pieces.v + s[:, None] * pieces.a)
         order = np.argsort(-d, kind="stable")  # of several in a piece the lowest comes last
         order = order[d[order] < self.lowest[which[order]]]
         self.lowest[which[order]], self.moments[which[order]] = d[order], s[order]
         return np.stack([d, slope])
 
 
-def _tangents(
-    low: FloatArray, high: FloatArray, at_low: FloatArray, at_high: FloatArray, bends: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Lower bounds between two instants, and where the tangents from both meet; arrays (P,)."""
-    width = high - low
+def _bounds(
+    width: FloatArray, at_low: FloatArray, at_high: FloatArray, bends: FloatArray
+) -> FloatArray:
+    """Lower bounds between two instants: where the tangents from both meet; arrays (P,)."""
     falls = np.minimum(at_low[1] - bends / 2 * width, 0.0)
     climbs = np.maximum(at_high[1] + bends / 2 * width, 0.0)
-    rise = at_high[0] - at_low[0]
     steep = climbs - falls
-    part = (climbs * width - rise) / np.where(steep > 0.0, steep, 1.0)
-    part = np.clip(np.where(steep > 0.0, part, 0.0), 0.0, width)
-    least = np.minimum(at_low[0] + falls * part, np.minimum(at_low[0], at_high[0]))
-    return least, low + np.clip(part, _EDGE * width, (1.0 - _EDGE) * width)
+    meet = (climbs * width - at_high[0] + at_low[0]) / np.where(steep > 0.0, steep, 1.0)
+    meet = np.clip(np.where(steep > 0.0, meet, 0.0), 0.0, width)
+    bounds: FloatArray = np.minimum(at_low[0] + falls * meet, at_high[0])
+    return bounds

@@ -225,25 +225,21 @@ class Plan:
         return self.scenario.from_states(
             self.scenario.grid.from_knot(knot),
             self._kept("position", self.positions[:, knot]),
-            self._not_faster(self._kept("velocity", self.velocities[:, knot])),
+            self._kept("velocity", self.velocities[:, knot]),
             self._kept("acceleration", self.accelerations[:, knot - 1]),
         )
 
     def _kept(self, quantity: Quantity, values: FloatArray) -> FloatArray:
-        """Values of all vehicles; rounding does not put them outside a box that they keep to."""
-        bounds = self.scenario.fleet.bounds(quantity)
-        if bounds is None:
-            return values
-        bounds.check(f"start.{quantity}", values)
-        return np.clip(values, bounds.lower, bounds.upper)
-
-    def _not_faster(self, velocities: FloatArray) -> FloatArray:
-        """Velocities of all vehicles; rounding does not put them above the largest speed."""
-        speeds = self.scenario.fleet.max_speeds()
-        if speeds is None:
-            return velocities
-        speeds.check("start.velocity", velocities)
-        return speeds.nearest(velocities)
+        """Values of all vehicles; rounding does not put them outside limits that they keep to."""
+        fleet, where = self.scenario.fleet, f"start.{quantity}"
+        if (bounds := fleet.bounds(quantity)) is not None:
+            bounds.check(where, values)
+            values = np.clip(values, bounds.lower, bounds.upper)
+        for limit in fleet.norms.values():
+            if limit.kind.quantity == quantity:
+                limit.check(where, values)
+                values = limit.sets.nearest(values)
+        return values
 
     def tail(self, knot: int) -> Plan:
         """What is left of the plan from `knot` (counted from 0) on, as a plan of its own."""

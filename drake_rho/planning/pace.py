@@ -21,8 +21,8 @@ def usable_speeds(scenario: Scenario) -> FloatArray:
     most = np.full((len(scenario.vehicles), 3), np.inf)
     if (bounds := fleet.bounds("velocity")) is not None:
         most = np.minimum(most, np.minimum(bounds.upper, -bounds.lower))
-    if (norms := fleet.max_speeds()) is not None:
-        most = np.minimum(most, norms.most[:, None])
+    if "max_speed" in fleet.norms:
+        most = np.minimum(most, fleet.norms["max_speed"].most[:, None])
     return _WITHIN * most
 
 

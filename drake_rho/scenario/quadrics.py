@@ -12,8 +12,11 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray, Positive, Vector, record
 from drake_rho.scenario.shapes import Quadric
 
-_BISECTIONS = 64
-"""Halvings of the bracket of a root's logarithm: past the last digit of a double."""
+_STEPS = 60
+"""Bound on Newton's steps to a root; ten are usual."""
+
+_LAST_DIGIT = 1e-15
+"""Relative change of a root below which it is found."""
 
 _NOTHING = 1e-30
 """Part of a shape's extent that no coordinate of a position in double precision can tell."""
@@ -119,35 +122,49 @@ class Ellipsoid(Quadric):
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
         """Distance from the nearest point of the surface, negative inside."""
-        distance: FloatArray = np.linalg.norm(x - self._nearest(x), axis=-1)
-        return np.where(np.linalg.norm(x / self.semi_axes, axis=-1) < 1.0, -distance, distance)
+        return self.measured(x)[0]
 
     def outward(self, x: FloatArray) -> FloatArray:
         """The surface's normal at the point nearest to x."""
-        n = self._nearest(x) / self.semi_axes**2
+        return self.measured(x)[1]
+
+    def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances from, and normals at, the nearest points of the surface."""
+        nearest = self._nearest(x)
+        distance: FloatArray = np.linalg.norm(x - nearest, axis=-1)
+        inside = np.linalg.norm(x / self.semi_axes, axis=-1) < 1.0
+        n = nearest / self.semi_axes**2
         normals: FloatArray = n / np.linalg.norm(n, axis=-1)[..., None]
-        return normals
+        return np.where(inside, -distance, distance), normals
 
     def _nearest(self, x: FloatArray) -> FloatArray:
         """The points y of the surface nearest to x, shape (..., 3).
 
         With m the shortest semi-axis they are y = a² x / (a² - m² + s), where s >= 0 and
-        norm(y / a) = 1. That norm falls with s, so bisection finds it, in its logarithm, since
-        near the plane through the centre across the shortest axis s is as small as the distance
-        from it. Deep inside, on that plane, s is zero, and y lies above or below x.
+        norm(y / a) = 1. The reciprocal of that norm is a concave function of s that rises, so that
+        Newton's steps from below lead to its root without ever going beyond. Deep inside, on the
+        plane through the centre across the shortest axis, s is zero, and y lies above or below x.
         """
-        a = self.semi_axes
-        shortest = a == a.min()
-        above = np.linalg.norm(x * shortest, axis=-1)  # the plane across the shortest axis
-        high = np.maximum(np.linalg.norm(a * x, axis=-1), _NOTHING * a.min() ** 2)
-        low = np.maximum(a.min() * above, _NOTHING * high)
-        deep = self._length(x, low) < 1.0
-        deep &= a.min() * above < low
-        for _ in range(_BISECTIONS):
-            s = np.sqrt(low * high)
-            far = self._length(x, s) > 1.0
-            low, high = np.where(far, s, low), np.where(far, high, s)
-        y: FloatArray = a**2 * x / (self._differences + high[..., None])
+        a, differences = self.semi_axes, self._differences
+        ax = a * x
+        high = np.maximum(np.sqrt(np.einsum("...i,...i->...", ax, ax)), _NOTHING * a.min() ** 2)
+        above = ax[..., a == a.min()]
+        low = np.sqrt(np.einsum("...i,...i->...", above, above))  # where that part alone is 1
+        s = np.maximum(low, _NOTHING * high)
+        for number in range(_STEPS):
+            q = ax / (differences + s[..., None])
+            squares = q * q
+            norm = np.sqrt(np.einsum("...i->...", squares))
+            if number == 0:
+                deep = (norm < 1.0) & (low < s)
+            curvature = np.einsum("...i->...", squares / (differences + s[..., None]))
+            grown = s + (norm - 1.0) * norm**2 / np.where(curvature > 0.0, curvature, 1.0)
+            grown = np.clip(grown, s, high)
+            done = np.all((grown - s <= _LAST_DIGIT * s) | deep)
+            s = grown
+            if done:
+                break
+        y: FloatArray = a * ax / (differences + s[..., None])
         y[deep] = self._above(x[deep])
         return y
 
@@ -157,13 +174,6 @@ class Ellipsoid(Quadric):
         a = self.semi_axes
         differences: FloatArray = (a - a.min()) * (a + a.min())
         return differences
-
-    def _length(self, x: FloatArray, s: FloatArray) -> FloatArray:
-        """norm(y / a), shape (...)."""
-        length: FloatArray = np.linalg.norm(
-            self.semi_axes * x / (self._differences + s[..., None]), axis=-1
-        )
-        return length
 
     def _above(self, x: FloatArray) -> FloatArray:
         """The points nearest to x, shape (D, 3), deep inside on the plane across the shortest axis.

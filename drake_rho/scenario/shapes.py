@@ -59,6 +59,10 @@ class Shape(abc.ABC):
         Inside, towards the nearest point of the surface, or one of several that are as near.
         """
 
+    def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """`signed_distance` and `outward` of x; together where that takes no longer than one."""
+        return self.signed_distance(x), self.outward(x)
+
     def quadric_inside(self, kept: float) -> Quadric | None:  # of no use here
         """A ball or an ellipsoid, like itself, in the set that is up to `kept` [m] around it.
 
