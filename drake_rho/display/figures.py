@@ -53,7 +53,6 @@ from drake_rho.scenario.files import replacing
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.quadrics import Sphere
-from drake_rho.scenario.records import Quantity
 from drake_rho.scenario.shapes import Shape
 
 _WIDTH = 6.5
