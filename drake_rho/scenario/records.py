@@ -143,6 +143,8 @@ class Scenario:
     def check_outside(self, where: str, positions: FloatArray, time: float) -> None:
         """See that the vehicles keep their radius from all obstacles, known or not, at a time.
 
+        Of an obstacle on a track they keep its deviation more.
+
         Args:
             where: the field of a vehicle that holds its position, as `"start.position"`.
             positions: of the vehicles [m], shape (N, 3).
@@ -153,11 +155,12 @@ class Scenario:
         """
         for number, obstacle in enumerate(self.bodies, start=1):
             x = positions - obstacle.centers(np.array([time]))
-            distances, radii = obstacle.shape.signed_distance(x), self.fleet.radii
-            inside = distances < radii - obstacle.shape.tolerance
+            distances = obstacle.shape.signed_distance(x)
+            margins = self.fleet.radii + obstacle.deviation
+            inside = distances < margins - obstacle.shape.tolerance
             if np.any(inside):
                 i = int(np.argmax(inside))
-                kept = f"at least {radii[i]:g} m from" if radii[i] > 0.0 else "outside"
+                kept = f"at least {margins[i]:g} m from" if margins[i] > 0.0 else "outside"
                 d = float(distances[i])
                 far = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
                 when = f" at {time:g} s" if obstacle.moves else ""
