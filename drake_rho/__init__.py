@@ -38,7 +38,9 @@ from drake_rho.scenario.records import (
     State,
     Track,
     Vehicle,
+    Waypoint,
 )
+from drake_rho.scenario.worlds import random_field, trefoil_swap
 
 if TYPE_CHECKING:
     from drake_rho.display.animation import animate
@@ -78,6 +80,7 @@ __all__ = [
     "Track",
     "Vehicle",
     "VehicleCertificate",
+    "Waypoint",
     "Window",
     "accelerations_figure",
     "animate",
@@ -100,6 +103,7 @@ __all__ = [
     "plan_convex",
     "plan_rho",
     "plan_scp",
+    "random_field",
     "random_transitions",
     "save",
     "save_scenario",
@@ -108,6 +112,7 @@ __all__ = [
     "separation_figure",
     "shortest_plan",
     "tail_reference",
+    "trefoil_swap",
     "velocities_figure",
     "verify",
 ]

@@ -27,10 +27,14 @@ def single(
     start: rho.State | None = None,
     goal: rho.State | None = None,
     between_knots: bool = False,
+    waypoints: Sequence[rho.Waypoint] = (),
 ) -> rho.Scenario:
     """One vehicle, 10 m from rest to rest in 8 s, unless told otherwise."""
     vehicle = rho.Vehicle(
-        "solo", start or rho.State([0.0, 0.0, 0.0]), goal or rho.State([10.0, 4.0, -2.0])
+        "solo",
+        start or rho.State([0.0, 0.0, 0.0]),
+        goal or rho.State([10.0, 4.0, -2.0]),
+        waypoints=waypoints,
     )
     return rho.Scenario(
         name="single",
@@ -52,7 +56,8 @@ def mapped(
     """The scenario in other coordinates: p' = length (turn p + shift), t' = time t.
 
     `turn` is a signed permutation, so that boxes stay boxes, or any orthogonal matrix where there
-    are none; with a downwash, one that keeps z. Obstacles are spheres at rest.
+    are none; with a downwash or gravity, one that keeps z. Gravity keeps lengths and times too.
+    Obstacles are spheres at rest.
     """
     assert len(scenario.spheres) == len(scenario.obstacles)
     apart = scenario.separation
@@ -83,13 +88,30 @@ def mapped(
             bounds(old.acceleration, force, np.zeros(3)),
             bounds(old.jerk, jerk, np.zeros(3)),
             None if old.max_speed is None else speed * old.max_speed,
+            None if old.max_acceleration is None else force * old.max_acceleration,
+            old.max_thrust,
+            old.max_tilt,
         )
 
     return dataclasses.replace(
         scenario,
         grid=rho.Grid(time * scenario.grid.step, scenario.grid.knots, time * scenario.grid.start),
         vehicles=tuple(
-            rho.Vehicle(old.name, state(old.start), state(old.goal), limits(old.limits))
+            rho.Vehicle(
+                old.name,
+                state(old.start),
+                state(old.goal),
+                limits(old.limits),
+                length * old.radius,
+                [
+                    rho.Waypoint(
+                        time * each.time,
+                        length * (turn @ each.position + shift),
+                        length * each.within,
+                    )
+                    for each in old.waypoints
+                ],
+            )
             for old in scenario.vehicles
         ),
         limits=limits(scenario.limits) or rho.Limits(),

@@ -79,6 +79,43 @@ def test_a_mission_needs_its_grid_on_the_command_line(
     assert complaint in err
 
 
+@pytest.mark.parametrize("command", ["plan", "fly", "show"])
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (None, "got no text, expected a readable CSV file; No such file or directory"),
+        ("", "got no row, expected at least one box"),
+        ("0,0,1,1,1\n", "world.csv: line 1: got '0,0,1,1,1', expected six numbers"),
+        ("0,0,1,0.5,0.5,2\nx\n", "world.csv: line 2: got 'x', expected six numbers"),
+        ("-1,1,1,0.5,0.5,2\n", "mission.json: agents[1].start: got"),
+    ],
+)
+def test_a_malformed_world_is_refused_in_one_line(
+    command: str,
+    text: str | None,
+    complaint: str,
+    mission_file: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    world = mission_file.parent / "world.csv"
+    if text is not None:
+        world.write_text(text)
+    words = [command, str(mission_file), "--duration", "10", "--step", "0.2", "--world", str(world)]
+    status, out, err = run(capsys, monkeypatch, *words)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert complaint in err
+
+
+@pytest.mark.parametrize("command", ["plan", "fly", "show"])
+def test_what_is_no_mission_has_obstacles_of_its_own(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, out, err = run(capsys, monkeypatch, command, "paper", "--world", "w.csv")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "--world: got 'w.csv', expected a mission (.json) with it: paper has obstacles" in err
+
+
 def test_a_malformed_mission_is_refused_by_the_names_in_it(
     mission_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

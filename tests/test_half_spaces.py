@@ -496,12 +496,12 @@ def test_rows_in_words_are_the_constraint_its_axes_or_partners_and_its_times() -
     _, velocity, *_ = boxes_of(scenario)
     sides, times = np.array([0, 3, 2]), np.array([1.0, 2.5, 1.5])
     rows = velocity.rows(np.zeros(3, dtype=int), sides, times)  # type: ignore[attr-defined]
-    assert velocity.describe(rows, names) == "velocity box x/z from 1 s to 2.5 s"
-    assert velocity.describe(rows.select(slice(1)), names) == "velocity box x at 1 s"
+    assert velocity.describe(rows, names, 0.0) == "velocity box x/z from 1 s to 2.5 s"
+    assert velocity.describe(rows.select(slice(1)), names, 0.0) == "velocity box x at 1 s"
     pairs = pairs_of(scenario, _flown(scenario, 4, 0.2), coupled)
     every = pairs.rows(pairs.places)
     own = every.select((every.vehicles == 0) & (every.partners == 2))
-    assert pairs.describe(own, names).startswith("separation from v2 ")
+    assert pairs.describe(own, names, 0.0).startswith("separation from v2 ")
     both = every.select(every.vehicles == 0)
     partners = sorted({names[index] for index in both.partners})
-    assert pairs.describe(both, names).startswith(f"separation from {', '.join(partners)} ")
+    assert pairs.describe(both, names, 0.0).startswith(f"separation from {', '.join(partners)} ")

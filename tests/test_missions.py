@@ -41,6 +41,8 @@ MISSION: dict[str, Any] = {
     "obstacles": [],
 }
 
+BOX: dict[str, Any] = {"type": "static", "pose": [0, -2.5, 1], "dimensions": [0.5, 0.25, 1]}
+
 
 def written(folder: Path, content: object) -> Path:
     """The path of a file with `content`, as JSON unless it is text already."""
@@ -69,8 +71,8 @@ def test_a_mission_becomes_the_scenario_it_describes(tmp_path: Path) -> None:
         name="mission",
         grid=GRID,
         vehicles=(
-            rho.Vehicle("small-7", rho.State([-2, 0, 1]), rho.State([2, 0.25, 1])),
-            rho.Vehicle("small-3", rho.State([1, -1, 1]), rho.State([-1, 1, 2.5])),
+            rho.Vehicle("small-7", rho.State([-2, 0, 1]), rho.State([2, 0.25, 1]), radius=0.15),
+            rho.Vehicle("small-3", rho.State([1, -1, 1]), rho.State([-1, 1, 2.5]), radius=0.15),
         ),
         limits=rho.Limits(
             position=rho.Box([-2, -3, 0.5], [2, 3, 2.5]),
@@ -145,9 +147,16 @@ def test_an_agent_may_have_its_own_downwash_and_no_number(tmp_path: Path) -> Non
         (("agents", 1, "start"), [0, 0, float("nan")], "agents[1].start[2]", "finite"),
         (("agents", 1, "start"), [0, 0, 0.4], "agents[1].start", "a position within"),
         (("agents", 1, "goal"), [2, 0, 1], "agents[1].goal", "small-3 at least 0.3 m"),
-        (("obstacles",), [{"type": "static"}], "obstacles[0].type", "no obstacle"),
-        (("obstacles",), [{"type": "whirl", "speed": 1}], "obstacles[0].type", "no obstacle"),
-        (("obstacles",), [5], "obstacles[0]", "no obstacle"),
+        (("obstacles",), [{"type": "static"}], "obstacles[0].pose", "nothing"),
+        (("obstacles",), [BOX | {"pose": [0, 0]}], "obstacles[0].pose[2]", "nothing"),
+        (("obstacles",), [BOX, BOX | {"size": 1}], "obstacles[1].size", "no field of this name"),
+        (("obstacles",), [BOX | {"dimensions": [1, 0, 1]}], "obstacles[0].dimensions[1]", "great"),
+        (("obstacles",), [BOX | {"dimensions": [1, 1e-9, 1]}], "obstacles[0].dimensions", "flat"),
+        (("obstacles",), [{"pose": [0, 0, 1]}], "obstacles[0].type", "nothing"),
+        (("obstacles",), [{"type": "spin", "speed": 1}], "obstacles[0].type", "what moves"),
+        (("obstacles",), [{"type": ["static"]}], "obstacles[0].type", "static, a box at rest"),
+        (("obstacles",), [5], "obstacles[0]", "an object"),
+        (("obstacles",), [BOX | {"pose": [1, -0.7, 1]}], "agents[1].start", "at least 0.15 m from"),
     ],
 )
 def test_what_is_unknown_or_malformed_is_refused_by_name(
@@ -180,6 +189,76 @@ def test_what_is_no_json_is_refused(
     with pytest.raises(rho.ScenarioError, match=words) as caught:
         rho.load_lsc_mission(path, grid=GRID)
     assert str(path) in str(caught.value)
+
+
+def world(folder: Path, text: str | bytes) -> Path:
+    """The path of a file with a world."""
+    path = folder / "world.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_the_rows_of_a_world_are_boxes_by_middle_and_whole_sides(tmp_path: Path) -> None:
+    rows = world(tmp_path, "0,0,1.25,0.5,0.5,2.5\r\n1.5, 2.0, 1, 1, 0.5, 2\n\n")
+    mission = written(tmp_path, changed((("obstacles",), [BOX])))
+    scenario = rho.load_lsc_mission(mission, grid=GRID, world=rows)
+    assert scenario.name == "mission in world"
+    assert scenario.obstacles == (
+        rho.Box([-0.25, -0.25, 0.0], [0.25, 0.25, 2.5]),
+        rho.Box([1.0, 1.75, 0.0], [2.0, 2.25, 2.0]),
+        rho.Box([-0.5, -2.75, 0.0], [0.5, -2.25, 2.0]),  # of the mission: half its sides are told
+    )
+    assert [vehicle.radius for vehicle in scenario.vehicles] == [0.15, 0.15]
+    plain = rho.load_lsc_mission(mission, grid=GRID)
+    assert plain.obstacles == scenario.obstacles[2:]
+
+
+def test_vehicles_keep_the_radius_of_their_type_from_a_world(tmp_path: Path) -> None:
+    mission = written(tmp_path, changed((("agents", 1, "type"), "large")))
+    scenario = rho.load_lsc_mission(mission, grid=GRID)
+    assert [vehicle.radius for vehicle in scenario.vehicles] == [0.15, 0.25]
+    # 0.2 m beside both starts: too close for the large one alone
+    rows = world(tmp_path, "-1.3,0,1,1,1,1\n0.3,-1,1,1,1,1")
+    with pytest.raises(rho.ScenarioError, match=r"at least 0\.25 m from obstacle 2") as caught:
+        rho.load_lsc_mission(mission, grid=GRID, world=rows)
+    assert caught.value.field == f"{mission}: agents[1].start"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("", "", "no row, expected at least one box: six numbers"),
+        ("\n \n", "", "no row"),
+        ("x,y,z,sx,sy,sz\n0,0,1,1,1,1", ": line 1", "six numbers and no header"),
+        ("0,0,1,1,1,1\n\n0,0,1,1,1", ": line 3", "six numbers"),
+        ("0,0,1,1,1,1,1", ": line 1", "six numbers"),
+        ("0,0,1,1,1,1,", ": line 1", "six numbers"),
+        ("0;0;1;1;1;1", ": line 1", "six numbers"),
+        ("0,0,nan,1,1,1", ": line 1", "all finite"),
+        ("0,0,1,1,1,inf", ": line 1", "all finite"),
+        ("0,0,1e13,1,1,1", ": line 1", "of at most 1e+12"),
+        ("0,0,1,1,1,1\n0,0,1,1,0,1", ": line 2", "three sides above 0"),
+        ("0,0,1,1,-1,1", ": line 1", "three sides above 0"),
+        ("0,0,1,1,1,1e-9", ": line 1", "what is flat has no inside"),
+    ],
+)
+def test_a_malformed_world_is_refused_by_line(
+    text: str, line: str, words: str, tmp_path: Path
+) -> None:
+    rows = world(tmp_path, text)
+    with pytest.raises(rho.ScenarioError) as caught:
+        rho.load_lsc_mission(written(tmp_path, MISSION), grid=GRID, world=rows)
+    assert caught.value.field == f"{rows}{line}"
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_world_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    latin = world(tmp_path, b"0,0,1,1,1,1 \xe9")
+    for path in (tmp_path / "nowhere.csv", tmp_path, latin):
+        with pytest.raises(rho.ScenarioError, match="a readable CSV file") as caught:
+            rho.load_lsc_mission(written(tmp_path, MISSION), grid=GRID, world=path)
+        assert caught.value.field == str(path)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:

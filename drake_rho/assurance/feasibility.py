@@ -51,8 +51,9 @@ class Diagnosis:
     """whether a plan for one duration means a plan for every longer one, so that the shortest is
     exact to `BISECTED`; else shorter ones may have been passed over"""
     acceleration_factor: float | None
-    """least factor on every acceleration box for which a plan was found; None if there is no such
-    box, or no factor up to `LARGEST_FACTOR` helps"""
+    """least factor on every acceleration box and every maximum acceleration for which a plan was
+    found, thrust and tilt unchanged; None if there is no such limit, or no factor up to
+    `LARGEST_FACTOR` helps"""
 
     @property
     def feasible(self) -> bool:
@@ -159,9 +160,10 @@ def shortest_plan(scenario: Scenario, *, solver: SolverInterface | None = None) 
 def is_monotone(scenario: Scenario) -> bool:
     """Whether a plan for one duration can be flown slower for any longer one.
 
-    That is so from rest to rest if no box keeps a vehicle from being slow (a maximum speed never
-    does): with the step, every motion can be stretched in time, which leaves its path and makes
-    its derivatives smaller.
+    That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
+    motion can be stretched in time, which leaves its path and makes its derivatives smaller. Limits
+    on norms never do: they are convex sets in which rest and hovering are, so that what is between
+    these and a value inside is inside. Waypoints have times of their own, which are not stretched.
     With obstacles or a separation it is true of the problem too, but not claimed, since the planner
     may miss the plan of one duration and find that of another.
     """
@@ -171,7 +173,7 @@ def is_monotone(scenario: Scenario) -> bool:
         limits = scenario.limits_of(vehicle)
         moving = np.any(vehicle.start.velocity) or np.any(vehicle.goal.velocity)
         pushed = vehicle.start.acceleration is not None and np.any(vehicle.start.acceleration)
-        if moving or pushed:
+        if moving or pushed or vehicle.waypoints:
             return False
         for box in (limits.velocity, limits.acceleration, limits.jerk):
             if box is not None and (np.any(box.lower > 0.0) or np.any(box.upper < 0.0)):
@@ -242,20 +244,24 @@ def _has_plan(
 
 
 def _smallest_relaxation(scenario: Scenario, solver: SolverInterface | None) -> float | None:
-    boxes = [scenario.limits_of(vehicle).acceleration for vehicle in scenario.vehicles]
-    if not any(boxes):
+    limits = [scenario.limits_of(vehicle) for vehicle in scenario.vehicles]
+    if not any(each.acceleration or each.max_acceleration for each in limits):
         return None
     return _least_factor(lambda factor: _stronger(scenario, factor), solver, 1.0)
 
 
 def _stronger(scenario: Scenario, factor: float) -> Scenario:
-    """The scenario with every acceleration box `factor` times as wide, around zero."""
+    """The scenario with every limit on accelerations `factor` times as wide, around zero."""
 
     def wider(limits: Limits | None) -> Limits | None:
-        if limits is None or limits.acceleration is None:
-            return limits
-        box = limits.acceleration
-        return dataclasses.replace(limits, acceleration=Box(factor * box.lower, factor * box.upper))
+        if limits is None:
+            return None
+        box, most = limits.acceleration, limits.max_acceleration
+        return dataclasses.replace(
+            limits,
+            acceleration=box and Box(factor * box.lower, factor * box.upper),
+            max_acceleration=most and factor * most,
+        )
 
     def stronger(vehicle: Vehicle) -> Vehicle:
         return dataclasses.replace(vehicle, limits=wider(vehicle.limits))

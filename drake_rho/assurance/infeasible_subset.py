@@ -79,7 +79,7 @@ def _irreducible(
     order = dict.fromkeys(each.name for each in constraints)
     names = [each.name for each in scenario.vehicles]
     chosen = (found[name] for name in order if name in found)
-    return tuple(rows.constraint.describe(rows, names) for rows in chosen)
+    return tuple(rows.constraint.describe(rows, names, scenario.grid.start) for rows in chosen)
 
 
 def _contradiction(planes: CuttingPlanes, vehicle: int) -> dict[str, HalfSpaces]:

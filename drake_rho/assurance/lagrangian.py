@@ -29,6 +29,9 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 _LEAST_CURVATURE = 1e-6
 """Least eigenvalue of the Hessian, over that of norm(u)², at which the minimum is computed."""
 
+_NO_PART = 1e-9
+"""Multiplier, in units of the acceleration, up to which a program does not lean on a row."""
+
 _ROUNDING = 1e-14
 """What the closed form may lose of its terms, for each step and over the curvature."""
 
@@ -54,6 +57,8 @@ class Lagrangian:
         unit: acceleration that is one [m/s²].
         weights: λ >= 0 that the converged program proposes, shape (S,).
         multipliers: y >= 0 that it proposes, shape (R,).
+        left_out: names of constraints that it leans on and that have no part in the bound: convex
+            shapes other than balls and ellipsoids have no quadratic form.
     """
 
     def __init__(self, solved: CuttingPlanes, group: IntArray) -> None:
@@ -63,6 +68,7 @@ class Lagrangian:
         self.solution = solved.motion.accelerations[group].reshape(-1, 3) / self.unit
         self._free = np.kron(np.eye(count), null_space(effort.goals.rows))
         self._fixed = effort.motion.accelerations[group].reshape(-1, 3) / self.unit
+        self.left_out = set[str]()
         bent = [_no_terms(count * steps)]
         straight = [(csc_array((0, 3 * count * steps)), np.zeros(0), np.zeros(0))]
         for rows, y in _multipliers(solved, group, self.unit):
@@ -70,9 +76,11 @@ class Lagrangian:
             if quadratic is not None:
                 if np.all(np.isin(rows.partners, group)):  # else left out, which lowers the bound
                     bent.append(_curved_terms(effort, group, rows, quadratic, y))
-            elif not rows.constraint.linearised:  # what is linear by itself; else left out too
+            elif not rows.constraint.linearised:  # what is linear by itself
                 matrix, needed, _ = rows_of(effort, group, [rows])
                 straight.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
+            elif np.any(y > _NO_PART):  # neither, which lowers the bound too
+                self.left_out.add(rows.constraint.name)
         self._pull = np.concatenate([each.pull for each in bent])
         self._offsets = np.concatenate([each.offsets for each in bent])
         self._scales = np.concatenate([each.scales for each in bent])

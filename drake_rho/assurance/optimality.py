@@ -40,6 +40,9 @@ MOST_CERTIFIED_TOGETHER = 25
 _MAX_POLISHINGS = 30
 """Bound on the linearisations with which a fleet's plan is brought to a certificate's precision."""
 
+_SHOWN = 3
+"""Obstacles without a part in the bound that are named where a certificate is printed."""
+
 _ENOUGH = 1e-8
 """Relative distance from a converged plan's cost at which a bound is not improved any more."""
 
@@ -78,6 +81,9 @@ class Certificate:
     """one for each vehicle or, where pairs couple them, for all"""
     holds: bool
     """whether the plan meets its constraints; what breaks them may cost less than the bound"""
+    left_out: tuple[str, ...] = ()
+    """obstacles that the plan leans on and the bound does not count, so that the gap is not only
+    the plan's: those that are neither balls nor ellipsoids"""
 
     @property
     def cost(self) -> float:
@@ -104,12 +110,19 @@ class Certificate:
         """The least of the vehicles'."""
         return min(each.least_eigenvalue for each in self.vehicles)
 
+    def _without(self) -> str:
+        if not self.left_out:
+            return ""
+        shown = ", ".join(self.left_out[:_SHOWN])
+        more = f" and {len(self.left_out) - _SHOWN} more" if len(self.left_out) > _SHOWN else ""
+        return f"; the bound does not count {shown}{more}"
+
     def __str__(self) -> str:
         verdict = "globally optimal" if self.is_globally_optimal else "not proved optimal"
         verdict = verdict if self.holds else "breaks its constraints"
         lines = [
             f"{self.scenario.name}: {verdict}; cost {self.cost:.6f}, no plan below "
-            f"{self.lower_bound:.6f} m²/s⁴, gap {self.gap:.1e}",
+            f"{self.lower_bound:.6f} m²/s⁴, gap {self.gap:.1e}{self._without()}",
             f"{'vehicle':<12} {'cost':>14} {'lower bound':>14} {'gap':>9} {'eigenvalue':>11}",
         ]
         lines += [
@@ -141,11 +154,12 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
         scenario = scenario.without_separation()
     start = Plan.from_accelerations(scenario, plan.accelerations)
     proposals = [_solved_around(each, solver) for each in _converged(start, solver)]
-    certificates = []
+    certificates, left_out = [], set[str]()
     for group in _groups(vehicles, proposals):
         lagrangians = [Lagrangian(solved, group) for solved in proposals]
         bounds = [each.unit**2 * _best_bound(each) for each in lagrangians]
         here = lagrangians[0]
+        left_out |= set[str]().union(*(each.left_out for each in lagrangians))
         stationarity, complementarity = here.kkt_residuals()
         name = scenario.vehicles[group[0]].name
         certificates.append(
@@ -158,7 +172,9 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
                 complementarity=complementarity,
             )
         )
-    return Certificate(plan.scenario, tuple(certificates), verify(plan).ok)
+    names = [scenario.obstacle_name(number) for number, _ in scenario.known]
+    not_counted = tuple(name for name in names if name in left_out)
+    return Certificate(plan.scenario, tuple(certificates), verify(plan).ok, not_counted)
 
 
 def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:

@@ -45,8 +45,9 @@ from drake_rho.cli.options import (
     Solver,
     SolverOption,
     StepOption,
+    WorldOption,
     read,
-    refuse_grid,
+    refuse_options,
 )
 from drake_rho.cli.streams import pipe_safe
 from drake_rho.motion.files import load
@@ -112,6 +113,7 @@ def plan(
             "one for convex to try if there is no plan; repeatable."
         ),
     ] = None,
+    world: WorldOption = None,
     figures: FiguresOption = None,
 ) -> int:
     """Plan a scenario in one piece, verify the plan and print the report."""
@@ -120,7 +122,7 @@ def plan(
     own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
     if further and method is Method.SCP:
         raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
-    asked = read(scenario, duration, own_step)
+    asked = read(scenario, duration, own_step, world)
     with err.status("planning") as status:
         planned = _plan(asked, method, further, SOLVERS[solver](), status)
     return finish(planned, output, figures)
@@ -143,11 +145,12 @@ def fly(
     solver: SolverOption = Solver.CLARABEL,
     duration: DurationOption = None,
     step: StepOption = None,
+    world: WorldOption = None,
     figures: FiguresOption = None,
 ) -> int:
     """Fly a scenario with a receding horizon, verify the flight and print the report."""
     check_kept(output, figures)
-    asked = read(scenario, duration, step)
+    asked = read(scenario, duration, step, world)
     planner, fallback = PLANNERS[method]
     with err.status("flying"):
         flight = plan_rho(
@@ -207,6 +210,7 @@ def show(
     ] = None,
     duration: DurationOption = None,
     step: StepOption = None,
+    world: WorldOption = None,
 ) -> int:
     """Show the swarm in Meshcat: in the browser until interrupted, or as one page in a file."""
     from drake_rho.display.animation import animate
@@ -215,7 +219,7 @@ def show(
     check_interface(host)
     check_rate(rate)
     with err.status("planning"):
-        flown = _load_or_fly(source, duration, step)
+        flown = _load_or_fly(source, duration, step, world)
     with err.status("drawing"):
         meshcat = animate(flown, host=host, port=port, rate=rate, trails=trails)
     if html is not None:
@@ -251,12 +255,14 @@ def _plan(
     )
 
 
-def _load_or_fly(source: str, duration: float | None, step: float | None) -> Plan | Flight:
+def _load_or_fly(
+    source: str, duration: float | None, step: float | None, world: str | None
+) -> Plan | Flight:
     """The plan or flight in a file, or else a scenario's flight; of a fleet, its plan."""
     if source.endswith(".npz") or zipfile.is_zipfile(source):
-        refuse_grid(source, duration, step)
+        refuse_options(source, duration, step, world)
         return load(source)
-    scenario = read(source, duration, step)
+    scenario = read(source, duration, step, world)
     if scenario.separation is not None:  # ten windows of sixty vehicles are long to wait for
         return best_plan(scenario)
     return plan_rho(scenario)

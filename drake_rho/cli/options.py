@@ -62,6 +62,14 @@ DurationOption = Annotated[
 StepOption = Annotated[
     float | None, typer.Option(help="Step of the flight of a mission, in seconds.")
 ]
+WorldOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Boxes that are in the way of a mission: a CSV without header, one box a row, its "
+        "middle x, y, z and its sides x, y, z in metres.",
+    ),
+]
 OutputOption = Annotated[
     str | None,
     typer.Option("--output", "-o", metavar="FILE", help="Keep the result in this file (.npz)."),
@@ -84,32 +92,41 @@ MethodOption = Annotated[
 SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]
 
 
-def read(source: str, duration: float | None, step: float | None) -> Scenario:
-    """The scenario of a name or file; that of a mission has the grid that the options ask for.
+def read(
+    source: str, duration: float | None, step: float | None, world: str | None = None
+) -> Scenario:
+    """The scenario of a name or file; a mission's has the grid and the world that are asked for.
 
     Raises:
         ScenarioError: there is no such scenario, or it is not a valid one, or the step does not
             divide the duration.
-        ValueError: an option is missing for a mission, or given for what has its own grid.
+        ValueError: an option is missing for a mission, or given for what is none.
     """
     if not is_lsc_mission(source):
         scenario = load_scenario(source)
-        refuse_grid(source, duration, step)
+        refuse_options(source, duration, step, world)
         return scenario
     if duration is None or step is None:
         missing = "--step" if duration is not None else "--duration"
         expected = "--duration and --step: a mission has no grid of its own"
         raise ValueError(f"{source}: got no {missing}, expected {expected}")
-    return load_lsc_mission(source, grid=Grid.lasting(duration, step=step))
+    return load_lsc_mission(source, grid=Grid.lasting(duration, step=step), world=world)
 
 
-def refuse_grid(source: str, duration: float | None, step: float | None) -> None:
-    """See that no grid is asked for where there is one.
+def refuse_options(
+    source: str, duration: float | None, step: float | None, world: str | None
+) -> None:
+    """See that no option of missions is given for what has its own grid and obstacles.
 
     Raises:
-        ValueError: an option asks for one.
+        ValueError: one is.
     """
-    for option, value in (("--duration", duration), ("--step", step)):
+    for option, value, own in (
+        ("--duration", duration, "a grid"),
+        ("--step", step, "a grid"),
+        ("--world", world, "obstacles"),
+    ):
         if value is not None:
-            expected = f"a mission (.json) with it: {source} has a grid of its own"
-            raise ValueError(f"{option}: got {value:g}, expected {expected}")
+            given = f"{value:g}" if isinstance(value, float) else repr(value)
+            expected = f"a mission (.json) with it: {source} has {own} of its own"
+            raise ValueError(f"{option}: got {given}, expected {expected}")

@@ -200,7 +200,9 @@ def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) 
     acted = np.minimum(np.maximum(s, 0.0), h)  # for how long: s+ - (s - h)+
     if m == 1:
         return acted
-    position: FloatArray = acted * (s - acted / 2.0)  # the same formula, without cancellation
+    position: FloatArray = s  # in place, as rows may be many
+    position -= acted / 2.0
+    position *= acted  # the same formula, without cancellation
     return position
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import TypeAdapter
+from annotated_types import Len
+from pydantic import Field, TypeAdapter
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.scenario.errors import DrakeRhoError
@@ -22,6 +24,7 @@ ENDINGS = (".npz",)
 _PLAN, _FLIGHT = "drake_rho plan 1", "drake_rho flight 1"
 _ARRAYS = ("positions", "velocities", "accelerations")
 _KINDS = ("plan", "reference")
+_SIGHTED = ("learned", "not_avoided")
 _STATISTICS = TypeAdapter(Statistics)
 _PARTS = ("scenario", "statistics", *_ARRAYS)
 
@@ -50,6 +53,8 @@ def save(planned: Plan | Flight, path: str | Path) -> None:
         content = {"format": _FLIGHT} | _pack("plan", planned.plan)
         content["first_knots"] = [window.first_knot for window in planned.windows]
         content["infeasible"] = [window.infeasible for window in planned.windows]
+        for name in _SIGHTED:
+            content[name] = json.dumps([getattr(window, name) for window in planned.windows])
         for number, window in enumerate(planned.windows):
             content |= _pack(f"window{number}.plan", window.plan)
             content |= _pack(f"window{number}.reference", window.reference)
@@ -89,17 +94,21 @@ def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | F
     prefixes = [f"window{number}.{kind}" for number in range(len(first_knots)) for kind in _KINDS]
     expected = {f"{prefix}.{part}" for prefix in ["plan", *prefixes] for part in _PARTS}
     expected |= {"format"} | ({"first_knots", "infeasible"} if form == _FLIGHT else set())
-    if set(content) != expected:
+    optional = {"format", *_SIGHTED} if form == _FLIGHT else set()  # newer than the format
+    if set(content) - optional != expected - optional:
         raise ValueError("parts are missing or do not belong")
     plan = _unpack("plan", content)
     if form == _PLAN:
         return plan
+    learned, not_avoided = (_numbers(name, content, len(first_knots)) for name in _SIGHTED)
     windows = tuple(
         Window(
             first_knot,
             _unpack(f"window{number}.plan", content),
             _unpack(f"window{number}.reference", content),
             reason,
+            learned[number],
+            not_avoided[number],
         )
         for number, (first_knot, reason) in enumerate(
             zip(first_knots, content["infeasible"].tolist(), strict=True)
@@ -107,6 +116,15 @@ def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | F
     )
     _check_windows(plan, windows)
     return Flight(plan, windows)
+
+
+def _numbers(name: str, content: Mapping[str, np.ndarray], windows: int) -> list[tuple[int, ...]]:
+    """Numbers of obstacles for each window; none in files that have no such part."""
+    if name not in content:
+        return [()] * windows
+    return TypeAdapter(
+        Annotated[list[tuple[Annotated[int, Field(ge=1)], ...]], Len(windows, windows)]
+    ).validate_json(str(content[name]))
 
 
 def _check_windows(plan: Plan, windows: tuple[Window, ...]) -> None:
@@ -135,7 +153,8 @@ def _unpack(prefix: str, content: Mapping[str, np.ndarray]) -> Plan:
     arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
     _check_numbers(prefix, arrays)
     statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
-    scenario = scenario_from_json(str(content[f"{prefix}.scenario"]))
+    under_way = prefix != "plan"  # what a window begins with, no one has chosen
+    scenario = scenario_from_json(str(content[f"{prefix}.scenario"]), under_way=under_way)
     positions, velocities, accelerations = (arrays[name] for name in _ARRAYS)
     return Plan(scenario, positions, velocities, accelerations, statistics)
 

@@ -44,7 +44,7 @@ def conflict_of(
     for rows, y in weighted:
         own = rows.select((y > 0.0) & (rows.vehicles == vehicle))
         if len(own) > 0:
-            told.append(rows.constraint.describe(own, names))
+            told.append(rows.constraint.describe(own, names, effort.grid.start))
     pull = np.zeros((effort.grid.knots - 1, 3))
     for rows, y in weighted:
         pull += _pull(effort, vehicle, rows, y)

@@ -18,8 +18,9 @@ from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflicts import conflict_of, in_the_way
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
-from drake_rho.planning.keep_out import FIRST
+from drake_rho.planning.keep_waypoints import first_number
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.options import SMALL_FLEET
 from drake_rho.planning.program import Batch, groups_of, programs_of
 from drake_rho.planning.solve import MAX_RETRIES, Solution, solve_side_by_side
 from drake_rho.planning.threads import one_for_arrays
@@ -38,6 +39,9 @@ of each eighth, and so on: neighbours ask for nearly the same, and a small progr
 _PATIENCE = 3
 """Rounds in which only broken rows are added. Most scenarios need no more; where an active
 stretch creeps along the knots, as jerk does, neighbours then come too, twice as many each round."""
+
+_MAX_INEXACT = 3
+"""Rounds in a row that may go on from a solution that is almost one."""
 
 
 class CuttingPlanes:
@@ -70,13 +74,15 @@ class CuttingPlanes:
         count = len(scenario.vehicles)
         self.effort = effort or MinimumEffort.of(scenario)
         self.motion = self.effort.motion
-        self.working = WorkingSet(Keys(FIRST + 8 + len(scenario.obstacles), count, scenario.grid))
+        constraints = first_number(scenario) + len(scenario.fleet.waypoints)
+        self.working = WorkingSet(Keys(constraints, count, scenario.grid))
         self._scenario, self._solver, self._linear = scenario, solver, linear
         self._planned = np.arange(count) if vehicles is None else vehicles
         self._constraints: list[Constraint] = []
         self._programs, self._solver_name = 0, ""
         self._seconds = self._solver_seconds = 0.0
         self._lost: list[HalfSpaces] = []
+        self._inexact = np.zeros(count, dtype=int)
         self._retries = 0
         if accelerations is not None and len(self._planned) < count:
             others = np.setdiff1d(np.arange(count), self._planned)
@@ -159,6 +165,7 @@ class CuttingPlanes:
                 self._planned = np.setdiff1d(self._planned, failed)
             look, number = self._constraints, number + 1
             broken = self._add_violated(look, pending, number)
+            self._check_inexact(pending, broken)
         raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
 
     def _mask(self, vehicles: IntArray) -> BoolArray:
@@ -190,6 +197,7 @@ class CuttingPlanes:
         about, self._lost = self._mask(self._planned[:0]), []
         for part in rows:
             new, lost = self.working.enter(part, self.motion)
+            lost = lost.select(self._inexact[lost.vehicles] == 0)
             about[new.vehicles] = about[lost.vehicles] = True
             if len(lost) > 0:
                 self._lost.append(lost)
@@ -219,7 +227,12 @@ class CuttingPlanes:
                 batches.append(batch)
                 yield batch.programs
 
-        answers = solve_side_by_side(written(), self._solver, retry=self._retry())
+        answers = solve_side_by_side(
+            written(),
+            self._solver,
+            retry=self._retry(),
+            quick=len(self.effort.units) > SMALL_FLEET,  # others are planned to the last digit
+        )
         solved = list(map(self._take, batches, answers))
         vehicles = np.concatenate([whose for whose, _ in solved])
         found = self.effort.goals.met_by(np.concatenate([own for _, own in solved]), vehicles)
@@ -229,6 +242,22 @@ class CuttingPlanes:
         infeasible: list[int] = np.setdiff1d(every, vehicles).tolist()
         return infeasible
 
+    def _check_inexact(self, solved: IntArray, broken: BoolArray) -> None:
+        """See that whoever has almost a solution has other rows to be solved with.
+
+        Where nothing can be met, solutions grow with every round before it can be proved, and no
+        solver may reach its tolerances; they break other rows, with which it can.
+
+        Raises:
+            SolverError: someone has none, or they were no help.
+        """
+        rounds = self._inexact[solved]
+        if not np.any(rounds):
+            return
+        left = np.setdiff1d(solved[rounds > 0], self._with_groups(np.flatnonzero(broken)))
+        if len(left) > 0 or rounds.max() > _MAX_INEXACT:
+            raise SolverError("all solvers failed numerically", self.statistics())
+
     def _take(self, batch: Batch, solutions: list[Solution]) -> tuple[IntArray, FloatArray]:
         """Note the solutions of a batch; the vehicles that have one, and their accelerations."""
         self.working.solved(batch, solutions)
@@ -236,6 +265,8 @@ class CuttingPlanes:
         self._solver_name = solutions[-1].solver
         self._solver_seconds += sum(each.seconds for each in solutions)
         feasible = np.array([solution.feasible for solution in solutions])
+        for group, solution in zip(batch.groups, solutions, strict=True):
+            self._inexact[group] = 0 if solution.exact else self._inexact[group] + 1
         u = batch.solutions([each.result for each in solutions], self.effort.grid.knots - 1)
         u, groups = u[feasible], batch.groups[feasible]
         units = self.effort.units[groups].max(axis=1)

@@ -91,14 +91,15 @@ class Constraint(abc.ABC):
         """What its rows were linearised from; None where they are the constraint itself."""
         return None
 
-    def describe(self, rows: HalfSpaces, names: Sequence[str]) -> str:
+    def describe(self, rows: HalfSpaces, names: Sequence[str], start: float) -> str:
         """Some of its rows, of one vehicle, in words: which, and when.
 
         Args:
             rows: some of its own.
             names: of all vehicles.
+            start: time of the first knot on the scenario's clock [s].
         """
-        first, last = rows.times.min(), rows.times.max()
+        first, last = start + rows.times.min(), start + rows.times.max()
         when = f"at {first:g} s" if first == last else f"from {first:g} s to {last:g} s"
         return f"{self.name}{self.detail(rows, names)} {when}"
 

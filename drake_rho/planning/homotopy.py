@@ -22,7 +22,8 @@ from drake_rho.planning.keep_out import across, sides_of
 from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.subproblem import convex_constraints, plan_around
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Scenario, Sphere
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.records import Scenario
 
 TURNS = np.radians([0.0, 90.0, -90.0, 180.0, 45.0, -45.0, 135.0, -135.0])
 """Sides to try, as turns around the vehicle's way from the side on which it passes anyway."""
@@ -58,7 +59,8 @@ def way_round(
         InfeasibleError: none of the combinations that were tried has a plan.
         SolverError: the solvers fail numerically on all of them.
     """
-    sides = [_sides(sphere, free.positions[0]) for sphere in scenario.obstacles]
+    times = scenario.grid.times
+    sides = [_sides(each, free.positions[0] - each.centers(times)) for _, each in scenario.known]
     spent = Statistics()
     met: set[int] = set()  # numbers of the obstacles that some path came up against
     failure: InfeasibleError | SolverError | None = None
@@ -144,28 +146,27 @@ def _bent(
     quarters = 4 * np.arange(steps) // steps
     thrust = np.where((quarters == 0) | (quarters == 3), 1.0, -1.0)
     for size, number in product(SIZES, in_the_way):
-        reach = size * scenario.obstacles[number - 1].radius
+        reach = size * scenario.bodies[number - 1].shape.size
         strength = reach / (scenario.grid.duration / 4.0) ** 2
         for side in sides[number - 1]:
             bend = strength * thrust[:, None] * side
             yield Plan.from_accelerations(scenario, free.accelerations + bend)
 
 
-def _sides(sphere: Sphere, way: FloatArray) -> FloatArray:
-    """Directions from a sphere's centre orthogonal to the way past it, shape (len(TURNS), 3).
+def _sides(obstacle: Obstacle, offsets: FloatArray) -> FloatArray:
+    """Directions from an obstacle's middle orthogonal to the way past it, shape (len(TURNS), 3).
 
     Args:
-        sphere: the obstacle.
-        way: positions at the knots [m], shape (K, 3).
+        obstacle: what is passed.
+        offsets: positions at the knots from its middle [m], shape (K, 3).
     """
-    offsets = way - sphere.center
     nearest = int(np.argmin(np.linalg.norm(offsets, axis=1)))
-    ahead = way[min(nearest + 1, len(way) - 1)] - way[max(nearest - 1, 0)]
+    ahead = offsets[min(nearest + 1, len(offsets) - 1)] - offsets[max(nearest - 1, 0)]
     length = float(np.linalg.norm(ahead))
     ahead = ahead / length if length else np.array([1.0, 0.0, 0.0])
     first = offsets[nearest] - (offsets[nearest] @ ahead) * ahead
     distance = float(np.linalg.norm(first))
-    first = first / distance if distance > sphere.tolerance else across(ahead)
+    first = first / distance if distance > obstacle.shape.tolerance else across(ahead)
     second = np.cross(ahead, first)
     sides: FloatArray = np.cos(TURNS)[:, None] * first + np.sin(TURNS)[:, None] * second
     return sides

@@ -9,17 +9,18 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from drake_rho.motion.clearance import CloseApproaches, close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.half_spaces import BROKEN, HalfSpaces
-from drake_rho.planning.keep_out import FIRST, KeepOut, Places, side_of
+from drake_rho.planning.half_spaces import BROKEN, HalfSpaces, Quadratic
+from drake_rho.planning.keep_out import AT_ONCE, FIRST, KeepOut, Places, side_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
 from drake_rho.scenario.quadrics import Ellipsoid
-from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.records import TOLERANCE, Scenario
 
 NAME = "separation"
 
@@ -33,9 +34,6 @@ rows; where these may be broken at a cost, only those that are too close."""
 ROOM = 1.02
 """Times the separation that rows ask for while they may be broken: room for what a slack gives
 away, and for what comes closer between knots."""
-
-_AT_ONCE = 1e-6
-"""Part of a step after the start, or before the end, in which nothing can be changed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,8 +67,11 @@ class KeepApart(KeepOut):
     """The separation of all pairs."""
 
     shape: Ellipsoid
+    """S"""
     kept: Separation
     """what is judged; `shape` may ask for more"""
+    places: Places
+    """where its rows are asked for in any case, each vehicle's neighbours in time together"""
     share: float
     """s, 1 or 1/2: part of what the reference leaves between two that a row gives to one of them"""
     aside: bool = False
@@ -81,7 +82,7 @@ class KeepApart(KeepOut):
         return self._difference(motion, "position", places)
 
     def ways(self, places: Places) -> FloatArray:
-        """Velocities of the vehicles from their partners'."""
+        """The reference's velocities of the vehicles from their partners'."""
         return self._difference(self.reference, "velocity", places)
 
     def _difference(self, motion: Motion, quantity: Quantity, places: Places) -> FloatArray:
@@ -97,21 +98,41 @@ class KeepApart(KeepOut):
         asked[vehicles] = True
         return places_of(found.select(asked[found.one] | asked[found.other]))
 
-    def violated(
-        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
-    ) -> HalfSpaces:
-        """The broken rows, without neighbours: rows that couple vehicles are expensive."""
-        return super().violated(motion, vehicles, between=between)
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
+        """The broken rows at `places`, without neighbours: rows that couple are expensive."""
+        rows = self._asked
+        if len(vehicles) < len(motion.positions) and len(rows) > 0:
+            asked = np.zeros(len(motion.positions), dtype=bool)
+            asked[vehicles] = True
+            due = asked[rows.vehicles]
+            if self.coupled:
+                due |= asked[rows.partners]
+            rows = rows.select(due)
+        if len(rows) == 0:
+            return rows
+        return rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
+
+    @cached_property
+    def _asked(self) -> HalfSpaces:
+        """The rows at `places`."""
+        return self.rows(self.places)
 
     def directions(self, places: Places) -> FloatArray:
-        """From the partner to the vehicle, in the reference.
+        """From the partner to the vehicle in the reference, unit vectors where S is a ball, (R, 3).
 
-        Where the two meet too closely for that to be a way past each other, it can be one
-        direction all along an encounter instead: across their relative way, on the side on which
-        they pass anyway or, where they meet head-on, on one that depends on that way alone, so
-        that two mirror images choose the same.
+        Where the two are in one place, across their relative way. Where they meet too closely for
+        that to be a way past each other, it can be one direction all along an encounter instead:
+        across their relative way, on the side on which they pass anyway or, where they meet
+        head-on, on one that depends on that way alone, so that two mirror images choose the same.
         """
-        directions = super().directions(places)
+        x = self.shape.scaled(self.offsets(self.reference, places))
+        distances = np.sqrt(np.einsum("ri,ri->r", x, x))
+        directions: FloatArray = x / np.maximum(distances, 1e-300)[:, None]
+        at_centre = np.flatnonzero(distances <= self.kept.tolerance)
+        if len(at_centre) > 0:
+            ways = self.shape.scaled(self.ways(places))
+            for row in at_centre:
+                directions[row] = side_of(np.zeros(3), ways[row])
         if self.aside:
             offsets = self.shape.scaled(self.offsets(self.reference, places))
             ways = self.shape.scaled(self.ways(places))
@@ -126,14 +147,49 @@ class KeepApart(KeepOut):
         """One row for each pair, or two, sorted by vehicle, partner and time."""
         directions = self.directions(places)
         if self.coupled:
-            return self.write(places, directions, self.share, None)
+            return self._write(places, directions, None)
         one = self.reference.each_at("position", places.vehicles, places.times)
         other = self.reference.each_at("position", places.partners, places.times)
         between = self.share * (other - one)
-        rows = self.write(places, directions, self.share, one + between)
+        rows = self._write(places, directions, one + between)
         swapped = Places(places.partners, places.vehicles, places.times)
-        rows = rows.and_also(self.write(swapped, -directions, self.share, other - between))
+        rows = rows.and_also(self._write(swapped, -directions, other - between))
         return rows.select(np.lexsort((rows.times, rows.partners, rows.vehicles)))
+
+    def _write(
+        self, places: Places, directions: FloatArray, anchors: FloatArray | None
+    ) -> HalfSpaces:
+        """Rows with given directions.
+
+        Args:
+            places: where.
+            directions: as from `directions`, shape (R, 3).
+            anchors: q - s x_q [m], shape (R, 3); None for rows about a difference.
+        """
+        normals = directions * self.shape.scales
+        normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
+        bounds = supports = self.share * self.shape.support(normals)
+        if anchors is not None:
+            bounds = supports + np.sum(normals * anchors, axis=1)
+        return HalfSpaces(
+            self,
+            places.vehicles,
+            places.partners,
+            sides=np.zeros(len(places), dtype=int),
+            times=places.times,
+            normals=normals,
+            bounds=bounds,
+            tolerances=TOLERANCE * supports,
+        )
+
+    def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
+        """Scaled distances of vehicles from their partners, at least the separation."""
+        return Quadratic(
+            centers=np.zeros((len(rows), 3)),
+            scales=np.tile(self.shape.scales, (len(rows), 1)),
+            sizes=np.full(len(rows), self.shape.radius),
+            lengths=self.shape.radius / self.shape.support(rows.normals),
+        )
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
         """Rows of the same pairs at the same knots, or closest approaches next to them."""
@@ -229,7 +285,7 @@ def places_of(found: CloseApproaches) -> Places:
 
 def _under_way(found: CloseApproaches, motion: Motion) -> CloseApproaches:
     """Approaches after the start and before the end: at these nothing can be changed."""
-    first = _AT_ONCE * motion.step
+    first = AT_ONCE * motion.step
     last = motion.accelerations.shape[1] * motion.step - first
     return found.select((found.times > first) & (found.times < last))
 

@@ -50,7 +50,7 @@ class ReachGoal(Constraint):
             tolerances=self.tolerances[own],
         )
 
-    def describe(self, rows: HalfSpaces, names: object) -> str:
+    def describe(self, rows: HalfSpaces, names: object, start: float) -> str:
         """The name alone: goals are asked for at the end."""
         return self.name
 

@@ -1,15 +1,17 @@
 """Keep out of a convex set S that may move: obstacles (8), and vehicles of each other.
 
-With x the position from the set's centre c and n a unit vector that points from S to a reference,
-the half-space n · x >= h(n) lies outside of S, h being its support function: (15) for a sphere at
-rest. What is avoided is a constant, or another vehicle. Vehicles of a pair share what the
-reference leaves between them: the row about a vehicle at p, whose reference q is at x_q from c, is
+With x the position from the set's middle c and n a unit vector that points from S to a reference,
+the half-space n · x >= h(n) + r keeps the distance r from S, h being its support function: (15) for
+a sphere at rest. What is avoided is an obstacle, whose way c(t) is known, or another vehicle.
+Vehicles of a pair share what the reference leaves between them: the row about a vehicle at p, whose
+reference q is at x_q from c, is
 
-    n · p >= n · (q - s x_q) + s h(n)
+    n · p >= n · (q - s x_q) + s (h(n) + r)
 
 with the share s = 1 where c is given and s = 1/2 where the other has such a row too (decoupled).
-Where one row is about the difference of the two, it is n · (p - c) >= h(n) (coupled). A reference
-outside of S keeps its own rows.
+Where one row is about the difference of the two, it is n · (p - c) >= h(n) + r (coupled). A
+reference that keeps its distance keeps its own rows, since n · x_q - h(n) is the distance of x_q
+from S where n points from the nearest point of S to it.
 """
 
 from __future__ import annotations
@@ -17,19 +19,25 @@ from __future__ import annotations
 import abc
 import dataclasses
 import sys
+from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from drake_rho.motion.clearance import penetrations
+from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, Quadratic, near
-from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.quadrics import Quadric
-from drake_rho.scenario.records import TOLERANCE, Scenario, Sphere
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.records import Scenario
 
 FIRST = 32
 """Number of the pairs' constraint; those of obstacles follow, those of keep-in sets come before."""
+
+AT_ONCE = 1e-6
+"""Part of a step after the start, or before the end, in which nothing can be changed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,24 +64,21 @@ class Places:
         """R."""
         return len(self.times)
 
+    def select(self, which: BoolArray) -> Places:
+        """Some of them."""
+        knots = None if self.knots is None else self.knots[which]
+        return Places(self.vehicles[which], self.partners[which], self.times[which], knots)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOut(Constraint):
     """One set that vehicles keep out of, linearised around a reference."""
 
-    shape: Quadric
-    """S"""
     reference: Motion
     """q, of all vehicles"""
-    places: Places
-    """where its rows are asked for in any case, each vehicle's neighbours in time together"""
     every_instant: bool
     """whether it holds at every instant, or at the knots only"""
     linearised: bool = True
-
-    @abc.abstractmethod
-    def offsets(self, motion: Motion, places: Places) -> FloatArray:
-        """The positions x from the centre of S [m], shape (R, 3)."""
 
     @abc.abstractmethod
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
@@ -81,44 +86,65 @@ class KeepOut(Constraint):
 
     @abc.abstractmethod
     def rows(self, places: Places) -> HalfSpaces:
-        """The half-spaces at some places."""
+        """The half-spaces at some places, in the order of vehicle and time."""
+
+    def violated(
+        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
+    ) -> HalfSpaces:
+        """The broken rows at the knots or, if `between`, where the motion is inside of S."""
+        if not between:
+            return self.violated_at_knots(motion, vehicles, reach)
+        places = self.penetrations(motion, vehicles)
+        first, last = AT_ONCE, motion.accelerations.shape[1] - AT_ONCE
+        k = places.times / motion.step
+        places = places.select((k > first) & (k < last))  # start and goal are not to be changed
+        if len(places) == 0:
+            return self.none
+        rows = self.rows(places)  # of two that are too close, one may keep its own half
+        return rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
+
+    @abc.abstractmethod
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
+        """The broken rows at the knots, and their neighbours up to `reach` knots away."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class KeepOutOfObstacle(KeepOut):
+    """An obstacle (8), linearised (15) at all inner knots, kept at every vehicle's distance."""
+
+    obstacle: Obstacle
+    """what is avoided"""
+    start: float
+    """time of the first knot on the scenario's clock, on which it moves [s]"""
+    kept: FloatArray
+    """r, the distance that each vehicle keeps from the shape [m], shape (N,)"""
+
+    def offsets(self, motion: Motion, places: Places) -> FloatArray:
+        """Positions from the middle of the obstacle [m], shape (R, 3)."""
+        position = places.position(motion, places.vehicles)
+        offsets: FloatArray = position - self.obstacle.centers(self.start + places.times)
+        return offsets
 
     def directions(self, places: Places) -> FloatArray:
-        """From S towards the reference, where S is a ball: unit vectors, shape (R, 3).
+        """From the nearest point of the shape to the reference, unit vectors, shape (R, 3).
 
-        Where the reference is at the centre itself, they point across its way.
+        Where the reference is in the very middle, across its way relative to the obstacle.
         """
-        x = self.shape.scaled(self.offsets(self.reference, places))
-        distances = np.sqrt(np.einsum("ri,ri->r", x, x))
-        at_centre = np.flatnonzero(distances <= self.shape.tolerance)
-        directions: FloatArray = x / np.maximum(distances, 1e-300)[:, None]
-        if len(at_centre) > 0:
-            ways = self.shape.scaled(self.ways(places))
-            for row in at_centre:
-                directions[row] = side_of(np.zeros(3), ways[row])
+        shape, x = self.obstacle.shape, self.offsets(self.reference, places)
+        directions = shape.outward(x)
+        for row in np.flatnonzero(np.abs(x).max(axis=1, initial=0.0) <= shape.tolerance):
+            at = places.times[row : row + 1]
+            way = self.reference.each_at("velocity", places.vehicles[row : row + 1], at)
+            side = side_of(np.zeros(3), (way - self.obstacle.velocities(self.start + at))[0])
+            if np.isfinite(shape.support(side)):  # an endless cylinder has no end to go round
+                directions[row] = side
         return directions
 
-    def ways(self, places: Places) -> FloatArray:
-        """The velocity of the reference from that of S [m/s], shape (R, 3)."""
-        return self.reference.each_at("velocity", places.vehicles, places.times)
-
-    def write(
-        self, places: Places, directions: FloatArray, share: float, anchors: FloatArray | None
-    ) -> HalfSpaces:
-        """Rows with given directions.
-
-        Args:
-            places: where.
-            directions: as from `directions`, shape (R, 3).
-            share: s.
-            anchors: q - s x_q [m], shape (R, 3) or (3,); None for rows about a difference.
-        """
-        normals = directions * self.shape.scales
-        normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
-        supports = share * self.shape.support(normals)
-        bounds = supports
-        if anchors is not None:
-            bounds = supports + np.sum(normals * anchors, axis=1)
+    def rows(self, places: Places) -> HalfSpaces:
+        """N · p >= n · c + h(n) + r."""
+        normals, shape = self.directions(places), self.obstacle.shape
+        centers = self.obstacle.centers(self.start + places.times)
+        beyond = shape.support(normals) + self.kept[places.vehicles]
         return HalfSpaces(
             self,
             places.vehicles,
@@ -126,147 +152,142 @@ class KeepOut(Constraint):
             sides=np.zeros(len(places), dtype=int),
             times=places.times,
             normals=normals,
-            bounds=bounds,
-            tolerances=TOLERANCE * supports,
+            bounds=beyond + np.einsum("ri,ri->r", normals, centers),
+            tolerances=np.full(len(places), shape.tolerance),
         )
-
-    def violated(
-        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
-    ) -> HalfSpaces:
-        """The broken rows at `places` or, if `between`, where the motion is inside of S."""
-        if between:
-            places = self.penetrations(motion, vehicles)
-            if len(places) == 0:
-                return self.none
-            rows = self.rows(places)  # of two that are too close, one may keep its own half
-            return rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
-        rows, knots = self._asked, self.places.knots
-        if len(rows) == 0:
-            return rows
-        if len(vehicles) < len(motion.positions):
-            asked = np.zeros(len(motion.positions), dtype=bool)
-            asked[vehicles] = True
-            due = asked[rows.vehicles]
-            if self.coupled:
-                due |= asked[rows.partners]
-            rows, knots = rows.select(due), None if knots is None else knots[due]
-        margins = rows.margins(motion) if knots is None else rows.margins_at(motion, knots)
-        broken = margins < -BROKEN * rows.tolerances
-        if not broken.any():
-            return self.none
-        return rows.select(near(broken, rows.vehicles, reach))
-
-    @cached_property
-    def _asked(self) -> HalfSpaces:
-        """The rows at `places`."""
-        return self.rows(self.places)
-
-    def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """Norms of scaled offsets, at least the size of the shape."""
-        return Quadratic(
-            centers=np.zeros((len(rows), 3)),
-            scales=np.tile(self.shape.scales, (len(rows), 1)),
-            sizes=np.full(len(rows), self.shape.radius),
-            lengths=self.shape.radius / self.shape.support(rows.normals),
-        )
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class KeepOutOfSphere(KeepOut):
-    """An obstacle (8) at rest, linearised (15)."""
-
-    shape: Sphere
-
-    def offsets(self, motion: Motion, places: Places) -> FloatArray:
-        """Positions from the sphere's centre."""
-        return places.position(motion, places.vehicles) - self.shape.center
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
-        """The closest approaches inside, once where two steps share the instant."""
-        sphere = self.shape
+        """The deepest instants of steps that lead inside, once where two share the instant."""
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
-        least = sphere.radius - BROKEN * sphere.tolerance
-        found = penetrations(motion.of(vehicles), sphere.center, least)
-        whose, times = vehicles[found.one], found.times
+        below = self.kept[vehicles] - BROKEN * self.obstacle.shape.tolerance
+        pieces = pieces_near(motion.of(vehicles), self.obstacle, self.start, np.maximum(below, 0.0))
+        which, times = deepest(self.obstacle.shape, pieces, below[pieces.owners])
+        whose = vehicles[pieces.owners[which]]
         again = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
         return Places(whose[~again], whose[~again], times[~again])
 
-    def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
-        """Inner knots inside the sphere."""
-        x = motion.positions[vehicles, 1:-1] - self.shape.center
-        inside = self.shape.signed_distance(x) < -BROKEN * self.shape.tolerance
-        which, knots = np.nonzero(inside)
-        times = (motion.step * (knots + 1.0)).astype(np.float64)
-        return Places(vehicles[which], vehicles[which], times)
+    def approaches(self, motion: Motion) -> CloseApproaches:
+        """Where a motion is inside, and its distances from the shape [m]."""
+        places = self.penetrations(motion, np.arange(len(self.kept)))
+        distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
+        return CloseApproaches(places.vehicles, places.partners, places.times, distances)
 
-    def rows(self, places: Places) -> HalfSpaces:
-        """Tangent planes of the sphere."""
-        return self.write(places, self.directions(places), 1.0, self.shape.center)
+    def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
+        """Inner knots inside."""
+        places = self._inner_knots(vehicles)
+        distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
+        below = self.kept[places.vehicles] - BROKEN * self.obstacle.shape.tolerance
+        return places.select(distances < below)
+
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
+        """Rows at inner knots.
+
+        A row is as far from its bound as the reference is from the obstacle, so a motion can break
+        it only if it is further than that from the reference.
+        """
+        moved = motion.positions[vehicles, 1:-1] - self.reference.positions[vehicles, 1:-1]
+        far = np.sqrt(np.einsum("pki,pki->pk", moved, moved)) >= self._room[vehicles]
+        if not far.any():
+            return self.none
+        places = self._inner_knots(vehicles).select(far.reshape(-1))
+        rows = self.rows(places)
+        assert places.knots is not None  # noqa: S101  # they are knots
+        broken = rows.margins_at(motion, places.knots) < -BROKEN * rows.tolerances
+        if reach == 0 or not broken.any():
+            return rows.select(broken)
+        marked = np.zeros(far.size, dtype=bool)
+        marked[np.flatnonzero(far)[broken]] = True
+        runs = np.repeat(np.arange(len(vehicles)), far.shape[1])
+        return self.rows(self._inner_knots(vehicles).select(near(marked, runs, reach)))
+
+    @cached_property
+    def _room(self) -> FloatArray:
+        """How far outside of what is kept the reference is at inner knots [m], shape (N, K-2)."""
+        every = self._inner_knots(np.arange(len(self.kept)))
+        distances = self.obstacle.shape.signed_distance(self.offsets(self.reference, every))
+        room: FloatArray = distances.reshape(len(self.kept), -1) - self.kept[:, None]
+        return room
+
+    def _inner_knots(self, vehicles: IntArray) -> Places:
+        """All inner knots of some vehicles."""
+        knots = np.arange(1, self.reference.accelerations.shape[1])
+        whose, times = np.repeat(vehicles, len(knots)), self.reference.step * knots
+        return Places(whose, whose, np.tile(times, len(vehicles)), np.tile(knots, len(vehicles)))
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
-        """The tangent planes at the same instants."""
+        """Rows at the same instants."""
         return self.rows(Places(rows.vehicles, rows.partners, rows.times))
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """Distances from the centre, at least the radius."""
-        found = super().quadratics(rows)
-        assert found is not None  # noqa: S101  # as it always is of a set that is kept out of
-        return dataclasses.replace(found, centers=np.tile(self.shape.center, (len(rows), 1)))
+        """Scaled distances from the middle, where the shape is a ball or an ellipsoid."""
+        inside = [self.obstacle.shape.quadric_inside(kept) for kept in self.kept[rows.vehicles]]
+        quadrics = [each for each in inside if each is not None]
+        if len(quadrics) < len(inside):
+            return None
+        sizes = np.array([each.radius for each in quadrics])
+        supports = [
+            each.support(normal) for each, normal in zip(quadrics, rows.normals, strict=True)
+        ]
+        return Quadratic(
+            centers=self.obstacle.centers(self.start + rows.times),
+            scales=np.array([each.scales for each in quadrics]).reshape(-1, 3),
+            sizes=sizes,
+            lengths=sizes / np.array(supports),
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class PassOnOneSide(KeepOutOfSphere):
-    """A sphere that is to be passed on one side, wherever a vehicle would be inside it."""
+class PassOnOneSide(KeepOutOfObstacle):
+    """An obstacle that is to be passed on one side, wherever a vehicle would be inside it."""
 
     side: FloatArray
-    """from the centre towards that side, a unit vector, shape (3,)"""
+    """from the middle towards that side, a unit vector, shape (3,)"""
 
     def directions(self, places: Places) -> FloatArray:
         """The given side, at all places."""
         return np.tile(self.side, (len(places), 1))
 
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
+        """None: no reference tells where on its way a vehicle has to be on that side."""
+        return self.none
 
-def obstacles_of(scenario: Scenario, reference: Motion) -> list[Constraint]:
-    """The obstacles linearised (15) around a motion of the same vehicles, at all inner knots."""
-    count, times = len(scenario.vehicles), scenario.grid.elapsed[1:-1]
-    every = np.repeat(np.arange(count), len(times))
-    knots = np.tile(np.arange(1, len(times) + 1), count)
-    places = Places(every, every, np.tile(times, count), knots)
+
+def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacle]:
+    """The obstacles known at the start, linearised (15) around a motion of the same vehicles."""
     return [
-        KeepOutOfSphere(
-            number=FIRST + number,
-            name=f"obstacle {number}",
-            quantity="position",
-            shape=sphere,
-            reference=reference,
-            places=places,
-            searches=sys.maxsize * scenario.between_knots,
-            every_instant=scenario.between_knots,
-        )
-        for number, sphere in enumerate(scenario.obstacles, start=1)
+        KeepOutOfObstacle(**_common(scenario, reference, number, obstacle))
+        for number, obstacle in scenario.known
     ]
 
 
-def sides_of(scenario: Scenario, reference: Motion, sides: list[FloatArray]) -> list[Constraint]:
-    """The obstacles, each to be passed on one of `sides`, unit vectors of shape (3,)."""
-    none = np.zeros(0, dtype=int)
+def sides_of(
+    scenario: Scenario, reference: Motion, sides: Sequence[FloatArray]
+) -> list[Constraint]:
+    """The obstacles known at the start, each to be passed on one of `sides`, unit vectors (3,)."""
     return [
         PassOnOneSide(
-            number=FIRST + number,
-            name=f"obstacle {number}",
-            quantity="position",
-            shape=sphere,
-            reference=reference,
-            places=Places(none, none, np.zeros(0)),
-            searches=sys.maxsize,
-            every_instant=scenario.between_knots,
-            side=side,
+            **_common(scenario, reference, number, obstacle) | {"searches": sys.maxsize}, side=side
         )
-        for number, (sphere, side) in enumerate(
-            zip(scenario.obstacles, sides, strict=True), start=1
-        )
+        for (number, obstacle), side in zip(scenario.known, sides, strict=True)
     ]
+
+
+def _common(
+    scenario: Scenario, reference: Motion, number: int, obstacle: Obstacle
+) -> dict[str, Any]:
+    """What both kinds of constraint say of an obstacle."""
+    return {
+        "number": FIRST + number,
+        "name": scenario.obstacle_name(number),
+        "quantity": "position",
+        "reference": reference,
+        "searches": sys.maxsize * scenario.between_knots,
+        "every_instant": scenario.between_knots,
+        "obstacle": obstacle,
+        "start": scenario.grid.start,
+        "kept": scenario.fleet.radii + obstacle.deviation,
+    }
 
 
 def across(direction: FloatArray) -> FloatArray:

@@ -12,10 +12,11 @@ from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.half_spaces import Constraint
+from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.keep_goal import goals_of
 from drake_rho.planning.keep_out import FIRST
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.scp import iterate
+from drake_rho.planning.scp import iterate, restored
 from drake_rho.planning.subproblem import Subproblem, constraints_around
 from drake_rho.scenario.records import Scenario
 
@@ -59,18 +60,40 @@ class ElasticSubproblem(Subproblem):
         return None
 
 
+class LenientSubproblem(Subproblem):
+    """Feasibility restoration that ends with what is left of the breaches, rather than an error."""
+
+    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
+        """None: what comes least too close is the answer."""
+        return None
+
+
+def minimum_breach(plan: Plan, solver: SolverInterface | None = None) -> Plan:
+    """A plan that keeps goals and limits, and comes as little as can be too close to the rest.
+
+    The total over obstacles, pairs and instants is made small, linearised again and again.
+
+    Args:
+        plan: a motion that keeps goals and limits.
+        solver: a Drake solver; Clarabel if not given.
+    """
+    return restored(plan, LenientSubproblem(plan.scenario, decoupled, solver))
+
+
 def elastic(
     scenario: Scenario, constraints: Sequence[Constraint], penalty: float = 1.0
 ) -> list[Constraint]:
     """The goals and some constraints, to be broken at a penalty for each scale of a quantity.
 
-    The scale is the largest of the vehicles'; acceleration boxes remain as they are.
+    The scale is the largest of the vehicles'. Acceleration boxes remain as they are; curved sets
+    of accelerations do not, since tangent planes would come to an end late where nothing but
+    violations costs anything.
     """
     goals = goals_of(scenario, first=FIRST + 1 + len(scenario.obstacles))
     unit = float(scenario.fleet.scale("acceleration").max())
     return [
         each
-        if each.quantity == "acceleration"
+        if each.quantity == "acceleration" and not each.curved
         else each.softened(penalty * unit**2 / float(scenario.fleet.scale(each.quantity).max()))
         for each in [*goals, *constraints]
     ]

@@ -48,6 +48,9 @@ factor of two. The reduced space of R rows costs about R² (3 K + 5 R)."""
 _BLOCK = 150
 """Most variables in one quadratic cost: Drake takes a dense matrix for each."""
 
+Begun = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
+"""Sparse programs before their rows, and their variables; by how many vehicles and variables."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Batch:
@@ -95,13 +98,29 @@ def programs_of(
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
     size = np.bincount(groups)[: len(count)]
     in_sparse = _cheaper_sparse(effort.grid.knots - 1, size, count)
-    for group in np.flatnonzero((count > 0) & (in_sparse | (size > 1))):
-        own = [part.select(groups[part.vehicles] == group) for part in rows]
-        write = _sparse if in_sparse[group] else _reduced_group
-        yield write(effort, np.flatnonzero(groups == group), own, linear)
     alone = ~in_sparse & (size == 1)
+    begun: Begun = {}
+    for group, own in _each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
+        vehicles = np.flatnonzero(groups == group)
+        if in_sparse[group]:
+            yield _sparse(effort, vehicles, own, linear, begun)
+        else:
+            yield _reduced_group(effort, vehicles, own, linear)
     single = [part.select(alone[groups[part.vehicles]]) for part in rows]
     yield from _reduced(effort, [part for part in single if len(part) > 0], linear)
+
+
+def _each_of(
+    wanted: IntArray, groups: IntArray, rows: Sequence[HalfSpaces]
+) -> Iterator[tuple[int, list[HalfSpaces]]]:
+    """Some groups and their rows, which are sorted by group once, as there may be many."""
+    if len(wanted) == 0:
+        return
+    rows = [part.select(np.argsort(groups[part.vehicles], kind="stable")) for part in rows]
+    labels = [groups[part.vehicles] for part in rows]
+    for group in wanted.tolist():
+        ranges = [slice(*np.searchsorted(label, [group, group + 1])) for label in labels]
+        yield group, [part.select(own) for part, own in zip(rows, ranges, strict=True)]
 
 
 def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray) -> BoolArray:
@@ -125,29 +144,32 @@ def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
 
 
 def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) -> Iterator[Batch]:
-    """Programs of single vehicles in the reduced space; the arithmetic of all at once."""
+    """Programs of single vehicles in the reduced space; those of a size together.
+
+    What is as wide as a row is made for one size after the other, which fits into caches.
+    """
     if not rows:
         return
     vehicles = np.concatenate([part.vehicles for part in rows])
     sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
-    responses = np.concatenate([part.responses(effort.grid) for part in rows])[order]
+    responses = np.concatenate([part.responses(effort.grid) for part in rows])
     normals = np.concatenate([part.normals for part in rows])[order]
     short = -np.concatenate([part.margins(effort.motion) for part in rows])[order]
     costs = [part.constraint.penalty for part in rows]
     penalties = np.repeat(costs, [len(part) for part in rows])[order]
     slacks = slacks_of(rows)[order]
-    lengths = np.sqrt(np.einsum("rj,rj->r", responses, responses))
-    inside = effort.goals.without(responses / lengths[:, None])
+    lengths = np.sqrt(np.einsum("rj,rj->r", responses, responses))[order]
     vehicles, sizes = vehicles[order], sizes[order]
     units = effort.units[vehicles]
     needed, penalties = short / (lengths * units), penalties * lengths / units
-    matrix = (inside[:, :, None] * normals[:, None, :]).reshape(len(order), -1)
     for size in np.unique(sizes)[::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
+        inside = effort.goals.without(responses[order[own]] / lengths[own, None])
+        matrix = inside[:, :, None] * normals[own, None, :]
         yield _in_span(
             vehicles[own][::size, None],
-            matrix[own].reshape(-1, size, matrix.shape[1]),
+            matrix.reshape(-1, size, 3 * inside.shape[1]),
             needed[own].reshape(-1, size),
             penalties[own].reshape(-1, size),
             slacks[own].reshape(-1, size),
@@ -230,21 +252,38 @@ def _in_span(
     basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
     programs, rows = [], []
     rows_of_each = np.swapaxes(triangles, 1, 2)
+    begun = MathematicalProgram()  # what all have in common is written once
+    x = begun.NewContinuousVariables(basis.shape[2])
+    if not linear:
+        add_cost(begun, x)
     for triangle, least, costs, shared in zip(rows_of_each, needed, penalties, slacks, strict=True):
-        program = MathematicalProgram()
-        x = program.NewContinuousVariables(triangle.shape[1])
-        if not linear:
-            add_cost(program, x)
+        program = begun.Clone()
         rows.append(add_rows(program, triangle, least, costs, shared, x))
         programs.append(program)
     return Batch(groups, programs, rows, basis, np.ones_like(needed))
 
 
 def _sparse(
-    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool
+    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool, begun: Begun
 ) -> Batch:
-    """The program in the accelerations, with the states that its rows speak of beside them."""
+    """The program in the accelerations, with the states that its rows speak of beside them.
+
+    Variables, cost and dynamics take longer to write than the rows do, and are the same for many:
+    they are copied from `begun`, in which they are put if they are not there.
+    """
     sparse = SparseRows(effort, group, rows)
+    form = len(group), sparse.columns
+    if form not in begun:
+        begun[form] = _without_rows(sparse, linear)
+    common, x = begun[form]
+    program = common.Clone()
+    matrix, needed, penalties, lengths = sparse.matrix()
+    added = add_rows(program, matrix, needed, penalties, slacks_of(rows), x)
+    return Batch(sparse.group[None], [program], [added], None, lengths[None])
+
+
+def _without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
+    """A sparse program with its cost, goal and dynamics only, and its variables."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(sparse.columns)
     u = x[: 3 * sparse.steps * len(sparse.group)]
@@ -254,9 +293,7 @@ def _sparse(
     for equations in sparse.dynamics():
         zero = np.zeros(equations.shape[0])
         program.AddLinearEqualityConstraint(equations, zero, x)
-    matrix, needed, penalties, lengths = sparse.matrix()
-    added = add_rows(program, matrix, needed, penalties, slacks_of(rows), x)
-    return Batch(sparse.group[None], [program], [added], None, lengths[None])
+    return program, x
 
 
 def add_cost(to: MathematicalProgram, x: np.ndarray) -> None:

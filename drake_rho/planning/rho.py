@@ -13,8 +13,12 @@ from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.planning.best import plan as best_plan
+from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.keep_apart import decoupled
+from drake_rho.planning.minimum_violation import minimum_breach
+from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -70,6 +74,10 @@ def plan_rho(
     a window for which that has none either flies on along the tail, which is still valid. Its
     `Window.infeasible` says why.
 
+    Windows know of an obstacle if it is known at their start. Where one becomes known too late to
+    be avoided, the plan that comes least too close to it is flown, and planning goes on from there;
+    `Flight.sightings` tells what was learned when.
+
     Args:
         scenario: what is asked.
         replan_every: d, the steps flown of each window; the last window has what is left.
@@ -82,7 +90,8 @@ def plan_rho(
         solver: a Drake solver; Clarabel if not given.
 
     Returns:
-        The flight; `flight.plan` meets every constraint of the scenario.
+        The flight; `flight.plan` meets every constraint of the scenario, but for obstacles that
+        became known too late.
 
     Raises:
         InfeasibleError: the first window has no solution, with the fallback neither.
@@ -108,7 +117,7 @@ def plan_rho(
             reference=reference,
             solver=solver,
         )
-        windows.append(window)
+        windows.append(_with_sightings(window, windows[-1] if windows else window))
         flown.append(window.plan.accelerations[:, :replan_every])
     statistics = sum((window.statistics for window in windows), Statistics())
     statistics = dataclasses.replace(statistics, seconds=time.perf_counter() - began)
@@ -158,5 +167,22 @@ def plan_window(
             failure, spent = error, spent + error.statistics
     if tail is None:
         raise failure
-    flown_on = tail.with_statistics(spent)
-    return Window(first_knot, flown_on, around or flown_on, infeasible=str(failure))
+    plan = tail
+    if not Subproblem(scenario, decoupled, solver).holds(tail):  # of what is known by now
+        plan = minimum_breach(tail, solver)
+        spent += plan.statistics
+    plan = plan.with_statistics(spent)
+    return Window(first_knot, plan, around or plan, infeasible=str(failure))
+
+
+def _with_sightings(window: Window, before: Window) -> Window:
+    """A window that says which obstacles it learned of, and which of those seen late it breaks."""
+    scenario = window.plan.scenario
+    known = {number for number, _ in before.plan.scenario.known}
+    late = {number for number, obstacle in scenario.known if obstacle.known_from > 0.0}
+    if not late:
+        return window
+    broken = breaches_of(scenario, window.plan).inside.keys() & late
+    return dataclasses.replace(
+        window, learned=tuple(sorted(late - known)), not_avoided=tuple(sorted(broken))
+    )

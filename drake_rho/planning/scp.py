@@ -11,7 +11,7 @@ from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.keep_apart import coupled, separation_of
+from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
@@ -21,6 +21,10 @@ Progress = Callable[[str], None]
 
 _MAX_RESTORATIONS = 20
 """Bound on the penalties of one restoration."""
+
+_CLOSER = 10.0
+"""Times the first penalty for a reference that is a way among obstacles and cannot be flown: what
+is drawn aside from it too far comes out on other sides of them."""
 
 
 def iterate(
@@ -98,20 +102,22 @@ def _better(
 
 
 def restored(plan: Plan, subproblem: Subproblem, progress: Progress | None = None) -> Plan:
-    """A plan whose vehicles keep apart, from one that need not.
+    """A plan that keeps out of obstacles and of other vehicles, from one that need not.
 
     The penalty triples from one linearisation to the next. Each vehicle yields half, so all are
     planned side by side.
 
     Args:
-        plan: of a scenario with a separation.
+        plan: of a scenario; its positions may be ones that cannot be flown.
         subproblem: of that scenario, decoupled.
         progress: called after each linearisation.
 
     Raises:
         InfeasibleError: none was found.
     """
-    first = _first_penalty(plan)
+    first = _first_penalty(plan, subproblem.least_cost)
+    if not subproblem.is_flown(plan):
+        first *= _CLOSER
     penalties = (first * 3.0**number for number in range(_MAX_RESTORATIONS))
     return iterate(subproblem, plan, 1.0, penalties, progress=progress)
 
@@ -128,9 +134,17 @@ def scp_step(plan: Plan, *, solver: SolverInterface | None = None) -> Plan:
     return Subproblem(plan.scenario, coupled, solver).around(plan)
 
 
-def _first_penalty(plan: Plan) -> float:
-    """What a metre is worth at first: the cost of moving aside, and that of the plan, a metre."""
+def _first_penalty(plan: Plan, effort: float) -> float:
+    """What a metre is worth at first: the cost of moving aside, and that of the plan, a metre.
+
+    Args:
+        plan: where to begin.
+        effort: the least cost of all motions [m²/s⁴].
+    """
     scenario = plan.scenario
-    separation, T = separation_of(scenario), scenario.grid.duration
-    aside = scenario.grid.knots * (4.0 * separation.distance / T**2) ** 2
-    return (plan.cost / len(scenario.vehicles) + aside) / separation.distance
+    rooms = [float(obstacle.shape.extent.min()) for _, obstacle in scenario.known]
+    if scenario.separation is not None:
+        rooms.append(scenario.separation.distance)
+    room, T = min(rooms), scenario.grid.duration
+    aside = scenario.grid.knots * (4.0 * room / T**2) ** 2
+    return (max(plan.cost, effort) / len(scenario.vehicles) + aside) / room

@@ -2,38 +2,34 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from pydrake.solvers import SolverInterface
 
-from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.breaches import Breaches, breaches_of
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
-from drake_rho.planning.keep_apart import (
-    NAME,
-    Coupling,
-    coupled,
-    decoupled,
-    pairs_of,
-    separation_of,
-    too_close,
-)
+from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
 from drake_rho.planning.keep_in import boxes_of
-from drake_rho.planning.keep_in_ball import balls_of
+from drake_rho.planning.keep_in_norm import norms_of
 from drake_rho.planning.keep_out import obstacles_of
+from drake_rho.planning.keep_waypoints import waypoints_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 
-_ALMOST = 0.95
-"""Part of the separation from which on rows that may be broken are tried as hard ones."""
+_ROUNDS_AMONG_OBSTACLES = 4
+"""Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
+with fewer they come out inside of some, and on the wrong side of others."""
 
 
 def convex_constraints(scenario: Scenario) -> list[Constraint]:
     """What holds whatever the reference: keep-in constraints."""
-    return [*boxes_of(scenario), *balls_of(scenario)]
+    return [*boxes_of(scenario), *norms_of(scenario), *waypoints_of(scenario)]
 
 
 def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
@@ -101,7 +97,12 @@ class Subproblem:
         self.labels: IntArray = np.zeros(count, dtype=int) if apart else np.arange(count)
         self._coupling, self._solver = coupling, solver
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
-        self._looked: tuple[Plan, CloseApproaches] | None = None
+        self._looked: tuple[Plan, Breaches] | None = None
+
+    @property
+    def least_cost(self) -> float:
+        """Of all motions that reach the goals, with nothing else asked [m²/s⁴]."""
+        return float(np.sum(self._effort.motion.accelerations**2))
 
     def around(self, reference: Plan, vehicles: IntArray | None = None) -> Plan:
         """The plan of least cost with obstacles and pairs linearised around `reference`.
@@ -117,11 +118,12 @@ class Subproblem:
             InfeasibleError: there is none.
             SolverError: the solvers fail numerically.
         """
+        constraints = constraints_around(self.scenario, reference)
         if self.scenario.separation is None:
-            return self._solve(reference, [], vehicles)
+            return self._solve(reference, constraints, vehicles)
         pairs = pairs_of(self.scenario, reference.motion(), self._coupling)
         try:
-            return self._solve(reference, [pairs], vehicles)
+            return self._solve(reference, [*constraints, pairs], vehicles)
         except InfeasibleError:
             if not self._coupling.together:
                 raise
@@ -131,66 +133,74 @@ class Subproblem:
         return plan
 
     def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
-        """A plan closer to keeping apart: pairs that are too close may stay so, at a penalty.
+        """A plan closer to keeping out: what is too close may stay so, at a penalty.
 
-        As soon as they almost keep apart, the rows are tried as hard ones. Vehicles that are in
-        nobody's way fly the reference.
+        As soon as it almost keeps out, the rows are tried as hard ones. Vehicles that fly the
+        reference, and are in nobody's way, go on flying it. Obstacles are soft only where the
+        reference does not keep out of them, or is no motion that can be flown.
 
         Args:
-            reference: a motion of the same vehicles on the same grid.
-            penalty: cost of each metre by which a pair is too close.
+            reference: positions of the same vehicles at the same knots.
+            penalty: cost of each metre by which a vehicle is too close.
             number: how many such steps have gone before: the first gives each encounter one
                 direction, and later ones are solved more exactly.
 
         Raises:
+            InfeasibleError: the constraints without any obstacle or pair cannot be met.
             SolverError: the solvers fail numerically.
         """
-        close = self._too_close(reference)
-        if close.distances.min() > _ALMOST * separation_of(self.scenario).distance:
+        found = self._look_at(reference)
+        if found.is_almost_out(self.scenario):
             try:
                 return self.around(reference)
             except (InfeasibleError, SolverError):  # not yet
                 pass
-        pairs = pairs_of(
-            self.scenario,
-            reference.motion(),
-            self._coupling,
-            penalty=penalty,
-            aside=number == 0,
-            rounds=1 + number // 2,
-        )
-        crowded = np.unique(np.concatenate([close.one, close.other]))
-        return self._solve(reference, [pairs], crowded)
+        motion, rounds = reference.motion(), number // 2
+        rounds += 1 if found.is_out_of_obstacles else _ROUNDS_AMONG_OBSTACLES
+        constraints = convex_constraints(self.scenario)
+        for each in obstacles_of(self.scenario, motion):
+            soft = dataclasses.replace(each.softened(penalty), rounds=rounds, searches=1)
+            constraints.append(each if found.is_out_of_obstacles else soft)
+        if self.scenario.separation is not None:
+            constraints.append(
+                pairs_of(
+                    self.scenario,
+                    motion,
+                    self._coupling,
+                    penalty=penalty,
+                    aside=number == 0,
+                    rounds=rounds,
+                )
+            )
+        return self._solve(reference, constraints, found.vehicles)
+
+    def is_flown(self, plan: Plan) -> bool:
+        """Whether a plan's positions are those that its accelerations lead to."""
+        return len(self._look_at(plan).unflyable) == 0
+
+    def keeps_apart(self, plan: Plan) -> bool:
+        """Whether all pairs keep apart, if the scenario asks for it."""
+        return len(self._look_at(plan).pairs) == 0
 
     def holds(self, plan: Plan) -> bool:
-        """Whether all pairs keep apart, if the scenario asks for it."""
-        return self.scenario.separation is None or len(self._too_close(plan)) == 0
+        """Whether a plan can be flown, all pairs keep apart, and no obstacle is in the way."""
+        found = self._look_at(plan)
+        return len(found.pairs) == 0 and found.is_out_of_obstacles
 
-    def _too_close(self, plan: Plan) -> CloseApproaches:
-        """The pairs that a plan leaves too close; looked for once."""
+    def _look_at(self, plan: Plan) -> Breaches:
+        """What a plan breaks; looked for once."""
         if self._looked is None or self._looked[0] is not plan:
-            separation, between = separation_of(self.scenario), self.scenario.between_knots
-            self._looked = plan, too_close(separation, plan.motion(), between=between)
+            _check_fits(plan, self.scenario)
+            self._looked = plan, breaches_of(self.scenario, plan)
         return self._looked[1]
 
     def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
-        """The pairs that a plan leaves too close, and when they are closest; None if none are."""
-        if self.holds(plan):
-            return None
-        names = [vehicle.name for vehicle in self.scenario.vehicles]
-        left = self._too_close(plan)
-        left = left.select(np.argsort(left.distances, kind="stable"))
-        conflicts: dict[str, dict[int, str]] = {}
-        for one, other, time in zip(left.one, left.other, left.times, strict=True):
-            for vehicle, partner in ((one, other), (other, one)):
-                reasons = conflicts.setdefault(names[vehicle], {})
-                reasons.setdefault(partner, f"{NAME} from {names[partner]} at {time:.4g} s")
-        touched = {name: frozenset([0]) for name in conflicts}
-        told = {name: tuple(reasons.values()) for name, reasons in conflicts.items()}
-        return InfeasibleError(told, statistics=spent, scenario=self.scenario, obstacles=touched)
+        """What a plan does not keep out of, and when; None if it keeps out of everything."""
+        return None if self.holds(plan) else self._look_at(plan).error(self.scenario, spent)
 
-    def _solve(self, reference: Plan, pairs: list[Constraint], vehicles: IntArray | None) -> Plan:
-        constraints = constraints_around(self.scenario, reference) + pairs
+    def _solve(
+        self, reference: Plan, constraints: list[Constraint], vehicles: IntArray | None
+    ) -> Plan:
         by_number = {constraint.number: constraint for constraint in constraints}
         planes = CuttingPlanes(
             self.scenario,

@@ -99,14 +99,19 @@ def scenario_to_json(scenario: Scenario) -> str:
     return _adapter().dump_json(scenario, exclude_none=True).decode()
 
 
-def scenario_from_json(text: str) -> Scenario:
+def scenario_from_json(text: str, *, under_way: bool = False) -> Scenario:
     """The scenario that `scenario_to_json` has written.
+
+    Args:
+        text: what it has written.
+        under_way: whether it is what was left of a flight, which may have begun too close to
+            something that was seen late.
 
     Raises:
         ScenarioError: the text is not JSON, or not a valid scenario.
     """
     try:
-        return _adapter().validate_json(text)
+        return _adapter().validate_json(text, context=under_way)
     except ValidationError as error:
         raise scenario_error(error, Scenario) from None
 

@@ -71,13 +71,13 @@ def random_transitions(
         ScenarioError: an argument makes no sense, or so many vehicles do not fit in the volume:
             there was none in `TRIES` random places for the next.
     """
-    _check_count(n)
+    check_count("n", n, "vehicles")
     volume = volume or flight_cube(4.0)
     limits = limits or Limits(position=volume, acceleration=Box([-1.0] * 3, [1.0] * 3))
     starts = _draw(n, rng, volume, separation)
     goals = _draw(n, rng, volume, separation)
     grid = Grid.lasting(duration, step=step)
-    return Scenario(name, grid, _from_rest(starts, goals), limits, separation=separation)
+    return Scenario(name, grid, from_rest(starts, goals), limits, separation=separation)
 
 
 def circle_swap(
@@ -109,23 +109,28 @@ def circle_swap(
     Raises:
         ScenarioError: an argument makes no sense, or neighbours are closer than the separation.
     """
-    _check_count(n)
+    check_count("n", n, "vehicles")
     if not 1.0 / LARGEST <= radius <= LARGEST:
         raise ScenarioError("radius", radius, "a length above 0 in metres")
     angles = 2.0 * np.pi * np.arange(n) / n
     circle = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(n)], axis=1)
     above = np.array([0.0, 0.0, height])
-    vehicles = _from_rest(above + circle, above - circle)
+    vehicles = from_rest(above + circle, above - circle)
     grid = Grid.lasting(duration, step=step)
     return Scenario(name, grid, vehicles, limits or Limits(), separation=separation)
 
 
-def _check_count(n: int) -> None:
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-        raise ScenarioError("n", n, "a whole number of vehicles, at least 1")
+def check_count(field: str, n: int, what: str, least: int = 1) -> None:
+    """See that `n`, the argument called `field`, is a number of something.
+
+    Raises:
+        ScenarioError: it is not, or below the least.
+    """
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < least:
+        raise ScenarioError(field, n, f"a whole number of {what}, at least {least}")
 
 
-def _from_rest(starts: FloatArray, goals: FloatArray) -> tuple[Vehicle, ...]:
+def from_rest(starts: FloatArray, goals: FloatArray) -> tuple[Vehicle, ...]:
     """Vehicles `v1`, `v2`, ... from rest, without acceleration, to rest."""
     rest = np.zeros(3)
     return tuple(

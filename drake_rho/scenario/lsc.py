@@ -1,6 +1,6 @@
-"""The format of mission files of the LSC planner (github.com/qwerty35/lsc_planner).
+"""The formats of files of the LSC planner (github.com/qwerty35/lsc_planner) and of LSC-DR after it.
 
-What its reader (`src/mission.cpp`) and its `missions/readme.txt` say a file holds:
+What the mission reader (`src/mission.cpp`) and `missions/readme.txt` say a mission file holds:
 
 - `quadrotors`: types of vehicles by name, each with `max_vel` [m/s] and `max_acc` [m/s²], which are
   bounds in both directions of each axis, `radius` [m], `downwash`, and `nominal_velocity` [m/s],
@@ -10,18 +10,23 @@ What its reader (`src/mission.cpp`) and its `missions/readme.txt` say a file hol
 - `agents`: each of a `type`, with `start` and `goal` [m], from rest to rest, and if wanted its own
   `cid` (a number, else its place in the list from 0), `downwash` and `nominal_velocity`. A radius
   of an agent's own is refused: the planner reads it only beside a field of another name.
-- `obstacles`: boxes, moving obstacles and trajectories in other files, none of which a scenario can
-  hold. They are refused. Worlds kept in octomap files are named on that planner's command line,
-  not in the mission.
+- `obstacles`: boxes at rest, of type `static`, with the middle `pose` and half the sides
+  `dimensions` [m]: the planner takes a box to reach that far to both sides of its pose. The types
+  that move are ellipsoids that its simulation drives, and are refused.
+
+A world is a file of its own, named on that planner's command line and not in the mission: an
+octomap file, or since LSC-DR (github.com/qwerty35/lsc_dr_planner, `src/map_manager.cpp`) a CSV
+without header, one box at rest a row, its middle x, y, z and its whole sides x, y, z [m]. LSC-DR
+fills an octomap with such boxes, at the resolution that it is told; here they are exact.
 """
 
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -86,13 +91,23 @@ class Agent(_Part):
     nominal_velocity: Finite | None = None
 
 
-def _none(obstacles: list[Any]) -> list[Any]:
-    for obstacle in obstacles[:1]:
-        named = isinstance(obstacle, dict) and "type" in obstacle
-        field, value = ("[0].type", obstacle["type"]) if named else ("[0]", obstacle)
-        expected = "no obstacle: a scenario holds spheres, a mission boxes and what moves"
-        raise ScenarioError(field, value, expected)
-    return obstacles
+class StaticBox(_Part):
+    """An obstacle at rest."""
+
+    type: Literal["static"]
+    pose: _Point
+    dimensions: _Sizes
+
+    @property
+    def box(self) -> Box:
+        """From half the sides on one side of the middle to as much on the other."""
+        middle, half = np.array(self.pose), np.array(self.dimensions)
+        return Box(middle - half, middle + half)
+
+    @model_validator(mode="after")
+    def _solid(self) -> Self:
+        _check_solid(self.box, "dimensions")
+        return self
 
 
 class Mission(_Part):
@@ -101,7 +116,7 @@ class Mission(_Part):
     quadrotors: dict[str, Quadrotor]
     world: Annotated[tuple[World, ...], Field(min_length=1, max_length=1)]
     agents: Annotated[tuple[Agent, ...], Field(min_length=1)]
-    obstacles: Annotated[list[Any], AfterValidator(_none)]
+    obstacles: tuple[StaticBox, ...]
 
     @model_validator(mode="after")
     def _agents_are_known_and_distinct(self) -> Self:
@@ -129,7 +144,7 @@ def parse_mission(text: str) -> Mission:
         ScenarioError: the text is not JSON, or not a mission that a scenario can hold.
     """
     try:  # pydantic's own reader would keep the last of a doubled name
-        json.loads(text, object_pairs_hook=_each_once)
+        _check_at_rest(json.loads(text, object_pairs_hook=_each_once))
         return Mission.model_validate_json(text)
     except ScenarioError:
         raise
@@ -146,3 +161,59 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             raise ScenarioError(name, value, "this name once")
         names.add(name)
     return dict(pairs)
+
+
+def _check_at_rest(content: object) -> None:
+    """See that no obstacle moves, before its own fields are complained of.
+
+    Raises:
+        ScenarioError: one is of a type that does.
+    """
+    obstacles = content.get("obstacles") if isinstance(content, dict) else None
+    for index, obstacle in enumerate(obstacles if isinstance(obstacles, list) else []):
+        kind = obstacle.get("type", "static") if isinstance(obstacle, dict) else "static"
+        if kind != "static":
+            expected = "static, a box at rest: what moves is told by how that planner drives it"
+            raise ScenarioError(f"obstacles[{index}].type", kind, expected)
+
+
+def parse_world(text: str) -> tuple[Box, ...]:
+    """The boxes that a world describes, in the order of its rows; blank lines are none.
+
+    Raises:
+        ScenarioError: a row is no box, or there is none; the field is the line, as `line 3`.
+    """
+    rows = [(number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip()]
+    if not rows:
+        raise ScenarioError("", Words("no row"), f"at least one box: {_ROW}")
+    return tuple(_box(f"line {number}", row) for number, row in rows)
+
+
+_ROW = "six numbers and no header, middle x, y, z and whole sides x, y, z in metres"
+
+
+def _box(line: str, row: str) -> Box:
+    try:
+        numbers = np.array([float(cell) for cell in row.split(",")])
+    except ValueError:
+        raise ScenarioError(line, row, _ROW) from None
+    if numbers.shape != (6,) or not np.all(np.abs(numbers) <= LARGEST):  # never with a NaN
+        raise ScenarioError(line, row, f"{_ROW}, all finite, of at most {LARGEST:g}")
+    middle, sides = numbers[:3], numbers[3:]
+    if not np.all(sides >= 1.0 / LARGEST):
+        raise ScenarioError(line, row, "three sides above 0 after the middle")
+    box = Box(middle - sides / 2.0, middle + sides / 2.0)
+    _check_solid(box, line)
+    return box
+
+
+def _check_solid(box: Box, field: str) -> None:
+    """See that a box has an inside.
+
+    Raises:
+        ScenarioError: it is flat; the error names `field`.
+    """
+    try:
+        box.check_solid()
+    except ScenarioError as error:
+        raise ScenarioError(field, error.value, error.expected) from None

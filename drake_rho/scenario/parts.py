@@ -7,6 +7,7 @@ Records are frozen and checked when made; a changed situation is a new record
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
@@ -33,6 +34,9 @@ from drake_rho.scenario.shapes import TOLERANCE
 
 Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 """What a box can bound."""
+
+GRAVITY = 9.81
+"""g [m/s²]: a vehicle with acceleration a has the thrust a + g e_z for each kilogram, z upwards."""
 
 
 @record
@@ -111,7 +115,11 @@ class State:
 
 @record
 class Limits:
-    """Boxes (4) to (7) and norms that a vehicle keeps to; what is left out is no limit."""
+    """Boxes (4) to (7) and norms that a vehicle keeps to; what is left out is no limit.
+
+    Thrust and tilt are those of a + g e_z, the acceleration that rotors have to make for the
+    vehicle to fly with a: g = 9.81 m/s² (`GRAVITY`), e_z upwards. Hovering is always allowed.
+    """
 
     position: Box | None = None
     """the flyable volume (4) [m]"""
@@ -123,6 +131,14 @@ class Limits:
     """(7), j[k] = (a[k] - a[k-1]) / h [m/s³]"""
     max_speed: Positive | None = None
     """largest norm of the velocity, in any direction [m/s]"""
+    max_acceleration: Positive | None = None
+    """largest norm of the acceleration, in any direction [m/s²]"""
+    max_thrust: Annotated[Positive, Field(ge=GRAVITY)] | None = None
+    """largest norm of a + g e_z [m/s²], the thrust for each kilogram; at least g = 9.81 m/s², which
+    it takes to hover"""
+    max_tilt: Annotated[Positive, Field(lt=np.pi / 2.0)] | None = None
+    """largest angle of a + g e_z to the upright [rad], less than a right angle; as far as a
+    multicopter tilts"""
 
     def overridden_by(self, own: Limits | None) -> Limits:
         """These limits with those that `own` has in place of them."""
@@ -133,6 +149,22 @@ class Limits:
             for field in dataclasses.fields(Limits)
         }
         return Limits(**limits)
+
+
+@record
+class Waypoint:
+    """A place that a vehicle passes at a time, which need not be that of a knot."""
+
+    time: Finite
+    """on the scenario's clock, after the first knot and before the last [s]"""
+    position: Vector
+    """where the vehicle is then [m]"""
+    within: Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)] = 0.0
+    """how far from there it may be [m]; 0 for exactly there"""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, time: float, position: npt.ArrayLike, within: float = 0.0) -> None: ...
 
 
 @record
@@ -150,6 +182,30 @@ class Vehicle:
     radius: Margin = 0.0
     """how far its position keeps from every obstacle [m]; from other vehicles it keeps the
     separation"""
+    waypoints: tuple[Waypoint, ...] = ()
+    """where it passes on its way, numbered from 1 in reports; no two at the same time"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            start: State,
+            goal: State,
+            limits: Limits | None = None,
+            radius: float = 0.0,
+            waypoints: Sequence[Waypoint] = (),
+        ) -> None: ...
+
+    @model_validator(mode="after")
+    def _passes_one_place_at_a_time(self) -> Self:
+        times: set[float] = set()
+        for index, waypoint in enumerate(self.waypoints):
+            if waypoint.time in times:
+                expected = "a time that no other waypoint of the vehicle has"
+                raise ScenarioError(f"waypoints[{index}].time", waypoint.time, expected)
+            times.add(waypoint.time)
+        return self
 
     @model_validator(mode="after")
     def _goal_has_no_acceleration(self) -> Self:

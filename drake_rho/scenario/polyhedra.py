@@ -163,13 +163,13 @@ class Polytope(Shape):
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
         """Distance from the nearest corner, edge or facet; inside, from the nearest facet."""
-        return self._nearest(x)[0]
+        return self.measured(x)[0]
 
     def outward(self, x: FloatArray) -> FloatArray:
         """From the nearest corner, edge or facet; inside, the normal of the nearest facet."""
-        return self._nearest(x)[1]
+        return self.measured(x)[1]
 
-    def _nearest(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Signed distances, shape (...), and the directions they are measured in, (..., 3)."""
         flat = x.reshape(-1, 3)
         many = max(1, _BLOCK // (len(self._edges[0]) * 3))
@@ -179,7 +179,7 @@ class Polytope(Shape):
         return distances.reshape(x.shape[:-1]), normals.reshape(x.shape)
 
     def _nearest_of_block(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """`_nearest` of positions of shape (P, 3).
+        """`measured` of positions of shape (P, 3).
 
         No point is nearer than the plane it is furthest above. If the foot on this plane is in the
         polytope, it is the nearest point; else an edge is nearest, corners included.

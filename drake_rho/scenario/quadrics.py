@@ -11,7 +11,7 @@ from pydantic import model_validator
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray, Positive, Vector, record
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes import Quadric
 
 _ROUNDS = 64
 """Bound on the steps to a root: halvings of the logarithm of its bracket alone would find it."""
@@ -24,35 +24,6 @@ _NOTHING = 1e-30
 
 _THINNEST = 1e-3 / LARGEST
 """Least semi-axis of an ellipsoid [m]: that of the closest separation with the least downwash."""
-
-
-class Quadric(Shape):
-    """A ball or an ellipsoid: norm(scales * x) <= radius.
-
-    Attributes:
-        radius: of the ball that it is in scaled coordinates [m].
-        scales: of each axis, shape (3,).
-    """
-
-    radius: float
-    scales: FloatArray
-
-    def scaled(self, x: FloatArray) -> FloatArray:
-        """Positions in coordinates in which the set is a ball of `radius`, shape (..., 3)."""
-        scaled: FloatArray = x * self.scales
-        return scaled
-
-    def scaled_normal(self, x: FloatArray) -> FloatArray:
-        """Unit normals, at x, of the scaled copy of the surface that goes through x.
-
-        For an ellipsoid it is not `outward`, and cheaper. A point x outside the set is on the
-        outer side of the half-space that has this normal, as it is with `outward`. NaN at the
-        centre.
-        """
-        n = x * self.scales**2
-        with np.errstate(invalid="ignore"):
-            normals: FloatArray = n / np.sqrt(np.einsum("...i,...i->...", n, n))[..., None]
-        return normals
 
 
 @record
@@ -81,6 +52,10 @@ class Sphere(Quadric):
     def scales(self) -> FloatArray:  # type: ignore[override]  # derived here
         """One for each axis."""
         return np.ones(3)
+
+    def quadric_inside(self, kept: float) -> Sphere:
+        """The whole set around it is a ball."""
+        return Sphere(self.center, self.radius + kept)
 
     def support(self, n: FloatArray) -> FloatArray:
         """The radius, in every direction."""
@@ -137,6 +112,10 @@ class Ellipsoid(Quadric):
         scales: FloatArray = self.semi_axes[0] / self.semi_axes
         return scales
 
+    def quadric_inside(self, kept: float) -> Ellipsoid:
+        """With semi-axes that much longer: its support is no more than that of the set."""
+        return Ellipsoid(self.center, self.semi_axes + kept)
+
     def support(self, n: FloatArray) -> FloatArray:
         """norm(A n) with the semi-axes on the diagonal of A."""
         support: FloatArray = np.linalg.norm(n * self.semi_axes, axis=-1)
@@ -144,14 +123,20 @@ class Ellipsoid(Quadric):
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
         """Distance from the nearest point of the surface, negative inside."""
-        distance: FloatArray = np.linalg.norm(x - self._nearest(x), axis=-1)
-        return np.where(np.linalg.norm(x / self.semi_axes, axis=-1) < 1.0, -distance, distance)
+        return self.measured(x)[0]
 
     def outward(self, x: FloatArray) -> FloatArray:
         """The surface's normal at the point nearest to x."""
-        n = self._nearest(x) / self.semi_axes**2
+        return self.measured(x)[1]
+
+    def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances from, and normals at, the nearest points of the surface."""
+        nearest = self._nearest(x)
+        distance: FloatArray = np.linalg.norm(x - nearest, axis=-1)
+        inside = np.linalg.norm(x / self.semi_axes, axis=-1) < 1.0
+        n = nearest / self.semi_axes**2
         normals: FloatArray = n / np.linalg.norm(n, axis=-1)[..., None]
-        return normals
+        return np.where(inside, -distance, distance), normals
 
     def _nearest(self, x: FloatArray) -> FloatArray:
         """The points y of the surface nearest to x, shape (..., 3).

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.cylinders import Cylinder
 from drake_rho.scenario.errors import ScenarioError
@@ -27,10 +27,12 @@ from drake_rho.scenario.parts import (
     Separation,
     State,
     Vehicle,
+    Waypoint,
 )
 from drake_rho.scenario.polyhedra import Box, Polytope
 from drake_rho.scenario.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes import TOLERANCE, Shape
+from drake_rho.scenario.waypoints import is_under_way
 
 __all__ = [
     "TOLERANCE",
@@ -48,6 +50,7 @@ __all__ = [
     "State",
     "Track",
     "Vehicle",
+    "Waypoint",
 ]
 
 
@@ -87,11 +90,15 @@ class Scenario:
     @cached_property
     def fleet(self) -> Fleet:
         """The vehicles as arrays."""
+        return self._fleet_of(self.vehicles)
+
+    def _fleet_of(self, vehicles: Sequence[Vehicle]) -> Fleet:
         aside = 0.0 if self.separation is None else self.separation.distance
-        return Fleet(self.grid, self.vehicles, self.limits, aside)
+        return Fleet(self.grid, vehicles, self.limits, aside)
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _consistent(self, info: ValidationInfo[bool | None]) -> Self:
+        under_way = bool(info.context)  # where a vehicle is then is for no one to choose
         names: set[str] = set()
         for index, vehicle in enumerate(self.vehicles):
             if vehicle.name in names:
@@ -107,11 +114,16 @@ class Scenario:
             if obstacle.known_from > self.grid.end:
                 expected = f"a time in the flight, which ends at {self.grid.end:g} s"
                 raise ScenarioError(f"obstacles[{index}].known_from", obstacle.known_from, expected)
-        self.check_ends()
+        self.check_ends(under_way=under_way)
+        self.check_waypoints()
         return self
 
-    def check_ends(self) -> None:
+    def check_ends(self, *, under_way: bool = False) -> None:
         """See that all starts and goals are in their boxes, outside the obstacles and apart.
+
+        Args:
+            under_way: whether starts are states that a flight has reached; what was seen late may
+                have been too close to avoid.
 
         Raises:
             ScenarioError: one is not.
@@ -128,42 +140,64 @@ class Scenario:
             bounds = fleet.bounds(quantity)
             if bounds is not None:
                 bounds.check(f"{end}.{quantity}", values)
-        if (speeds := fleet.max_speeds()) is not None:
-            speeds.check("start.velocity", fleet.start_velocities)
-            speeds.check("goal.velocity", fleet.goal_velocities)
+            for limit in fleet.norms.values():
+                if limit.kind.quantity == quantity:
+                    limit.check(f"{end}.{quantity}", values)
         ends = (
             ("start", fleet.start_positions, self.grid.start),
             ("goal", fleet.goal_positions, self.grid.end),
         )
         for end, positions, time in ends:
-            self.check_outside(f"{end}.position", positions, time)
+            if end == "goal" or not under_way:
+                times = np.full(len(positions), time)
+                self.check_outside(f"{end}.position", positions, times)
             if self.separation is not None:
                 check_apart(self.separation, self.vehicles, f"{end}.position", positions)
 
-    def check_outside(self, where: str, positions: FloatArray, time: float) -> None:
-        """See that the vehicles keep their radius from all obstacles, known or not, at a time.
+    def check_waypoints(self) -> None:
+        """See that all waypoints are in the flight, in position boxes and outside the obstacles.
+
+        Raises:
+            ScenarioError: one is not.
+        """
+        for index, waypoints in enumerate(self.fleet.waypoints):
+            where = f"waypoints[{index}]"
+            for i in np.flatnonzero(waypoints.due):
+                time = float(waypoints.times[i])
+                if not is_under_way(time, self.grid):
+                    expected = f"after {self.grid.start:g} s and before {self.grid.end:g} s"
+                    raise ScenarioError(
+                        f"vehicles[{i}].{where}.time", time, f"a time in the flight, {expected}"
+                    )
+            if (bounds := self.fleet.bounds("position")) is not None:
+                bounds.check(f"{where}.position", waypoints.positions)
+            self.check_outside(f"{where}.position", waypoints.positions, waypoints.times)
+
+    def check_outside(self, where: str, positions: FloatArray, times: FloatArray) -> None:
+        """See that the vehicles keep their radius from all obstacles, known or not, at some time.
 
         Of an obstacle on a track they keep its deviation more.
 
         Args:
             where: the field of a vehicle that holds its position, as `"start.position"`.
             positions: of the vehicles [m], shape (N, 3).
-            time: on the scenario's clock [s].
+            times: on the scenario's clock [s], shape (N,); NaN for a vehicle that is not looked at.
 
         Raises:
             ScenarioError: one does not.
         """
+        who = np.flatnonzero(np.isfinite(times))
         for number, obstacle in enumerate(self.bodies, start=1):
-            x = positions - obstacle.centers(np.array([time]))
+            x = positions[who] - obstacle.centers(times[who])
             distances = obstacle.shape.signed_distance(x)
-            margins = self.fleet.radii + obstacle.deviation
+            margins = self.fleet.radii[who] + obstacle.deviation
             inside = distances < margins - obstacle.shape.tolerance
             if np.any(inside):
-                i = int(np.argmax(inside))
-                kept = f"at least {margins[i]:g} m from" if margins[i] > 0.0 else "outside"
-                d = float(distances[i])
+                place = int(np.argmax(inside))
+                i, margin, d = who[place], margins[place], float(distances[place])
+                kept = f"at least {margin:g} m from" if margin > 0.0 else "outside"
                 far = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
-                when = f" at {time:g} s" if obstacle.moves else ""
+                when = f" at {times[i]:g} s" if obstacle.moves else ""
                 expected = (
                     f"a position {kept} {self.obstacle_name(number)}, not {far} it{when} "
                     f"({obstacle.shape})"
@@ -207,10 +241,17 @@ class Scenario:
         """This scenario without a separation."""
         return dataclasses.replace(self, separation=None)
 
+    def of_vehicles(self, indices: Sequence[int]) -> Scenario:
+        """This scenario of some of its vehicles only, which are not looked at again."""
+        vehicles = tuple(self.vehicles[index] for index in indices)
+        return unchecked(self, vehicles=vehicles, fleet=self._fleet_of(vehicles))
+
     def from_states(
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
     ) -> Scenario:
         """This scenario from other states on another grid, which are not looked at.
+
+        Waypoints that have passed are left out.
 
         Args:
             grid: what is left of the flight.
@@ -221,11 +262,15 @@ class Scenario:
         states = zip(locked(positions), locked(velocities), locked(before), strict=True)
         vehicles = tuple(
             unchecked(
-                vehicle, start=unchecked(vehicle.start, position=p, velocity=v, acceleration=a)
+                vehicle,
+                start=unchecked(vehicle.start, position=p, velocity=v, acceleration=a),
+                waypoints=tuple(
+                    each for each in vehicle.waypoints if is_under_way(each.time, grid)
+                ),
             )
             for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)
         )
-        fleet = self.fleet.started_at(grid, positions, velocities, before)
+        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before)
         return unchecked(self, grid=grid, vehicles=vehicles, fleet=fleet)
 
     def index_of(self, name: str) -> int:

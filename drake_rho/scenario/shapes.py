@@ -59,6 +59,17 @@ class Shape(abc.ABC):
         Inside, towards the nearest point of the surface, or one of several that are as near.
         """
 
+    def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """`signed_distance` and `outward` of x; together where that takes no longer than one."""
+        return self.signed_distance(x), self.outward(x)
+
+    def quadric_inside(self, kept: float) -> Quadric | None:  # of no use here
+        """A ball or an ellipsoid, like itself, in the set that is up to `kept` [m] around it.
+
+        For bounds that hold for the set because they hold for less; None where it has none.
+        """
+        return None
+
     @abc.abstractmethod
     def __str__(self) -> str:
         """Kind, place and measures, in words."""
@@ -73,3 +84,32 @@ class Shape(abc.ABC):
             sides = Words(f"sides of {(2.0 * self.extent).tolist()} m")
             expected = f"none below {THINNEST:g} of the greatest: what is flat has no inside"
             raise ScenarioError("", sides, expected)
+
+
+class Quadric(Shape):
+    """A ball or an ellipsoid: norm(scales * x) <= radius.
+
+    Attributes:
+        radius: of the ball that it is in scaled coordinates [m].
+        scales: of each axis, shape (3,).
+    """
+
+    radius: float
+    scales: FloatArray
+
+    def scaled(self, x: FloatArray) -> FloatArray:
+        """Positions in coordinates in which the set is a ball of `radius`, shape (..., 3)."""
+        scaled: FloatArray = x * self.scales
+        return scaled
+
+    def scaled_normal(self, x: FloatArray) -> FloatArray:
+        """Unit normals, at x, of the scaled copy of the surface that goes through x.
+
+        For an ellipsoid it is not `outward`, and cheaper. A point x outside the set is on the
+        outer side of the half-space that has this normal, as it is with `outward`. NaN at the
+        centre.
+        """
+        n = x * self.scales**2
+        with np.errstate(invalid="ignore"):
+            normals: FloatArray = n / np.sqrt(np.einsum("...i,...i->...", n, n))[..., None]
+        return normals

@@ -1,0 +1,119 @@
+"""What a motion comes too close to, while a plan is still looked for."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.keep_apart import NAME, too_close
+from drake_rho.planning.keep_out import FIRST, obstacles_of
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.records import TOLERANCE, Scenario
+
+_ALMOST = 0.05
+"""Part of a separation, or of an obstacle's least extent, by which vehicles may be too close and
+rows are tried as hard ones."""
+
+_NOBODY = np.zeros(0, dtype=np.int64)
+_NONE = CloseApproaches(_NOBODY, _NOBODY, np.zeros(0), np.zeros(0))
+
+
+@dataclasses.dataclass(frozen=True)
+class Breaches:
+    """Where vehicles are too close to others and to obstacles, worst instants of each step."""
+
+    pairs: CloseApproaches
+    """vehicles that are too close to each other"""
+    inside: dict[int, CloseApproaches]
+    """by the number of an obstacle, vehicles that come too close to it, and their distances"""
+    kept: dict[int, FloatArray]
+    """the distance that each vehicle keeps from each of these [m], shape (N,)"""
+    unflyable: IntArray
+    """vehicles whose positions are not those that their accelerations lead to, shape (U,)"""
+
+    @property
+    def is_out_of_obstacles(self) -> bool:
+        """Whether the motion can be flown and keeps out of all obstacles."""
+        return not self.inside and len(self.unflyable) == 0
+
+    @cached_property
+    def vehicles(self) -> IntArray:
+        """The vehicles that have to be planned anew, rising."""
+        obstacles = [found.one for found in self.inside.values()]
+        return np.unique(
+            np.concatenate([self.pairs.one, self.pairs.other, self.unflyable, *obstacles])
+        )
+
+    def is_almost_out(self, scenario: Scenario) -> bool:
+        """Whether what is too close is so by little, and the motion can be flown."""
+        if len(self.unflyable) > 0:
+            return False
+        apart = 0.0 if scenario.separation is None else scenario.separation.distance
+        if np.any(self.pairs.distances <= (1.0 - _ALMOST) * apart):
+            return False
+        for number, found in self.inside.items():
+            room = _ALMOST * scenario.bodies[number - 1].shape.extent.min()
+            if np.any(found.distances < self.kept[number][found.one] - room):
+                return False
+        return True
+
+    def error(self, scenario: Scenario, spent: Statistics) -> InfeasibleError:
+        """The breaches as an error: for each vehicle what it is too close to, and when most."""
+        names = [vehicle.name for vehicle in scenario.vehicles]
+        told: dict[str, dict[str, str]] = {}
+        touched: dict[str, set[int]] = {}
+
+        def tell(vehicle: int, what: str, time: float, number: int) -> None:
+            at = scenario.grid.start + time
+            told.setdefault(names[vehicle], {}).setdefault(what, f"{what} at {at:.4g} s")
+            touched.setdefault(names[vehicle], set()).add(number)
+
+        for one, other, time in _worst_first(self.pairs):
+            tell(one, f"{NAME} from {names[other]}", time, 0)
+            tell(other, f"{NAME} from {names[one]}", time, 0)
+        for number, found in self.inside.items():
+            for one, _, time in _worst_first(found):
+                tell(one, scenario.obstacle_name(number), time, number)
+        return InfeasibleError(
+            {name: tuple(reasons.values()) for name, reasons in told.items()},
+            statistics=spent,
+            scenario=scenario,
+            obstacles={name: frozenset(numbers) for name, numbers in touched.items()},
+        )
+
+
+def breaches_of(scenario: Scenario, plan: Plan) -> Breaches:
+    """What a plan, or a reference that cannot be flown, comes too close to."""
+    motion, between = plan.motion(), scenario.between_knots
+    apart = scenario.separation
+    inside, kept = {}, {}
+    for constraint in obstacles_of(scenario, motion):
+        found = constraint.approaches(motion)
+        if len(found) > 0:
+            number = constraint.number - FIRST
+            inside[number], kept[number] = found, constraint.kept
+    return Breaches(
+        _NONE if apart is None else too_close(apart, motion, between=between),
+        inside,
+        kept,
+        _unflyable(scenario, motion),
+    )
+
+
+def _unflyable(scenario: Scenario, motion: Motion) -> IntArray:
+    """Vehicles that do not get where the motion says that they are."""
+    flown = Motion.from_starts(scenario.fleet, motion.accelerations, motion.step)
+    missed = np.abs(flown.positions - motion.positions).max(axis=(1, 2))
+    return np.flatnonzero(missed > TOLERANCE * scenario.fleet.lengths)
+
+
+def _worst_first(found: CloseApproaches) -> list[tuple[int, int, float]]:
+    order = np.argsort(found.distances, kind="stable")
+    worst = found.select(order)
+    return list(zip(worst.one.tolist(), worst.other.tolist(), worst.times.tolist(), strict=True))
