@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -68,9 +69,14 @@ def verify(flown: Plan | Flight) -> Report:
         ]
     names = [vehicle.name for vehicle in scenario.vehicles]
     by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
-    checks = (check for checks in by_vehicle for check in checks if check is not None)
-    sightings = flown.sightings if isinstance(flown, Flight) else ()
-    return Report(scenario, tuple(checks), sightings)
+    checks = tuple(check for checks in by_vehicle for check in checks if check is not None)
+    hit = {check.constraint for check in checks if not check.holds}
+    seen = flown.sightings if isinstance(flown, Flight) else ()
+    sightings = tuple(
+        dataclasses.replace(each, avoided=each.avoided and each.obstacle not in hit)
+        for each in seen
+    )
+    return Report(scenario, checks, sightings)
 
 
 def _check_dynamics(plan: Plan, motion: Motion) -> Iterator[Column]:

@@ -187,6 +187,10 @@ class Subproblem:
         found = self._look_at(plan)
         return len(found.pairs) == 0 and found.is_out_of_obstacles
 
+    def almost_holds(self, plan: Plan) -> bool:
+        """Whether a plan can be flown and is too close to nothing by more than a little."""
+        return self._look_at(plan).is_almost_out(self.scenario)
+
     def _look_at(self, plan: Plan) -> Breaches:
         """What a plan breaks; looked for once."""
         if self._looked is None or self._looked[0] is not plan:
