@@ -51,8 +51,8 @@ class Grid:
     """time of the first knot on the scenario's clock, on which obstacles move [s]"""
 
     @classmethod
-    def lasting(cls, duration: float, *, step: float) -> Self:
-        """The grid of a flight of `duration` [s] in steps of `step` [s].
+    def lasting(cls, duration: float, *, step: float, start: float = 0.0) -> Self:
+        """The grid of a flight of `duration` [s] in steps of `step` [s] that begins at `start` [s].
 
         Raises:
             ScenarioError: one is not positive, the step does not divide the duration, or there
@@ -64,7 +64,7 @@ class Grid:
         steps = duration / step
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
             raise ScenarioError("step", step, f"a step that divides the duration, {duration:g} s")
-        return cls(duration / round(steps), round(steps) + 1)
+        return cls(duration / round(steps), round(steps) + 1, start)
 
     @property
     def duration(self) -> float:
