@@ -52,8 +52,10 @@ def mapped(
     """The scenario in other coordinates: p' = length (turn p + shift), t' = time t.
 
     `turn` is a signed permutation, so that boxes stay boxes, or any orthogonal matrix where there
-    are none; with a downwash, one that keeps z.
+    are none; with a downwash or gravity, one that keeps z. Gravity keeps lengths and times too.
+    Obstacles are spheres at rest.
     """
+    assert len(scenario.spheres) == len(scenario.obstacles)
     apart = scenario.separation
     if apart is not None:
         assert apart.downwash == 1.0 or abs(turn[2, 2]) == 1.0
@@ -82,11 +84,14 @@ def mapped(
             bounds(old.acceleration, force, np.zeros(3)),
             bounds(old.jerk, jerk, np.zeros(3)),
             None if old.max_speed is None else speed * old.max_speed,
+            None if old.max_acceleration is None else force * old.max_acceleration,
+            old.max_thrust,
+            old.max_tilt,
         )
 
     return dataclasses.replace(
         scenario,
-        grid=rho.Grid(time * scenario.grid.step, scenario.grid.knots),
+        grid=rho.Grid(time * scenario.grid.step, scenario.grid.knots, time * scenario.grid.start),
         vehicles=tuple(
             rho.Vehicle(old.name, state(old.start), state(old.goal), limits(old.limits))
             for old in scenario.vehicles
@@ -94,7 +99,7 @@ def mapped(
         limits=limits(scenario.limits) or rho.Limits(),
         obstacles=tuple(
             rho.Sphere(length * (turn @ old.center + shift), length * old.radius)
-            for old in scenario.obstacles
+            for old in scenario.spheres
         ),
         separation=apart,
     )

@@ -101,7 +101,7 @@ def test_extremes_between_knots_are_never_passed(seed: int) -> None:
 
 def test_several_vehicles_at_once_are_each_alone() -> None:
     plan = rho.plan_convex(rho.load_scenario("paper"))
-    center = plan.scenario.obstacles[0].center
+    center = plan.scenario.spheres[0].center
     _, together = closest_approach(plan.motion(), center)
     for index, vehicle in enumerate(plan.scenario.vehicles):
         _, alone = closest_approach(

@@ -15,6 +15,9 @@ LIMITS = {
     "acceleration box": rho.Limits(acceleration=box(0.8)),
     "jerk box": rho.Limits(jerk=box(1.0)),
     "maximum speed": rho.Limits(max_speed=1.5),
+    "maximum acceleration": rho.Limits(max_acceleration=0.8),
+    "maximum thrust": rho.Limits(max_thrust=9.9),
+    "maximum tilt": rho.Limits(max_tilt=0.07),
 }
 STARTS = {
     # running past the goal, so that the position box is in the way

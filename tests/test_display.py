@@ -24,8 +24,10 @@ from rich.console import Console
 
 import drake_rho as rho
 from drake_rho.display import curves, space
+from drake_rho.display.distances import draw_distances_from_centre
 from drake_rho.display.figures import write_figures
 from drake_rho.display.frame import frame_scene
+from drake_rho.display.snapshots import snapshots
 from drake_rho.motion.plan import Window
 from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
 from drake_rho.paper.study import Study
@@ -46,6 +48,13 @@ def _points(lines: Sequence[Any]) -> np.ndarray:
     return np.concatenate([np.array(line.get_data_3d()).T for line in lines])
 
 
+def _sphere(plan: rho.Plan) -> rho.Sphere:
+    """The only obstacle."""
+    (sphere,) = plan.scenario.obstacles
+    assert isinstance(sphere, rho.Sphere)
+    return sphere
+
+
 def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     lines = space.draw_paths(ax, plan)
@@ -64,7 +73,9 @@ def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> Non
 
 def test_what_is_in_front_of_an_obstacle_is_drawn_over_it(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    spheres = (*plan.scenario.obstacles, rho.Sphere([1500.0, 500.0, 1500.0], 300.0))
+    spheres = snapshots(
+        plan, (*plan.scenario.bodies, rho.Obstacle(rho.Sphere([1500.0, 500.0, 1500.0], 300.0)))
+    )
     frame_scene(ax, plan.positions, spheres)
     assert ax.computed_zorder is False
     balls = space.draw_obstacles(ax, spheres)
@@ -88,7 +99,7 @@ def test_what_is_in_front_of_an_obstacle_is_drawn_over_it(plan: rho.Plan) -> Non
 
 def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    frame_scene(ax, plan.positions, plan.scenario.obstacles)
+    frame_scene(ax, plan.positions, snapshots(plan, plan.scenario.bodies))
     limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
     aspect = ax._box_aspect  # matplotlib has no public name to read it back
     ratio = np.diff(limits)[:, 0] / aspect
@@ -100,8 +111,8 @@ def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
 
 def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    (sphere,) = plan.scenario.obstacles
-    (ball,) = space.draw_obstacles(ax, (sphere,))
+    sphere = _sphere(plan)
+    (ball,) = space.draw_obstacles(ax, snapshots(plan, plan.scenario.bodies))
     assert 0.0 < ball.get_alpha() < 0.6
     corners = ball._faces.reshape(-1, 3)  # matplotlib has no public name to read them back
     distances = np.linalg.norm(corners - sphere.center, axis=1)
@@ -110,8 +121,8 @@ def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
 
 def test_distances_show_the_radius_as_threshold(plan: rho.Plan) -> None:
     ax = Figure().add_subplot()
-    (sphere,) = plan.scenario.obstacles
-    lines = curves.draw_distances(ax, plan, sphere)
+    sphere = _sphere(plan)
+    lines = draw_distances_from_centre(ax, plan, plan.scenario.bodies[0], sphere)
     for index, line in enumerate(lines):
         times, distances = np.array(line.get_data())
         exact = plan.motion().at("position", times)[index] - sphere.center
@@ -313,6 +324,7 @@ def test_a_swarm_is_drawn_without_knots_and_names(count: int) -> None:
         (rho.Limits(velocity=box(50.0)), True, False),
         (rho.Limits(acceleration=box(50.0)), False, True),
         (rho.Limits(velocity=box(50.0), max_speed=50.0), True, False),
+        (rho.Limits(acceleration=box(50.0), max_thrust=50.0, max_tilt=1.0), False, True),
     ],
 )
 def test_the_legend_names_limits_where_there_are_some(
@@ -347,6 +359,23 @@ def test_speeds_are_drawn_with_their_limits_where_they_are_limited() -> None:
         (curve,) = (line for line in ax.lines if line.get_label() == vehicle.name)
         shown = float(np.max(np.asarray(curve.get_ydata())))
         assert shown == pytest.approx(norms.max(), rel=1e-9)
+
+
+def test_norms_of_accelerations_are_drawn_with_their_limits_each_if_it_is_limited() -> None:
+    free = straight(2)
+    limits = rho.Limits(max_acceleration=1.0, max_thrust=10.4, max_tilt=0.2)
+    plan = rho.plan_convex(dataclasses.replace(free.scenario, limits=limits))
+    axes = rho.accelerations_figure(plan).axes
+    thrusts = plan.accelerations + np.array([0.0, 0.0, 9.81])
+    tilts = np.arctan2(np.hypot(thrusts[..., 0], thrusts[..., 1]), thrusts[..., 2])
+    norms = [np.linalg.norm(each, axis=2) for each in (plan.accelerations, thrusts)]
+    for ax, most, values in zip(axes[3:], (1.0, 10.4, 0.2), (*norms, tilts), strict=True):
+        (dashed,) = (line for line in ax.lines if line.get_linestyle() == "--")
+        assert float(np.asarray(dashed.get_ydata())[0]) == most
+        (curve,) = (line for line in ax.lines if line.get_label() == "v1")
+        np.testing.assert_allclose(np.asarray(curve.get_ydata())[::2], values[1], rtol=1e-9)
+    assert [ax.get_xlabel() for ax in axes] == [""] * 5 + ["time [s]"]
+    assert len(rho.velocities_figure(plan).axes) == 3
 
 
 @pytest.mark.parametrize(

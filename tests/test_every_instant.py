@@ -30,7 +30,7 @@ def test_the_papers_scenario_can_be_safe_at_every_instant_for_little(
     assert sampled.cost <= safe.cost <= 1.003 * sampled.cost
     motion = (safe.plan if isinstance(safe, rho.Flight) else safe).motion()
     dense = motion.at("position", np.linspace(0, 49, 49 * 1000 + 1))
-    distances = np.linalg.norm(dense - careful.obstacles[0].center, axis=2)
+    distances = np.linalg.norm(dense - careful.spheres[0].center, axis=2)
     assert distances.min() >= 1000.0 * (1 - 1e-6)
 
 
@@ -59,7 +59,7 @@ def test_random_plans_hold_when_sampled_a_thousand_times_a_step(scenario: rho.Sc
     times = np.linspace(0.0, grid.duration, 1000 * (grid.knots - 1) + 1)
     for vehicle, motion in zip(scenario.vehicles, plan.motions(), strict=True):
         dense = motion.at("position", times)
-        for sphere in scenario.obstacles:
+        for sphere in scenario.spheres:
             distances = np.linalg.norm(dense - sphere.center, axis=1)
             assert distances.min() >= sphere.radius * (1 - 2e-6)
         limits = scenario.limits_of(vehicle).position

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import BISECTED, BISECTED_APART, is_monotone
+from drake_rho.assurance.feasibility import BISECTED, BISECTED_APART, _lasting, is_monotone
 from tests.scenarios import box, scenarios, single, through_the_middle
 
 
@@ -151,3 +151,30 @@ def test_two_that_cannot_pass_at_all_are_told_by_how_much_they_are_too_close() -
     assert reason.violations[0].time == pytest.approx(5.0)
     assert reason.shortest_duration is None
     assert "neither more time" in str(reason)
+
+
+def test_another_duration_begins_at_the_same_time_and_obstacles_stay_on_the_clock() -> None:
+    ball = rho.Sphere([5.0, 9.0, -1.0], 1.0)
+    track = rho.Track([100.0, 106.0], [[5, 9, -1], [5, 20, -1]])
+    obstacles = (
+        ball,
+        rho.Obstacle(ball, track=track, known_from=101.0),
+        rho.Obstacle(ball, known_from=107.0, name="late"),
+    )
+    asked = single(grid=rho.Grid(0.5, 17, 100.0), obstacles=obstacles)
+    for factor in (0.5, 0.1, 3.0):
+        other = _lasting(asked, factor)
+        assert other.grid == rho.Grid(0.5 * factor, 17, 100.0)
+        for old, new in zip(asked.bodies, other.bodies, strict=True):
+            assert new == dataclasses.replace(old, known_from=min(old.known_from, other.grid.end))
+            times = np.linspace(100.0, 110.0, 11)
+            np.testing.assert_array_equal(new.centers(times), old.centers(times))
+    assert not is_monotone(asked)
+
+
+def test_an_obstacle_known_after_a_shorter_end_does_not_end_the_search() -> None:
+    """The shortest takes 6.4 s, and the obstacle, far away, is known at 7.9 s."""
+    far = rho.Obstacle(rho.Sphere([0.0, 99.0, 0.0], 1.0), known_from=7.9)
+    asked = single(limits=rho.Limits(acceleration=box(1.0)), obstacles=(far,))
+    shortest = rho.shortest_plan(asked).scenario.grid.duration
+    assert shortest == pytest.approx(np.sqrt(4 * 10.0 / 1.0), rel=2e-3)

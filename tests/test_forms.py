@@ -31,7 +31,7 @@ def _fresh(scenario: rho.Scenario) -> rho.Scenario:
         return rho.State(old.position, old.velocity, old.acceleration)
 
     vehicles = [
-        rho.Vehicle(old.name, state(old.start), state(old.goal), old.limits)
+        dataclasses.replace(old, start=state(old.start), goal=state(old.goal))
         for old in scenario.vehicles
     ]
     grid = rho.Grid(scenario.grid.step, scenario.grid.knots, scenario.grid.start)

@@ -42,7 +42,7 @@ def test_scp_finds_the_way_round(paper: rho.Scenario) -> None:
     plan = rho.plan_scp(scenario)
     assert rho.verify(plan).ok
     assert plan.statistics.converged
-    passing = np.linalg.norm(plan.positions[0] - scenario.obstacles[0].center, axis=1).min()
+    passing = np.linalg.norm(plan.positions[0] - scenario.spheres[0].center, axis=1).min()
     assert passing == pytest.approx(2.0, abs=0.05)  # close by, not far out
 
 
@@ -123,7 +123,7 @@ def test_the_side_on_which_the_free_way_passes_is_tried_first(aside: list[float]
     scenario = _through_the_middle(obstacles=(rho.Sphere([10.0, 1.0, 2.0] - 0.4 * off, 2.0),))
     free = rho.plan_convex(scenario.without_obstacles())
     plan = way_round(scenario, free, most=1)
-    x = plan.positions[0] - scenario.obstacles[0].center
+    x = plan.positions[0] - scenario.spheres[0].center
     assert 2.0 - 1e-5 < x[20] @ off < 2.1  # beyond the plane on that side, and no further
     across = np.cross([1.0, 0.0, 0.0], off)
     np.testing.assert_allclose(x @ across, 0.0, atol=1e-6)  # and has no cause to go elsewhere

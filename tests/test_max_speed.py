@@ -14,19 +14,17 @@ from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
 from drake_rho.assurance.feasibility import BISECTED, is_monotone
-from drake_rho.planning.keep_in_ball import balls_of
+from drake_rho.planning.keep_in_norm import norms_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import FloatArray
+from tests.cones import TWIN, integrals, twin_cost
 from tests.scenarios import box, fleet, mapped, random_scenario, single, through_the_middle
 from tests.tolerances import INDEX, MOTION
 
 CURVE = rho.State([0.0, 0.0, 0.0], [-1.0, 1.0, 0.5])
 """A start from which the way to the goal turns, so that the velocity runs along the ball."""
-
-TWIN = 1e-6
-"""Relative, for the cost of the program with cones, solved to Drake's default tolerances."""
 
 
 def _speeds(plan: rho.Plan, per_step: int = 10) -> FloatArray:
@@ -36,90 +34,6 @@ def _speeds(plan: rho.Plan, per_step: int = 10) -> FloatArray:
     sampled = v + s * plan.accelerations[:, :, None]
     norms: FloatArray = np.linalg.norm(sampled, axis=-1).reshape(len(v), -1)
     return norms
-
-
-def _integrals(scenario: rho.Scenario) -> tuple[FloatArray, FloatArray]:
-    """What accelerations add to velocity and position at the knots after the first, by (1)-(2)."""
-    h, n = scenario.grid.step, scenario.grid.knots - 1
-    velocity = h * np.tril(np.ones((n, n)))
-    position = np.cumsum(h * np.vstack([np.zeros(n), velocity[:-1]]) + h**2 / 2 * np.eye(n), axis=0)
-    return velocity, position
-
-
-class Twin:
-    """The program of one vehicle with a cone for each knot, in its accelerations."""
-
-    def __init__(self, scenario: rho.Scenario, index: int) -> None:
-        vehicle, grid = scenario.vehicles[index], scenario.grid
-        self.limits, self.start, self.goal = (
-            scenario.limits_of(vehicle),
-            vehicle.start,
-            vehicle.goal,
-        )
-        self.duration, self.n = grid.duration, grid.knots - 1
-        ways = (self.goal.position - self.start.position, self.duration * self.start.velocity)
-        self.length = max(float(np.linalg.norm(way)) for way in ways)
-        self.unit = self.length / self.duration**2
-        self.velocity, self.position = (self.unit * each for each in _integrals(scenario))
-        times = grid.times[1:, None]
-        self.coasting = self.start.position + times * self.start.velocity
-        self.program = MathematicalProgram()
-        self.a = self.program.NewContinuousVariables(self.n, 3, "a")
-
-    def keep(self, quantity: FloatArray, offset: FloatArray, limit: rho.Box | None) -> None:
-        """Rows within a box, each scaled to length one."""
-        if limit is None:
-            return
-        scale = np.linalg.norm(quantity, axis=1)
-        for x in range(3):
-            least = (limit.lower[x] - offset[:, x]) / scale
-            most = (limit.upper[x] - offset[:, x]) / scale
-            self.program.AddLinearConstraint(quantity / scale[:, None], least, most, self.a[:, x])
-
-    def solve(self, scenario: rho.Scenario, reference: FloatArray | None) -> float | None:
-        """The least cost, or None; obstacles linearised around a path (K, 3)."""
-        coasting = np.tile(self.start.velocity, (self.n, 1))
-        self.keep(self.velocity[:-1], coasting[:-1], self.limits.velocity)
-        self.keep(self.position[:-1], self.coasting[:-1], self.limits.position)
-        self.keep(self.unit * np.eye(self.n), np.zeros((self.n, 3)), self.limits.acceleration)
-        jerk = self.unit * (np.eye(self.n) - np.eye(self.n, k=-1)) / scenario.grid.step
-        before = np.zeros((self.n, 3))
-        if self.start.acceleration is None:
-            jerk, before = jerk[1:], before[1:]
-        else:
-            before[0] = -self.start.acceleration / scenario.grid.step
-        self.keep(jerk, before, self.limits.jerk)
-        end = rho.Box(self.goal.velocity, self.goal.velocity)
-        self.keep(self.velocity[-1:], coasting[-1:], end)
-        end = rho.Box(self.goal.position, self.goal.position)
-        self.keep(self.position[-1:], self.coasting[-1:], end)
-        flat, speed = self.a.reshape(-1), self.limits.max_speed
-        for row in self.velocity[:-1] if speed is not None else ():
-            cone = np.vstack([np.zeros(3 * self.n), np.kron(row, np.eye(3))])
-            ends = np.array([speed, *self.start.velocity])
-            self.program.AddLorentzConeConstraint(cone / speed, ends / speed, flat)
-        for sphere in scenario.obstacles:
-            assert reference is not None
-            for k, row in enumerate(self.position[:-1]):
-                q = reference[k + 1] - sphere.center
-                normal = q / np.linalg.norm(q)
-                room = normal @ (self.coasting[k] - sphere.center) - sphere.radius
-                scale = np.linalg.norm(row)
-                matrix = np.kron(row, normal)[None] / scale
-                self.program.AddLinearConstraint(matrix, [-room / scale], [np.inf], flat)
-        size = 3 * self.n
-        self.program.AddQuadraticCost(2.0 * np.eye(size), np.zeros(size), flat, is_convex=True)
-        result = ClarabelSolver().Solve(self.program)
-        return self.unit**2 * result.get_optimal_cost() if result.is_success() else None
-
-
-def twin_cost(scenario: rho.Scenario, reference: rho.Plan | None = None) -> float | None:
-    """The cost of all vehicles by the programs with cones; None if one has no solution."""
-    costs = [
-        Twin(scenario, i).solve(scenario, None if reference is None else reference.positions[i])
-        for i in range(len(scenario.vehicles))
-    ]
-    return None if None in costs else sum(cost for cost in costs if cost is not None)
 
 
 @pytest.mark.parametrize("knots", [5, 17, 60])
@@ -168,7 +82,7 @@ def test_random_scenarios_cost_what_the_programs_with_cones_cost(seed: int, tigh
         return
     if any(
         np.linalg.norm(reference.positions - sphere.center, axis=2).min() < 1e-3 * sphere.radius
-        for sphere in scenario.obstacles
+        for sphere in scenario.spheres
     ):
         return  # through a centre, where the direction is the planner's own choice
     known = twin_cost(scenario, reference)
@@ -372,7 +286,7 @@ def _breach(plan: rho.Plan) -> float:
 def _least_breach(scenario: rho.Scenario) -> float:
     (length,), T = scenario.fleet.lengths, scenario.grid.duration
     goal, most, n = scenario.vehicles[0].goal, scenario.limits.max_speed, scenario.grid.knots - 1
-    velocity, position = (length / T**2 * each for each in _integrals(scenario))
+    velocity, position = (length / T**2 * each for each in integrals(scenario))
     program = MathematicalProgram()
     a = program.NewContinuousVariables(n, 3, "a")
     for quantity, value, scale in (
@@ -482,7 +396,7 @@ def side_by_side(count: int, *, knots: int, most: float) -> rho.Scenario:
 def test_known_tangent_planes_take_memory_in_proportion() -> None:
     """Looking rows up compares each with those of its own instant, not with all there are."""
     scenario = side_by_side(100, knots=101, most=1.01)
-    (ball,) = balls_of(scenario)
+    (ball,) = norms_of(scenario)
     motion = MinimumEffort.of(scenario).motion
     rows = ball.violated(motion, np.arange(100))
     working = WorkingSet(Keys(20, 100, scenario.grid))

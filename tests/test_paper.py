@@ -80,7 +80,7 @@ def test_linearising_anew_is_what_makes_example_4_cheaper(paper: rho.Scenario) -
 
 
 def test_the_converged_plan_dips_into_the_obstacle_between_knots(paper: rho.Scenario) -> None:
-    plan, (sphere,) = rho.plan_scp(paper), paper.obstacles
+    plan, (sphere,) = rho.plan_scp(paper), paper.spheres
     times = np.linspace(0.0, 49.0, 49 * 200 + 1)
     distances = np.linalg.norm(plan.motion().at("position", times) - sphere.center, axis=2)
     assert distances.min() == pytest.approx(996.5, abs=0.1)

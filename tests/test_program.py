@@ -54,7 +54,7 @@ def symbolic_twin(scenario: rho.Scenario, reference: rho.Plan) -> FloatArray | N
                 program.AddLinearConstraint(ge(jerk, limits.jerk.lower))
                 program.AddLinearConstraint(le(jerk, limits.jerk.upper))
             a = a[len(a) - K + 1 :]
-        for sphere in scenario.obstacles:
+        for sphere in scenario.spheres:
             for k in range(1, K - 1):
                 q = reference.positions[index, k] - sphere.center
                 distance = float(np.linalg.norm(q))

@@ -248,12 +248,10 @@ def test_an_own_largest_speed_stands_in_for_the_scenarios() -> None:
     scenario = rho.Scenario("s", GRID, (*vehicles, VEHICLE), rho.Limits(max_speed=1.0))
     found = [scenario.limits_of(vehicle).max_speed for vehicle in scenario.vehicles]
     assert found == [2.0, 0.5, 1.0, 1.0]
-    speeds = scenario.fleet.max_speeds()
-    assert speeds is not None
+    speeds = scenario.fleet.norms["max_speed"]
     np.testing.assert_array_equal(speeds.most, found)
-    alone = dataclasses.replace(scenario, limits=rho.Limits()).fleet.max_speeds()
-    assert alone is not None
-    np.testing.assert_array_equal(alone.most, [2.0, 0.5, np.inf, np.inf])
+    alone = dataclasses.replace(scenario, limits=rho.Limits()).fleet
+    np.testing.assert_array_equal(alone.norms["max_speed"].most, [2.0, 0.5, np.inf, np.inf])
     assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
     assert dataclasses.replace(scenario, vehicles=(VEHICLE,), limits=rho.Limits()) != scenario
 

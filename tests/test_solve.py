@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -135,6 +136,54 @@ def test_rows_that_no_solver_keeps_are_an_error_that_names_them(
         rho.plan_convex(single(limits=SLOW))
     assert asked == ["Clarabel", "OSQP"]
     assert caught.value.statistics.programs == 2
+
+
+def test_what_is_almost_a_solution_comes_last_and_only_where_all_fail(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def almost(name: str, index: int, answer: Solution) -> Solution | None:
+        if name == "OSQP":
+            return None if index == 1 else answer
+        return dataclasses.replace(answer, exact=False)
+
+    attempt, asked = _spoiled(almost)
+    monkeypatch.setattr(solve, "_solve_with", attempt)
+    found = solve.solve([nearest(2.0), nearest(3.0)])
+    assert [(each.solver, each.exact) for each in found] == [("OSQP", True), ("Clarabel", False)]
+    assert asked == ["Clarabel", "Clarabel as it is", "OSQP"]
+
+
+@pytest.mark.parametrize("inexact", [3, 100])
+def test_almost_a_solution_shows_missing_rows_but_is_no_answer(
+    inexact: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Up to three rounds in a row go on from one; then all solvers have failed."""
+    limits = rho.Limits(max_thrust=9.9)
+    known, left = rho.plan_convex(single(limits=limits)), [inexact]
+
+    def almost(name: str, index: int, answer: Solution) -> Solution | None:
+        left[0] -= name == "Clarabel"
+        if left[0] < 0:
+            return answer
+        return dataclasses.replace(answer, exact=False) if name == "Clarabel" else None
+
+    attempt, _ = _spoiled(almost)
+    monkeypatch.setattr(solve, "_solve_with", attempt)
+    if inexact > 3:
+        with pytest.raises(rho.SolverError, match="all solvers failed") as caught:
+            rho.plan_convex(single(limits=limits))
+        assert caught.value.statistics.programs == 4
+        return
+    plan = rho.plan_convex(single(limits=limits))
+    assert plan.cost == pytest.approx(known.cost, rel=INDEX)
+    assert rho.verify(plan).ok
+
+
+def test_almost_a_solution_that_breaks_no_row_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    attempt, _ = _spoiled(lambda name, _, answer: dataclasses.replace(answer, exact=False))
+    monkeypatch.setattr(solve, "_solve_with", attempt)
+    with pytest.raises(rho.SolverError, match="all solvers failed"):
+        rho.plan_convex(single(limits=SLOW))
 
 
 def test_one_attempt_that_is_off_is_not_held_against_the_next_program(

@@ -222,7 +222,7 @@ def test_what_is_planned_holds_by_other_means_too(scenario: rho.Scenario) -> Non
         before = vehicle.start.acceleration
         way = scenario.fleet.lengths[scenario.index_of(vehicle.name)]
         for a in plan.accelerations[index]:
-            for sphere in scenario.obstacles:
+            for sphere in scenario.spheres:
                 assert np.linalg.norm(p - sphere.center) >= sphere.radius * (1 - 2e-6)
             jerk = np.zeros(3) if before is None else (a - before) / h
             T = scenario.grid.duration

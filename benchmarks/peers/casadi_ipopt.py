@@ -59,7 +59,7 @@ def _program(scenario: Scenario) -> tuple[ca.Opti, ca.MX, ca.MX, ca.MX, ca.MX]:
             columns = values.shape[1]
             lower, upper = (ca.repmat(ca.DM(side), 1, columns) for side in (box.lower, box.upper))
             opti.subject_to(opti.bounded(ca.vec(lower), ca.vec(values), ca.vec(upper)))
-    for sphere in scenario.obstacles:
+    for sphere in scenario.spheres:
         away = p[:, 1:-1] - ca.repmat(ca.DM(sphere.center), 1, K - 2)
         opti.subject_to(ca.sum1(away**2) >= sphere.radius**2)
     opti.solver("ipopt", _OPTIONS)

@@ -33,8 +33,8 @@ class _Problem:
         h, limits = scenario.grid.step, scenario.limits
         self._vehicles = scenario.vehicles
         self._start, self._goal = cp.Parameter((2, 3)), cp.Parameter((2, 3))
-        self._normals = [cp.Parameter((K - 2, 3)) for _ in scenario.obstacles]
-        self._offsets = [cp.Parameter(K - 2) for _ in scenario.obstacles]
+        self._normals = [cp.Parameter((K - 2, 3)) for _ in scenario.spheres]
+        self._offsets = [cp.Parameter(K - 2) for _ in scenario.spheres]
         p, v, self._a = cp.Variable((K, 3)), cp.Variable((K, 3)), cp.Variable((K - 1, 3))
         constraints = [
             v[1:] == v[:-1] + h * self._a,

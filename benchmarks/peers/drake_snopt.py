@@ -47,7 +47,7 @@ def _solve(scenario: Scenario, vehicle: int, guess: FloatArray) -> FloatArray:
         for values in a:
             box = limits.acceleration
             program.AddBoundingBoxConstraint(box.lower, box.upper, values)
-    for sphere in scenario.obstacles:
+    for sphere in scenario.spheres:
         for k in range(K - 2):
             _add_outside(program, a, position[k], coasting[k] - sphere.center, sphere.radius)
     program.SetInitialGuess(a, guess)

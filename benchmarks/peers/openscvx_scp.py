@@ -92,7 +92,7 @@ class _Program:
     def _build(self, scenario: Scenario) -> Any:  # OpenSCvx has no types
         ox = self._ox
         constraints = [(ox.Sum(self._a**2) <= self._power[0]).convex()]
-        for sphere in scenario.obstacles:
+        for sphere in scenario.spheres:
             distance = ox.linalg.Norm(self._p - sphere.center / self._length)
             outside = sphere.radius / self._length <= distance
             constraints.append(outside.at(list(range(1, self._knots - 1))))

@@ -84,8 +84,8 @@ def roll_out(
 
 def linearise(scenario: Scenario, reference: FloatArray) -> HalfSpaces:
     """Every obstacle as (15) around the inner knots of a reference [m], shape (N, K-2, 3)."""
-    centers = np.array([sphere.center for sphere in scenario.obstacles])
-    radii = np.array([sphere.radius for sphere in scenario.obstacles])
+    centers = np.array([sphere.center for sphere in scenario.spheres])
+    radii = np.array([sphere.radius for sphere in scenario.spheres])
     away = reference[:, None] - centers[:, None]
     normals = away / np.linalg.norm(away, axis=-1, keepdims=True)
     offsets = radii[:, None] + np.einsum("nmki,mi->nmk", normals, centers)

@@ -15,7 +15,7 @@ from drake_rho.planning.best import first_plan, plan_scp
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.records import Box, Grid, Limits, Scenario, Vehicle
+from drake_rho.scenario.records import Box, Grid, Limits, Obstacle, Scenario, Vehicle
 
 BISECTED = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
@@ -51,8 +51,9 @@ class Diagnosis:
     """whether a plan for one duration means a plan for every longer one, so that the shortest is
     exact to `BISECTED`; else shorter ones may have been passed over"""
     acceleration_factor: float | None
-    """least factor on every acceleration box for which a plan was found; None if there is no such
-    box, or no factor up to `LARGEST_FACTOR` helps"""
+    """least factor on every acceleration box and every maximum acceleration for which a plan was
+    found, thrust and tilt unchanged; None if there is no such limit, or no factor up to
+    `LARGEST_FACTOR` helps"""
 
     @property
     def feasible(self) -> bool:
@@ -138,8 +139,9 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
 def shortest_plan(scenario: Scenario, *, solver: SolverInterface | None = None) -> Plan:
     """The plan of least duration, on as many knots, everything else unchanged.
 
-    The duration is found by bisection to a relative `BISECTED`. Where feasibility grows with the
-    duration (`is_monotone`) none is shorter; else a shorter one may have been passed over.
+    The flight begins at the same time, and obstacles move as they did. The duration is found by
+    bisection to a relative `BISECTED`. Where feasibility grows with the duration (`is_monotone`)
+    none is shorter; else a shorter one may have been passed over.
 
     Args:
         scenario: what is asked; its own duration need not be feasible.
@@ -158,9 +160,10 @@ def shortest_plan(scenario: Scenario, *, solver: SolverInterface | None = None) 
 def is_monotone(scenario: Scenario) -> bool:
     """Whether a plan for one duration can be flown slower for any longer one.
 
-    That is so from rest to rest if no box keeps a vehicle from being slow (a maximum speed never
-    does): with the step, every motion can be stretched in time, which leaves its path and makes
-    its derivatives smaller.
+    That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
+    motion can be stretched in time, which leaves its path and makes its derivatives smaller. Limits
+    on norms never do: they are convex sets in which rest and hovering are, so that what is between
+    these and a value inside is inside.
     With obstacles or a separation it is true of the problem too, but not claimed, since the planner
     may miss the plan of one duration and find that of another.
     """
@@ -179,9 +182,19 @@ def is_monotone(scenario: Scenario) -> bool:
 
 
 def _lasting(scenario: Scenario, factor: float) -> Scenario:
-    """The scenario with `factor` times its duration, on as many knots."""
-    grid = Grid(scenario.grid.step * factor, scenario.grid.knots)
-    return dataclasses.replace(scenario, grid=grid)
+    """The scenario with `factor` times its duration, on as many knots and from the same time on.
+
+    Obstacles move as they did, on the clock. One that would be known only after the end is known
+    at the end: there the goals are clear of it, so that it asks for nothing more.
+    """
+    grid = Grid(scenario.grid.step * factor, scenario.grid.knots, scenario.grid.start)
+    obstacles = tuple(
+        dataclasses.replace(each, known_from=min(each.known_from, grid.end))
+        if isinstance(each, Obstacle)
+        else each
+        for each in scenario.obstacles
+    )
+    return dataclasses.replace(scenario, grid=grid, obstacles=obstacles)
 
 
 def _least(
@@ -231,20 +244,24 @@ def _has_plan(
 
 
 def _smallest_relaxation(scenario: Scenario, solver: SolverInterface | None) -> float | None:
-    boxes = [scenario.limits_of(vehicle).acceleration for vehicle in scenario.vehicles]
-    if not any(boxes):
+    limits = [scenario.limits_of(vehicle) for vehicle in scenario.vehicles]
+    if not any(each.acceleration or each.max_acceleration for each in limits):
         return None
     return _least_factor(lambda factor: _stronger(scenario, factor), solver, 1.0)
 
 
 def _stronger(scenario: Scenario, factor: float) -> Scenario:
-    """The scenario with every acceleration box `factor` times as wide, around zero."""
+    """The scenario with every limit on accelerations `factor` times as wide, around zero."""
 
     def wider(limits: Limits | None) -> Limits | None:
-        if limits is None or limits.acceleration is None:
-            return limits
-        box = limits.acceleration
-        return dataclasses.replace(limits, acceleration=Box(factor * box.lower, factor * box.upper))
+        if limits is None:
+            return None
+        box, most = limits.acceleration, limits.max_acceleration
+        return dataclasses.replace(
+            limits,
+            acceleration=box and Box(factor * box.lower, factor * box.upper),
+            max_acceleration=most and factor * most,
+        )
 
     def stronger(vehicle: Vehicle) -> Vehicle:
         return dataclasses.replace(vehicle, limits=wider(vehicle.limits))

@@ -36,7 +36,8 @@ class Check:
     """name"""
     constraint: str
     """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, maximum speed,
-    obstacle 1, obstacle 2 (intruder), …, separation"""
+    maximum acceleration, maximum thrust, maximum tilt, obstacle 1, obstacle 2 (intruder), …,
+    separation"""
     part: str = ""
     """which side of a box, or which quantity of dynamics and goal; empty if there is but one"""
     time: float

@@ -7,9 +7,11 @@ its name is %2F there (`names.as_path`), so that no vehicle lies under another.
 from __future__ import annotations
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.geometry import Meshcat, MeshcatParams, Rgba
+from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
+from drake_rho.display.bodies import add_obstacles, record_obstacles
 from drake_rho.display.names import as_path
 from drake_rho.display.pace import Pace
 from drake_rho.display.scene import (
@@ -41,11 +43,12 @@ def animate(
 ) -> Meshcat:
     """Show a plan or a flight in the browser, with Meshcat's time slider.
 
-    Obstacles are translucent, trails grow as they are flown, starts are small balls and goals
-    larger ones; with a `Flight`, each window's whole prediction is drawn as a thin line while it
-    is the one that is flown. Colours are those of the figures. Where there is a separation, a
-    vehicle is drawn within half of it around its position, so that what is apart does not touch,
-    unless that would be too small to be seen in the scene.
+    Obstacles are translucent, and fainter until they are known; those that move do so. Trails grow
+    as they are flown, starts are small balls and goals larger ones; with a `Flight`, each window's
+    whole prediction is drawn as a thin line while it is the one that is flown. Colours are those of
+    the figures. Where there is a separation, a vehicle is drawn within half of it around its
+    position, so that what is apart does not touch, unless that would be too small to be seen in the
+    scene. A faint ball around a vehicle is its radius, which it keeps from obstacles.
 
     More than 24 vehicles make a light scene, in which little but the vehicles is an object: goals
     are small, trails thin, and starts, names and predictions are left out.
@@ -76,6 +79,7 @@ def animate(
     meshcat.DeleteRecording()
     set_camera(meshcat, scene)
     add_surroundings(meshcat, scene, plan.scenario)
+    add_obstacles(meshcat, scene, plan)
     if scene.light:
         add_light_goals(meshcat, scene, plan.scenario)
     else:
@@ -86,6 +90,7 @@ def animate(
         frames_per_second=pace.frames_per_second, set_visualizations_while_recording=False
     )
     _record_motion(meshcat, plan, pace)
+    record_obstacles(meshcat, scene, plan, pace)
     if len(plan.positions) <= _MOST_TRAILS if trails is None else trails:
         (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, pace)
     if not scene.light:
@@ -120,7 +125,11 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
 def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
     mesh = aircraft(scene.vehicle_length)
     for vehicle, colour in coloured(plan.scenario):
-        meshcat.SetTriangleMesh(_vehicle_path(vehicle.name), *mesh, rgba=colour)
+        path = _vehicle_path(vehicle.name)
+        meshcat.SetTriangleMesh(path, *mesh, rgba=colour)
+        if vehicle.radius > 0.0 and not scene.light:
+            faint = Rgba(colour.r(), colour.g(), colour.b(), 0.15)
+            meshcat.SetObject(f"{path}/radius", Ball(vehicle.radius), faint)
 
 
 def _record_motion(meshcat: Meshcat, plan: Plan, pace: Pace) -> None:

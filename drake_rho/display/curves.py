@@ -1,7 +1,7 @@
-"""Drawing a plan over time on axes that are given: distances, separation, components.
+"""Drawing a plan over time on axes that are given: separation, velocities, accelerations.
 
-Curves are the exact motion between the knots, not lines from knot to knot; the knots are marked,
-unless there are more vehicles than can be told apart.
+Times are those of the scenario's clock. Curves are the exact motion between the knots, not lines
+from knot to knot; the knots are marked, unless there are more vehicles than can be told apart.
 Every function takes the axes first and returns the artists it has drawn.
 """
 
@@ -27,23 +27,14 @@ from drake_rho.display.style import (
 from drake_rho.motion.clearance import closest_over_time
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Sphere
+from drake_rho.scenario.norms import Norm
 
-
-def draw_distances(ax: Axes, plan: Plan, sphere: Sphere) -> list[Line2D]:
-    """Distance of each vehicle from the centre of a sphere over time, with the radius."""
-    times = dense_times(plan)
-    exact = np.linalg.norm(plan.motion().at("position", times) - sphere.center, axis=2)
-    knots = np.linalg.norm(plan.positions - sphere.center, axis=2)
-    _draw_limit(ax, sphere.radius, f"R = {sphere.radius:g} m")
-    lines = [
-        _draw_curve(ax, plan, index, (times, exact[index]), (plan.times, knots[index]))
-        for index in range(len(exact))
-    ]
-    ax.set(xlabel="time [s]", ylabel="distance from the obstacle's centre [m]", ylim=(0, None))
-    ax.grid(alpha=0.25, linewidth=0.5)
-    ax.set_xlim(0.0, plan.scenario.grid.duration)
-    return lines
+_NORM_LABELS: dict[Norm, str] = {
+    "max_speed": r"$\Vert v \Vert$ [m/s]",
+    "max_acceleration": r"$\Vert a \Vert$ [m/s²]",
+    "max_thrust": "thrust [m/s²]",
+    "max_tilt": "tilt [rad]",
+}
 
 
 def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
@@ -66,14 +57,15 @@ def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
         got = "none" if separation is None else "one for a single vehicle"
         raise ValueError(f"separation: got {got}, expected one, and two vehicles to keep apart")
     found = closest_over_time(plan.motion(), separation, per_step=PER_STEP)
-    _draw_limit(ax, separation.distance, f"separation {separation.distance:g} m")
-    (curve,) = ax.plot(found.times, found.distances, color=COLOURS[0], linewidth=1.2)
+    draw_limit(ax, separation.distance, f"separation {separation.distance:g} m")
+    times = plan.scenario.grid.start + found.times
+    (curve,) = ax.plot(times, found.distances, color=COLOURS[0], linewidth=1.2)
     m = int(np.argmin(found.distances))
     closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
     names = " and ".join(as_text(brief(name)) for name in closest)
-    label = f"{found.distances[m]:.4g} m at {found.times[m]:.4g} s: {names}"
+    label = f"{found.distances[m]:.4g} m at {times[m]:.4g} s: {names}"
     (ring,) = ax.plot(
-        found.times[m],
+        times[m],
         found.distances[m],
         marker="o",
         linestyle="none",
@@ -89,19 +81,19 @@ def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
     span = max(high - low, 0.02 * separation.distance)
     ax.set_ylim(max(0.0, low - 0.5 * span), high + 0.1 * span)
     ax.grid(alpha=0.25, linewidth=0.5)
-    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     return [curve, ring]
 
 
 def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
     """Velocity components over time with their bounds; one axes for each of x, y and z."""
     times = dense_times(plan)
-    exact = plan.motion().at("velocity", times)
+    exact, drawn = plan.motion().at("velocity", times), plan.scenario.grid.start + times
     lines = []
     for axis, ax in enumerate(axes):
         lines += [
-            _draw_curve(
-                ax, plan, i, (times, exact[i, :, axis]), (plan.times, plan.velocities[i, :, axis])
+            draw_curve(
+                ax, plan, i, (drawn, exact[i, :, axis]), (plan.times, plan.velocities[i, :, axis])
             )
             for i in range(len(exact))
         ]
@@ -110,40 +102,56 @@ def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
     return lines
 
 
-def draw_speeds(ax: Axes, plan: Plan) -> list[Line2D]:
-    """The norm of each vehicle's velocity over time, with the largest speeds."""
-    times = dense_times(plan)
-    exact = np.linalg.norm(plan.motion().at("velocity", times), axis=2)
-    knots = np.linalg.norm(plan.velocities, axis=2)
-    limits = map(plan.scenario.limits_of, plan.scenario.vehicles)
-    for most in {each.max_speed for each in limits if each.max_speed is not None}:
-        ax.axhline(most, **LIMIT_STYLE)
-    lines = [
-        _draw_curve(ax, plan, index, (times, exact[index]), (plan.times, knots[index]))
-        for index in range(len(exact))
-    ]
-    ax.set(xlabel="time [s]", ylabel=r"$\Vert v \Vert$ [m/s]", ylim=(0, None))
-    ax.set_xlim(0.0, plan.scenario.grid.duration)
-    ax.grid(alpha=0.25, linewidth=0.5)
-    return lines
-
-
 def draw_accelerations(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
     """Acceleration components, constant in each step, with their bounds; one axes an axis."""
     lines = []
     for axis, ax in enumerate(axes):
-        for i in range(len(plan.accelerations)):
-            a = plan.accelerations[i, :, axis]
-            steps = (np.repeat(plan.times, 2)[1:-1], np.repeat(a, 2))
-            lines.append(_draw_curve(ax, plan, i, steps, (plan.times[:-1], a)))
+        lines += [
+            _draw_steps(ax, plan, i, plan.accelerations[i, :, axis])
+            for i in range(len(plan.accelerations))
+        ]
         _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
     axes[-1].set_xlabel("time [s]")
     return lines
 
 
-def _draw_limit(ax: Axes, least: float, name: str) -> None:
-    """The least distance that is allowed [m], with its name, and grey where none may be."""
-    ax.axhspan(0.0, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
+def draw_norm(ax: Axes, plan: Plan, norm: Norm) -> list[Line2D]:
+    """What a limit on a norm is about, of each vehicle over time, with the limits.
+
+    Args:
+        ax: where to draw.
+        plan: what to draw.
+        norm: the field of `Limits`; some vehicle has such a limit.
+    """
+    limit = plan.scenario.fleet.norms[norm]
+    for most in np.unique(limit.most[np.isfinite(limit.most)]):
+        ax.axhline(most, **LIMIT_STYLE)
+    if limit.quantity == "velocity":
+        times, start = dense_times(plan), plan.scenario.grid.start
+        exact = limit.measured(plan.motion().at("velocity", times))
+        knots = limit.measured(plan.velocities)
+        lines = [
+            draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
+            for index in range(len(exact))
+        ]
+    else:
+        steps = limit.measured(plan.accelerations)
+        lines = [_draw_steps(ax, plan, index, steps[index]) for index in range(len(steps))]
+    ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
+    ax.grid(alpha=0.25, linewidth=0.5)
+    return lines
+
+
+def _draw_steps(ax: Axes, plan: Plan, index: int, values: FloatArray) -> Line2D:
+    """Values that are constant in each step, shape (K-1,), of one vehicle."""
+    steps = (np.repeat(plan.times, 2)[1:-1], np.repeat(values, 2))
+    return draw_curve(ax, plan, index, steps, (plan.times[:-1], values))
+
+
+def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:
+    """The least distance that is allowed [m], with its name, and grey from there to `bottom`."""
+    ax.axhspan(bottom, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
     ax.axhline(least, **LIMIT_STYLE)
     ax.annotate(
         name,
@@ -156,13 +164,14 @@ def _draw_limit(ax: Axes, least: float, name: str) -> None:
     )
 
 
-def _draw_curve(
+def draw_curve(
     ax: Axes,
     plan: Plan,
     index: int,
     exact: tuple[FloatArray, FloatArray],
     knots: tuple[FloatArray, FloatArray],
 ) -> Line2D:
+    """One vehicle's curve in its colour, and its marks at the knots if these are told apart."""
     colour = vehicle_colours(len(plan.positions))[index]
     name = as_text(plan.scenario.vehicles[index].name)
     (line,) = ax.plot(*exact, color=colour, linewidth=1.2, label=name)
@@ -181,5 +190,5 @@ def _finish_component(
             ax.axhline(box.lower[axis], **LIMIT_STYLE)
             ax.axhline(box.upper[axis], **LIMIT_STYLE)
     ax.set_ylabel(f"${letter}_{'xyz'[axis]}$ [{unit}]")
-    ax.set_xlim(0.0, plan.scenario.grid.duration)
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     ax.grid(alpha=0.25, linewidth=0.5)

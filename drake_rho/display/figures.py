@@ -13,10 +13,14 @@ from matplotlib.lines import Line2D
 
 from drake_rho.display.curves import (
     draw_accelerations,
-    draw_distances,
+    draw_norm,
     draw_separation,
-    draw_speeds,
     draw_velocities,
+)
+from drake_rho.display.distances import (
+    draw_distances,
+    draw_distances_from_centre,
+    draw_least_clearances,
 )
 from drake_rho.display.frame import frame_scene
 from drake_rho.display.legends import (
@@ -26,19 +30,42 @@ from drake_rho.display.legends import (
     start_handles,
     vehicle_handles,
 )
-from drake_rho.display.space import MOST_LABELLED, draw_obstacles, draw_paths, draw_windows
+from drake_rho.display.snapshots import (
+    approaches,
+    as_bodies,
+    called,
+    obstacle_notes,
+    snapshots,
+    ways,
+)
+from drake_rho.display.space import (
+    MOST_LABELLED,
+    draw_approaches,
+    draw_obstacle_labels,
+    draw_obstacles,
+    draw_paths,
+    draw_ways,
+    draw_windows,
+)
 from drake_rho.display.style import LIMIT_STYLE, window_colours
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.files import replacing
-from drake_rho.scenario.records import Sphere
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.quadrics import Sphere
+from drake_rho.scenario.shapes import Shape
 
 _WIDTH = 6.5
 """Width of a page's text [in]."""
+_MOST_PANELS = 4
+"""Most obstacles with a panel each."""
 _ONE_ROW = 0.3
 """Height of a legend for which curves have room anyway [in]."""
 
 
-def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = None) -> Figure:
+def paths_figure(
+    flown: Plan | Flight, *, obstacles: Sequence[Shape | Obstacle] | None = None
+) -> Figure:
     """The vehicles' paths in space, around the obstacles; each window of a flight in its colour.
 
     Args:
@@ -46,22 +73,27 @@ def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = N
         obstacles: what to draw in the way, if not the scenario's own.
     """
     plan = _plan(flown)
-    spheres = plan.scenario.obstacles if obstacles is None else tuple(obstacles)
+    bodies = as_bodies(plan.scenario.obstacles if obstacles is None else obstacles)
+    shown = snapshots(plan, bodies)
     figure = Figure(figsize=(_WIDTH, 4.8))
     ax = figure.add_axes((-0.03, 0.03, 0.93, 0.95), projection="3d")
-    frame_scene(ax, plan.positions, spheres)
-    draw_obstacles(ax, spheres)
+    frame_scene(ax, plan.positions, shown)
+    draw_obstacles(ax, shown)
+    draw_ways(ax, ways(plan, bodies), shown)
+    draw_approaches(ax, approaches(plan, bodies))
+    draw_obstacle_labels(ax, shown)
     if isinstance(flown, Flight):
-        draw_windows(ax, flown, spheres)
+        draw_windows(ax, flown, shown)
         _add_window_bar(figure, len(flown.windows))
         named = len(plan.positions) <= MOST_LABELLED
         handles = [] if named else start_handles(plan.scenario)
         note = "thick: flown; thin: the rest of each window's prediction; ring: start; star: goal"
     else:
-        draw_paths(ax, plan, spheres)
+        draw_paths(ax, plan, shown)
         handles = vehicle_handles(plan.scenario)
         note = "ring: start; star: goal" + ("; a mark at every knot" if handles else "")
-    figure.text(0.02, 0.02, note, fontsize=8)
+    for line, words in enumerate([note, *obstacle_notes(plan, bodies)]):
+        figure.text(0.02, 0.02 + 0.03 * line, words, fontsize=8)
     if isinstance(flown, Plan) and fits_beside(figure, handles):
         add_beside(figure, handles)
     else:
@@ -69,8 +101,14 @@ def paths_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = N
     return figure
 
 
-def distances_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None = None) -> Figure:
-    """The vehicles' distances from the centre of each obstacle over time.
+def distances_figure(
+    flown: Plan | Flight, *, obstacles: Sequence[Shape | Obstacle] | None = None
+) -> Figure:
+    """The vehicles' distances from the obstacles over time.
+
+    From each of a few: from their centres if all are spheres, else from their surfaces. Of more
+    obstacles, each vehicle's least clearance from all of them: the distance from the surface less
+    the vehicle's radius.
 
     Args:
         flown: what to draw.
@@ -80,16 +118,25 @@ def distances_figure(flown: Plan | Flight, *, obstacles: Sequence[Sphere] | None
         ValueError: there is no obstacle.
     """
     plan = _plan(flown)
-    spheres = plan.scenario.obstacles if obstacles is None else tuple(obstacles)
-    if not spheres:
+    bodies = as_bodies(plan.scenario.obstacles if obstacles is None else obstacles)
+    if not bodies:
         raise ValueError("obstacles: got none, expected at least one to measure from")
-    figure = Figure(figsize=(_WIDTH, 0.6 + 3.2 * len(spheres)), layout="constrained")
-    axes = figure.subplots(len(spheres), squeeze=False)[:, 0]
-    for number, (ax, sphere) in enumerate(zip(axes, spheres, strict=True), start=1):
-        draw_distances(ax, plan, sphere)
-        if len(spheres) > 1:
-            ax.set_title(f"obstacle {number}", fontsize=9)
-    return _with_legend(figure, [*vehicle_handles(plan.scenario), _limit_handle()])
+    handles = [*vehicle_handles(plan.scenario), _limit_handle()]
+    if len(bodies) > _MOST_PANELS:
+        figure = Figure(figsize=(_WIDTH, 3.8), layout="constrained")
+        draw_least_clearances(figure.subplots(), plan, bodies)
+        return _with_legend(figure, handles)
+    figure = Figure(figsize=(_WIDTH, 0.6 + 3.2 * len(bodies)), layout="constrained")
+    axes = figure.subplots(len(bodies), squeeze=False)[:, 0]
+    spheres = [each.shape for each in bodies if isinstance(each.shape, Sphere)]
+    for index, (ax, body) in enumerate(zip(axes, bodies, strict=True)):
+        if len(spheres) == len(bodies):
+            draw_distances_from_centre(ax, plan, body, spheres[index])
+        else:
+            draw_distances(ax, plan, body)
+        if len(bodies) > 1 or body.name is not None:
+            ax.set_title(f"obstacle {called(index + 1, body)}", fontsize=9)
+    return _with_legend(figure, handles)
 
 
 def separation_figure(flown: Plan | Flight) -> Figure:
@@ -105,19 +152,14 @@ def separation_figure(flown: Plan | Flight) -> Figure:
 
 def velocities_figure(flown: Plan | Flight) -> Figure:
     """The components of the velocities over time, with their bounds; speeds if they are limited."""
-    plan = _plan(flown)
-    if plan.scenario.fleet.max_speeds() is None:
-        return _components(plan, draw_velocities, "velocity")
-    figure = Figure(figsize=(_WIDTH, 7.2), layout="constrained")
-    *components, speeds = figure.subplots(4, sharex=True)
-    draw_velocities(components, plan)
-    components[-1].set_xlabel("")
-    draw_speeds(speeds, plan)
-    return _with_legend(figure, [*vehicle_handles(plan.scenario), _limit_handle()])
+    return _components(_plan(flown), draw_velocities, "velocity")
 
 
 def accelerations_figure(flown: Plan | Flight) -> Figure:
-    """The components of the accelerations over time, with their bounds."""
+    """The components of the accelerations over time, with their bounds.
+
+    Below them norms, thrusts and tilts, each if it is limited.
+    """
     return _components(_plan(flown), draw_accelerations, "acceleration")
 
 
@@ -155,13 +197,20 @@ def write_figure(figure: Figure, path: Path) -> Path:
 
 
 def _components(
-    plan: Plan, draw: Callable[[Sequence[Axes], Plan], list[Line2D]], quantity: str
+    plan: Plan, draw: Callable[[Sequence[Axes], Plan], list[Line2D]], quantity: Quantity
 ) -> Figure:
-    figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
-    draw(list(figure.subplots(3, sharex=True)), plan)
-    limits = map(plan.scenario.limits_of, plan.scenario.vehicles)
+    """The components of a quantity, and below them what limits on norms of it are about."""
+    limited = plan.scenario.fleet.norms
+    norms = [norm for norm in limited if limited[norm].quantity == quantity]
+    figure = Figure(figsize=(_WIDTH, 5.6 + 1.6 * len(norms)), layout="constrained")
+    axes = list(figure.subplots(3 + len(norms), sharex=True))
+    draw(axes[:3], plan)
+    for norm, ax in zip(norms, axes[3:], strict=True):
+        draw_norm(ax, plan, norm)
+    for ax in axes[:-1]:
+        ax.set_xlabel("")
     handles = vehicle_handles(plan.scenario)
-    if any(getattr(each, quantity) is not None for each in limits):
+    if norms or plan.scenario.fleet.bounds(quantity) is not None:
         handles.append(_limit_handle())
     return _with_legend(figure, handles)
 

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from drake_rho.display.snapshots import Snapshot
 from drake_rho.display.style import VIEW_AZIMUTH, VIEW_ELEVATION, view
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Sphere
 
 _LEAST_SIDE = 0.3
 """Least side of the box over its longest: a flat scene has some room above and below."""
@@ -24,13 +24,11 @@ _TICKS, _LABEL = 8.0, 21.0
 """What matplotlib adds to the distances that are given for ticks and labels [points]."""
 
 
-def frame_scene(ax: Axes3D, positions: FloatArray, obstacles: Sequence[Sphere]) -> None:
+def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) -> None:
     """Equal axes around the positions [m] and the obstacles, named with their unit."""
-    points = [positions.reshape(-1, 3)]
-    for sphere in obstacles:
-        points.append(sphere.center + sphere.radius * np.concatenate([np.eye(3), -np.eye(3)]))
-    every = np.concatenate(points)
-    lower, upper = every.min(axis=0), every.max(axis=0)
+    bounds = [each.bounds for each in shown]
+    lower = np.min([positions.min(axis=(0, 1)), *(low for low, _ in bounds)], axis=0)
+    upper = np.max([positions.max(axis=(0, 1)), *(high for _, high in bounds)], axis=0)
     longest = float(np.max(upper - lower)) or 5.0
     half = np.maximum((upper - lower) / 2 + 0.04 * longest, _LEAST_SIDE / 2 * longest)
     lower, upper = (lower + upper) / 2 - half, (lower + upper) / 2 + half

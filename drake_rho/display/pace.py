@@ -15,7 +15,7 @@ _FRAMES = 32.0
 _LONGEST = 60.0
 """Longest playback [s]; a flight of up to this runs in real time."""
 _MOST_POSES = 50_000
-"""Most recorded poses, of all vehicles together."""
+"""Most recorded poses, of all vehicles and moving obstacles together."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Pace:
 
     rate: float
     frames_per_second: float
-    times: FloatArray  # of the recorded poses, in flight [s]
+    times: FloatArray  # of the recorded poses, since the first knot [s]
 
     @classmethod
     def of(cls, plan: Plan, rate: float | None) -> Pace:
@@ -33,12 +33,13 @@ class Pace:
         if rate is None:
             rate = 1.0 if duration <= _LONGEST else nice_step(duration / _LONGEST)
         playback = duration / rate
-        most = _MOST_POSES / len(plan.positions)
+        moving = sum(obstacle.moves for obstacle in plan.scenario.bodies)
+        most = _MOST_POSES / (len(plan.positions) + moving)
         frames_per_second = min(_FRAMES, max(4.0, most / playback))
         frames = int(np.ceil(playback * frames_per_second))
         times = np.minimum(np.arange(frames + 1) * rate / frames_per_second, duration)
         return cls(rate, frames_per_second, times)
 
     def playback(self, time: float) -> float:
-        """When `time` [s] in flight is shown, since the beginning of the playback [s]."""
+        """When an instant, in seconds since the first knot, is shown [s of playback]."""
         return float(time) / self.rate

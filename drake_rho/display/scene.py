@@ -18,6 +18,7 @@ from pydrake.math import RigidTransform
 
 from drake_rho.display.names import as_path, brief
 from drake_rho.display.shapes import box_edges, ground_grid, octahedron, scattered, words
+from drake_rho.display.snapshots import snapshots
 from drake_rho.display.style import palette, vehicle_colours, view
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
@@ -26,8 +27,8 @@ from drake_rho.scenario.records import Box, Scenario, Separation, Vehicle
 ROOT = "/flight"
 MOST_DETAILED = 24
 """Most vehicles with ends, trails and predictions of their own; more make a light scene."""
-_MOST_NAMES = 12
-"""Most vehicles whose names are written beside their starts."""
+MOST_NAMES = 12
+"""Most vehicles whose names are written beside their starts, and most names of obstacles."""
 _LEAST_SEEN = 0.25
 """Least length of a vehicle, of that at which it is drawn if there is no separation."""
 _LIGHT = [-3.0, 10.0, 8.0]
@@ -50,19 +51,22 @@ class Scene:
     """how many have to find room"""
     separation: Separation | None
     """how far they keep apart"""
+    radius: float = 0.0
+    """the least of how far each keeps from obstacles [m]"""
 
     @classmethod
     def of(cls, plan: Plan) -> Scene:
         """The scene of a plan: its positions, obstacles, and the flyable boxes."""
         scenario = plan.scenario
-        points = [plan.positions.reshape(-1, 3)]
-        for sphere in scenario.obstacles:
-            points.append(sphere.center + sphere.radius * np.array([[1.0] * 3, [-1.0] * 3]))
-        points += [np.stack([box.lower, box.upper]) for box in flyable_boxes(scenario)]
-        every = np.concatenate(points)
-        lower, upper = every.min(axis=0), every.max(axis=0)
+        bounds = [(plan.positions.min(axis=(0, 1)), plan.positions.max(axis=(0, 1)))]
+        bounds += [each.bounds for each in snapshots(plan, scenario.bodies)]
+        bounds += [(box.lower, box.upper) for box in flyable_boxes(scenario)]
+        lower = np.min([low for low, _ in bounds], axis=0)
+        upper = np.max([high for _, high in bounds], axis=0)
         margin = 0.05 * float(np.max(upper - lower)) or 1.0
-        return cls(lower - margin, upper + margin, len(scenario.vehicles), scenario.separation)
+        least = float(np.min(scenario.fleet.radii))
+        count, apart = len(scenario.vehicles), scenario.separation
+        return cls(lower - margin, upper + margin, count, apart, least)
 
     @property
     def size(self) -> float:
@@ -83,12 +87,14 @@ class Scene:
     def vehicle_length(self) -> float:
         """Length at which a vehicle is drawn [m].
 
-        Where there is a separation, within the ellipsoid of half of it around the position, so
-        that what is apart does not touch; but never too small to be seen.
+        Where there is a separation, within the ellipsoid of half of it around the position, and
+        within the radius if that is not zero, so that what is apart does not touch; but never too
+        small to be seen.
         """
-        if self.separation is None:
-            return self.mark_length
-        within = 0.75 * self.separation.distance * min(1.0, self.separation.downwash)
+        within = 1.5 * self.radius if self.radius > 0.0 else np.inf
+        if self.separation is not None:
+            apart = self.separation.distance * min(1.0, self.separation.downwash)
+            within = min(within, 0.75 * apart)
         return min(self.mark_length, max(within, _LEAST_SEEN * self.mark_length))
 
     @property
@@ -115,7 +121,7 @@ def set_camera(meshcat: Meshcat, scene: Scene) -> None:
 
 
 def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
-    """Obstacles, flyable boxes, a ground grid; Meshcat's own grid and axes are of 1 m."""
+    """Light, flyable boxes, a ground grid; Meshcat's own grid and axes are of 1 m."""
     for name in ("/Grid", "/Axes"):
         meshcat.SetProperty(name, "visible", False)
     # Meshcat's lamps hang a metre or two from the origin; light from afar suits every scale.
@@ -126,10 +132,6 @@ def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None
     meshcat.SetProperty("/Lights/FillLight/<object>", "position", _LIGHT)
     meshcat.SetProperty("/Background/<object>", "top_color", [0.90, 0.93, 0.97])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [1.0, 1.0, 1.0])
-    for number, sphere in enumerate(scenario.obstacles, start=1):
-        path = f"{ROOT}/obstacles/{number}"
-        meshcat.SetObject(path, Ball(sphere.radius), Rgba(0.6, 0.6, 0.65, 0.45))
-        meshcat.SetTransform(path, RigidTransform(sphere.center))
     for number, box in enumerate(flyable_boxes(scenario), start=1):
         path = f"{ROOT}/flyable/{number}"
         meshcat.SetLineSegments(path, *box_edges(box.lower, box.upper), rgba=Rgba(0.3, 0.3, 0.3))
@@ -154,7 +156,7 @@ def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
             path = f"{ROOT}/{kind}/{as_path(vehicle.name)}"
             meshcat.SetObject(path, Ball(radius * size), shown)
             meshcat.SetTransform(path, RigidTransform(state.position))
-        if len(scenario.vehicles) <= _MOST_NAMES and vehicle.name.strip():
+        if len(scenario.vehicles) <= MOST_NAMES and vehicle.name.strip():
             right, up, _ = view()
             above = vehicle.start.position + 0.7 * scene.mark_length * up
             letters = words(brief(vehicle.name), 0.4 * scene.mark_length, above, right, up)

@@ -1,4 +1,4 @@
-"""Drawing a plan in space on axes that are given: paths, windows, obstacles, starts and goals.
+"""Drawing a plan in space on axes that are given: paths, windows, shown, starts and goals.
 
 Curves are the exact motion between the knots, not lines from knot to knot; the knots are marked.
 Every function takes the axes first and returns the artists it has drawn.
@@ -7,56 +7,116 @@ Every function takes the axes first and returns the artists it has drawn.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.colors import to_rgba
 from matplotlib.patheffects import withStroke
-from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from drake_rho.display.depth import draw_line, layers, ranks
 from drake_rho.display.names import as_text, brief
+from drake_rho.display.snapshots import Snapshot
 from drake_rho.display.style import (
     FORBIDDEN,
     MOST_NAMED,
     dense_times,
     vehicle_colours,
     vehicle_marker,
-    view,
     window_colours,
 )
+from drake_rho.display.surfaces import surface
 from drake_rho.motion.plan import Flight, Plan
-from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.records import Scenario, Sphere
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
 
 MOST_LABELLED = 6
 """Most vehicles whose names are written beside their starts."""
 _MOST_LARGE = 14
 """Most vehicles whose starts and goals are drawn large."""
+_LEAST_NUMBERED = 0.02
+"""Least size of an obstacle with its number, in parts of the axes, if there are many."""
 _TOP = 1000
 """Layer above all obstacles."""
 
 
-def draw_obstacles(ax: Axes3D, obstacles: Sequence[Sphere]) -> list[Poly3DCollection]:
-    """Obstacles as translucent balls, the nearer over the farther; paths go between them."""
-    u, v = np.mgrid[0 : 2 * np.pi : 40j, 0 : np.pi : 20j]
-    directions = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
-    layers = _layers(np.array([sphere.center for sphere in obstacles]).reshape(-1, 3), obstacles)
-    return [
-        ax.plot_surface(
-            *(sphere.center[:, None, None] + sphere.radius * directions),
-            color=FORBIDDEN,
-            alpha=0.25,
+def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollection]:
+    """Obstacles as translucent bodies, the nearer over the farther; paths go between them.
+
+    Endless ones go to the ends of the axes.
+    """
+    lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
+    bodies = []
+    for each, rank in zip(shown, ranks(shown), strict=True):
+        cut = each.between(lower, upper)
+        drawn, layer = surface(cut.shape), 2 * rank + 2
+        body = Poly3DCollection(
+            [cut.center + face for face in drawn.faces],
+            facecolors=to_rgba(FORBIDDEN),
+            shade=True,
+            alpha=0.1 if each.faint else 0.25,
             linewidth=0,
             antialiased=True,
-            zorder=2 * layer + 2,
+            zorder=layer,
         )
-        for sphere, layer in zip(obstacles, layers, strict=True)
-    ]
+        ax.add_collection3d(body)
+        bodies.append(body)
+        if drawn.edges:
+            edges = [cut.center + edge for edge in drawn.edges]
+            alpha = 0.3 if each.faint else 0.7
+            lines = Line3DCollection(
+                edges, colors=FORBIDDEN, linewidths=0.6, alpha=alpha, zorder=layer
+            )
+            ax.add_collection3d(lines)
+    return bodies
 
 
-def draw_paths(ax: Axes3D, plan: Plan, obstacles: Sequence[Sphere] = ()) -> list[Line3D]:
+def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Artist]:
+    """The obstacles' numbers in their middles, names and times above them.
+
+    Where there are many, numbers that are wider than the obstacle are left out.
+    """
+    lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
+    artists: list[Artist] = []
+    many = len(shown) > _MOST_LARGE
+    for each in shown:
+        cut, number = each.between(lower, upper), each.label.isdecimal()
+        narrow = cut.shape.size < _LEAST_NUMBERED * np.max(upper - lower)
+        if not each.label or (many and number and narrow):
+            continue
+        above = 0.0 if number else cut.shape.extent[2]
+        text = ax.text(
+            *(cut.center + above * np.eye(3)[2]),
+            each.label,
+            fontsize=5.5 if many else 7,
+            color="#777777" if each.faint else "#222222",
+            ha="center",
+            va="center" if number else "bottom",
+            zorder=_TOP,
+        )
+        if not number:
+            text.set_path_effects([withStroke(linewidth=1.5, foreground="white")])
+        artists.append(text)
+    return artists
+
+
+def draw_approaches(ax: Axes3D, found: Sequence[FloatArray]) -> list[Line3D]:
+    """Ways from vehicles to the nearest points of obstacles [m], shape (2, 3), as black lines."""
+    style: dict[str, Any] = {"color": "black", "linewidth": 1.0, "marker": ".", "markersize": 3}
+    return [ax.plot(*ends.T, zorder=_TOP, **style)[0] for ends in found]
+
+
+def draw_ways(
+    ax: Axes3D, ways: Sequence[FloatArray], shown: Sequence[Snapshot] = ()
+) -> list[Line3D]:
+    """Ways of moving obstacles [m], each of shape (M, 3), as dashed lines."""
+    style: dict[str, Any] = {"color": FORBIDDEN, "linewidth": 0.9, "linestyle": (0, (4, 3))}
+    return [line for way in ways for line in draw_line(ax, way, shown, **style)]
+
+
+def draw_paths(ax: Axes3D, plan: Plan, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
     """Each vehicle's path, its knots, its start (ring) and its goal (star).
 
     With more than `MOST_NAMED` vehicles there are no knots, and starts and goals are smaller.
@@ -64,7 +124,7 @@ def draw_paths(ax: Axes3D, plan: Plan, obstacles: Sequence[Sphere] = ()) -> list
     Args:
         ax: where to draw.
         plan: what to draw.
-        obstacles: those drawn by `draw_obstacles`; what is in front of them is drawn over them.
+        shown: the obstacles drawn by `draw_obstacles`; what is in front of them is drawn over them.
 
     Returns:
         The paths, in pieces that lie before or behind an obstacle; the first of each vehicle
@@ -75,24 +135,22 @@ def draw_paths(ax: Axes3D, plan: Plan, obstacles: Sequence[Sphere] = ()) -> list
     paths = plan.motion().at("position", dense_times(plan))
     for index, vehicle in enumerate(plan.scenario.vehicles):
         style = {"color": colours[index]}
-        pieces = _draw_path(ax, paths[index], obstacles, linewidth=1.4, **style)
+        pieces = draw_line(ax, paths[index], shown, linewidth=1.4, **style)
         pieces[0].set_label(as_text(vehicle.name))
         if len(paths) <= MOST_NAMED:
-            _draw_knots(ax, plan.positions[index], index, obstacles, markersize=2.6, **style)
+            _draw_knots(ax, plan.positions[index], index, shown, markersize=2.6, **style)
         lines += pieces
     draw_ends(ax, plan.scenario)
     return lines
 
 
-def draw_windows(
-    ax: Axes3D, flight: Flight, obstacles: Sequence[Sphere] = ()
-) -> list[list[Line3D]]:
+def draw_windows(ax: Axes3D, flight: Flight, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
     """What was flown of each window in the window's colour, and the rest of it as a thin line.
 
     Args:
         ax: where to draw.
         flight: what to draw.
-        obstacles: those drawn by `draw_obstacles`; what is in front of them is drawn over them.
+        shown: the obstacles drawn by `draw_obstacles`; what is in front of them is drawn over them.
 
     Returns:
         For each window, the pieces of what was flown of it.
@@ -103,14 +161,14 @@ def draw_windows(
         flown = _flown_steps(flight, window.first_knot)
         times = dense_times(window.plan)
         paths = window.plan.motion().at("position", times)
-        part = times <= window.plan.times[flown] + 1e-9
+        part = times <= window.plan.scenario.grid.elapsed[flown] + 1e-9
         lines.append([])
         for index in range(len(paths)):
-            _draw_path(ax, paths[index], obstacles, color=colour, linewidth=0.6, alpha=0.45)
-            lines[-1] += _draw_path(ax, paths[index, part], obstacles, color=colour, linewidth=1.6)
+            draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
+            lines[-1] += draw_line(ax, paths[index, part], shown, color=colour, linewidth=1.6)
             if len(paths) <= MOST_NAMED:
                 knots = window.plan.positions[index, : flown + 1]
-                _draw_knots(ax, knots, index, obstacles, color=colour, markersize=3.2)
+                _draw_knots(ax, knots, index, shown, color=colour, markersize=3.2)
     named = len(flight.plan.positions) <= MOST_LABELLED
     draw_ends(ax, flight.plan.scenario, ["black"] * len(flight.plan.positions) if named else None)
     return lines
@@ -139,34 +197,13 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
     return artists
 
 
-def _layers(points: FloatArray, obstacles: Sequence[Sphere]) -> IntArray:
-    """How many obstacles' centres lie behind each point as one looks at the scene, shape (M,)."""
-    _, _, towards = view()
-    depths = np.array([sphere.center @ towards for sphere in obstacles])
-    layers: IntArray = np.sum((points @ towards)[:, None] > depths, axis=1)
-    return layers
-
-
-def _draw_path(
-    ax: Axes3D, path: FloatArray, obstacles: Sequence[Sphere], **style: Any
-) -> list[Line3D]:
-    """A line in pieces, each over the obstacles behind it and under those in front of it."""
-    layers = _layers(path, obstacles)
-    cuts = [0, *(np.flatnonzero(np.diff(layers)) + 1), len(path) - 1]
-    return [
-        ax.plot(*path[first : last + 1].T, zorder=2 * layers[first] + 1, **style)[0]
-        for first, last in pairwise(cuts)
-        if last > first
-    ]
-
-
 def _draw_knots(
-    ax: Axes3D, knots: FloatArray, index: int, obstacles: Sequence[Sphere], **style: Any
+    ax: Axes3D, knots: FloatArray, index: int, shown: Sequence[Snapshot], **style: Any
 ) -> None:
-    layers = _layers(knots, obstacles)
-    for layer in np.unique(layers):
+    over = layers(knots, shown)
+    for layer in np.unique(over):
         ax.plot(
-            *knots[layers == layer].T,
+            *knots[over == layer].T,
             linestyle="none",
             marker=vehicle_marker(index),
             zorder=2 * layer + 1,

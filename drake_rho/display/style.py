@@ -71,6 +71,6 @@ def view() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def dense_times(plan: Plan) -> FloatArray:
-    """Times at which the exact motion is drawn, the knots among them [s]."""
+    """Times since the first knot at which the exact motion is drawn, the knots among them [s]."""
     grid = plan.scenario.grid
     return np.linspace(0.0, grid.duration, PER_STEP * (grid.knots - 1) + 1)

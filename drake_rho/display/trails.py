@@ -35,7 +35,7 @@ def record_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> Non
         ):
             name = f"{ROOT}/trails/{as_path(vehicle.name)}/{first}"
             meshcat.SetTriangleMesh(name, *tube(path, scene.trail_radius), rgba=colour)
-            _show_between(meshcat, name, _middle(plan, pace, first, last), None)
+            show_between(meshcat, name, _middle(plan, pace, first, last), None)
 
 
 def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> None:
@@ -45,9 +45,9 @@ def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) 
         paths = _paths(plan, first, last, 1)
         for number, colour in enumerate(colours, start=1):
             name = f"{ROOT}/trails/{number}/{first}"
-            lines = _segments(paths[number - 1 :: len(colours)])
+            lines = segments(paths[number - 1 :: len(colours)])
             meshcat.SetLineSegments(name, *lines, rgba=Rgba(*to_rgb(colour)))
-            _show_between(meshcat, name, _middle(plan, pace, first, last), None)
+            show_between(meshcat, name, _middle(plan, pace, first, last), None)
 
 
 def record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: Pace) -> None:
@@ -58,9 +58,9 @@ def record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: Pace) 
     ):
         paths = _paths(window.plan, 0, window.plan.scenario.grid.knots - 1, _PER_STEP)
         name = f"{ROOT}/predictions/{number}"
-        meshcat.SetLineSegments(name, *_segments(paths), rgba=Rgba(*to_rgb(colour)))
+        meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(colour)))
         until = pace.playback(starts[number]) if number < len(windows) else None
-        _show_between(meshcat, name, pace.playback(starts[number - 1]), until)
+        show_between(meshcat, name, pace.playback(starts[number - 1]), until)
 
 
 def _pieces(plan: Plan, trails: int) -> list[tuple[int, int]]:
@@ -73,21 +73,24 @@ def _pieces(plan: Plan, trails: int) -> list[tuple[int, int]]:
 
 def _paths(plan: Plan, first: int, last: int, per_step: int) -> FloatArray:
     """Points along all ways between two knots [m], shape (N, M, 3)."""
-    times = np.linspace(plan.times[first], plan.times[last], per_step * (last - first) + 1)
+    elapsed = plan.scenario.grid.elapsed
+    times = np.linspace(elapsed[first], elapsed[last], per_step * (last - first) + 1)
     return plan.motion().at("position", times)
 
 
-def _segments(paths: FloatArray) -> tuple[FloatArray, FloatArray]:
+def segments(paths: Sequence[FloatArray] | FloatArray) -> tuple[FloatArray, FloatArray]:
     """The straight parts of several lines: their starts and ends [m], each of shape (3, S)."""
-    begins, ends = np.concatenate(paths[:, :-1]), np.concatenate(paths[:, 1:])
+    begins = np.concatenate([path[:-1] for path in paths])
+    ends = np.concatenate([path[1:] for path in paths])
     return np.asfortranarray(begins.T), np.asfortranarray(ends.T)
 
 
 def _middle(plan: Plan, pace: Pace, first: int, last: int) -> float:
-    return pace.playback((plan.times[first] + plan.times[last]) / 2)
+    elapsed = plan.scenario.grid.elapsed
+    return pace.playback((elapsed[first] + elapsed[last]) / 2)
 
 
-def _show_between(meshcat: Meshcat, path: str, begin: float, end: float | None) -> None:
+def show_between(meshcat: Meshcat, path: str, begin: float, end: float | None) -> None:
     """Record that the object is seen from `begin` to `end` [s of playback] only."""
     if begin > 0.0:
         meshcat.SetProperty(path, "visible", False, 0.0)

@@ -19,6 +19,31 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Searched:
+    """Where ways among obstacles and vehicles were looked for."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # for reading it from files
+
+    spacing: float
+    """greatest distance of neighbours along an axis of the finest grid [m]"""
+    points: int
+    """how many points it has, clear ones and others"""
+    layers: int = 0
+    """in how many moves a way was to lead to its goal; 0 where time did not matter"""
+    orders: int = 0
+    """in how many orders vehicles were planned, on all grids; 0 where the order did not matter"""
+    ways: int = 0
+    """how many ways were found, of all vehicles together where they were looked for together"""
+
+    def __str__(self) -> str:
+        """What was found, and on which grid."""
+        if self.ways == 0:
+            return f"no way was found on a grid of {self.spacing:.2g} m"
+        found = "1 way was" if self.ways == 1 else f"{self.ways} ways were"
+        return f"{found} found on a grid of {self.spacing:.2g} m and tried"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Statistics:
     """What it took to find a plan."""
 
@@ -43,6 +68,8 @@ class Statistics:
     """time the solvers report for themselves [s]; over 1 per second if they ran side by side"""
     seconds: float = 0.0
     """wall time [s]"""
+    searched: Searched | None = None
+    """where ways were looked for, last; None if a plan was found without, or given up before"""
 
     def __add__(self, other: Statistics) -> Statistics:
         """Counts and times of both; the rest as in `other`, which came later, if it says so."""
@@ -57,6 +84,7 @@ class Statistics:
             solver=other.solver or self.solver,
             tolerance=other.tolerance or self.tolerance,
             steps_tried=other.steps_tried or self.steps_tried,
+            searched=other.searched or self.searched,
         )
 
 
@@ -197,25 +225,21 @@ class Plan:
         return self.scenario.from_states(
             self.scenario.grid.from_knot(knot),
             self._kept("position", self.positions[:, knot]),
-            self._not_faster(self._kept("velocity", self.velocities[:, knot])),
+            self._kept("velocity", self.velocities[:, knot]),
             self._kept("acceleration", self.accelerations[:, knot - 1]),
         )
 
     def _kept(self, quantity: Quantity, values: FloatArray) -> FloatArray:
-        """Values of all vehicles; rounding does not put them outside a box that they keep to."""
-        bounds = self.scenario.fleet.bounds(quantity)
-        if bounds is None:
-            return values
-        bounds.check(f"start.{quantity}", values)
-        return np.clip(values, bounds.lower, bounds.upper)
-
-    def _not_faster(self, velocities: FloatArray) -> FloatArray:
-        """Velocities of all vehicles; rounding does not put them above the largest speed."""
-        speeds = self.scenario.fleet.max_speeds()
-        if speeds is None:
-            return velocities
-        speeds.check("start.velocity", velocities)
-        return speeds.nearest(velocities)
+        """Values of all vehicles; rounding does not put them outside limits that they keep to."""
+        fleet, where = self.scenario.fleet, f"start.{quantity}"
+        if (bounds := fleet.bounds(quantity)) is not None:
+            bounds.check(where, values)
+            values = np.clip(values, bounds.lower, bounds.upper)
+        for limit in fleet.norms.values():
+            if limit.quantity == quantity:
+                limit.check(where, values)
+                values = limit.nearest(values)
+        return values
 
     def tail(self, knot: int) -> Plan:
         """What is left of the plan from `knot` (counted from 0) on, as a plan of its own."""

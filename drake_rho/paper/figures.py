@@ -30,7 +30,7 @@ def draw_figure(number: int, study: Study) -> Figure:
     if number not in NUMBERS:
         raise ValueError(f"number: got {number}, expected 3 to 18")
     index, view = divmod(number - 3, 4)
-    example, obstacles = study.examples[index], study.scenario.obstacles
+    example, obstacles = study.examples[index], study.scenario.spheres
     draw = (
         partial(paths_figure, obstacles=obstacles),
         partial(distances_figure, obstacles=obstacles),

@@ -87,7 +87,7 @@ class Study:
         motion = example.plan.motion()
         nearest = [
             closest_approach(motion, sphere.center)[1].min(axis=-1) - sphere.radius
-            for sphere in self.scenario.obstacles
+            for sphere in self.scenario.spheres
         ]
         clearances: FloatArray = np.min(nearest, axis=0)
         return clearances
@@ -100,7 +100,7 @@ class Study:
         distances = [
             np.linalg.norm(example.plan.positions - sphere.center, axis=2).min(axis=1)
             - sphere.radius
-            for sphere in self.scenario.obstacles
+            for sphere in self.scenario.spheres
         ]
         clearances: FloatArray = np.min(distances, axis=0)
         return clearances

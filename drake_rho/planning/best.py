@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
+from itertools import repeat
 
 import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan
+from drake_rho.planning.along_ways import no_plan, plan_along_ways
 from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.errors import InfeasibleError, Names, SolverError
-from drake_rho.planning.homotopy import way_round
+from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.scp import Progress, iterate, restored
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.records import Scenario
+
+_FEW = 0.25
+"""Part of a fleet that may be in trouble with obstacles while the others fly as if alone."""
 
 
 @one_for_arrays()
@@ -105,32 +111,56 @@ def first_plan(
     Args and errors are those of `plan`.
     """
     if scenario.separation is not None:
-        if (apart := _around_if_apart(scenario, reference, solver)) is not None:
-            return apart
-        try:
-            careless = first_plan(
-                scenario.without_separation(),
-                reference=reference,
-                solver=solver,
-                executor=executor,
-                options=options,
-            )
-        except InfeasibleError as error:
-            error.scenario = scenario  # what was asked, apart and all
-            raise
-        start = Plan.from_accelerations(scenario, careless.accelerations, careless.statistics)
-        return restored(start, Subproblem(scenario, decoupled, solver), progress)
+        return _first_apart(scenario, reference, solver, executor, progress, options)
     try:
         return plan_convex(scenario, reference=reference, solver=solver)
     except SolverError:
         if not scenario.obstacles:
             raise
-        everyone = tuple(vehicle.name for vehicle in scenario.vehicles)
+        everyone = [vehicle.name for vehicle in scenario.vehicles]
         return _ways_round(scenario, everyone, None, solver, executor, options)
     except InfeasibleError as error:
         if not error.about_linearisation:
             raise
-        return _ways_round(scenario, tuple(error.conflicts), error, solver, executor, options)
+        return _ways_round(scenario, list(error.conflicts), error, solver, executor, options)
+
+
+def _first_apart(
+    scenario: Scenario,
+    reference: Plan | None,
+    solver: SolverInterface | None,
+    executor: Executor | None,
+    progress: Progress | None,
+    options: Options,
+) -> Plan:
+    """`first_plan` of vehicles that keep apart.
+
+    Vehicles that do not know of each other are a good beginning as long as few of them are in
+    trouble with obstacles: each of those then has a way of its own. Else, and where they cannot be
+    brought apart, all get ways that know of each other.
+    """
+    if (apart := _around_if_apart(scenario, reference, solver)) is not None:
+        return apart
+    alone = scenario.without_separation()
+    try:
+        try:
+            careless = plan_convex(alone, reference=reference, solver=solver)
+        except InfeasibleError as error:
+            if not error.about_linearisation or len(error.conflicts) > _FEW * len(alone.vehicles):
+                raise
+            few, single = list(error.conflicts), dataclasses.replace(options, max_ways=1)
+            careless = _ways_round(alone, few, error, solver, executor, single)
+        start = Plan.from_accelerations(scenario, careless.accelerations, careless.statistics)
+        return restored(start, Subproblem(scenario, decoupled, solver), progress)
+    except InfeasibleError as error:
+        error.scenario = scenario  # what was asked, apart and all
+        if not error.about_linearisation:
+            raise
+        along = plan_along_ways(scenario, solver, options, progress)
+        spent = error.statistics + along.spent
+        if along.plan is None:
+            raise no_plan([along], scenario, spent, error) from None
+        return along.plan.with_statistics(spent)
 
 
 def _around_if_apart(
@@ -146,56 +176,30 @@ def _around_if_apart(
 
 def _ways_round(
     scenario: Scenario,
-    stuck: tuple[str, ...],
+    stuck: Sequence[str],
     failure: InfeasibleError | None,
     solver: SolverInterface | None,
     executor: Executor | None,
     options: Options,
 ) -> Plan:
-    """A first plan where the first linearisation has none: ways round for the vehicles it failed.
+    """A first plan where the first linearisation has none: along ways for the vehicles it failed.
 
     Raises:
-        InfeasibleError: for one of them no way round was found.
+        InfeasibleError: for one of them none was found.
     """
     free = plan_around(scenario.without_obstacles(), None, solver)
     spent = free.statistics if failure is None else failure.statistics + free.statistics
     indices = [scenario.index_of(name) for name in stuck]
     alone = [scenario.of_vehicles([index]) for index in indices]
-    tasks = [
-        (each, Plan.from_accelerations(each, free.accelerations[index : index + 1]), solver)
-        for each, index in zip(alone, indices, strict=True)
-    ]
     each_of = executor.map if executor else map
-    found = each_of(_try_way_round, tasks, [options.max_ways] * len(tasks))
+    found = list(each_of(plan_along_ways, alone, repeat(solver), repeat(options)))
     accelerations = np.array(free.accelerations)
-    conflicts: dict[str, Names] = {}
-    obstacles: dict[str, frozenset[int]] = {}
-    for index, way in zip(indices, found, strict=True):
-        spent += way.statistics
-        if isinstance(way, Plan):
-            accelerations[index] = way.accelerations[0]
-        else:
-            conflicts |= way.conflicts
-            obstacles |= way.obstacles
-    if conflicts:
-        reference = None if failure is None else failure.reference
-        raise InfeasibleError(
-            conflicts,
-            statistics=spent,
-            scenario=scenario,
-            obstacles=obstacles,
-            reference=reference,
-        )
+    for index, along in zip(indices, found, strict=True):
+        spent += along.spent
+        if along.plan is not None:
+            accelerations[index] = along.plan.accelerations[0]
+    if lost := [along for along in found if along.plan is None]:
+        raise no_plan(lost, scenario, spent, failure)
     around = Plan.from_accelerations(scenario, accelerations)
     plan = plan_around(scenario, around, solver)
     return plan.with_statistics(spent + plan.statistics)
-
-
-def _try_way_round(
-    task: tuple[Scenario, Plan, SolverInterface | None], most: int
-) -> Plan | InfeasibleError:
-    """A way round for one vehicle, or why none was found; for an executor."""
-    try:
-        return way_round(*task, most=most)
-    except InfeasibleError as error:
-        return error

@@ -40,6 +40,9 @@ _PATIENCE = 3
 """Rounds in which only broken rows are added. Most scenarios need no more; where an active
 stretch creeps along the knots, as jerk does, neighbours then come too, twice as many each round."""
 
+_MAX_INEXACT = 3
+"""Rounds in a row that may go on from a solution that is almost one."""
+
 
 class CuttingPlanes:
     """The programs of a scenario's vehicles: solved, kept, and solved with more constraints.
@@ -78,6 +81,7 @@ class CuttingPlanes:
         self._programs, self._solver_name = 0, ""
         self._seconds = self._solver_seconds = 0.0
         self._lost: list[HalfSpaces] = []
+        self._inexact = np.zeros(count, dtype=int)
         self._retries = 0
         if accelerations is not None and len(self._planned) < count:
             others = np.setdiff1d(np.arange(count), self._planned)
@@ -160,6 +164,7 @@ class CuttingPlanes:
                 self._planned = np.setdiff1d(self._planned, failed)
             look, number = self._constraints, number + 1
             broken = self._add_violated(look, pending, number)
+            self._check_inexact(pending, broken)
         raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
 
     def _mask(self, vehicles: IntArray) -> BoolArray:
@@ -191,6 +196,7 @@ class CuttingPlanes:
         about, self._lost = self._mask(self._planned[:0]), []
         for part in rows:
             new, lost = self.working.enter(part, self.motion)
+            lost = lost.select(self._inexact[lost.vehicles] == 0)
             about[new.vehicles] = about[lost.vehicles] = True
             if len(lost) > 0:
                 self._lost.append(lost)
@@ -235,6 +241,22 @@ class CuttingPlanes:
         infeasible: list[int] = np.setdiff1d(every, vehicles).tolist()
         return infeasible
 
+    def _check_inexact(self, solved: IntArray, broken: BoolArray) -> None:
+        """See that whoever has almost a solution has other rows to be solved with.
+
+        Where nothing can be met, solutions grow with every round before it can be proved, and no
+        solver may reach its tolerances; they break other rows, with which it can.
+
+        Raises:
+            SolverError: someone has none, or they were no help.
+        """
+        rounds = self._inexact[solved]
+        if not np.any(rounds):
+            return
+        left = np.setdiff1d(solved[rounds > 0], self._with_groups(np.flatnonzero(broken)))
+        if len(left) > 0 or rounds.max() > _MAX_INEXACT:
+            raise SolverError("all solvers failed numerically", self.statistics())
+
     def _take(self, batch: Batch, solutions: list[Solution]) -> tuple[IntArray, FloatArray]:
         """Note the solutions of a batch; the vehicles that have one, and their accelerations."""
         self.working.solved(batch, solutions)
@@ -242,6 +264,8 @@ class CuttingPlanes:
         self._solver_name = solutions[-1].solver
         self._solver_seconds += sum(each.seconds for each in solutions)
         feasible = np.array([solution.feasible for solution in solutions])
+        for group, solution in zip(batch.groups, solutions, strict=True):
+            self._inexact[group] = 0 if solution.exact else self._inexact[group] + 1
         u = batch.solutions([each.result for each in solutions], self.effort.grid.knots - 1)
         u, groups = u[feasible], batch.groups[feasible]
         units = self.effort.units[groups].max(axis=1)

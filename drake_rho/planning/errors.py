@@ -69,9 +69,10 @@ class InfeasibleError(DrakeRhoError):
             return f"no plan{tried}: {reasons}"
         pairs = any(0 in numbers for numbers in self.obstacles.values())
         what = "obstacles and pairs" if pairs else "obstacles"
+        searched = f"{self.statistics.searched}; " if self.statistics.searched else ""
         return (
             f"no plan{tried} with the {what} linearised around this reference: {reasons} "
-            "(another reference or a finer step may have a plan)"
+            f"({searched}another reference or a finer step may have a plan)"
         )
 
 

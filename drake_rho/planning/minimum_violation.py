@@ -85,13 +85,15 @@ def elastic(
 ) -> list[Constraint]:
     """The goals and some constraints, to be broken at a penalty for each scale of a quantity.
 
-    The scale is the largest of the vehicles'; acceleration boxes remain as they are.
+    The scale is the largest of the vehicles'. Acceleration boxes remain as they are; curved sets
+    of accelerations do not, since tangent planes would come to an end late where nothing but
+    violations costs anything.
     """
     goals = goals_of(scenario, first=FIRST + 1 + len(scenario.obstacles))
     unit = float(scenario.fleet.scale("acceleration").max())
     return [
         each
-        if each.quantity == "acceleration"
+        if each.quantity == "acceleration" and not each.curved
         else each.softened(penalty * unit**2 / float(scenario.fleet.scale(each.quantity).max()))
         for each in [*goals, *constraints]
     ]

@@ -12,7 +12,7 @@ from drake_rho.scenario.records import Scenario
 SMALL_FLEET = 6
 """Vehicles up to which a fleet is iterated to `COUPLED_SMALL`."""
 
-ALONE, COUPLED_SMALL, COUPLED, DECOUPLED = 1e-9, 1e-7, 1e-3, 4e-2
+ALONE, COUPLED_SMALL, COUPLED, DECOUPLED = 1e-9, 1e-7, 1e-3, 2.5e-2
 """Tolerances where none is given. In fleets that keep apart every iteration moves all vehicles and
 a further digit takes as long as all before; small ones are quick, and can be certified. Decoupled,
 the cost falls ever more slowly, and to no optimum: what trading room could gain is left."""
@@ -25,14 +25,15 @@ class Options:
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     """relative fall of the cost in one linearisation below which an iteration has converged; a
     vehicle that nothing couples stops when its part falls by less than this part of the whole. If
-    not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled and 4e-2
+    not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled and 2.5e-2
     decoupled. It stands in the plan's `statistics.tolerance`"""
     max_iterations: Annotated[Count, Field(ge=1)] = 200
     """bound on the linearisations of one call"""
     max_coupled: Annotated[Count, Field(ge=1)] = 15
     """vehicles up to which a fleet is coupled if nothing else is asked"""
-    max_ways: Annotated[Count, Field(ge=1)] = 40
-    """bound on the combinations of sides on which obstacles are passed, tried for one vehicle"""
+    max_ways: Annotated[Count, Field(ge=1)] = 6
+    """bound on the ways past obstacles that are tried for one vehicle; the plan of least cost among
+    them is kept"""
 
     def tolerance_of(self, scenario: Scenario, *, together: bool) -> float:
         """The tolerance for a scenario, whose pairs are coupled (`together`) or not."""

@@ -22,6 +22,10 @@ Progress = Callable[[str], None]
 _MAX_RESTORATIONS = 20
 """Bound on the penalties of one restoration."""
 
+_CLOSER = 10.0
+"""Times the first penalty for a reference that is a way among obstacles and cannot be flown: what
+is drawn aside from it too far comes out on other sides of them."""
+
 
 def iterate(
     subproblem: Subproblem,
@@ -112,6 +116,8 @@ def restored(plan: Plan, subproblem: Subproblem, progress: Progress | None = Non
         InfeasibleError: none was found.
     """
     first = _first_penalty(plan, subproblem.least_cost)
+    if not subproblem.is_flown(plan):
+        first *= _CLOSER
     penalties = (first * 3.0**number for number in range(_MAX_RESTORATIONS))
     return iterate(subproblem, plan, 1.0, penalties, progress=progress)
 

@@ -71,6 +71,9 @@ class Solution:
     """which solver said so"""
     seconds: float
     """time the solver reports for itself [s]"""
+    exact: bool = True
+    """whether it is one to the solver's tolerances; else it shows no more than where rows may be
+    missing"""
 
 
 def solve(
@@ -84,6 +87,7 @@ def solve(
 
     A program on which the solver fails numerically is given to others: Clarabel with tight and
     then with its usual tolerances, and OSQP or, for one that is linear and thus none for OSQP, CLP.
+    Where all fail, the first solution that is almost one is given, if there is any.
 
     Args:
         programs: convex quadratic programs, or linear ones.
@@ -93,13 +97,14 @@ def solve(
         quick: whether to try Clarabel without refining its linear systems first.
 
     Raises:
-        SolverError: no solver found a solution or a proof that there is none.
+        SolverError: no solver found a solution, almost one, or a proof that there is none.
         ValueError: the solver is not available.
     """
     first = solver or ClarabelSolver()
     if not (first.available() and first.enabled()):
         raise ValueError(f"solver: got {_name(first)}, expected one available and enabled here")
     solutions: dict[int, Solution] = {}
+    almost: dict[int, Solution] = {}
     attempts = _attempts(first, quick=quick)
     if retry > 0:  # others first: this one's solutions do not keep their rows
         attempts = sorted(attempts, key=lambda attempt: _name(attempt[0]) == _name(first))
@@ -114,7 +119,9 @@ def solve(
         answers = _solve_with(attempt, options, [programs[index] for index in left])
         for index, answer in zip(left, answers, strict=True):
             if answer is not None:
-                solutions[index] = answer
+                kept = solutions if answer.exact else almost
+                kept.setdefault(index, answer)
+    solutions = almost | solutions
     failed = len(programs) - len(solutions)
     if failed:
         raise SolverError(f"all solvers failed numerically on {failed} of {len(programs)} programs")
@@ -198,12 +205,11 @@ def _judge(name: str, result: MathematicalProgramResult) -> Solution | None:
     if not feasible and result.get_solution_result() not in _INFEASIBLE:
         return None
     details = result.get_solver_details()
-    if getattr(details, "status", "") == "AlmostSolved":  # Clarabel, far from its tolerances
-        return None
+    exact = getattr(details, "status", "") != "AlmostSolved"  # Clarabel, far from its tolerances
     seconds = 0.0
     for field in ("solve_time", "run_time"):  # Clarabel's and OSQP's names for it
         seconds = float(getattr(details, field, seconds))
-    return Solution(result, feasible, name, seconds)
+    return Solution(result, feasible, name, seconds, exact)
 
 
 def _name(solver: SolverInterface) -> str:

@@ -14,17 +14,21 @@ from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
 from drake_rho.planning.keep_in import boxes_of
-from drake_rho.planning.keep_in_ball import balls_of
+from drake_rho.planning.keep_in_norm import norms_of
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 
+_ROUNDS_AMONG_OBSTACLES = 4
+"""Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
+with fewer they come out inside of some, and on the wrong side of others."""
+
 
 def convex_constraints(scenario: Scenario) -> list[Constraint]:
     """What holds whatever the reference: keep-in constraints."""
-    return [*boxes_of(scenario), *balls_of(scenario)]
+    return [*boxes_of(scenario), *norms_of(scenario)]
 
 
 def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
@@ -150,7 +154,8 @@ class Subproblem:
                 return self.around(reference)
             except (InfeasibleError, SolverError):  # not yet
                 pass
-        rounds, motion = 1 + number // 2, reference.motion()
+        motion, rounds = reference.motion(), number // 2
+        rounds += 1 if found.is_out_of_obstacles else _ROUNDS_AMONG_OBSTACLES
         constraints = convex_constraints(self.scenario)
         for each in obstacles_of(self.scenario, motion):
             soft = dataclasses.replace(each.softened(penalty), rounds=rounds, searches=1)
@@ -167,6 +172,10 @@ class Subproblem:
                 )
             )
         return self._solve(reference, constraints, found.vehicles)
+
+    def is_flown(self, plan: Plan) -> bool:
+        """Whether a plan's positions are those that its accelerations lead to."""
+        return len(self._look_at(plan).unflyable) == 0
 
     def keeps_apart(self, plan: Plan) -> bool:
         """Whether all pairs keep apart, if the scenario asks for it."""

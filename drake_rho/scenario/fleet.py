@@ -10,6 +10,7 @@ import numpy as np
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Limits, Quantity, Vehicle
 from drake_rho.scenario.polyhedra import Box
 from drake_rho.scenario.shapes import TOLERANCE
@@ -41,37 +42,6 @@ class Bounds:
             raise ScenarioError(f"vehicles[{i}].{where}", values[i].tolist(), expected)
 
 
-@dataclasses.dataclass(frozen=True)
-class Norms:
-    """The largest norm of a quantity for every vehicle; infinite where it has no such limit."""
-
-    most: FloatArray
-    """in the quantity's unit, shape (N,)"""
-    tolerances: FloatArray
-    """how much more still counts as kept, in the quantity's unit, shape (N,)"""
-
-    def check(self, where: str, values: FloatArray) -> None:
-        """See that the norms of `values`, shape (N, 3), are small enough.
-
-        Raises:
-            ScenarioError: one is not; `where` names it within its vehicle.
-        """
-        norms = np.linalg.norm(values, axis=1)
-        if np.any(over := norms > self.most + self.tolerances):
-            i = int(np.argmax(over))
-            expected = f"a norm of at most {self.most[i]:g}, not {norms[i]:.7g}"
-            raise ScenarioError(f"vehicles[{i}].{where}", values[i].tolist(), expected)
-
-    def nearest(self, values: FloatArray) -> FloatArray:
-        """The values nearest to `values`, shape (N, 3), whose norms are small enough."""
-        norms = np.linalg.norm(values, axis=1)
-        over = norms > self.most
-        factors = np.ones(len(norms))
-        factors[over] = self.most[over] / norms[over]
-        nearest: FloatArray = factors[:, None] * values
-        return nearest
-
-
 class Fleet:
     """Starts, goals, scales and bounds of all vehicles, each computed when first asked for."""
 
@@ -81,16 +51,7 @@ class Fleet:
         self._grid, self._vehicles, self._limits, self._aside = grid, vehicles, limits, aside
         self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
         self._bounds: dict[Quantity, Bounds | None] = {}
-
-    def max_speeds(self) -> Norms | None:
-        """Limits on the norm of the velocity; None if no vehicle has one."""
-        common = self._limits.max_speed or np.inf
-        owns = (vehicle.limits for vehicle in self._vehicles)
-        most = np.array([own.max_speed or common if own else common for own in owns])
-        if np.all(np.isinf(most)):
-            return None
-        scale = self.scale("velocity")
-        return Norms(most, TOLERANCE * np.clip(most, 1e-3 * scale, scale))
+        self._largest: dict[Norm, FloatArray] | None = None
 
     @cached_property
     def radii(self) -> FloatArray:
@@ -192,6 +153,29 @@ class Fleet:
                 lower[index], upper[index] = own.lower, own.upper
         return (lower, upper) if np.any(np.isfinite(lower)) else None
 
+    @cached_property
+    def norms(self) -> dict[Norm, NormLimit]:
+        """The limits on norms that some vehicle has, with their tolerances, by their field."""
+        if self._largest is None:
+            self._largest = self._make_largest()
+        return {
+            norm: kind.limit.of(kind, self._largest[norm], self.scale(kind.quantity))
+            for norm, kind in NORMS.items()
+            if norm in self._largest
+        }
+
+    def _make_largest(self) -> dict[Norm, FloatArray]:
+        """The largest norms of all vehicles, each of shape (N,), where some vehicle has one."""
+        owns = [(i, each.limits) for i, each in enumerate(self._vehicles) if each.limits]
+        found = {}
+        for norm in NORMS:
+            most = np.full(len(self._vehicles), getattr(self._limits, norm) or np.inf)
+            for index, own in owns:
+                most[index] = getattr(own, norm) or most[index]
+            if np.any(np.isfinite(most)):
+                found[norm] = most
+        return found
+
     def started_at(
         self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
     ) -> Fleet:
@@ -200,5 +184,5 @@ class Fleet:
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before
         fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
-        fleet._sides = self._sides
+        fleet._sides, fleet._largest = self._sides, self._largest
         return fleet

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from drake_rho.scenario.cylinders import Cylinder
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
+    LARGEST,
     Finite,
     FloatArray,
     Name,
@@ -40,7 +41,7 @@ _KINDS = {
 """Keys that tell what a mapping describes; of several kinds, the first that has one of them."""
 
 _BETWEEN = 8
-"""Parts of each piece of a track at which its deviation from a function is measured."""
+"""Parts of each piece of a track between which its deviation from a function is measured."""
 
 
 def _kind(value: object) -> str:
@@ -109,24 +110,35 @@ class Track:
             function: gives a position [m], shape (3,), for a time on the scenario's clock [s].
             times: of the samples, rising [s], shape (M,).
             max_acceleration: the function's [m/s²]. With it the deviation is at most its Δt² / 8;
-                without it, it is estimated at eight instants between two samples.
+                without it, it is estimated at seven instants between two samples.
 
         Raises:
             ScenarioError: the times do not rise, or the function gives no positions.
         """
+        track = cls._through(function, times)
+        if max_acceleration is not None:
+            if not 0.0 <= max_acceleration <= LARGEST:  # nor with a NaN
+                expected = f"a number of at least 0 and at most {LARGEST:g}"
+                raise ScenarioError("track.max_acceleration", max_acceleration, expected)
+            longest = float(np.max(np.diff(track.times), initial=0.0))
+            return dataclasses.replace(track, deviation=max_acceleration * longest**2 / 8.0)
+        parts = np.arange(1, _BETWEEN) / _BETWEEN
+        between = (track.times[:-1, None] + parts * np.diff(track.times)[:, None]).reshape(-1)
+        if len(between) == 0:
+            return dataclasses.replace(track, deviation_is_estimated=True)
+        true = cls._through(function, between).positions
+        most = np.max(np.linalg.norm(true - track.at(between), axis=1), initial=0.0)
+        return dataclasses.replace(track, deviation=float(most), deviation_is_estimated=True)
+
+    @classmethod
+    def _through(cls, function: Callable[[float], npt.ArrayLike], times: npt.ArrayLike) -> Self:
+        """The track through a function's positions at some times."""
         try:
             at = numbers_of(times)
         except ScenarioError as error:
-            raise error.inside("times") from None
-        track = cls(at, np.array([function(float(time)) for time in at]))
-        if max_acceleration is not None:
-            longest = float(np.max(np.diff(at), initial=0.0))
-            return dataclasses.replace(track, deviation=max_acceleration * longest**2 / 8.0)
-        parts = np.arange(1, _BETWEEN) / _BETWEEN
-        between = (at[:-1, None] + parts * np.diff(at)[:, None]).reshape(-1)
-        true = np.array([function(float(time)) for time in between]).reshape(-1, 3)
-        most = np.max(np.linalg.norm(true - track.at(between), axis=1), initial=0.0)
-        return dataclasses.replace(track, deviation=float(most), deviation_is_estimated=True)
+            raise error.inside("track.times") from None
+        positions: Any = [function(float(time)) for time in at]
+        return cls(at, positions)
 
     def at(self, times: FloatArray) -> FloatArray:
         """Positions at times on the scenario's clock [m], shape (M, 3)."""

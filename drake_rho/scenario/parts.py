@@ -33,6 +33,9 @@ from drake_rho.scenario.shapes import TOLERANCE
 Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 """What a box can bound."""
 
+GRAVITY = 9.81
+"""g [m/s²]: a vehicle with acceleration a has the thrust a + g e_z for each kilogram, z upwards."""
+
 
 @record
 class Grid:
@@ -110,7 +113,11 @@ class State:
 
 @record
 class Limits:
-    """Boxes (4) to (7) and norms that a vehicle keeps to; what is left out is no limit."""
+    """Boxes (4) to (7) and norms that a vehicle keeps to; what is left out is no limit.
+
+    Thrust and tilt are those of a + g e_z, the acceleration that rotors have to make for the
+    vehicle to fly with a: g = 9.81 m/s² (`GRAVITY`), e_z upwards. Hovering is always allowed.
+    """
 
     position: Box | None = None
     """the flyable volume (4) [m]"""
@@ -122,6 +129,14 @@ class Limits:
     """(7), j[k] = (a[k] - a[k-1]) / h [m/s³]"""
     max_speed: Positive | None = None
     """largest norm of the velocity, in any direction [m/s]"""
+    max_acceleration: Positive | None = None
+    """largest norm of the acceleration, in any direction [m/s²]"""
+    max_thrust: Annotated[Positive, Field(ge=GRAVITY)] | None = None
+    """largest norm of a + g e_z [m/s²], the thrust for each kilogram; at least g = 9.81 m/s², which
+    it takes to hover"""
+    max_tilt: Annotated[Positive, Field(lt=np.pi / 2.0)] | None = None
+    """largest angle of a + g e_z to the upright [rad], less than a right angle; as far as a
+    multicopter tilts"""
 
     def overridden_by(self, own: Limits | None) -> Limits:
         """These limits with those that `own` has in place of them."""

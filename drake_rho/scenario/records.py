@@ -136,9 +136,9 @@ class Scenario:
             bounds = fleet.bounds(quantity)
             if bounds is not None:
                 bounds.check(f"{end}.{quantity}", values)
-        if (speeds := fleet.max_speeds()) is not None:
-            speeds.check("start.velocity", fleet.start_velocities)
-            speeds.check("goal.velocity", fleet.goal_velocities)
+            for limit in fleet.norms.values():
+                if limit.quantity == quantity:
+                    limit.check(f"{end}.{quantity}", values)
         ends = (
             ("start", fleet.start_positions, self.grid.start),
             ("goal", fleet.goal_positions, self.grid.end),
@@ -182,6 +182,12 @@ class Scenario:
         return tuple(
             each if isinstance(each, Obstacle) else Obstacle(each) for each in self.obstacles
         )
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """The obstacles (8) as the paper has them: spheres at rest that are known all the time."""
+        always = (each for each in self.bodies if not each.moves and each.known_from <= 0.0)
+        return tuple(each.shape for each in always if isinstance(each.shape, Sphere))
 
     @property
     def known(self) -> list[tuple[int, Obstacle]]:

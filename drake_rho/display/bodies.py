@@ -1,0 +1,95 @@
+"""Obstacles in Meshcat: where they are at every time, as ghosts until they are known.
+
+/flight/obstacles/<number> in the scene tree is the obstacle's pose; under it are `known`, the
+obstacle, if it is known late `unknown`, its ghost, and if it has some its `edges` and `name`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.geometry import Meshcat, Rgba
+from pydrake.math import RigidTransform
+
+from drake_rho.display.names import brief
+from drake_rho.display.pace import Pace
+from drake_rho.display.scene import MOST_NAMES, ROOT, Scene
+from drake_rho.display.shapes import words
+from drake_rho.display.snapshots import ended, placed, ways
+from drake_rho.display.solids import put
+from drake_rho.display.style import view
+from drake_rho.display.surfaces import surface
+from drake_rho.display.trails import segments, show_between
+from drake_rho.motion.plan import Plan
+from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.obstacles import Obstacle
+
+_SOLID = Rgba(0.6, 0.6, 0.65, 0.45)
+_GHOST = Rgba(0.6, 0.6, 0.65, 0.12)
+_EDGES = Rgba(0.5, 0.5, 0.55)
+_LETTERS = Rgba(0.25, 0.25, 0.28)
+_WAY = Rgba(0.6, 0.6, 0.65)
+
+
+def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
+    """Put all obstacles where they are at the first knot, the ways of a few that move as lines."""
+    start, bodies = plan.scenario.grid.start, plan.scenario.bodies
+    named = [obstacle for obstacle in bodies if obstacle.name is not None]
+    for number, obstacle in enumerate(bodies, start=1):
+        path = _path(number)
+        shape = ended(obstacle.shape, scene.lower, scene.upper)
+        put(shape, meshcat, f"{path}/known", _SOLID)
+        if _known_late(plan, obstacle):
+            put(shape, meshcat, f"{path}/unknown", _GHOST)
+        if edges := surface(shape).edges:
+            meshcat.SetLineSegments(f"{path}/edges", *segments(edges), rgba=_EDGES)
+        if obstacle.name is not None and obstacle.name.strip() and len(named) <= MOST_NAMES:
+            right, up, _ = view()
+            above = shape.extent[2] * np.eye(3)[2] + 0.3 * scene.mark_length * up
+            letters = words(brief(obstacle.name), 0.4 * scene.mark_length, above, right, up)
+            meshcat.SetTriangleMesh(f"{path}/name", *letters, rgba=_LETTERS)
+        (place,) = _places(scene, obstacle, np.array([start]))
+        meshcat.SetTransform(path, RigidTransform(place))
+    for number, way in enumerate(ways(plan, bodies), start=1):
+        path = f"{ROOT}/ways/{number}"
+        meshcat.SetLineSegments(path, *segments([way]), rgba=_WAY)
+
+
+def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> None:
+    """Record how obstacles move, and from when on they are known."""
+    start = plan.scenario.grid.start
+    for number, obstacle in enumerate(plan.scenario.bodies, start=1):
+        path = _path(number)
+        if _known_late(plan, obstacle):
+            known = pace.playback(obstacle.known_from - start)
+            show_between(meshcat, f"{path}/known", known, None)
+            show_between(meshcat, f"{path}/unknown", 0.0, known)
+        if not obstacle.moves:
+            continue
+        places = _places(scene, obstacle, start + pace.times)
+        turns = _turns(pace.times, places)
+        for time, place in zip(pace.times[turns], places[turns], strict=True):
+            meshcat.SetTransform(path, RigidTransform(place), pace.playback(time))
+
+
+def _path(number: int) -> str:
+    return f"{ROOT}/obstacles/{number}"
+
+
+def _known_late(plan: Plan, obstacle: Obstacle) -> bool:
+    return obstacle.known_from > max(plan.scenario.grid.start, 0.0)
+
+
+def _places(scene: Scene, obstacle: Obstacle, times: FloatArray) -> FloatArray:
+    """Centres [m], shape (M, 3), at times on the clock [s]; of an endless one the part in sight."""
+    return placed(obstacle.shape, obstacle.centers(times), scene.lower, scene.upper)
+
+
+def _turns(times: FloatArray, places: FloatArray) -> BoolArray:
+    """Where a polyline is not straight, and its ends: Meshcat draws a straight line between."""
+    turns = np.ones(len(times), dtype=np.bool_)
+    if len(times) > 2:
+        part = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
+        straight = places[:-2] + part * (places[2:] - places[:-2])
+        size = float(np.ptp(places, axis=0).max())
+        turns[1:-1] = np.abs(places[1:-1] - straight).max(axis=1) > 1e-9 * size
+    return turns

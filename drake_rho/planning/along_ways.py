@@ -1,0 +1,122 @@
+"""Plans along ways: feasibility restoration from references that keep clear.
+
+A reference along a way is on the right side of everything, but no motion that can be flown;
+restoration finds one near it. Of several ways the one is kept that costs least after a few
+linearisations: what is left to gain then is less than what most ways differ by.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+
+from pydrake.solvers import SolverInterface
+
+from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.errors import InfeasibleError, Names, SolverError
+from drake_rho.planning.keep_apart import decoupled
+from drake_rho.planning.options import DEFAULTS, Options
+from drake_rho.planning.scp import Progress, iterate, restored
+from drake_rho.planning.subproblem import Subproblem
+from drake_rho.planning.threads import one_for_arrays
+from drake_rho.planning.ways import find_ways
+from drake_rho.scenario.records import Scenario
+
+_ROUGHLY = 1e-2
+"""Relative fall of the cost at which a way's plan can be told from those of others."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class AlongWays:
+    """The best plan along ways."""
+
+    scenario: Scenario
+    """what was asked"""
+    plan: Plan | None
+    """keeps every constraint; None if none was found"""
+    spent: Statistics
+    """what it took, the search for ways and all that were tried"""
+    conflicts: dict[str, Names]
+    """what is in the way of each vehicle where there is no plan, as in `InfeasibleError`"""
+    obstacles: dict[str, frozenset[int]]
+    """and the numbers of these obstacles, 0 for other vehicles"""
+
+
+@one_for_arrays()
+def plan_along_ways(
+    scenario: Scenario,
+    solver: SolverInterface | None = None,
+    options: Options = DEFAULTS,
+    progress: Progress | None = None,
+) -> AlongWays:
+    """Look for ways, and for a plan near one of them.
+
+    Args:
+        scenario: what is asked.
+        solver: a Drake solver; Clarabel if not given.
+        options: `max_ways` bounds the ways that are tried.
+        progress: called after each linearisation.
+    """
+    began = time.perf_counter()
+    found = find_ways(scenario, options.max_ways)
+    spent = Statistics(searched=found.searched, seconds=time.perf_counter() - began)
+    best: Plan | None = None
+    failure: InfeasibleError | None = None
+    for reference in found.references:
+        subproblem = Subproblem(scenario, decoupled, solver)
+        try:
+            plan = restored(reference, subproblem, progress)
+        except SolverError as error:
+            spent = error.statistics + spent
+            continue
+        except InfeasibleError as error:
+            spent, failure = error.statistics + spent, failure or error
+            continue
+        if len(found.references) > 1:
+            plan = iterate(subproblem, plan, _ROUGHLY, progress=progress)
+        spent = plan.statistics + spent
+        if best is None or plan.cost < best.cost:
+            best = plan
+    if best is not None or failure is None:
+        conflicts, obstacles = _everything(scenario) if best is None else ({}, {})
+        return AlongWays(scenario, best, spent, conflicts, obstacles)
+    return AlongWays(scenario, None, spent, failure.conflicts, failure.obstacles)
+
+
+def _everything(scenario: Scenario) -> tuple[dict[str, Names], dict[str, frozenset[int]]]:
+    """All known obstacles, as what is in the way of each vehicle."""
+    numbers = frozenset(number for number, _ in scenario.known)
+    told = tuple(map(scenario.obstacle_name, sorted(numbers)))
+    names = [vehicle.name for vehicle in scenario.vehicles]
+    return dict.fromkeys(names, told), dict.fromkeys(names, numbers)
+
+
+def no_plan(
+    lost: Sequence[AlongWays],
+    scenario: Scenario,
+    spent: Statistics,
+    failure: InfeasibleError | None,
+) -> InfeasibleError:
+    """Why there is no plan, where one was looked for in vain along ways.
+
+    Args:
+        lost: without a plan.
+        scenario: what was asked, these vehicles and others.
+        spent: on all of it.
+        failure: why ways were looked for; what it says of a vehicle is a proof of the
+            linearisation, and goes before what is in the way of its best try.
+    """
+    conflicts: dict[str, Names] = {}
+    obstacles: dict[str, frozenset[int]] = {}
+    for along in lost:
+        conflicts |= along.conflicts
+        obstacles |= along.obstacles
+    reference = None
+    if failure is not None:
+        reference = failure.reference
+        conflicts |= {k: v for k, v in failure.conflicts.items() if k in conflicts}
+        obstacles |= {k: v for k, v in failure.obstacles.items() if k in obstacles}
+    return InfeasibleError(
+        conflicts, statistics=spent, scenario=scenario, obstacles=obstacles, reference=reference
+    )

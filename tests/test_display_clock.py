@@ -1,0 +1,113 @@
+"""A flight that begins late on the scenario's clock looks as one that begins at 0 does."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from pydrake.math import RigidTransform
+
+import drake_rho as rho
+from drake_rho.display import space
+from drake_rho.display.animation import _record_motion
+from drake_rho.display.pace import Pace
+from drake_rho.display.scene import Scene
+from drake_rho.display.trails import record_light_trails, record_predictions, record_trails
+from drake_rho.motion.plan import Window
+from tests.scenarios import straight
+
+LATE = 128.0
+"""Start of the late flight [s], exact in binary."""
+
+
+def _plan(start: float) -> rho.Plan:
+    """Three vehicles beside a sphere, separated, with a largest speed."""
+    plan = straight(3)
+    asked = dataclasses.replace(
+        plan.scenario,
+        grid=dataclasses.replace(plan.scenario.grid, start=start),
+        obstacles=(rho.Sphere([20.0, 5.0, 5.0], 1.0),),
+        limits=rho.Limits(max_speed=50.0),
+        separation=rho.Separation(1e-6),
+    )
+    return rho.Plan.from_accelerations(asked, plan.accelerations)
+
+
+def _flight(start: float) -> rho.Flight:
+    """The plan, flown by a window from its first knot and one from its eighth."""
+    plan = _plan(start)
+    windows = tuple(Window(knot, plan.tail(knot), plan.tail(knot)) for knot in (0, 7))
+    return rho.Flight(plan, windows)
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        rho.distances_figure,
+        rho.separation_figure,
+        rho.velocities_figure,
+        rho.accelerations_figure,
+    ],
+)
+def test_curves_are_drawn_on_the_clock_of_the_scenario(
+    draw: Callable[[rho.Plan], Figure],
+) -> None:
+    early, late = draw(_plan(0.0)), draw(_plan(LATE))
+    for one, other in zip(early.axes, late.axes, strict=True):
+        np.testing.assert_allclose(np.array(other.get_xlim()), np.array(one.get_xlim()) + LATE)
+        pairs = zip(_curves(one.lines), _curves(other.lines), strict=True)
+        for (times, values), (later, same) in pairs:
+            np.testing.assert_allclose(later, times + LATE, rtol=1e-12)
+            np.testing.assert_array_equal(values, same)
+
+
+def _curves(lines: Sequence[Line2D]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Points of what is no level line from side to side."""
+    points = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in lines]
+    return [(x, y) for x, y in points if list(x) != [0, 1]]
+
+
+def test_windows_are_flown_up_to_the_same_places() -> None:
+    drawn = []
+    for start in (0.0, LATE):
+        ax = Figure().add_subplot(projection="3d")
+        windows = space.draw_windows(ax, _flight(start))
+        drawn.append([np.array(line.get_data_3d()) for lines in windows for line in lines])
+    for one, other in zip(*drawn, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+class _Recorder:
+    """Notes what would be told to a Meshcat."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[object, ...]] = []
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        def note(*args: object, **options: object) -> None:
+            plain = [
+                each.GetAsMatrix34() if isinstance(each, RigidTransform) else each for each in args
+            ]
+            self.told.append((name, *plain))
+
+        return note
+
+
+def test_meshcat_is_told_the_same() -> None:
+    told = []
+    for start in (0.0, LATE):
+        flight, meshcat = _flight(start), _Recorder()
+        pace, scene = Pace.of(flight.plan, None), Scene.of(flight.plan)
+        record_trails(meshcat, scene, flight.plan, pace)
+        record_light_trails(meshcat, scene, flight.plan, pace)
+        record_predictions(meshcat, flight.windows, pace)
+        _record_motion(meshcat, flight.plan, pace)
+        told.append(meshcat.told)
+    for one, other in zip(*told, strict=True):
+        assert one[:2] == other[:2]
+        for mine, theirs in zip(one[2:], other[2:], strict=True):
+            np.testing.assert_array_equal(mine, theirs)

@@ -1,0 +1,286 @@
+"""Obstacles in the figures: every shape, moving ones when they matter, names as they are."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import drake_rho as rho
+from drake_rho.display import space
+from drake_rho.display.clearances import closest, least_clearances, nearest
+from drake_rho.display.depth import layers, ranks
+from drake_rho.display.distances import draw_distances, draw_least_clearances
+from drake_rho.display.figures import write_figures
+from drake_rho.display.frame import frame_scene
+from drake_rho.display.snapshots import Snapshot, approaches, as_bodies, snapshots, ways
+from drake_rho.display.style import view
+from drake_rho.display.surfaces import surface
+from drake_rho.scenario.fields import unchecked
+from drake_rho.scenario.shapes import Shape
+from tests.scenarios import straight
+
+START = 32.0
+"""Of the flights of these tests [s]."""
+TRACK = rho.Track(START + np.array([1.0, 5.0, 9.0]), [[-3, 0, 5], [5, 5, 5], [5, 14, 4]], 0.1)
+OBSTACLES = (
+    rho.Sphere([3, 3, 3], 0.8),
+    rho.Box([6, 6, 0], [7, 8, 4]),
+    rho.Ellipsoid([8, 2, 6], [1.0, 0.5, 0.3]),
+    rho.Cylinder([2, 8, 5], 0.5),
+    rho.Polytope(np.random.default_rng(0).normal(size=(12, 3)) + 5.0),
+    rho.Obstacle(rho.Box([-0.5] * 3, [0.5] * 3), track=TRACK, name="$x^$", known_from=START + 4),
+    rho.Obstacle(rho.Cylinder([5, 10 - START, 5], 0.4, 2.0, "y"), velocity=[0, 1, -0.1]),
+)
+
+
+def _plan(
+    obstacles: Sequence[Shape | rho.Obstacle], vehicles: int = 3, radius: float = 0.2
+) -> rho.Plan:
+    """Straight flights across a cube of 10 m, whatever is in the way."""
+    free = straight(vehicles)
+    flown = tuple(dataclasses.replace(each, radius=radius) for each in free.scenario.vehicles)
+    grid = dataclasses.replace(free.scenario.grid, start=START)
+    empty = dataclasses.replace(free.scenario, vehicles=flown, grid=grid)
+    # not looked at: what is in the way of a start is no matter here
+    asked = unchecked(empty, obstacles=tuple(obstacles), bodies=as_bodies(obstacles))
+    return rho.Plan.from_accelerations(asked, free.accelerations)
+
+
+@pytest.fixture(scope="module")
+def plan() -> rho.Plan:
+    return _plan(OBSTACLES)
+
+
+def _brute(plan: rho.Plan, obstacle: rho.Obstacle, times: np.ndarray) -> np.ndarray:
+    """Distances by hand at times since the first knot, shape (N, M)."""
+    centers = obstacle.centers(START + times)
+    return obstacle.shape.signed_distance(plan.motion().at("position", times) - centers)
+
+
+def test_closest_approaches_are_those_of_very_many_samples(plan: rho.Plan) -> None:
+    times = np.linspace(0.0, 10.0, 40_001)
+    for obstacle in plan.scenario.bodies:
+        found, brute = closest(plan, obstacle), _brute(plan, obstacle, times)
+        np.testing.assert_allclose(found.distances, brute.min(axis=1), atol=1e-5)
+        assert np.all(found.distances <= brute.min(axis=1) + 1e-9)
+        at = [_brute(plan, obstacle, np.array([time]))[i, 0] for i, time in enumerate(found.times)]
+        np.testing.assert_allclose(found.distances, at, atol=1e-12)
+
+
+def test_a_figure_shows_moving_obstacles_when_a_vehicle_is_closest(plan: rho.Plan) -> None:
+    bodies = plan.scenario.bodies
+    shown = snapshots(plan, bodies)
+    assert len([each for each in shown if not each.faint]) == len(bodies)
+    for obstacle, ends in zip(bodies[5:], approaches(plan, bodies), strict=True):
+        at = nearest(plan, obstacle)
+        (center,) = obstacle.centers(np.array([START + at.time]))
+        (each,) = (s for s in shown if s.shape is obstacle.shape and not s.faint)
+        np.testing.assert_array_equal(each.center, center)
+        assert each.label.endswith(f", {round(START + at.time, 2):g} s")
+        np.testing.assert_allclose(ends[0], plan.motion().at("position", at.time)[at.vehicle, 0])
+        assert obstacle.shape.signed_distance(ends[1:] - center) == pytest.approx(0.0, abs=1e-9)
+        distance = closest(plan, obstacle).distances[at.vehicle]
+        assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(abs(distance))
+        faint = [s for s in shown if s.shape is obstacle.shape and s.faint]
+        assert 1 <= len(faint) <= 2
+    assert shown[5].label.startswith(r"6 \$x^\$, ")
+    for way, obstacle in zip(ways(plan, bodies), bodies[5:], strict=True):
+        on = obstacle.centers(START + np.linspace(0.0, 10.0, 241))
+        assert all(np.min(np.linalg.norm(on - point, axis=1)) < 1e-9 for point in way)
+
+
+def test_many_moving_obstacles_are_drawn_once_each() -> None:
+    rng = np.random.default_rng(1)
+    moving = [
+        rho.Obstacle(rho.Sphere(rng.uniform(0, 10, 3) - START, 0.2), velocity=[1, 1, 1])
+        for _ in range(50)
+    ]
+    plan = _plan(moving)
+    shown = snapshots(plan, plan.scenario.bodies)
+    assert len(shown) == 50
+    assert ways(plan, plan.scenario.bodies) == approaches(plan, plan.scenario.bodies) == []
+    assert {each.label for each in shown} == {str(number) for number in range(1, 51)}
+
+
+def test_what_passes_far_away_does_not_make_all_else_small() -> None:
+    fast = rho.Obstacle(rho.Sphere([5 - 100 * (START + 5), 5, 5], 0.2), velocity=[100, 0, 0])
+    plan = _plan([fast])
+    ax = Figure().add_subplot(projection="3d")
+    frame_scene(ax, plan.positions, snapshots(plan, plan.scenario.bodies))
+    assert np.ptp(ax.get_xlim()) < 25.0
+    for way in ways(plan, plan.scenario.bodies):
+        assert np.ptp(way[:, 0]) < 25.0
+    never = rho.Obstacle(rho.Sphere([500, 5, 5], 0.2), velocity=[0, 0, 0.1])
+    plan = _plan([fast, never])
+    assert all(each.shape is not never.shape for each in snapshots(plan, plan.scenario.bodies))
+    assert len(approaches(plan, plan.scenario.bodies)) == 1
+    notes = [text.get_text() for text in rho.paths_figure(plan).texts]
+    assert "obstacles that are never near, not shown: 2" in notes
+
+
+def test_an_obstacle_that_moves_before_the_flight_is_drawn_once() -> None:
+    arrived = rho.Track([0.0, START - 1.0], [[0, 0, 0], [5, 5, 5]])
+    plan = _plan([rho.Obstacle(rho.Sphere([0, 0, 0], 0.5), track=arrived)])
+    (shown,) = snapshots(plan, plan.scenario.bodies)
+    assert not shown.faint
+
+
+def test_bodies_are_drawn_where_they_are_and_endless_ones_to_the_end(plan: rho.Plan) -> None:
+    ax = Figure().add_subplot(projection="3d")
+    shown = snapshots(plan, plan.scenario.bodies)
+    frame_scene(ax, plan.positions, shown)
+    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+    bodies = space.draw_obstacles(ax, shown)
+    for body, each in zip(bodies, shown, strict=True):
+        padding = np.broadcast_to(body._invalid_vertices, body._faces.shape[:2])
+        corners = body._faces[~padding]  # matplotlib has no public name to read them back
+        lower, upper = corners.min(axis=0), corners.max(axis=0)
+        endless = np.isinf(each.shape.extent)
+        np.testing.assert_allclose(lower[endless], limits[endless, 0])
+        np.testing.assert_allclose(upper[endless], limits[endless, 1])
+        middle = (lower + upper)[~endless] / 2.0
+        np.testing.assert_allclose(middle, each.center[~endless], atol=0.01 * each.shape.size)
+        assert body.get_alpha() == (0.1 if each.faint else 0.25)
+
+
+def _sides(points: np.ndarray, each: Snapshot) -> np.ndarray:
+    """1 where a shape is in front of a point as one looks, -1 behind it, 0 elsewhere, shape (M,).
+
+    By the planes of the drawn faces, each of which a line of sight crosses once.
+    """
+    _, _, towards = view()
+    faces = surface(each.shape).faces
+    rings = [face - face.mean(axis=0) for face in faces]
+    normals = np.array([np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0) for ring in rings])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    offsets = np.array([n @ face[0] for n, face in zip(normals, faces, strict=True)])
+    along, rest = normals @ towards, offsets - (points - each.center) @ normals.T
+    crossed = rest / np.where(np.abs(along) < 1e-12, 1e-12, along)
+    enters, leaves = crossed[:, along < 0.0].max(axis=1), crossed[:, along > 0.0].min(axis=1)
+    return np.where(enters > leaves, 0.0, np.sign(leaves))
+
+
+def _forest(rng: np.random.Generator) -> list[Shape]:
+    pillars = [rng.uniform(-5, 5, 2) for _ in range(12)]
+    return [rho.Box([*(p - 0.25), 0], [*(p + 0.25), 2.5 + i % 3]) for i, p in enumerate(pillars)]
+
+
+def _mixed(rng: np.random.Generator) -> list[Shape]:
+    walls: list[Shape] = [rho.Box([-4, -0.1, 0], [4, 0.1, 3]), rho.Box([-5, -5, -1], [5, 5, -0.9])]
+    balls = [rho.Ellipsoid(rng.uniform(-4, 4, 3), rng.uniform(0.2, 1.0, 3)) for _ in range(6)]
+    return [*walls, *balls]
+
+
+@pytest.mark.parametrize("scene", [_forest, _mixed])
+def test_points_before_and_behind_shapes_are_drawn_over_and_under_them(
+    scene: Callable[[np.random.Generator], list[Shape]],
+) -> None:
+    """Against lines of sight: shapes are not balls, so a few may be wrong near outlines."""
+    rng = np.random.default_rng(2)
+    plan = _plan(())
+    shown = snapshots(plan, as_bodies(scene(rng)))
+    points = rng.uniform([-5, -5, -0.5], [5, 5, 3], (600, 3))
+    clear = [
+        all(each.shape.signed_distance(x - each.center) > 0.15 for each in shown) for x in points
+    ]
+    points = points[clear]
+    over, order = layers(points, shown), ranks(shown)
+    right = np.concatenate(
+        [
+            (over > rank)[sides != 0.0] == (sides < 0.0)[sides != 0.0]
+            for each, rank in zip(shown, order, strict=True)
+            for sides in [_sides(points, each)]
+        ]
+    )
+    assert len(right) > 50
+    assert np.mean(right) > 0.98
+
+
+def _levels(ax: Axes) -> list[float]:
+    """Heights of the dashed lines."""
+    dashed = [line for line in ax.lines if line.get_linestyle() == "--"]
+    return [float(np.asarray(line.get_ydata())[0]) for line in dashed]
+
+
+def test_distances_are_from_the_surface_with_what_is_kept(plan: rho.Plan) -> None:
+    for obstacle in plan.scenario.bodies:
+        ax = Figure().add_subplot()
+        for i, line in enumerate(draw_distances(ax, plan, obstacle)):
+            times, values = np.array(line.get_data())
+            np.testing.assert_allclose(values, _brute(plan, obstacle, times - START)[i], atol=1e-9)
+        assert _levels(ax) == pytest.approx([0.2 + obstacle.deviation])
+        assert ax.get_xlim() == (START, START + 10.0)
+        texts = [text.get_text() for text in ax.texts]
+        known = f"known from {START + 4:g} s"
+        assert (known in texts) == (obstacle.known_from > START)
+
+
+def test_of_many_obstacles_the_least_clearance_is_drawn(plan: rho.Plan) -> None:
+    ax, bodies = Figure().add_subplot(), plan.scenario.bodies
+    *curves, ring = draw_least_clearances(ax, plan, bodies)
+    lows = []
+    for i, line in enumerate(curves):
+        times, values = np.array(line.get_data())
+        every = [_brute(plan, each, times - START)[i] - 0.2 - each.deviation for each in bodies]
+        np.testing.assert_allclose(values, np.min(every, axis=0), atol=1e-9)
+        lows.append((values.min(), 1 + int(np.argmin(np.min(every, axis=1)))))
+    least, number = min(lows)
+    assert float(np.asarray(ring.get_ydata())[0]) == least
+    name = plan.scenario.vehicles[lows.index((least, number))].name
+    assert f"{name} and obstacle {number}" in str(ring.get_label())
+    numbers = [text.get_text().split()[0] for text in ax.texts[:3]]
+    assert numbers == [str(low[1]) for low in lows]
+    assert _levels(ax) == [0.0]
+    fine = np.linspace(0.0, 10.0, 20_001)
+    exact = np.min([_brute(plan, each, fine) - 0.2 - each.deviation for each in bodies], axis=0)
+    found = least_clearances(plan, bodies).clearances.min(axis=1)
+    np.testing.assert_allclose(found, exact.min(axis=1), atol=1e-4)
+
+
+@pytest.mark.parametrize("count", [1, 4, 5])
+def test_few_obstacles_have_a_panel_each(count: int) -> None:
+    plan = _plan(OBSTACLES[1 : 1 + count])
+    figure = rho.distances_figure(plan)
+    assert len(figure.axes) == (count if count <= 4 else 1)
+    assert {ax.get_ylabel() for ax in figure.axes} == {
+        "distance from the obstacle [m]"
+        if count <= 4
+        else "clearance from the nearest obstacle [m]"
+    }
+
+
+def test_distances_from_spheres_are_from_their_centres() -> None:
+    moving = rho.Obstacle(rho.Sphere([5, 5 - START, 5], 0.5), velocity=[0, 1, 0], name="ball")
+    plan = _plan([rho.Sphere([3, 3, 3], 0.8), moving])
+    figure = rho.distances_figure(plan)
+    for ax, obstacle in zip(figure.axes, plan.scenario.bodies, strict=True):
+        (curve,) = (line for line in ax.lines if line.get_label() == "v0")
+        times, values = np.array(curve.get_data())
+        assert isinstance(obstacle.shape, rho.Sphere)
+        radius = obstacle.shape.radius
+        np.testing.assert_allclose(values, _brute(plan, obstacle, times - START)[0] + radius)
+        assert _levels(ax) == pytest.approx([radius + 0.2])
+    assert [ax.get_title() for ax in figure.axes] == ["obstacle 1", "obstacle 2 ball"]
+
+
+def test_notes_say_what_is_kept_and_when_moving_obstacles_are_shown(plan: rho.Plan) -> None:
+    notes = " ".join(text.get_text() for text in rho.paths_figure(plan).texts)
+    assert "vehicles keep 0.2 m from obstacles" in notes
+    assert "moving obstacles: when a vehicle comes closest" in notes
+    still = _plan(OBSTACLES[:1], radius=0.0)
+    assert len(rho.paths_figure(still).texts) == 1
+
+
+def test_fifty_obstacles_and_forty_vehicles_are_drawn(tmp_path: object) -> None:
+    rng = np.random.default_rng(3)
+    boxes = [rho.Box(low, low + 0.5) for low in rng.uniform(0, 10, (50, 3))]
+    plan = _plan(boxes, vehicles=40)
+    figure = rho.distances_figure(plan)
+    (ax,) = figure.axes
+    assert len([text for text in ax.texts if text.get_text().isdecimal()]) == 0
+    assert len(write_figures(plan, str(tmp_path))) == 4
