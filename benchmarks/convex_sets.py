@@ -12,6 +12,7 @@ import drake_rho as rho
 from benchmarks.clearance import clearance
 from benchmarks.fleets import TOUCHING
 from benchmarks.peers import drake_gcs
+from benchmarks.peers.bezier import Curve
 
 GCS = "Drake's GcsTrajectoryOptimization"
 
@@ -48,7 +49,7 @@ def fly(scenario: rho.Scenario, seed: int) -> Lap:
     return Lap(seconds, _judge(scenario, curve), curve.cost(scenario.grid.step))
 
 
-def _judge(scenario: rho.Scenario, curve: drake_gcs.Curve) -> Verdict:
+def _judge(scenario: rho.Scenario, curve: Curve) -> Verdict:
     times = np.linspace(0.0, scenario.grid.duration, SAMPLES)
     at = scenario.grid.start + times
     if clearance(scenario, at, curve.at(times)[:, None]) < -TOUCHING:

@@ -99,8 +99,14 @@ def _in_processes(
 ) -> list[Found]:
     """What some work finds of every seed, in processes that begin with nothing."""
     fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, fresh, threadpool_limits, (1,)) as pool:
+    with ProcessPoolExecutor(processes, fresh, _first_calls, (work,)) as pool:
         return list(track(pool.map(work, seeds), what, total=len(seeds)))
+
+
+def _first_calls(work: Callable[[int], object]) -> None:
+    """One thread a process, and nothing left to be loaded or set up when times begin to count."""
+    threadpool_limits(1)
+    work(0)
 
 
 def _ask(count: int, seed: int) -> Answer:
@@ -195,11 +201,11 @@ of the first {CERTIFIED} draws of each size, if it comes within {PATIENCE:g} s; 
 obstacles other than spheres, so part of the gap is its own.""",
     """\
 The peer is Drake's `GcsTrajectoryOptimization` with Clarabel, in the same run: regions by IRIS
-around start, goal and random points not in one yet, at least 15 and at most 30 until they connect
-the ends; the shortest path through them, by the convex relaxation and rounding; then the curve of
-order 5 of least index in the regions of the path, twice differentiable but at the joints, where it
-is once; it is timed to the same T, each piece in proportion to its length, of which three rules are
-tried and the best is kept. Its index is the integral of its squared acceleration over h. It is
+around start, goal, points of the straight line between them and random points, where not in one
+yet, at least 15 and at most 30 until they connect the ends; the shortest path through them, by the
+convex relaxation and rounding; then the curve of order 5 of least index in the regions of the path,
+continuous with its velocity, a quadratic program for given durations of its pieces, and these by
+Powell's method, together T. Its index is the integral of its squared acceleration over h. It is
 judged by 5000 samples. Where no such curve keeps the limits it is the one without them, and counts
 as breaking limits and not as success. Its time includes the regions.""",
 )
@@ -207,5 +213,5 @@ as breaking limits and not as success. Its time includes the regions.""",
 _LIMITATIONS = """\
 Limitations. The peer's curves are smooth and this package's accelerations are constant from knot to
 knot, which costs less than a thousandth of the index here; what tells them apart is the way and the
-timing. With more regions, other seeds or MOSEK the peer may find better ways; with more regions and
-Clarabel it takes ten to a hundred times as long. Neither knows the oracle's path."""
+timing. With more regions, other seeds of them or MOSEK the peer may find better ways; with forty
+regions and Clarabel it takes ten to a hundred times as long. Neither knows the oracle's path."""
