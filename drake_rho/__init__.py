@@ -38,6 +38,7 @@ from drake_rho.scenario.records import (
     State,
     Track,
     Vehicle,
+    Waypoint,
 )
 from drake_rho.scenario.worlds import random_field, trefoil_swap
 
@@ -79,6 +80,7 @@ __all__ = [
     "Track",
     "Vehicle",
     "VehicleCertificate",
+    "Waypoint",
     "Window",
     "accelerations_figure",
     "animate",

@@ -31,6 +31,7 @@ class Twin:
             vehicle.start,
             vehicle.goal,
         )
+        self.waypoints = vehicle.waypoints
         self.duration, self.n = grid.duration, grid.knots - 1
         ways = (self.goal.position - self.start.position, self.duration * self.start.velocity)
         self.length = max(float(np.linalg.norm(way)) for way in ways)
@@ -70,6 +71,23 @@ class Twin:
             cone = np.stack([slope * each[2], each[0], each[1]]) / (9.81 * slope)
             self.program.AddLorentzConeConstraint(cone, np.array([1.0, 0.0, 0.0]), a)
 
+    def pass_waypoint(self, waypoint: rho.Waypoint, grid: rho.Grid, x: np.ndarray) -> None:
+        """The position at the waypoint's time, by (1)-(2) for a part of a step."""
+        t = waypoint.time - grid.start
+        k = min(int(t / grid.step), self.n - 1)
+        s = t - k * grid.step
+        row = np.zeros(self.n)
+        if k > 0:
+            row = self.position[k - 1] + s * self.velocity[k - 1]
+        row = row + self.unit * s**2 / 2 * np.eye(self.n)[k]
+        missed = self.start.position + t * self.start.velocity - waypoint.position
+        if waypoint.within == 0.0:
+            scale = np.linalg.norm(row)
+            matrix = np.kron(row, np.eye(3)) / scale
+            self.program.AddLinearEqualityConstraint(matrix, -missed / scale, x)
+        else:
+            self.keep_norm(waypoint.within, np.kron(row, np.eye(3)), missed, x)
+
     def solve(self, scenario: rho.Scenario, reference: FloatArray | None) -> float | None:
         """The least cost, or None; obstacles linearised around a path (K, 3)."""
         coasting = np.tile(self.start.velocity, (self.n, 1))
@@ -92,6 +110,8 @@ class Twin:
             self.keep_norm(speed, np.kron(row, np.eye(3)), self.start.velocity, flat)
         for own in self.a:
             self.keep_acceleration(own)
+        for waypoint in self.waypoints:
+            self.pass_waypoint(waypoint, scenario.grid, flat)
         for sphere in scenario.spheres:
             assert reference is not None
             for k, row in enumerate(self.position[:-1]):

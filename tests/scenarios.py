@@ -27,10 +27,14 @@ def single(
     start: rho.State | None = None,
     goal: rho.State | None = None,
     between_knots: bool = False,
+    waypoints: Sequence[rho.Waypoint] = (),
 ) -> rho.Scenario:
     """One vehicle, 10 m from rest to rest in 8 s, unless told otherwise."""
     vehicle = rho.Vehicle(
-        "solo", start or rho.State([0.0, 0.0, 0.0]), goal or rho.State([10.0, 4.0, -2.0])
+        "solo",
+        start or rho.State([0.0, 0.0, 0.0]),
+        goal or rho.State([10.0, 4.0, -2.0]),
+        waypoints=waypoints,
     )
     return rho.Scenario(
         name="single",
@@ -93,7 +97,21 @@ def mapped(
         scenario,
         grid=rho.Grid(time * scenario.grid.step, scenario.grid.knots, time * scenario.grid.start),
         vehicles=tuple(
-            rho.Vehicle(old.name, state(old.start), state(old.goal), limits(old.limits))
+            rho.Vehicle(
+                old.name,
+                state(old.start),
+                state(old.goal),
+                limits(old.limits),
+                length * old.radius,
+                [
+                    rho.Waypoint(
+                        time * each.time,
+                        length * (turn @ each.position + shift),
+                        length * each.within,
+                    )
+                    for each in old.waypoints
+                ],
+            )
             for old in scenario.vehicles
         ),
         limits=limits(scenario.limits) or rho.Limits(),

@@ -200,7 +200,7 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
         assert options.tolerance_of(asked, together=False) == 2.5e-2
     for asked in (alone, few, many):
         assert rho.Options(tolerance=0.1).tolerance_of(asked, together=False) == 0.1
-    assert (options.max_iterations, options.max_coupled, options.max_ways) == (200, 15, 40)
+    assert (options.max_iterations, options.max_coupled, options.max_ways) == (200, 15, 6)
 
 
 @pytest.mark.parametrize(
@@ -217,23 +217,6 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
 def test_options_that_make_no_sense_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(rho.ScenarioError, match=next(iter(bad))):
         rho.Options(**bad)  # type: ignore[arg-type]  # what is tested
-
-
-def test_the_number_of_ways_that_are_tried_is_bounded() -> None:
-    """With one try, the nearest side, no way past a sphere is found that it leads against."""
-    walls = rho.Limits(position=rho.Box([-1, -9, -0.2], [11, 1, 0.2]))
-    goal, sphere = rho.State([10, 0, 0]), rho.Sphere([5, -0.3, 0], 1.5)
-    asked = single(goal=goal, limits=walls, obstacles=(sphere,))
-    assert rho.verify(rho.plan(asked)).ok
-    programs = []
-    for most in (1, 5):
-        blocked = dataclasses.replace(
-            asked, limits=rho.Limits(position=rho.Box([-1, -1, -0.2], [11, 1, 0.2]))
-        )
-        with pytest.raises(rho.InfeasibleError) as caught:
-            rho.plan(blocked, options=rho.Options(max_ways=most))
-        programs.append(caught.value.statistics.programs)
-    assert programs[0] < programs[1]
 
 
 def test_a_reference_with_numbers_that_are_none_is_refused_before_any_solver(

@@ -48,13 +48,6 @@ def _points(lines: Sequence[Any]) -> np.ndarray:
     return np.concatenate([np.array(line.get_data_3d()).T for line in lines])
 
 
-def _sphere(plan: rho.Plan) -> rho.Sphere:
-    """The only obstacle."""
-    (sphere,) = plan.scenario.obstacles
-    assert isinstance(sphere, rho.Sphere)
-    return sphere
-
-
 def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     lines = space.draw_paths(ax, plan)
@@ -111,7 +104,7 @@ def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
 
 def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
-    sphere = _sphere(plan)
+    (sphere,) = plan.scenario.spheres
     (ball,) = space.draw_obstacles(ax, snapshots(plan, plan.scenario.bodies))
     assert 0.0 < ball.get_alpha() < 0.6
     corners = ball._faces.reshape(-1, 3)  # matplotlib has no public name to read them back
@@ -121,7 +114,7 @@ def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
 
 def test_distances_show_the_radius_as_threshold(plan: rho.Plan) -> None:
     ax = Figure().add_subplot()
-    sphere = _sphere(plan)
+    (sphere,) = plan.scenario.spheres
     lines = draw_distances_from_centre(ax, plan, plan.scenario.bodies[0], sphere)
     for index, line in enumerate(lines):
         times, distances = np.array(line.get_data())

@@ -31,7 +31,7 @@ def _plan(start: float) -> rho.Plan:
         plan.scenario,
         grid=dataclasses.replace(plan.scenario.grid, start=start),
         obstacles=(rho.Sphere([20.0, 5.0, 5.0], 1.0),),
-        limits=rho.Limits(max_speed=50.0),
+        limits=rho.Limits(max_speed=50.0, max_acceleration=50.0, max_thrust=90.0),
         separation=rho.Separation(1e-6),
     )
     return rho.Plan.from_accelerations(asked, plan.accelerations)

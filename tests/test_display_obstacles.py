@@ -242,6 +242,17 @@ def test_of_many_obstacles_the_least_clearance_is_drawn(plan: rho.Plan) -> None:
     np.testing.assert_allclose(found, exact.min(axis=1), atol=1e-4)
 
 
+def test_what_touches_is_said_to_be_at_0() -> None:
+    """Planners go as close as they may, so what is left is rounding."""
+    plan = _plan((), radius=0.0)
+    path = plan.motion().at("position", np.linspace(0.0, 10.0, 1001))[0]
+    top = path[np.argmax(path[:, 2])]
+    box = rho.Obstacle(rho.Box(top - np.array([9, 9, -1e-12]), top + np.array([9, 9, 1])))
+    far = [rho.Obstacle(rho.Sphere([100, 0, 0], 1.0))] * 5
+    *_, ring = draw_least_clearances(Figure().add_subplot(), plan.only(np.array([0])), [box, *far])
+    assert str(ring.get_label()).startswith("0 m at ")
+
+
 @pytest.mark.parametrize("count", [1, 4, 5])
 def test_few_obstacles_have_a_panel_each(count: int) -> None:
     plan = _plan(OBSTACLES[1 : 1 + count])

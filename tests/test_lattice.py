@@ -81,7 +81,7 @@ def test_a_move_leads_back() -> None:
 
 def moving_things() -> list[tuple[Moving, object]]:
     """An obstacle and a vehicle that move through the lattice in eight layers of 0.5 s."""
-    times = 0.5 * np.arange(9)
+    times = np.linspace(0.0, 4.0, 9)
     obstacle = rho.Obstacle(rho.Box([-2, -0.4, -0.4], [-1.2, 0.4, 0.4]), velocity=[0.8, 0.1, 0.2])
     way = np.stack([np.linspace(2, -2, 9), 0.3 * np.cos(times), 0.2 * times - 0.5], axis=-1)
     separation = rho.Separation(0.5, 1.5)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -136,6 +136,7 @@ def check_against_samples(plan: rho.Plan) -> int:
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@example(seed=100149)  # as near to the polytope as to its bounding box, but for rounding
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=100)
 def test_what_is_told_is_the_worst_of_all_instants(kind: str, seed: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -10,13 +11,14 @@ import pytest
 import drake_rho as rho
 from drake_rho.planning.ways import find_ways
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.shapes import Shape
 
 PARTS = 16
 """Places at which each step of a reference is looked at."""
 
 
 def flight(
-    obstacles: tuple[rho.Obstacle | rho.Box | rho.Cylinder | rho.Sphere, ...] = (),
+    obstacles: Sequence[rho.Obstacle | Shape] = (),
     *,
     ends: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...] = (((0, 0, 0), (10, 0, 0)),),
     box: rho.Box | None = None,
@@ -130,6 +132,15 @@ def test_a_wall_without_a_wide_enough_gap_has_no_way(gap: tuple[float, float]) -
     assert found.references == ()
     assert found.searched.points > 5e4
     assert f"{found.searched.spacing:.2g} m" in str(found.searched)
+
+
+@pytest.mark.parametrize("height", [4.3, 4.6, 7.1])
+def test_the_last_points_of_a_grid_are_kept_clear_too(height: float) -> None:
+    """A wall that leaves less than its radius to a vehicle at the far face of its box."""
+    box = rho.Box([-2, -0.3, 0], [6, height, 2.5])
+    pillar = rho.Box([1, -0.25, 0], [1.5, height - 0.05, 2.5])
+    ends = (((-1.0, 0.0, 1.0), (5.0, 0.0, 1.0)),)
+    assert find_ways(flight((pillar,), ends=ends, box=box)).references == ()
 
 
 def test_a_sealed_room_has_no_way_in_time_either() -> None:

@@ -34,10 +34,10 @@ Distance = Callable[[FloatArray], FloatArray]
 """A function of positions, shape (..., D), with values of shape (...) [m]: convex, and changing by
 no more than the way from one position to another."""
 
-_PARTS = 16
+_PARTS = 4
 """Parts that a piece of time is split into."""
 
-_LEVELS = 10
+_LEVELS = 20
 """Bound on the splits: a part is then 1e-12 of a step, which is where rounding begins."""
 
 _BLOCK = 1 << 15

@@ -163,7 +163,7 @@ def is_monotone(scenario: Scenario) -> bool:
     That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
     motion can be stretched in time, which leaves its path and makes its derivatives smaller. Limits
     on norms never do: they are convex sets in which rest and hovering are, so that what is between
-    these and a value inside is inside.
+    these and a value inside is inside. Waypoints have times of their own, which are not stretched.
     With obstacles or a separation it is true of the problem too, but not claimed, since the planner
     may miss the plan of one duration and find that of another.
     """
@@ -173,7 +173,7 @@ def is_monotone(scenario: Scenario) -> bool:
         limits = scenario.limits_of(vehicle)
         moving = np.any(vehicle.start.velocity) or np.any(vehicle.goal.velocity)
         pushed = vehicle.start.acceleration is not None and np.any(vehicle.start.acceleration)
-        if moving or pushed:
+        if moving or pushed or vehicle.waypoints:
             return False
         for box in (limits.velocity, limits.acceleration, limits.jerk):
             if box is not None and (np.any(box.lower > 0.0) or np.any(box.upper < 0.0)):

@@ -38,7 +38,7 @@ def _check_norm(limit: NormLimit, times: FloatArray, vectors: FloatArray, unit: 
     """The largest norm of each vehicle's vectors, shape (N, M, 3)."""
     norms = np.linalg.norm(vectors, axis=2)
     k = np.argmax(norms, axis=1)  # the first value that is no number, if there is one
-    return _column(limit, times[k], _pick(norms, k), limit.tolerances, unit)
+    return _column(limit, times[k], _pick(norms, k), limit.sets.tolerances, unit)
 
 
 def _check_tilt(limit: NormLimit, times: FloatArray, thrusts: FloatArray) -> Column:
@@ -49,8 +49,8 @@ def _check_tilt(limit: NormLimit, times: FloatArray, thrusts: FloatArray) -> Col
     """
     angles = np.arctan2(np.linalg.norm(thrusts[..., :2], axis=2), thrusts[..., 2])
     sizes = np.linalg.norm(thrusts, axis=2)
-    least = limit.tolerances[:, None] / np.pi
-    tolerances = limit.tolerances[:, None] / np.maximum(sizes, least)  # of pi at most
+    least = limit.sets.tolerances[:, None] / np.pi
+    tolerances = limit.sets.tolerances[:, None] / np.maximum(sizes, least)  # of pi at most
     excess = angles - limit.most[:, None]
     broken = np.any(excess > tolerances, axis=1, keepdims=True)
     k = np.argmax(np.where(broken, excess / tolerances, angles), axis=1)
@@ -61,7 +61,7 @@ def _column(
     limit: NormLimit, times: FloatArray, values: FloatArray, tolerances: FloatArray, unit: str
 ) -> Column:
     return Column(
-        constraint=limit.name,
+        constraint=limit.kind.name,
         parts=[""] * len(values),
         times=times,
         values=values,

@@ -139,8 +139,8 @@ def _least_at(shape: Shape, x: FloatArray, at_least: FloatArray) -> tuple[FloatA
     """
     vehicles, likely = np.arange(len(x)), np.argmin(at_least, axis=1)
     distances = np.full(at_least.shape, np.inf)
-    near = shape.signed_distance(x[vehicles, likely])
-    perhaps = ~(at_least > near[:, None])  # what is no number too
+    near = distances[vehicles, likely] = shape.signed_distance(x[vehicles, likely])
+    perhaps = ~(at_least >= near[:, None])  # what is no number too
     distances[perhaps] = shape.signed_distance(x[perhaps])
     k = np.argmin(distances, axis=1)
     return k, distances[vehicles, k]

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from drake_rho.motion.plan import Sighting
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import Quantity, Scenario
 
@@ -36,7 +37,8 @@ class Check:
     """name"""
     constraint: str
     """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, maximum speed,
-    maximum acceleration, maximum thrust, maximum tilt, obstacle 1, obstacle 2 (intruder), …,
+    maximum acceleration, maximum thrust, maximum tilt, waypoint 1, …, obstacle 1,
+    obstacle 2 (intruder), …,
     separation"""
     part: str = ""
     """which side of a box, or which quantity of dynamics and goal; empty if there is but one"""
@@ -115,6 +117,8 @@ class Report:
     """what was asked"""
     checks: tuple[Check, ...]
     """the worst of each constraint for each vehicle"""
+    sightings: tuple[Sighting, ...] = ()
+    """of a flight: the obstacles that became known under way, and whether they were avoided"""
 
     @property
     def ok(self) -> bool:
@@ -148,15 +152,22 @@ class Report:
         return _table(title, list(violations[:_LONGEST])) + rest + self._notes()
 
     def _notes(self) -> str:
-        """Lines on what is judged with an estimate."""
+        """Lines on what was seen late, and on what is judged with an estimate."""
+        notes = [
+            f"{each.obstacle} became known at {each.time:g} s and was "
+            + ("avoided" if each.avoided else "not avoided: too late for any plan that was found")
+            for each in self.sightings
+        ]
         estimated = [
             self.scenario.obstacle_name(number)
             for number, obstacle in enumerate(self.scenario.bodies, start=1)
             if obstacle.track is not None and obstacle.track.deviation_is_estimated
         ]
-        if not estimated:
-            return ""
-        return f"\nestimated from samples: how far from its track is {', '.join(estimated)}"
+        if estimated:
+            notes.append(
+                f"estimated from samples: how far from its track is {', '.join(estimated)}"
+            )
+        return "".join(f"\n{note}" for note in notes)
 
 
 def _kind(check: Check) -> tuple[str, str, bool]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -19,6 +20,7 @@ from drake_rho.assurance.report import (
     Column,
     Report,
 )
+from drake_rho.assurance.waypoints import check_waypoints
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -61,13 +63,20 @@ def verify(flown: Plan | Flight) -> Report:
             *_check_goal(scenario, motion),
             *check_boxes(scenario, motion),
             *check_norms(scenario, motion),
+            *check_waypoints(scenario, motion),
             *check_obstacles(scenario, motion),
             *_check_separation(scenario, motion),
         ]
     names = [vehicle.name for vehicle in scenario.vehicles]
     by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
-    checks = (check for checks in by_vehicle for check in checks if check is not None)
-    return Report(scenario, tuple(checks))
+    checks = tuple(check for checks in by_vehicle for check in checks if check is not None)
+    hit = {check.constraint for check in checks if not check.holds}
+    seen = flown.sightings if isinstance(flown, Flight) else ()
+    sightings = tuple(
+        dataclasses.replace(each, avoided=each.avoided and each.obstacle not in hit)
+        for each in seen
+    )
+    return Report(scenario, checks, sightings)
 
 
 def _check_dynamics(plan: Plan, motion: Motion) -> Iterator[Column]:

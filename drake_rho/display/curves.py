@@ -126,16 +126,16 @@ def draw_norm(ax: Axes, plan: Plan, norm: Norm) -> list[Line2D]:
     limit = plan.scenario.fleet.norms[norm]
     for most in np.unique(limit.most[np.isfinite(limit.most)]):
         ax.axhline(most, **LIMIT_STYLE)
-    if limit.quantity == "velocity":
+    if limit.kind.quantity == "velocity":
         times, start = dense_times(plan), plan.scenario.grid.start
-        exact = limit.measured(plan.motion().at("velocity", times))
-        knots = limit.measured(plan.velocities)
+        exact = limit.kind.measured(plan.motion().at("velocity", times))
+        knots = limit.kind.measured(plan.velocities)
         lines = [
             draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
             for index in range(len(exact))
         ]
     else:
-        steps = limit.measured(plan.accelerations)
+        steps = limit.kind.measured(plan.accelerations)
         lines = [_draw_steps(ax, plan, index, steps[index]) for index in range(len(steps))]
     ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)

@@ -22,6 +22,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.quadrics import Sphere
+from drake_rho.scenario.shapes import TOLERANCE
 
 _BELOW = 0.08
 """Room below the lowest that is drawn, in parts of the range of distances: that of a word."""
@@ -138,10 +139,9 @@ def _draw_closest(ax: Axes, plan: Plan, obstacles: Sequence[Obstacle], found: Cl
     number = int(found.nearest[i, m]) + 1
     who = as_text(brief(plan.scenario.vehicles[int(i)].name))
     what = called(number, obstacles[number - 1])
-    label = (
-        f"{least:.4g} m".replace("-", "\N{MINUS SIGN}")
-        + f" at {time:.4g} s: {who} and obstacle {what}"
-    )
+    touches = abs(least) <= TOLERANCE * obstacles[number - 1].shape.size
+    far = "0" if touches else f"{least:.4g}".replace("-", "\N{MINUS SIGN}")
+    label = f"{far} m at {time:.4g} s: {who} and obstacle {what}"
     (ring,) = ax.plot(
         time, least, marker="o", linestyle="none", fillstyle="none", color="black", label=label
     )

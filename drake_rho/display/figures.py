@@ -201,7 +201,7 @@ def _components(
 ) -> Figure:
     """The components of a quantity, and below them what limits on norms of it are about."""
     limited = plan.scenario.fleet.norms
-    norms = [norm for norm in limited if limited[norm].quantity == quantity]
+    norms = [norm for norm in limited if limited[norm].kind.quantity == quantity]
     figure = Figure(figsize=(_WIDTH, 5.6 + 1.6 * len(norms)), layout="constrained")
     axes = list(figure.subplots(3 + len(norms), sharex=True))
     draw(axes[:3], plan)

@@ -236,9 +236,9 @@ class Plan:
             bounds.check(where, values)
             values = np.clip(values, bounds.lower, bounds.upper)
         for limit in fleet.norms.values():
-            if limit.quantity == quantity:
+            if limit.kind.quantity == quantity:
                 limit.check(where, values)
-                values = limit.nearest(values)
+                values = limit.sets.nearest(values)
         return values
 
     def tail(self, knot: int) -> Plan:

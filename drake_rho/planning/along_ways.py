@@ -20,6 +20,7 @@ from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.scp import Progress, iterate, restored
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.threads import one_for_arrays
+from drake_rho.planning.towards import towards
 from drake_rho.planning.ways import find_ways
 from drake_rho.scenario.records import Scenario
 
@@ -66,7 +67,7 @@ def plan_along_ways(
     for reference in found.references:
         subproblem = Subproblem(scenario, decoupled, solver)
         try:
-            plan = restored(reference, subproblem, progress)
+            plan = restored(reference, subproblem, progress, towards)
         except SolverError as error:
             spent = error.statistics + spent
             continue

@@ -17,8 +17,9 @@ def assign_goals(scenario: Scenario) -> Scenario:
     """The scenario with its goals exchanged so that the total cost (13) is least.
 
     The cost of a vehicle and a goal, position and velocity, is that of the motion of least effort
-    between the two, in closed form. Obstacles, boxes and separation are not looked at: with any
-    of them another exchange may have the better plan. Names and limits stay with the vehicles.
+    between the two, in closed form. Obstacles, limits, waypoints and separation are not looked at:
+    with any of them another exchange may have the better plan. Names, limits and waypoints stay
+    with the vehicles.
 
     Raises:
         ScenarioError: a vehicle's own position or velocity box does not hold the goal it is given,

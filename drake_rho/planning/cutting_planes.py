@@ -18,7 +18,7 @@ from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflicts import conflict_of, in_the_way
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
-from drake_rho.planning.keep_out import FIRST
+from drake_rho.planning.keep_waypoints import first_number
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import SMALL_FLEET
 from drake_rho.planning.program import Batch, groups_of, programs_of
@@ -74,7 +74,8 @@ class CuttingPlanes:
         count = len(scenario.vehicles)
         self.effort = effort or MinimumEffort.of(scenario)
         self.motion = self.effort.motion
-        self.working = WorkingSet(Keys(FIRST + 8 + len(scenario.obstacles), count, scenario.grid))
+        constraints = first_number(scenario) + len(scenario.fleet.waypoints)
+        self.working = WorkingSet(Keys(constraints, count, scenario.grid))
         self._scenario, self._solver, self._linear = scenario, solver, linear
         self._planned = np.arange(count) if vehicles is None else vehicles
         self._constraints: list[Constraint] = []

@@ -19,9 +19,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import sys
-from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -237,57 +235,22 @@ class KeepOutOfObstacle(KeepOut):
         )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class PassOnOneSide(KeepOutOfObstacle):
-    """An obstacle that is to be passed on one side, wherever a vehicle would be inside it."""
-
-    side: FloatArray
-    """from the middle towards that side, a unit vector, shape (3,)"""
-
-    def directions(self, places: Places) -> FloatArray:
-        """The given side, at all places."""
-        return np.tile(self.side, (len(places), 1))
-
-    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
-        """None: no reference tells where on its way a vehicle has to be on that side."""
-        return self.none
-
-
 def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacle]:
     """The obstacles known at the start, linearised (15) around a motion of the same vehicles."""
     return [
-        KeepOutOfObstacle(**_common(scenario, reference, number, obstacle))
+        KeepOutOfObstacle(
+            number=FIRST + number,
+            name=scenario.obstacle_name(number),
+            quantity="position",
+            reference=reference,
+            searches=sys.maxsize * scenario.between_knots,
+            every_instant=scenario.between_knots,
+            obstacle=obstacle,
+            start=scenario.grid.start,
+            kept=scenario.fleet.radii + obstacle.deviation,
+        )
         for number, obstacle in scenario.known
     ]
-
-
-def sides_of(
-    scenario: Scenario, reference: Motion, sides: Sequence[FloatArray]
-) -> list[Constraint]:
-    """The obstacles known at the start, each to be passed on one of `sides`, unit vectors (3,)."""
-    return [
-        PassOnOneSide(
-            **_common(scenario, reference, number, obstacle) | {"searches": sys.maxsize}, side=side
-        )
-        for (number, obstacle), side in zip(scenario.known, sides, strict=True)
-    ]
-
-
-def _common(
-    scenario: Scenario, reference: Motion, number: int, obstacle: Obstacle
-) -> dict[str, Any]:
-    """What both kinds of constraint say of an obstacle."""
-    return {
-        "number": FIRST + number,
-        "name": scenario.obstacle_name(number),
-        "quantity": "position",
-        "reference": reference,
-        "searches": sys.maxsize * scenario.between_knots,
-        "every_instant": scenario.between_knots,
-        "obstacle": obstacle,
-        "start": scenario.grid.start,
-        "kept": scenario.fleet.radii + obstacle.deviation,
-    }
 
 
 def across(direction: FloatArray) -> FloatArray:

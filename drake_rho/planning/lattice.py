@@ -28,6 +28,9 @@ MOVES = np.array(list(product((-1, 0, 1), repeat=3)))
 STAY = 13
 """The move that stays."""
 
+_ROUNDING = 1e-6
+"""Part of a step of the grid that is as good as none."""
+
 _SAMPLES = 17
 """Places along a move at which distances are looked at where three of them leave it open."""
 
@@ -46,7 +49,7 @@ class Raster:
     @classmethod
     def filling(cls, lower: FloatArray, upper: FloatArray, spacing: FloatArray) -> Raster:
         """Points at most `spacing` apart that fill a box, along each axis from face to face."""
-        steps = np.maximum(np.ceil((upper - lower) / spacing - 1e-9), 0.0)
+        steps = np.maximum(np.ceil((upper - lower) / spacing - _ROUNDING), 0.0)
         apart = np.where(steps > 0, (upper - lower) / np.maximum(steps, 1.0), spacing)
         return cls(lower, apart, tuple(int(count) + 1 for count in steps))
 
@@ -62,9 +65,10 @@ class Raster:
 
     def window(self, center: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
         """First numbers, and numbers past the last, of the points within `reach` of a place."""
-        low = np.ceil((np.maximum(center - reach, self.lower) - self.lower) / self.spacing)
-        upper = self.at(np.array(self.shape) - 1)
-        high = np.floor((np.minimum(center + reach, upper) - self.lower) / self.spacing) + 1
+        last = np.array(self.shape) - 1  # in steps of the grid, so that rounding loses no point
+        low = np.ceil((center - reach - self.lower) / self.spacing - _ROUNDING)
+        high = np.floor((center + reach - self.lower) / self.spacing + _ROUNDING) + 1
+        low, high = np.maximum(low, 0), np.minimum(high, last + 1)
         return low.astype(np.int64), np.maximum(low, high).astype(np.int64)
 
 
@@ -132,7 +136,7 @@ class Lattice:
 
     def near(self, position: FloatArray, steps: int) -> IntArray:
         """Numbers of the points within so many steps of a position along each axis."""
-        low, high = self.raster.window(position, (steps + 1e-9) * self.raster.spacing)
+        low, high = self.raster.window(position, steps * self.raster.spacing)
         inside = tuple(slice(1 + a, 1 + b) for a, b in zip(low, high, strict=True))
         numbers = self.numbers[inside].ravel()
         near: IntArray = numbers[numbers < len(self.points)]

@@ -17,6 +17,10 @@ ALONE, COUPLED_SMALL, COUPLED, DECOUPLED = 1e-9, 1e-7, 1e-3, 2.5e-2
 a further digit takes as long as all before; small ones are quick, and can be certified. Decoupled,
 the cost falls ever more slowly, and to no optimum: what trading room could gain is left."""
 
+ALONE_AT_CORNERS, SMALL_AT_CORNERS, COUPLED_AT_CORNERS = 1e-6, 1e-4, 5e-3
+"""The same among obstacles that have corners or flat sides: past these the cost falls in ever
+smaller steps rather than to its last digit at once, and no certificate asks for one."""
+
 
 @record
 class Options:
@@ -26,7 +30,8 @@ class Options:
     """relative fall of the cost in one linearisation below which an iteration has converged; a
     vehicle that nothing couples stops when its part falls by less than this part of the whole. If
     not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled and 2.5e-2
-    decoupled. It stands in the plan's `statistics.tolerance`"""
+    decoupled; among obstacles other than balls and ellipsoids 1e-6, 1e-4, 5e-3 and 2.5e-2. It
+    stands in the plan's `statistics.tolerance`"""
     max_iterations: Annotated[Count, Field(ge=1)] = 200
     """bound on the linearisations of one call"""
     max_coupled: Annotated[Count, Field(ge=1)] = 15
@@ -39,11 +44,15 @@ class Options:
         """The tolerance for a scenario, whose pairs are coupled (`together`) or not."""
         if self.tolerance is not None:
             return self.tolerance
+        shapes = [obstacle.shape for _, obstacle in scenario.known]
+        corners = any(shape.quadric_inside(0.0) is None for shape in shapes)
         if scenario.separation is None:
-            return ALONE
+            return ALONE_AT_CORNERS if corners else ALONE
         if not together:
             return DECOUPLED
-        return COUPLED_SMALL if len(scenario.vehicles) <= SMALL_FLEET else COUPLED
+        if len(scenario.vehicles) <= SMALL_FLEET:
+            return SMALL_AT_CORNERS if corners else COUPLED_SMALL
+        return COUPLED_AT_CORNERS if corners else COUPLED
 
 
 DEFAULTS = Options()

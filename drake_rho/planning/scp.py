@@ -19,6 +19,9 @@ from drake_rho.scenario.fields import IntArray
 Progress = Callable[[str], None]
 """Called with a few words after each linearisation."""
 
+Follow = Callable[[Plan, Plan], Plan]
+"""What is linearised around next, of a reference and the plan that was found around it."""
+
 _MAX_RESTORATIONS = 20
 """Bound on the penalties of one restoration."""
 
@@ -35,6 +38,7 @@ def iterate(
     *,
     most: int = DEFAULTS.max_iterations,
     progress: Progress | None = None,
+    follow: Follow | None = None,
 ) -> Plan:
     """Linearise obstacles and pairs around one plan after the other.
 
@@ -50,6 +54,8 @@ def iterate(
         penalties: cost of each metre by which a pair is too close, rising.
         most: bound on the linearisations.
         progress: called after each.
+        follow: what a restoration linearises around next, as long as a plan is far from keeping
+            its constraints; the plan itself if not given.
 
     Returns:
         The last plan; `statistics.converged` says whether its cost fell by less than the tolerance.
@@ -58,13 +64,13 @@ def iterate(
         InfeasibleError: no penalty keeps the pairs apart.
     """
     restoring, falling = penalties is not None, np.arange(len(plan.accelerations))
-    converged, spent = False, plan.statistics
+    converged, spent, around = False, plan.statistics, plan
     for number, penalty in enumerate(islice(penalties or repeat(np.inf), most)):
         if restoring and subproblem.holds(plan):
             break
         try:
             if restoring:
-                after = subproblem.restored(plan, penalty, number)
+                after = subproblem.restored(around, penalty, number)
             else:
                 after = subproblem.around(plan, falling)
         except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
@@ -73,7 +79,8 @@ def iterate(
         if progress is not None:
             progress(f"linearised {spent.linearisations} times, cost {after.cost:.6g} m²/s⁴")
         if restoring:
-            plan = after
+            far = follow is not None and not subproblem.almost_holds(after)
+            plan, around = after, follow(around, after) if follow and far else after
             continue
         plan, falling = _better(subproblem, plan, after, falling, tolerance)
         if converged := len(falling) == 0:
@@ -101,7 +108,12 @@ def _better(
     return better if after.reference is None else better.found_around(after.reference), falling
 
 
-def restored(plan: Plan, subproblem: Subproblem, progress: Progress | None = None) -> Plan:
+def restored(
+    plan: Plan,
+    subproblem: Subproblem,
+    progress: Progress | None = None,
+    follow: Follow | None = None,
+) -> Plan:
     """A plan that keeps out of obstacles and of other vehicles, from one that need not.
 
     The penalty triples from one linearisation to the next. Each vehicle yields half, so all are
@@ -111,6 +123,7 @@ def restored(plan: Plan, subproblem: Subproblem, progress: Progress | None = Non
         plan: of a scenario; its positions may be ones that cannot be flown.
         subproblem: of that scenario, decoupled.
         progress: called after each linearisation.
+        follow: as in `iterate`.
 
     Raises:
         InfeasibleError: none was found.
@@ -119,7 +132,7 @@ def restored(plan: Plan, subproblem: Subproblem, progress: Progress | None = Non
     if not subproblem.is_flown(plan):
         first *= _CLOSER
     penalties = (first * 3.0**number for number in range(_MAX_RESTORATIONS))
-    return iterate(subproblem, plan, 1.0, penalties, progress=progress)
+    return iterate(subproblem, plan, 1.0, penalties, progress=progress, follow=follow)
 
 
 def scp_step(plan: Plan, *, solver: SolverInterface | None = None) -> Plan:

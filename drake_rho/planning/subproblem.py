@@ -16,6 +16,7 @@ from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
 from drake_rho.planning.keep_in import boxes_of
 from drake_rho.planning.keep_in_norm import norms_of
 from drake_rho.planning.keep_out import obstacles_of
+from drake_rho.planning.keep_waypoints import waypoints_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.scenario.fields import IntArray
@@ -28,7 +29,7 @@ with fewer they come out inside of some, and on the wrong side of others."""
 
 def convex_constraints(scenario: Scenario) -> list[Constraint]:
     """What holds whatever the reference: keep-in constraints."""
-    return [*boxes_of(scenario), *norms_of(scenario)]
+    return [*boxes_of(scenario), *norms_of(scenario), *waypoints_of(scenario)]
 
 
 def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
@@ -185,6 +186,10 @@ class Subproblem:
         """Whether a plan can be flown, all pairs keep apart, and no obstacle is in the way."""
         found = self._look_at(plan)
         return len(found.pairs) == 0 and found.is_out_of_obstacles
+
+    def almost_holds(self, plan: Plan) -> bool:
+        """Whether a plan can be flown and is too close to nothing by more than a little."""
+        return self._look_at(plan).is_almost_out(self.scenario)
 
     def _look_at(self, plan: Plan) -> Breaches:
         """What a plan breaks; looked for once."""

@@ -34,7 +34,7 @@ class MovingObstacle:
         bends = np.linalg.norm(middles - (self.centers[:-1] + self.centers[1:]) / 2.0, axis=1)
         self.margins: FloatArray = kept_from(body, radius) + bends
         self.reach: FloatArray = body.shape.extent + self.margins.max()
-        self._shape = body.shape
+        self._shape, self._outermost = body.shape, float(np.linalg.norm(body.shape.extent))
 
     def room(self, layers: IntArray, positions: FloatArray) -> FloatArray:
         """How far positions, (Q, 3), are from coming too close when layers, (Q,), begin."""
@@ -49,11 +49,12 @@ class MovingObstacle:
 
     def met(self, layers: IntArray, start: FloatArray, end: FloatArray) -> BoolArray:
         """Whether moves in some layers, (Q,), from and to positions, (Q, 3), come too close."""
-        x0, x1 = start - self.centers[layers], end - self.centers[layers + 1]
-        margins, lengths = self.margins[layers], np.linalg.norm(x1 - x0, axis=1)
-        met = np.ones(len(layers), dtype=bool)
+        x0, margins = start - self.centers[layers], self.margins[layers]
+        way = end - self.centers[layers + 1] - x0
+        lengths = np.sqrt(np.einsum("qi,qi->q", way, way))
+        met: BoolArray = _least_squares(x0, way) < (self._outermost + margins) ** 2
         for parts in (_PARTS, _FINE_PARTS):
-            x = x0[met] + parts[:, None, None] * (x1[met] - x0[met])
+            x = x0[met] + parts[:, None, None] * way[met]
             d = self._shape.signed_distance(x) - margins[met]
             met[met] = least_between(d, lengths[met]) < 0.0
         return met
@@ -88,11 +89,17 @@ class MovingVehicle:
         """Whether moves in some layers, (Q,), from and to positions, (Q, 3), come too close."""
         x0 = self._separation.scaled(start - self.centers[layers])
         way = self._separation.scaled(end - self.centers[layers + 1]) - x0
-        squares = np.einsum("qi,qi->q", way, way)
-        part = -np.einsum("qi,qi->q", x0, way) / np.maximum(squares, 1e-300)
-        nearest = x0 + np.clip(part, 0.0, 1.0)[:, None] * way
-        met: BoolArray = np.einsum("qi,qi->q", nearest, nearest) < self._separation.distance**2
+        met: BoolArray = _least_squares(x0, way) < self._separation.distance**2
         return met
+
+
+def _least_squares(x0: FloatArray, way: FloatArray) -> FloatArray:
+    """Least squared distances from the origin of what goes `way` from x0, both (Q, 3)."""
+    squares = np.einsum("qi,qi->q", way, way)
+    part = -np.einsum("qi,qi->q", x0, way) / np.maximum(squares, 1e-300)
+    nearest = x0 + np.clip(part, 0.0, 1.0)[:, None] * way
+    least: FloatArray = np.einsum("qi,qi->q", nearest, nearest)
+    return least
 
 
 Moving = MovingObstacle | MovingVehicle

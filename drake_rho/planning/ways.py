@@ -19,11 +19,12 @@ from drake_rho.planning.pace import paced, progress, usable_speeds
 from drake_rho.planning.resolution import Resolution, region, resolutions
 from drake_rho.planning.space_ways import SpaceWay, SpaceWays
 from drake_rho.planning.timed_ways import Layers, Search, TimedWay
+from drake_rho.planning.towards import straight_between
 from drake_rho.planning.traffic import MovingObstacle, MovingVehicle
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 
-_POINTS, _TIMED_POINTS = 3e4, 1e4
+_POINTS, _TIMED_POINTS = 3e4, 5e3
 """Points of the first grid in space, and in space and time, unless fewer resolve what there is."""
 
 _ORDERS = 5
@@ -88,18 +89,10 @@ def _in_space(scenario: Scenario, most: int) -> Ways:
         for each, most in zip(ways, speeds, strict=True)
     ]
     references = [
-        _reference(scenario, np.array([each[min(k, len(each) - 1)] for each in timed]))
+        straight_between(scenario, np.array([each[min(k, len(each) - 1)] for each in timed]))
         for k in range(count)
     ]
     return Ways(tuple(references), 0, searched)
-
-
-def _reference(scenario: Scenario, positions: FloatArray) -> Plan:
-    """The motion that is at given positions at the knots, (N, K, 3), and straight between them."""
-    velocities = np.diff(positions, axis=1) / scenario.grid.step
-    accelerations = np.zeros_like(velocities)
-    velocities = np.concatenate([velocities, velocities[:, -1:]], axis=1)
-    return Plan(scenario, positions, velocities, accelerations)
 
 
 def _in_space_and_time(scenario: Scenario) -> Ways:
@@ -134,7 +127,7 @@ def _in_space_and_time(scenario: Scenario) -> Ways:
             for way in best
         ]
     )
-    reference = _reference(scenario, positions.transpose(0, 2, 1))
+    reference = straight_between(scenario, positions.transpose(0, 2, 1))
     return Ways((reference,), _conflicts(best), searched)
 
 

@@ -14,6 +14,7 @@ from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Limits, Quantity, Vehicle
 from drake_rho.scenario.polyhedra import Box
 from drake_rho.scenario.shapes import TOLERANCE
+from drake_rho.scenario.waypoints import Waypoints, waypoints_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,13 +86,18 @@ class Fleet:
         return np.array([vehicle.goal.velocity for vehicle in self._vehicles])
 
     @cached_property
+    def waypoints(self) -> list[Waypoints]:
+        """The waypoints of all vehicles, number by number; none if no vehicle has any."""
+        return waypoints_of(self._vehicles)
+
+    @cached_property
     def lengths(self) -> FloatArray:
         """Length scale of each motion [m], for tolerances and for a solver's numbers, shape (N,).
 
-        The largest of the way to go and the ways that the given velocities and acceleration
-        cover in the duration T, but no less than a millionth of the coordinates, which is what
-        their rounding leaves room for, nor than the separation, if there is one, by which others
-        may move it aside; 1 m for a vehicle that stays at the origin.
+        The largest of the way to go, the ways to the waypoints and the ways that the given
+        velocities and acceleration cover in the duration T, but no less than a millionth of the
+        coordinates, which is what their rounding leaves room for, nor than the separation, if
+        there is one, by which others may move it aside; 1 m for a vehicle that stays at the origin.
         """
         T = self._grid.duration
         ways = np.stack(
@@ -102,10 +108,12 @@ class Fleet:
                 T * self.start_velocities,
                 T * self.goal_velocities,
                 T**2 * self.accelerations_before,
+                *(each.positions - self.start_positions for each in self.waypoints),
+                *(1e-6 * each.positions for each in self.waypoints),
             ]
         )
         squares = np.einsum("wni,wni->wn", ways, ways)
-        lengths: FloatArray = np.sqrt(np.fmax.reduce(squares))  # a free acceleration is a NaN
+        lengths: FloatArray = np.sqrt(np.fmax.reduce(squares))  # what is free is a NaN
         lengths = np.maximum(lengths, self._aside)
         lengths[lengths == 0.0] = 1.0
         return lengths
@@ -158,11 +166,11 @@ class Fleet:
         """The limits on norms that some vehicle has, with their tolerances, by their field."""
         if self._largest is None:
             self._largest = self._make_largest()
-        return {
-            norm: kind.limit.of(kind, self._largest[norm], self.scale(kind.quantity))
-            for norm, kind in NORMS.items()
-            if norm in self._largest
-        }
+        limits = {}
+        for norm, most in self._largest.items():
+            kind = NORMS[norm]
+            limits[norm] = NormLimit(kind, most, kind.sets(most, self.scale(kind.quantity)))
+        return limits
 
     def _make_largest(self) -> dict[Norm, FloatArray]:
         """The largest norms of all vehicles, each of shape (N,), where some vehicle has one."""
@@ -177,10 +185,15 @@ class Fleet:
         return found
 
     def started_at(
-        self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
+        self,
+        grid: Grid,
+        vehicles: Sequence[Vehicle],
+        positions: FloatArray,
+        velocities: FloatArray,
+        before: FloatArray,
     ) -> Fleet:
-        """These vehicles with other starts, arrays of shape (N, 3), on another grid."""
-        fleet = Fleet(grid, self._vehicles, self._limits, self._aside)
+        """The same vehicles with other starts, arrays of shape (N, 3), on another grid."""
+        fleet = Fleet(grid, vehicles, self._limits, self._aside)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before
         fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities

@@ -7,6 +7,7 @@ Records are frozen and checked when made; a changed situation is a new record
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
@@ -150,6 +151,22 @@ class Limits:
 
 
 @record
+class Waypoint:
+    """A place that a vehicle passes at a time, which need not be that of a knot."""
+
+    time: Finite
+    """on the scenario's clock, after the first knot and before the last [s]"""
+    position: Vector
+    """where the vehicle is then [m]"""
+    within: Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)] = 0.0
+    """how far from there it may be [m]; 0 for exactly there"""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, time: float, position: npt.ArrayLike, within: float = 0.0) -> None: ...
+
+
+@record
 class Vehicle:
     """A point mass with a start and a goal."""
 
@@ -164,6 +181,30 @@ class Vehicle:
     radius: Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)] = 0.0
     """how far its position keeps from every obstacle [m]; from other vehicles it keeps the
     separation"""
+    waypoints: tuple[Waypoint, ...] = ()
+    """where it passes on its way, numbered from 1 in reports; no two at the same time"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            start: State,
+            goal: State,
+            limits: Limits | None = None,
+            radius: float = 0.0,
+            waypoints: Sequence[Waypoint] = (),
+        ) -> None: ...
+
+    @model_validator(mode="after")
+    def _passes_one_place_at_a_time(self) -> Self:
+        times: set[float] = set()
+        for index, waypoint in enumerate(self.waypoints):
+            if waypoint.time in times:
+                expected = "a time that no other waypoint of the vehicle has"
+                raise ScenarioError(f"waypoints[{index}].time", waypoint.time, expected)
+            times.add(waypoint.time)
+        return self
 
     @model_validator(mode="after")
     def _goal_has_no_acceleration(self) -> Self:

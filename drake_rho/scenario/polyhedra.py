@@ -11,13 +11,13 @@ from pydantic import model_validator
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray, Points, Vector, record
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes import THINNEST, Shape
 
-_BLOCK = 1 << 20
-"""Pairs of a position and a facet that are looked at together, so that memory is bounded."""
+_BLOCK = 1 << 15
+"""Pairs of a position and an edge's coordinate that are looked at together: what a cache holds."""
 
-_FLAT = 1e-9
-"""Height of a facet over its plane, in parts of a polytope's size, up to which it lies in it."""
+_ON_PLANE = 1e-13
+"""Height over a plane, in parts of a polytope's size, which rounding may make of none."""
 
 
 @record
@@ -94,7 +94,10 @@ class Polytope(Shape):
     def _has_an_inside(self) -> Self:
         if len(self.vertices) < 4:
             raise ScenarioError("vertices", self.vertices.tolist(), "at least four positions")
-        self.check_solid()
+        try:
+            self.check_solid()
+        except ScenarioError as error:
+            raise error.inside("vertices") from None
         self._hull  # noqa: B018  # raises if the points lie in a plane
         return self
 
@@ -125,12 +128,13 @@ class Polytope(Shape):
         """Outward normals (F, 3) and distances (F,) of the facets' planes, and triangles (F, 3)."""
         from scipy.spatial import ConvexHull, QhullError  # slow to load, so only where needed
 
-        expected = "corners of a solid: these lie in a plane"
+        expected = "corners of a solid: these lie in a plane, or nearly so"
         try:
             hull = ConvexHull(self._corners)
         except QhullError:
             raise ScenarioError("vertices", self.vertices.tolist(), expected) from None
-        if hull.volume <= _FLAT * hull.area * self.size:
+        # of a box with half sides s: volume / area = 1 / (1 / s_1 + 1 / s_2 + 1 / s_3) >= min s / 3
+        if hull.volume < THINNEST / 3.0 * hull.area * self.size:
             raise ScenarioError("vertices", self.vertices.tolist(), expected)
         return hull.equations[:, :3], -hull.equations[:, 3], hull.simplices
 
@@ -185,7 +189,7 @@ class Polytope(Shape):
         facet = np.argmax(above, axis=1)
         distances, normals = above[np.arange(len(x)), facet], planes[facet]
         feet = x - distances[:, None] * normals
-        outside = np.max(feet @ planes.T - offsets, axis=1) > _FLAT * self.size
+        outside = np.max(feet @ planes.T - offsets, axis=1) > _ON_PLANE * self.size
         rows = np.flatnonzero(outside & (distances > 0.0))
         if len(rows) > 0:
             away = x[rows] - self._on_edges(x[rows])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,10 +13,10 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray, Positive, Vector, record
 from drake_rho.scenario.shapes import Quadric
 
-_STEPS = 60
-"""Bound on Newton's steps to a root; ten are usual."""
+_ROUNDS = 64
+"""Bound on the steps to a root: halvings of the logarithm of its bracket alone would find it."""
 
-_LAST_DIGIT = 1e-15
+_LAST_DIGIT = 4e-16
 """Relative change of a root below which it is found."""
 
 _NOTHING = 1e-30
@@ -141,39 +142,47 @@ class Ellipsoid(Quadric):
         """The points y of the surface nearest to x, shape (..., 3).
 
         With m the shortest semi-axis they are y = a² x / (a² - m² + s), where s >= 0 and
-        norm(y / a) = 1. The reciprocal of that norm is a concave function of s that rises, so that
-        Newton's steps from below lead to its root without ever going beyond. Deep inside, on the
-        plane through the centre across the shortest axis, s is zero, and y lies above or below x.
+        norm(y / a) = 1. The inverse of that norm is a concave function of s, so Newton's steps
+        from below stay below. Near the plane through the centre across the shortest axis s is as
+        small as the distance from it, and they are slow: its logarithm is bisected beside them.
+        Deep inside, on that plane, s is zero, and y lies above or below x.
         """
-        a, differences = self.semi_axes, self._differences
-        ax = a * x
-        high = np.maximum(np.sqrt(np.einsum("...i,...i->...", ax, ax)), _NOTHING * a.min() ** 2)
-        above = ax[..., a == a.min()]
-        low = np.sqrt(np.einsum("...i,...i->...", above, above))  # where that part alone is 1
-        s = np.maximum(low, _NOTHING * high)
-        for number in range(_STEPS):
-            q = ax / (differences + s[..., None])
-            squares = q * q
-            norm = np.sqrt(np.einsum("...i->...", squares))
-            if number == 0:
-                deep = (norm < 1.0) & (low < s)
-            curvature = np.einsum("...i->...", squares / (differences + s[..., None]))
-            grown = s + (norm - 1.0) * norm**2 / np.where(curvature > 0.0, curvature, 1.0)
-            grown = np.clip(grown, s, high)
-            done = np.all((grown - s <= _LAST_DIGIT * s) | deep)
-            s = grown
-            if done:
+        a, least, ax = self.semi_axes, self.semi_axes.min(), self.semi_axes * x
+        above = least * np.linalg.norm(x * (a == least), axis=-1)  # the plane's distance
+        high = np.maximum(np.linalg.norm(ax, axis=-1), _NOTHING * least**2)
+        s = np.maximum(above, _NOTHING * high)
+        tiny = np.finfo(float).tiny
+        deep = (self._length(ax, s)[0] < 1.0) & (above < s)
+        for _ in range(_ROUNDS):
+            length, slope = self._length(ax, s)
+            step = np.maximum((length - 1.0) * length**2 / np.maximum(slope, tiny), 0.0)
+            middle = np.sqrt(s * high)
+            far = self._length(ax, middle)[0] > 1.0
+            high = np.where(far, high, middle)
+            s = np.where(far, np.maximum(middle, s + step), s + step)
+            if not np.any(step[~deep] > _LAST_DIGIT * s[~deep]):
                 break
-        y: FloatArray = a * ax / (differences + s[..., None])
+        y: FloatArray = a * ax / (self._differences + s[..., None])
         y[deep] = self._above(x[deep])
         return y
 
-    @property
+    @cached_property
     def _differences(self) -> FloatArray:
         """a² - m², shape (3,)."""
         a = self.semi_axes
         differences: FloatArray = (a - a.min()) * (a + a.min())
         return differences
+
+    def _length(self, ax: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """norm(y / a), and how fast half its square falls with s, each of shape (...).
+
+        Args:
+            ax: positions times the semi-axes [m²], shape (..., 3).
+            s: as in `_nearest` [m²], shape (...).
+        """
+        divisor = self._differences + s[..., None]
+        squares = (ax / divisor) ** 2
+        return np.sqrt(squares.sum(axis=-1)), (squares / divisor).sum(axis=-1)
 
     def _above(self, x: FloatArray) -> FloatArray:
         """The points nearest to x, shape (D, 3), deep inside on the plane across the shortest axis.

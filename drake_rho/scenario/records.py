@@ -27,10 +27,12 @@ from drake_rho.scenario.parts import (
     Separation,
     State,
     Vehicle,
+    Waypoint,
 )
 from drake_rho.scenario.polyhedra import Box, Polytope
 from drake_rho.scenario.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes import TOLERANCE, Shape
+from drake_rho.scenario.waypoints import is_under_way
 
 __all__ = [
     "TOLERANCE",
@@ -48,6 +50,7 @@ __all__ = [
     "State",
     "Track",
     "Vehicle",
+    "Waypoint",
 ]
 
 
@@ -112,6 +115,7 @@ class Scenario:
                 expected = f"a time in the flight, which ends at {self.grid.end:g} s"
                 raise ScenarioError(f"obstacles[{index}].known_from", obstacle.known_from, expected)
         self.check_ends(under_way=under_way)
+        self.check_waypoints()
         return self
 
     def check_ends(self, *, under_way: bool = False) -> None:
@@ -137,7 +141,7 @@ class Scenario:
             if bounds is not None:
                 bounds.check(f"{end}.{quantity}", values)
             for limit in fleet.norms.values():
-                if limit.quantity == quantity:
+                if limit.kind.quantity == quantity:
                     limit.check(f"{end}.{quantity}", values)
         ends = (
             ("start", fleet.start_positions, self.grid.start),
@@ -145,31 +149,52 @@ class Scenario:
         )
         for end, positions, time in ends:
             if end == "goal" or not under_way:
-                self.check_outside(f"{end}.position", positions, time)
+                times = np.full(len(positions), time)
+                self.check_outside(f"{end}.position", positions, times)
             if self.separation is not None:
                 check_apart(self.separation, self.vehicles, f"{end}.position", positions)
 
-    def check_outside(self, where: str, positions: FloatArray, time: float) -> None:
-        """See that the vehicles keep their radius from all obstacles, known or not, at a time.
+    def check_waypoints(self) -> None:
+        """See that all waypoints are in the flight, in position boxes and outside the obstacles.
+
+        Raises:
+            ScenarioError: one is not.
+        """
+        for index, waypoints in enumerate(self.fleet.waypoints):
+            where = f"waypoints[{index}]"
+            for i in np.flatnonzero(waypoints.due):
+                time = float(waypoints.times[i])
+                if not is_under_way(time, self.grid):
+                    expected = f"after {self.grid.start:g} s and before {self.grid.end:g} s"
+                    raise ScenarioError(
+                        f"vehicles[{i}].{where}.time", time, f"a time in the flight, {expected}"
+                    )
+            if (bounds := self.fleet.bounds("position")) is not None:
+                bounds.check(f"{where}.position", waypoints.positions)
+            self.check_outside(f"{where}.position", waypoints.positions, waypoints.times)
+
+    def check_outside(self, where: str, positions: FloatArray, times: FloatArray) -> None:
+        """See that the vehicles keep their radius from all obstacles, known or not, at some time.
 
         Args:
             where: the field of a vehicle that holds its position, as `"start.position"`.
             positions: of the vehicles [m], shape (N, 3).
-            time: on the scenario's clock [s].
+            times: on the scenario's clock [s], shape (N,); NaN for a vehicle that is not looked at.
 
         Raises:
             ScenarioError: one does not.
         """
+        who = np.flatnonzero(np.isfinite(times))
         for number, obstacle in enumerate(self.bodies, start=1):
-            x = positions - obstacle.centers(np.array([time]))
-            distances, radii = obstacle.shape.signed_distance(x), self.fleet.radii
+            x = positions[who] - obstacle.centers(times[who])
+            distances, radii = obstacle.shape.signed_distance(x), self.fleet.radii[who]
             inside = distances < radii - obstacle.shape.tolerance
             if np.any(inside):
-                i = int(np.argmax(inside))
-                kept = f"at least {radii[i]:g} m from" if radii[i] > 0.0 else "outside"
-                d = float(distances[i])
+                place = int(np.argmax(inside))
+                i, radius, d = who[place], radii[place], float(distances[place])
+                kept = f"at least {radius:g} m from" if radius > 0.0 else "outside"
                 far = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
-                when = f" at {time:g} s" if obstacle.moves else ""
+                when = f" at {times[i]:g} s" if obstacle.moves else ""
                 expected = (
                     f"a position {kept} {self.obstacle_name(number)}, not {far} it{when} "
                     f"({obstacle.shape})"
@@ -223,6 +248,8 @@ class Scenario:
     ) -> Scenario:
         """This scenario from other states on another grid, which are not looked at.
 
+        Waypoints that have passed are left out.
+
         Args:
             grid: what is left of the flight.
             positions: p[1] [m], shape (N, 3).
@@ -232,11 +259,15 @@ class Scenario:
         states = zip(locked(positions), locked(velocities), locked(before), strict=True)
         vehicles = tuple(
             unchecked(
-                vehicle, start=unchecked(vehicle.start, position=p, velocity=v, acceleration=a)
+                vehicle,
+                start=unchecked(vehicle.start, position=p, velocity=v, acceleration=a),
+                waypoints=tuple(
+                    each for each in vehicle.waypoints if is_under_way(each.time, grid)
+                ),
             )
             for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)
         )
-        fleet = self.fleet.started_at(grid, positions, velocities, before)
+        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before)
         return unchecked(self, grid=grid, vehicles=vehicles, fleet=fleet)
 
     def index_of(self, name: str) -> int:

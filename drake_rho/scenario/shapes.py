@@ -18,7 +18,7 @@ TOLERANCE = 1e-6
 """Relative tolerance to which a constraint counts as held, everywhere in the package: of a
 shape's size, of the length scale of a vehicle's motion, of a box's side if that is less."""
 
-_THINNEST = 1e-4
+THINNEST = 1e-4
 """Least extent of an obstacle, in parts of its greatest: thinner, it is a sheet or a thread, whose
 inside is within the tolerance."""
 
@@ -80,9 +80,9 @@ class Shape(abc.ABC):
         Raises:
             ScenarioError: it is flat.
         """
-        if self.extent.min() < max(_THINNEST * self.size, np.finfo(float).tiny):
+        if self.extent.min() < max(THINNEST * self.size, np.finfo(float).tiny):
             sides = Words(f"sides of {(2.0 * self.extent).tolist()} m")
-            expected = f"none below {_THINNEST:g} of the greatest: what is flat has no inside"
+            expected = f"none below {THINNEST:g} of the greatest: what is flat has no inside"
             raise ScenarioError("", sides, expected)
 
 
