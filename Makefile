@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help reproduce animate notebooks pictures bench bench-fleet test lint format clean
+.PHONY: help reproduce animate notebooks pictures bench bench-fleet bench-world test lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -27,6 +27,9 @@ bench: $(VENV)/.bench ## Time it against others, and its growth (ten minutes, be
 
 bench-fleet: $(VENV)/.bench ## The same for fleets (forty minutes); MISSIONS=folder of the LSC planner's
 	$(BIN)/python -m benchmarks --fleets $(if $(MISSIONS),--missions "$(MISSIONS)")
+
+bench-world: $(VENV)/.bench ## The same for worlds (forty minutes); WORLDS=folder of the LSC-DR planner's
+	$(BIN)/python -m benchmarks --worlds $(if $(WORLDS),--missions "$(WORLDS)")
 
 test: $(READY) ## Run the tests, the notebooks among them
 	@sh tools/setup-browser $(VENV)

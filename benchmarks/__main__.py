@@ -19,18 +19,21 @@ RACES = ("example_4", "converged")
 STUDIES = ("growth", "import_time")
 """The others without fleets: `run() -> Table`."""
 
-DRAWN = {"fleet_b1": 50, "fleet_joint": 5, "fleet_b2": 10}
-"""Those of random fleets, and how many of each size: `run(seeds) -> Table`."""
+DRAWN = {"fleet_b1": 50, "fleet_joint": 5, "fleet_b2": 10, "world_b7": 20, "world_b8": 50}
+"""Those of random fleets and worlds, and how many of each size: `run(seeds) -> Table`."""
 
-MISSIONS = ("fleet_b3",)
+MISSIONS = ("fleet_b3", "world_b6")
 """Those of missions in files: `run(folder) -> Table`."""
 
 SWAPS = ("fleet_b4", "fleet_b5")
 """Those of given fleets: `run() -> Table`."""
 
+WORLDS = ("world_b6", "world_b7", "world_b8")
+"""Those among the two above that are of worlds with obstacles."""
+
 
 def main() -> None:
-    """Run the benchmarks named on the command line, by default all without fleets."""
+    """Run the benchmarks named on the command line, by default all without fleets and worlds."""
     known = [
         name
         for name in (*RACES, *STUDIES, *DRAWN, *MISSIONS, *SWAPS)
@@ -39,9 +42,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(known)}")
     parser.add_argument("--fleets", action="store_true", help="all those of fleets")
+    parser.add_argument("--worlds", action="store_true", help="all those of worlds")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
-    parser.add_argument("--seeds", type=int, help="random fleets of each size (50, 5 and 10)")
-    parser.add_argument("--missions", type=Path, help="folder with missions of the LSC planner")
+    parser.add_argument("--seeds", type=int, help="random fleets or worlds of each size")
+    parser.add_argument(
+        "--missions", type=Path, help="folder with missions of the LSC planner, or of LSC-DR"
+    )
     arguments = parser.parse_args()
     unknown = [name for name in arguments.names if name not in known]
     if unknown:
@@ -51,8 +57,10 @@ def main() -> None:
     if arguments.seeds is not None and arguments.seeds < 1:
         parser.error("--seeds: at least 1")
     console = Console()
-    alone = RACES + STUDIES
-    by_default = [name for name in known if (name not in alone) == arguments.fleets]
+    alone, worlds = RACES + STUDIES, WORLDS
+    fleets = tuple(name for name in known if name not in alone + worlds)
+    chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
+    by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)
         try:

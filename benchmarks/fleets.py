@@ -8,6 +8,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 
 import numpy as np
 from rich.progress import track
@@ -20,6 +21,10 @@ from benchmarks.tables import Cell
 SAMPLED = 1e-6
 """How much closer than the separation a sampled pair may be [m]: what the verifier allows, and
 rounding."""
+
+TOUCHING = 2e-6
+"""The same for obstacles [m], which have an extent of up to 1.25 m here, and for boxes in parts of
+their sides."""
 
 THIS_PACKAGE = "this package"
 
@@ -42,6 +47,8 @@ class Trial:
     """what dense samples of the plan say; None if there is no plan"""
     fault: str = ""
     """why it does not count; empty if it does"""
+    bound: float = np.nan
+    """index that no plan is below [m²/s⁴]; NaN if it was not looked for, or not found"""
 
     @property
     def counts(self) -> bool:
@@ -53,34 +60,68 @@ class Trial:
         """Total distance flown [m]; NaN if there is no plan."""
         return np.nan if self.sampled is None else self.sampled.metres
 
+    @property
+    def gap(self) -> float:
+        """How far the index is above the bound, over the index; NaN if one is not known."""
+        return 1.0 - self.bound / self.index
+
 
 Planner = Callable[[rho.Scenario], rho.Plan]
+Bound = Callable[[rho.Plan], float]
 
 
-def attempt(scenario: rho.Scenario, planner: Planner = rho.plan_scp) -> Trial:
+def unbounded(plan: rho.Plan) -> float:
+    """No bound on the index of the plan's scenario."""
+    return np.nan
+
+
+def attempt(
+    scenario: rho.Scenario, planner: Planner = rho.plan_scp, bound: Bound = unbounded
+) -> Trial:
     """Plan a fleet, and judge the plan by the package's verifier and by dense samples.
 
     Samples do not judge a scenario that asks for the knots only.
+
+    Args:
+        scenario: what is asked.
+        planner: plans it; one that gives up in time raises `TimeoutError`.
+        bound: of the index of any plan, asked for where there is one that counts; not timed.
     """
     count = len(scenario.vehicles)
     began = time.perf_counter()
     try:
         plan = planner(scenario)
         report = rho.verify(plan)
-    except (rho.InfeasibleError, rho.SolverError) as error:
+    except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
         seconds = time.perf_counter() - began
-        fault = f"{type(error).__name__}: {str(error).splitlines()[0]}"
+        fault = f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
         return Trial(scenario.name, count, seconds, peak(), fault=fault)
     seconds, megabytes = time.perf_counter() - began, peak()
     found = sample(plan)
     fault = "" if report.ok else f"{len(report.violations)} constraints broken"
-    asked = scenario.separation if scenario.between_knots else None
-    if not fault and asked is not None and found.least < asked.distance - SAMPLED:
-        fault = f"two are {found.least:.7g} m apart by the samples"
-    return Trial(scenario.name, count, seconds, megabytes, plan.cost, found, fault)
+    fault = fault or (_fault(found, scenario) if scenario.between_knots else "")
+    least = np.nan if fault else bound(plan)
+    return Trial(scenario.name, count, seconds, megabytes, plan.cost, found, fault, least)
 
 
-def attempts(makes: Iterable[Callable[[], rho.Scenario]], what: str) -> list[Trial]:
+def _fault(found: Sampled, scenario: rho.Scenario) -> str:
+    """What the samples say is broken, in words; empty if nothing is."""
+    asked = scenario.separation
+    if asked is not None and found.least < asked.distance - SAMPLED:
+        return f"two are {found.least:.7g} m apart by the samples"
+    if found.clearance < -TOUCHING:
+        return f"an obstacle is {-found.clearance:.7g} m too close by the samples"
+    if found.beyond > TOUCHING:
+        return f"a box is left by {found.beyond:.2g} of its side by the samples"
+    return ""
+
+
+def attempts(
+    makes: Iterable[Callable[[], rho.Scenario]],
+    what: str,
+    planner: Planner = rho.plan_scp,
+    bound: Bound = unbounded,
+) -> list[Trial]:
     """Plan several fleets, one after another, in a process of their own.
 
     So the memory that is told is theirs, and what one benchmark leaves behind slows no other.
@@ -88,11 +129,13 @@ def attempts(makes: Iterable[Callable[[], rho.Scenario]], what: str) -> list[Tri
     Args:
         makes: make the scenarios; what they are is sent to the process, so no lambdas.
         what: for the progress bar.
+        planner: plans them; sent as well.
+        bound: as `attempt` takes it; sent as well.
     """
     makes = list(makes)
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=fresh, initializer=_first_calls) as process:
-        done = process.map(_make_and_attempt, makes)
+        done = process.map(partial(_make_and_attempt, planner, bound), makes)
         return list(track(done, what, total=len(makes)))
 
 
@@ -101,8 +144,8 @@ def _first_calls() -> None:
     rho.verify(rho.plan_scp(rho.random_transitions(4, np.random.default_rng(0))))
 
 
-def _make_and_attempt(make: Callable[[], rho.Scenario]) -> Trial:
-    return attempt(make())
+def _make_and_attempt(planner: Planner, bound: Bound, make: Callable[[], rho.Scenario]) -> Trial:
+    return attempt(make(), planner, bound)
 
 
 COLUMNS = (

@@ -1,7 +1,8 @@
 """A plan as many positions a step: the independent twin of the exact checks.
 
 Only the accelerations are taken from the plan. They are flown anew by (1) and (2), sampled, and
-the distances of all pairs computed at every sample.
+the distances of all pairs and from all obstacles, and the breaches of the boxes, computed at every
+sample.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ import dataclasses
 import numpy as np
 from scipy.spatial.distance import pdist
 
+from benchmarks.clearance import clearance
 from benchmarks.peers.windows import roll_out
-from drake_rho import Plan
+from drake_rho import Box, Plan
 from drake_rho.scenario.fields import FloatArray
 
 SAMPLES = 100
@@ -27,6 +29,11 @@ class Sampled:
     """distance that all vehicles fly together [m]"""
     least: float
     """least distance of any two, with the separation's downwash [m]; infinite for one alone"""
+    clearance: float
+    """least distance from any obstacle beyond what is to be kept [m]; infinite without obstacles"""
+    beyond: float
+    """largest breach of a box of positions, velocities, accelerations or jerks, over its side;
+    negative within them"""
 
 
 def sample(plan: Plan) -> Sampled:
@@ -34,14 +41,41 @@ def sample(plan: Plan) -> Sampled:
     scenario = plan.scenario
     h, fleet = scenario.grid.step, scenario.fleet
     p, v = roll_out(h, fleet.start_positions, fleet.start_velocities, plan.accelerations)
-    times = np.linspace(0.0, h, SAMPLES + 1)[:, None, None]
-    metres, least = 0.0, np.inf
+    elapsed = np.linspace(0.0, h, SAMPLES + 1)
+    times = elapsed[:, None, None]
+    metres, least, clear = 0.0, np.inf, np.inf
+    beyond = max(_beyond(plan, i, p[i], v[i]) for i in range(len(p)))
     for k in range(scenario.grid.knots - 1):
         positions = p[:, k] + times * v[:, k] + times**2 / 2 * plan.accelerations[:, k]
         metres += float(np.sum(np.linalg.norm(np.diff(positions, axis=0), axis=-1)))
+        clear = min(clear, clearance(scenario, scenario.grid.times[k] + elapsed, positions))
+        for i, vehicle in enumerate(scenario.vehicles):
+            beyond = max(beyond, _breach(positions[:, i], scenario.limits_of(vehicle).position))
         if len(p) > 1:
             least = min(least, _least(positions, plan))
-    return Sampled(metres, least)
+    return Sampled(metres, least, clear, beyond)
+
+
+def _beyond(plan: Plan, i: int, positions: FloatArray, velocities: FloatArray) -> float:
+    """Largest breach of the boxes of vehicle i at its knots, over a box's side."""
+    scenario, accelerations = plan.scenario, plan.accelerations[i]
+    vehicle = scenario.vehicles[i]
+    limits, before = scenario.limits_of(vehicle), vehicle.start.acceleration
+    with_before = accelerations if before is None else np.vstack([before, accelerations])
+    return max(
+        _breach(positions, limits.position),
+        _breach(velocities, limits.velocity),
+        _breach(accelerations, limits.acceleration),
+        _breach(np.diff(with_before, axis=0) / scenario.grid.step, limits.jerk),
+    )
+
+
+def _breach(values: FloatArray, box: Box | None) -> float:
+    """How far values, shape (M, 3), are beyond a box at most, over its side."""
+    if box is None or len(values) == 0:
+        return -np.inf
+    sides = np.maximum(box.upper - box.lower, 1e-9)
+    return float(np.max(np.maximum(box.lower - values, values - box.upper) / sides))
 
 
 def _least(positions: FloatArray, plan: Plan) -> float:

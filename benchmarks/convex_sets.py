@@ -1,0 +1,63 @@
+"""Drake's graphs of convex sets on one draw: its time, its index, and whether its curve holds."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from typing import Literal
+
+import numpy as np
+
+import drake_rho as rho
+from benchmarks.clearance import clearance
+from benchmarks.fleets import TOUCHING
+from benchmarks.peers import drake_gcs
+from benchmarks.peers.bezier import Curve
+
+GCS = "Drake's GcsTrajectoryOptimization"
+
+SAMPLES = 5000
+"""Of a curve."""
+
+Verdict = Literal["kept", "breaks limits", "too close", "none"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Lap:
+    """What came of one draw."""
+
+    seconds: float
+    """from the scenario record to the curve, or to the failure [s]"""
+    verdict: Verdict
+    """whether everything is kept; what else if not"""
+    index: float = np.nan
+    """(1/h) times the integral of the squared acceleration [m²/s⁴]; NaN without a curve"""
+
+    @property
+    def counts(self) -> bool:
+        """Whether there is a curve that keeps everything."""
+        return self.verdict == "kept"
+
+
+def fly(scenario: rho.Scenario, seed: int) -> Lap:
+    """Find a curve and judge it."""
+    began = time.perf_counter()
+    curve = drake_gcs.solve(scenario, np.random.default_rng(seed))
+    seconds = time.perf_counter() - began
+    if curve is None:
+        return Lap(seconds, "none")
+    return Lap(seconds, _judge(scenario, curve), curve.cost(scenario.grid.step))
+
+
+def _judge(scenario: rho.Scenario, curve: Curve) -> Verdict:
+    times = np.linspace(0.0, scenario.grid.duration, SAMPLES)
+    at = scenario.grid.start + times
+    if clearance(scenario, at, curve.at(times)[:, None]) < -TOUCHING:
+        return "too close"
+    limits = scenario.limits
+    for order, box in enumerate((limits.position, limits.velocity, limits.acceleration)):
+        if box is not None:
+            values, allowed = curve.at(times, order), TOUCHING * (box.upper - box.lower)
+            if np.any((values < box.lower - allowed) | (values > box.upper + allowed)):
+                return "breaks limits"
+    return "kept"

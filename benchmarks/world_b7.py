@@ -1,0 +1,73 @@
+"""RMADER's world: ten vehicles that swap on a circle among boxes on trefoil knots."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+import drake_rho as rho
+from benchmarks.fleets import attempts, findings, percent
+from benchmarks.tables import Goal, Table
+from benchmarks.worlds import COLUMNS, JUDGED, plan_within, published, row, unhindered
+
+BOXES = (10, 20, 50)
+"""Moving boxes."""
+
+DURATION, STEP = 5.0, 0.1
+"""T and h [s]."""
+
+LIMIT = 60.0
+"""A plan that takes longer counts as a failure [s]."""
+
+
+def scenario(boxes: int, seed: int) -> rho.Scenario:
+    """One draw."""
+    rng, name = np.random.default_rng(seed), f"{boxes} boxes, seed {seed}"
+    return rho.trefoil_swap(boxes, rng, duration=DURATION, step=STEP, name=name)
+
+
+def run(seeds: int = 20) -> Table:
+    """Plan `seeds` draws for each number of boxes."""
+    planner = partial(plan_within, LIMIT)
+    found = {
+        boxes: attempts(
+            [partial(scenario, boxes, seed) for seed in range(seeds)],
+            f"{boxes} boxes",
+            planner,
+            unhindered,
+        )
+        for boxes in BOXES
+    }
+    every = [trial for trials in found.values() for trial in trials]
+    return Table(
+        name="world_b7",
+        title="B7: ten vehicles swap on a circle of 10 m among moving boxes",
+        columns=COLUMNS,
+        rows=(
+            *(row(f"{boxes} boxes", DURATION, trials) for boxes, trials in found.items()),
+            published("10 boxes", "RMADER, published", 100, 100.0),
+            published("10 boxes", "next best, published", 100, 83.0),
+        ),
+        notes=(findings(every), _WORK, JUDGED, _LIMITATIONS),
+        goals=tuple(
+            Goal(f"{boxes} boxes, failures [%]", 0.0, 100.0 - percent(trials))
+            for boxes, trials in found.items()
+        ),
+    )
+
+
+_WORK = f"""\
+The world of mit-acl/rmader, by `trefoil_swap`, seeds from 0: antipodal goals on a circle of 10 m,
+at most 10 m/s, 20 m/s² and 30 m/s³ along each axis, spheres of 0.25 m diameter, and boxes of 0.5 m
+that move on trefoil knots. T = {DURATION:g} s in steps of {STEP:g} s. Boxes are taken to be
+anywhere within the bound of their tracks' deviation from the trefoil, half a millimetre, so what is
+clear of the tracks by that much is clear of the boxes. A plan that takes longer than {LIMIT:g} s
+counts as a failure. The bound is the index of the same flight with no boxes and no other vehicles,
+which is a convex program; no plan can be below it, and none may reach it."""
+
+_LIMITATIONS = """\
+Limitations. The published percentages are of planners that fly on line, each vehicle for itself,
+with delays in what they tell each other, and that see only where the boxes are and predict where
+they go. Here their motions are known and the whole flight is planned at once, beforehand. So this
+is the same world, and another question."""

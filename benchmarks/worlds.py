@@ -1,0 +1,125 @@
+"""What the benchmarks of worlds have in common: time limits, bounds, and rows of their tables."""
+
+from __future__ import annotations
+
+import math
+import signal
+import statistics
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+
+import drake_rho as rho
+from benchmarks.fleets import THIS_PACKAGE, Trial, percent
+from benchmarks.tables import Cell
+
+COLUMNS = (
+    "world",
+    "flight_seconds",
+    "method",
+    "draws",
+    "success_percent",
+    "median_seconds",
+    "worst_seconds",
+    "mean_index",
+    "mean_distance_m",
+    "median_percent_above_bound",
+    "peak_megabytes",
+)
+"""Of tables with a row for each world and duration."""
+
+
+@contextmanager
+def at_most(seconds: float) -> Iterator[None]:
+    """End the block with a `TimeoutError` after some seconds; only in a process's main thread.
+
+    It comes when the interpreter is next at work, so after a call of a solver, not in it.
+    """
+
+    def late(number: int, frame: FrameType | None) -> None:
+        raise TimeoutError(f"not done in {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def plan_within(seconds: float, scenario: rho.Scenario) -> rho.Plan:
+    """The package's plan.
+
+    Raises:
+        InfeasibleError: there is none, or none was found.
+        SolverError: the solvers failed.
+        TimeoutError: it takes longer.
+    """
+    with at_most(seconds):
+        return rho.plan(scenario)
+
+
+def certified(seconds: float, plan: rho.Plan) -> float:
+    """The certificate's lower bound on the index of any plan; NaN if there is none in time."""
+    try:
+        with at_most(seconds):
+            return rho.certify(plan).lower_bound
+    except (rho.DrakeRhoError, TimeoutError):
+        return math.nan
+
+
+def unhindered(plan: rho.Plan) -> float:
+    """Index of the best plan with nothing and nobody in the way, which none can be below."""
+    return rho.plan_convex(plan.scenario.without_obstacles().without_separation()).cost
+
+
+def step_of(duration: float, longest: float) -> float:
+    """The longest step up to one given of which a duration is a multiple [s]."""
+    return duration / math.ceil(duration / longest - 1e-9)
+
+
+def row(world: str, duration: float, trials: Sequence[Trial]) -> tuple[Cell, ...]:
+    """That of all draws of one world; times are of all, the rest of those that count."""
+    good = [trial for trial in trials if trial.counts]
+    seconds = [trial.seconds for trial in trials]
+    return (
+        world,
+        duration,
+        THIS_PACKAGE,
+        len(trials),
+        percent(trials),
+        statistics.median(seconds),
+        max(seconds),
+        statistics.fmean(trial.index for trial in good) if good else None,
+        statistics.fmean(trial.metres for trial in good) if good else None,
+        percent_above(good),
+        max(trial.megabytes for trial in trials),
+    )
+
+
+def percent_above(trials: Sequence[Trial]) -> float | None:
+    """Median of how far indices are above their bounds, over the indices, where known [%]."""
+    gaps = [trial.gap for trial in trials if math.isfinite(trial.gap)]
+    return 100.0 * statistics.median(gaps) if gaps else None
+
+
+def published(
+    world: str,
+    method: str,
+    draws: int,
+    success: float | None = None,
+    flight: float | None = None,
+    metres: float | None = None,
+) -> tuple[Cell, ...]:
+    """The row of figures that are quoted; None where a source says nothing."""
+    return (world, flight, method, draws, success, None, None, None, metres, None, None)
+
+
+JUDGED = """\
+A plan counts if `verify` finds nothing broken at any instant and dense samples do not either: 100
+of each step, flown anew from the accelerations alone by code that shares nothing with the package's
+checks, for pairs, obstacles with the vehicles' radii, and the boxes of positions, velocities,
+accelerations and jerks. Whole distances count: 1 µm less is a failure, as is an exception.
+Fleets are planned one after another, in one process, after one fleet that is not counted. A time
+runs from the scenario record to the verified plan, or to the failure."""
