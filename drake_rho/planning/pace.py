@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
@@ -43,6 +45,30 @@ def paced(way: FloatArray, elapsed: FloatArray, most: FloatArray) -> FloatArray:
     ramp = min(_GENTLE, max(0.02, 1.0 - shortest / elapsed[-1]))
     gone = np.concatenate([[0.0], np.cumsum(lengths)])
     s = gone[-1] * progress(elapsed, ramp)
+    return np.stack([np.interp(s, gone, axis) for axis in way.T], axis=-1)
+
+
+def paced_through(legs: Sequence[FloatArray], stops: FloatArray, elapsed: FloatArray) -> FloatArray:
+    """Positions along several ways, one after the other, each at its end at a given time.
+
+    Speed changes evenly at waypoints: what is done of the way rises as a monotone cubic spline.
+
+    Args:
+        legs: corners of polylines, each beginning where the one before ends [m], shapes (P, 3).
+        stops: when the first begins and when each ends, since the first knot [s], (L + 1,).
+        elapsed: since the first knot [s], shape (K,).
+
+    Returns:
+        Positions [m], shape (K, 3).
+    """
+    from scipy.interpolate import CubicHermiteSpline, PchipInterpolator  # slow to load
+
+    way = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    ends = gone[np.cumsum([0, *(len(leg) - 1 for leg in legs)])]
+    slopes = PchipInterpolator(stops, ends).derivative()(stops)
+    slopes[[0, -1]] = 0.0
+    s = CubicHermiteSpline(stops, ends, slopes)(elapsed)
     return np.stack([np.interp(s, gone, axis) for axis in way.T], axis=-1)
 
 

@@ -3,25 +3,28 @@
 Where nothing moves and nobody has to be kept apart from, they are ways in space, several that pass
 obstacles on different sides. Else one vehicle after the other finds its way in space and time,
 those before being in its way. A reference made of ways need not obey limits: feasibility
-restoration brings the motion to it.
+restoration brings the motion to it. Vehicles that have waypoints get ways in space from one to the
+next; what moves, and vehicles in each other's way, are then left to restoration.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from drake_rho.motion.plan import Plan, Searched
 from drake_rho.planning.lattice import Lattice, Raster
-from drake_rho.planning.pace import paced, progress, usable_speeds
+from drake_rho.planning.pace import paced, paced_through, progress, usable_speeds
 from drake_rho.planning.resolution import Resolution, region, resolutions
 from drake_rho.planning.space_ways import SpaceWay, SpaceWays
 from drake_rho.planning.timed_ways import Layers, Search, TimedWay
 from drake_rho.planning.towards import straight_between
 from drake_rho.planning.traffic import MovingObstacle, MovingVehicle
-from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
 _POINTS, _TIMED_POINTS = 3e4, 5e3
@@ -49,6 +52,7 @@ class Ways:
 def find_ways(scenario: Scenario, most: int = 1) -> Ways:
     """References that keep clear of known obstacles and, if one was found, vehicles apart.
 
+    Where a vehicle has waypoints, they keep clear of obstacles at rest only.
     Complete at its resolution for a single vehicle. Vehicles that keep apart are planned one after
     the other, in a few orders: who finds no way clear of the others is first in the next.
 
@@ -56,43 +60,57 @@ def find_ways(scenario: Scenario, most: int = 1) -> Ways:
         scenario: what is asked.
         most: bound on the references; where time matters there is one at most.
     """
+    fleet = scenario.fleet
+    together = scenario.separation is not None and len(scenario.vehicles) > 1
     moving = any(body.moves for _, body in scenario.known)
-    if moving or (scenario.separation is not None and len(scenario.vehicles) > 1):
+    if (moving or together) and not fleet.waypoints:
         return _in_space_and_time(scenario)
     return _in_space(scenario, most)
 
 
 def _in_space(scenario: Scenario, most: int) -> Ways:
-    fleet, bodies = scenario.fleet, [body for _, body in scenario.known]
+    fleet, bodies = scenario.fleet, [body for _, body in scenario.known if not body.moves]
     lower, upper = region(scenario)
     for resolution in resolutions(scenario, _POINTS):
-        ways, lattices = list[list[SpaceWay]](), dict[bytes, Lattice]()
+        ways, lattices = list[list[list[SpaceWay]]](), dict[bytes, Lattice]()
         for n, radius in enumerate(fleet.radii):
             kind = np.array([radius, *lower[n], *upper[n]]).tobytes()
             if kind not in lattices:
                 raster = Raster.filling(lower[n], upper[n], np.full(3, resolution.length))
                 lattices[kind] = Lattice(raster, bodies, radius)
-            start, goal = fleet.start_positions[n], fleet.goal_positions[n]
-            ways.append(SpaceWays(lattices[kind], bodies, radius, start, goal).ways(most))
-            if not ways[-1]:
+            legs = pairwise(fleet.stops(n).positions)
+            lattice = lattices[kind]
+            ways.append([SpaceWays(lattice, bodies, radius, *leg).ways(most) for leg in legs])
+            if not all(ways[-1]):
                 break
-        if ways[-1]:
+        if all(ways[-1]):
             break
     points = max(lattice.raster.count for lattice in lattices.values())
-    count = max(len(each) for each in ways) if ways[-1] else 0
+    count = max(len(leg) for legs in ways for leg in legs) if all(ways[-1]) else 0
     searched = Searched(spacing=resolution.length, points=points, ways=count)
     if count == 0:
         return Ways((), 0, searched)
-    speeds = usable_speeds(scenario)
-    timed = [
-        [paced(way.positions, scenario.grid.elapsed, most) for way in each]
-        for each, most in zip(ways, speeds, strict=True)
-    ]
     references = [
-        straight_between(scenario, np.array([each[min(k, len(each) - 1)] for each in timed]))
+        straight_between(
+            scenario,
+            np.array(
+                [
+                    _timed(scenario, n, [leg[min(k, len(leg) - 1)] for leg in legs])
+                    for n, legs in enumerate(ways)
+                ]
+            ),
+        )
         for k in range(count)
     ]
     return Ways(tuple(references), 0, searched)
+
+
+def _timed(scenario: Scenario, vehicle: int, legs: Sequence[SpaceWay]) -> FloatArray:
+    """Positions of a vehicle along ways to its waypoints and its goal, shape (K, 3)."""
+    elapsed, ways = scenario.grid.elapsed, [leg.positions for leg in legs]
+    if len(ways) == 1:
+        return paced(ways[0], elapsed, usable_speeds(scenario)[vehicle])
+    return paced_through(ways, scenario.fleet.stops(vehicle).times, elapsed)
 
 
 def _in_space_and_time(scenario: Scenario) -> Ways:

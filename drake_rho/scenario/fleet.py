@@ -14,7 +14,7 @@ from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Limits, Quantity, Vehicle
 from drake_rho.scenario.polyhedra import Box
 from drake_rho.scenario.shapes import TOLERANCE
-from drake_rho.scenario.waypoints import Waypoints, waypoints_of
+from drake_rho.scenario.waypoints import Stops, Waypoints, waypoints_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,6 +89,16 @@ class Fleet:
     def waypoints(self) -> list[Waypoints]:
         """The waypoints of all vehicles, number by number; none if no vehicle has any."""
         return waypoints_of(self._vehicles)
+
+    def stops(self, vehicle: int) -> Stops:
+        """Where a vehicle has to be, and when: start, waypoints in the order of time, goal."""
+        waypoints = sorted(self._vehicles[vehicle].waypoints, key=lambda each: each.time)
+        between = [each.time - self._grid.start for each in waypoints]
+        places = [each.position for each in waypoints]
+        ends = self.start_positions[vehicle], self.goal_positions[vehicle]
+        return Stops(
+            np.array([0.0, *between, self._grid.duration]), np.array([ends[0], *places, ends[1]])
+        )
 
     @cached_property
     def lengths(self) -> FloatArray:

@@ -45,6 +45,16 @@ class Waypoints:
         return Balls(self.positions, self.tolerances(scale), self.within)
 
 
+@dataclasses.dataclass(frozen=True)
+class Stops:
+    """Where one vehicle has to be, and when."""
+
+    times: FloatArray
+    """rising, since the first knot [s], shape (S,)"""
+    positions: FloatArray
+    """[m], shape (S, 3)"""
+
+
 def waypoints_of(vehicles: Sequence[Vehicle]) -> list[Waypoints]:
     """The waypoints of all vehicles, number by number."""
     count, found = len(vehicles), list[Waypoints]()
