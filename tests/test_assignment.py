@@ -114,3 +114,19 @@ def test_a_thousand_vehicles_are_assigned_no_worse_than_given() -> None:
     assert np.sum(ways[1] ** 2) < 0.2 * np.sum(ways[0] ** 2)
     goals = [np.sort(each.fleet.goal_positions, axis=0) for each in (scenario, assigned)]
     np.testing.assert_allclose(goals[0], goals[1], rtol=ROUNDING)
+
+
+def test_a_goal_beside_an_obstacle_is_given_to_a_vehicle_that_is_small_enough() -> None:
+    """The obstacle arrives at its end beside the goal that is the nearer one to the large."""
+    vehicles = [
+        rho.Vehicle("large", rho.State([0, 0, 0]), rho.State([10, 9, 0]), radius=0.5),
+        rho.Vehicle("small", rho.State([0, 9, 0]), rho.State([10, 0, 0]), radius=0.2),
+    ]
+    wall = rho.Box([-1, -1, -1], [1, 1, 1])
+    for beside, kept in ((1.6, "small"), (1.4, "large")):
+        track = rho.Track([3.0, 12.0], [[10.0, 40.0, 0.0], [10.0, beside, 0.0]])
+        asked = rho.Scenario(
+            "s", rho.Grid(0.5, 21, 2.0), vehicles, obstacles=[rho.Obstacle(wall, track=track)]
+        )
+        ends = {vehicle.name: vehicle.goal for vehicle in rho.assign_goals(asked).vehicles}
+        assert (ends["small"] == vehicles[1].goal) == (kept == "large")

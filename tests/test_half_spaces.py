@@ -16,7 +16,7 @@ from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
 from drake_rho.planning.keep_goal import goals_of
 from drake_rho.planning.keep_in import boxes_of
-from drake_rho.planning.keep_out import across, obstacles_of, side_of, sides_of
+from drake_rho.planning.keep_out import across, obstacles_of, side_of
 from tests.scenarios import box, fleet, single
 from tests.tolerances import ROUNDING
 
@@ -257,18 +257,6 @@ def test_a_motion_through_an_obstacle_gives_a_row_at_its_worst_instant(
     renewed = constraint.renewed(rows)
     np.testing.assert_array_equal(renewed.bounds, rows.bounds)
     np.testing.assert_array_equal(renewed.normals, rows.normals)
-
-
-@pytest.mark.parametrize("y", [1.0, -1.0])
-def test_an_obstacle_that_is_to_be_passed_on_one_side_is_left_on_the_other(y: float) -> None:
-    side = np.array([0.0, y, 0.0])
-    scenario = single(goal=rho.State([10, 0, 0]), obstacles=(rho.Sphere([5, 0.1, 0], 1.0),))
-    motion = rho.plan_convex(scenario.without_obstacles()).motion()
-    (constraint,) = sides_of(scenario, motion, [side])
-    rows = constraint.violated(motion, np.array([0]), between=True)
-    assert len(rows) > 0
-    np.testing.assert_array_equal(rows.normals, np.tile(side, (len(rows), 1)))
-    np.testing.assert_allclose(rows.bounds, 0.1 * y + 1.0)
 
 
 @pytest.mark.parametrize("downwash", [0.5, 1.0, 2.0])

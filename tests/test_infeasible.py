@@ -224,6 +224,12 @@ def test_a_step_that_works_is_kept() -> None:
     assert plan.statistics.steps_tried == (0.5,)
 
 
+def test_another_step_begins_at_the_same_time_on_the_clock() -> None:
+    coarse = dataclasses.replace(COARSE, start=30.0)
+    asked = single(grid=coarse, limits=rho.Limits(velocity=box(1.9)))
+    assert rho.plan_convex(asked, steps=[1.0]).scenario.grid == rho.Grid(1.0, 9, 30.0)
+
+
 def test_all_steps_without_a_solution_are_named() -> None:
     with pytest.raises(rho.InfeasibleError, match=r"steps tried: 0\.5 s, 1 s, 0\.25 s") as caught:
         rho.plan_convex(single(limits=rho.Limits(acceleration=box(0.3))), steps=[1.0, 0.25])

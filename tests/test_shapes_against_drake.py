@@ -308,9 +308,8 @@ def test_a_sheet_is_no_polytope_however_it_lies(thickness: float, turned: bool) 
 
 def test_a_thin_wedge_is_measured_at_its_sharp_edge() -> None:
     """Beyond the edge of two planes that are almost one, no height above them tells how far."""
-    wedge = rho.Polytope(
-        [[0, 0, 0], [0, 1, 0], [-1, 0, 1e-3], [-1, 1, 1e-3], [-1, 0, 0], [-1, 1, 0]]
-    )
+    low, high = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[-1.0, 0.0, 1e-3], [-1.0, 1.0, 1e-3]]
+    wedge = rho.Polytope([*low, *high, [-1.0, 0.0, 0.0], [-1.0, 1.0, 0.0]])
     for far in 10.0 ** np.arange(-9.0, 1.0):
         beyond = np.array([far, 0.5, 0.0]) - wedge.center
         assert wedge.signed_distance(beyond) == pytest.approx(far, rel=1e-6, abs=1e-10)

@@ -239,3 +239,15 @@ def test_what_is_planned_holds_by_other_means_too(scenario: rho.Scenario) -> Non
             p, v, before = p + h * v + h**2 / 2 * a, v + h * a, a
         assert np.linalg.norm(p - vehicle.goal.position) <= 1e-6 * way
         assert np.linalg.norm(v - vehicle.goal.velocity) <= 1e-6 * way / scenario.grid.duration
+
+
+def test_of_many_obstacles_the_closest_are_told() -> None:
+    spheres = [rho.Sphere([5.0, 5.0 + 3.0 * number, 0.0], 1.0) for number in range(30)]
+    asked = single(obstacles=spheres[::-1], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
+    free = rho.plan_convex(asked.without_obstacles())
+    report = rho.verify(dataclasses.replace(free, scenario=asked))
+    assert len([check for check in report.checks if "obstacle" in check.constraint]) == 60
+    rows = str(report).splitlines()
+    told = [row.split()[2] for row in rows if row.startswith("solo") and "obstacle" in row]
+    assert told == [str(number) for number in range(19, 31) for _ in range(2)]
+    assert rows[-1] == "… and 18 more obstacles, further away"

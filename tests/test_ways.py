@@ -246,3 +246,18 @@ def test_vehicles_of_other_sizes_have_grids_of_their_own() -> None:
     assert room(reference) > -0.02
     at = [np.interp(5.25, each[:, 0], each[:, 1]) for each in reference.positions]
     assert at[0] < 0.0 < 1.0 < at[1]
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_ways_lead_past_waypoints_at_their_times(moving: bool) -> None:
+    obstacles: list[rho.Obstacle | Shape] = [rho.Sphere([5, 0, 0], 1.0)]
+    if moving:
+        obstacles.append(rho.Obstacle(rho.Sphere([2, 2, 1], 0.3), velocity=[0.1, 0, 0]))
+    scenario = flight(obstacles, duration=20.0)
+    waypoints = (rho.Waypoint(12.0, [2, -2, 0.5]), rho.Waypoint(6.0, [8, 2, -1]))
+    vehicle = dataclasses.replace(scenario.vehicles[0], waypoints=waypoints)
+    scenario = dataclasses.replace(scenario, vehicles=(vehicle,))
+    for reference in find_ways(scenario, most=3).references:
+        assert np.allclose(reference.positions[0, 24], [8, 2, -1], atol=1e-9)
+        assert np.allclose(reference.positions[0, 48], [2, -2, 0.5], atol=1e-9)
+        assert room(reference) > -0.05

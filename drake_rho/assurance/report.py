@@ -26,7 +26,7 @@ PRECISION = 0.01
 """Part of a tolerance to which the worst instants between the knots are found."""
 
 _LONGEST = 12
-"""Violations that a printed report shows."""
+"""Violations, or obstacles, that a printed report shows."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -144,12 +144,23 @@ class Report:
                     tightest[_kind(check)] = check
             several = len(self.scenario.vehicles) > 1
             which = "; for each, the vehicle closest to it" if several else ""
-            table = _table(f"{name}: all constraints hold{which}", list(tightest.values()))
-            return table + self._notes()
+            rows, more = self._without_far_obstacles(list(tightest.values()))
+            rest = f"\n… and {more} more obstacles, further away" if more > 0 else ""
+            return _table(f"{name}: all constraints hold{which}", rows) + rest + self._notes()
         title = f"{name}: {len(violations)} of {len(self.checks)} checks broken"
         more = len(violations) - _LONGEST
         rest = f"\n… and {more} more" if more > 0 else ""
         return _table(title, list(violations[:_LONGEST])) + rest + self._notes()
+
+    def _without_far_obstacles(self, rows: list[Check]) -> tuple[list[Check], int]:
+        """The rows but for those of the furthest obstacles, and how many these are."""
+        numbers = range(1, len(self.scenario.obstacles) + 1)
+        closest = {self.scenario.obstacle_name(number): -np.inf for number in numbers}
+        for check in rows:
+            if check.constraint in closest:
+                closest[check.constraint] = max(closest[check.constraint], _excess(check))
+        far = sorted(closest, key=lambda name: closest[name])[: max(0, len(closest) - _LONGEST)]
+        return [check for check in rows if check.constraint not in far], len(far)
 
     def _notes(self) -> str:
         """Lines on what was seen late, and on what is judged with an estimate."""

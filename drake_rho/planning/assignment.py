@@ -18,8 +18,8 @@ def assign_goals(scenario: Scenario) -> Scenario:
 
     The cost of a vehicle and a goal, position and velocity, is that of the motion of least effort
     between the two, in closed form. Obstacles, limits, waypoints and separation are not looked at:
-    with any of them another exchange may have the better plan. Names, limits and waypoints stay
-    with the vehicles.
+    with any of them another exchange may have the better plan. Names, limits, radii and waypoints
+    stay with the vehicles. None is given a goal that is too close to an obstacle for its radius.
 
     Raises:
         ScenarioError: a vehicle's own position or velocity box does not hold the goal it is given,
@@ -60,4 +60,15 @@ def _efforts(scenario: Scenario) -> FloatArray:
     )
     missed = cdist(start_rests, goal_rests, metric="chebyshev")
     efforts[missed > TOLERANCE * fleet.lengths.max()] = np.inf
+    efforts[fleet.radii[:, None] > _clearances(scenario)] = np.inf
     return efforts
+
+
+def _clearances(scenario: Scenario) -> FloatArray:
+    """What is free around every goal at the end [m], shape (N,)."""
+    least, goals = np.full(len(scenario.vehicles), np.inf), scenario.fleet.goal_positions
+    for obstacle in scenario.bodies:
+        x = goals - obstacle.centers(np.array([scenario.grid.end]))
+        free = obstacle.shape.signed_distance(x) - obstacle.deviation + obstacle.shape.tolerance
+        least = np.minimum(least, free)
+    return least

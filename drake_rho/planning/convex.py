@@ -93,6 +93,6 @@ def _grid(step: float, like: Grid) -> Grid:
         ValueError: `step` is not positive or does not divide the duration.
     """
     try:
-        return Grid.lasting(like.duration, step=step)
+        return Grid.lasting(like.duration, step=step, start=like.start)
     except ScenarioError as error:
         raise ValueError(f"steps: got {step}, expected {error.expected}") from None

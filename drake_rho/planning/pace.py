@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from itertools import pairwise
+
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
@@ -26,12 +29,37 @@ def usable_speeds(scenario: Scenario) -> FloatArray:
     return _WITHIN * most
 
 
+@dataclasses.dataclass(frozen=True)
+class Leg:
+    """A part of a flight: from the start, or a waypoint, to the next or the goal."""
+
+    begin: float
+    """since the first knot [s]"""
+    end: float
+    """since the first knot [s]"""
+    start: FloatArray
+    """position then [m], shape (3,)"""
+    goal: FloatArray
+    """position at the end [m], shape (3,)"""
+
+
+def legs_of(scenario: Scenario, number: int) -> list[Leg]:
+    """The legs of a vehicle, one after the other."""
+    vehicle, grid = scenario.vehicles[number], scenario.grid
+    stops = [(0.0, vehicle.start.position)]
+    for waypoint in sorted(vehicle.waypoints, key=lambda each: each.time):
+        if 0.0 < waypoint.time - grid.start < grid.duration:
+            stops.append((waypoint.time - grid.start, waypoint.position))
+    stops.append((grid.duration, vehicle.goal.position))
+    return [Leg(begin, end, start, goal) for (begin, start), (end, goal) in pairwise(stops)]
+
+
 def paced(way: FloatArray, elapsed: FloatArray, most: FloatArray) -> FloatArray:
     """Positions along a way at given times, speed rising and falling as gently as limits allow.
 
     Args:
         way: corners of a polyline [m], shape (P, 3).
-        elapsed: since the first knot [s], shape (K,).
+        elapsed: from the beginning to the end of the way [s], shape (K,).
         most: speed along each axis [m/s], shape (3,).
 
     Returns:
@@ -40,7 +68,7 @@ def paced(way: FloatArray, elapsed: FloatArray, most: FloatArray) -> FloatArray:
     ways = np.diff(way, axis=0)
     lengths = np.linalg.norm(ways, axis=1)
     shortest = float(np.sum(np.max(np.abs(ways) / np.maximum(most, 1e-300), axis=1)))
-    ramp = min(_GENTLE, max(0.02, 1.0 - shortest / elapsed[-1]))
+    ramp = min(_GENTLE, max(0.02, 1.0 - shortest / (elapsed[-1] - elapsed[0])))
     gone = np.concatenate([[0.0], np.cumsum(lengths)])
     s = gone[-1] * progress(elapsed, ramp)
     return np.stack([np.interp(s, gone, axis) for axis in way.T], axis=-1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -47,7 +48,7 @@ class Layers:
     """
 
     def __init__(self, lattice: Lattice, count: int, moving: Sequence[Moving] = ()) -> None:
-        self.count, self._lattice = count, lattice
+        self.count, self._lattice, self._first = count, lattice, 0
         self._moving: list[Moving] = []
         self.blocked: list[IntArray] = [np.zeros(0, dtype=np.int64)] * count
         for each in moving:
@@ -61,9 +62,16 @@ class Layers:
             np.sort(np.concatenate(each)) for each in zip(self.blocked, met, strict=True)
         ]
 
+    def part(self, first: int, last: int) -> Layers:
+        """The layers from one to before another."""
+        part = copy(self)
+        part.count, part._first = last - first, self._first + first
+        part.blocked = self.blocked[first:last]
+        return part
+
     def met(self, start: FloatArray, end: FloatArray) -> BoolArray:
         """Whether something is met on the ways from and to positions, (E, 3): shape (M, E)."""
-        layers = np.repeat(np.arange(self.count), len(start))
+        layers = np.repeat(self._first + np.arange(self.count), len(start))
         start, end = np.tile(start, (self.count, 1)), np.tile(end, (self.count, 1))
         met = np.zeros(len(layers), dtype=bool)
         for moving in self._moving:

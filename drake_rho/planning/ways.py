@@ -9,19 +9,16 @@ restoration brings the motion to it.
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 
 import numpy as np
 
 from drake_rho.motion.plan import Plan, Searched
-from drake_rho.planning.lattice import Lattice, Raster
-from drake_rho.planning.pace import paced, progress, usable_speeds
-from drake_rho.planning.resolution import Resolution, region, resolutions
-from drake_rho.planning.space_ways import SpaceWay, SpaceWays
-from drake_rho.planning.timed_ways import Layers, Search, TimedWay
+from drake_rho.planning.fleet_in_space import FleetInSpace
+from drake_rho.planning.fleet_in_time import FleetInTime, conflicts_of
+from drake_rho.planning.resolution import resolutions
+from drake_rho.planning.timed_ways import TimedWay
 from drake_rho.planning.towards import straight_between
-from drake_rho.planning.traffic import MovingObstacle, MovingVehicle
-from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
 _POINTS, _TIMED_POINTS = 3e4, 5e3
@@ -29,9 +26,6 @@ _POINTS, _TIMED_POINTS = 3e4, 5e3
 
 _ORDERS = 5
 """Orders in which a fleet is tried on one grid."""
-
-_RAMP = 1.0 / 8.0
-"""Part of the time in which speed rises, and falls, on ways in space and time."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,33 +57,19 @@ def find_ways(scenario: Scenario, most: int = 1) -> Ways:
 
 
 def _in_space(scenario: Scenario, most: int) -> Ways:
-    fleet, bodies = scenario.fleet, [body for _, body in scenario.known]
-    lower, upper = region(scenario)
     for resolution in resolutions(scenario, _POINTS):
-        ways, lattices = list[list[SpaceWay]](), dict[bytes, Lattice]()
-        for n, radius in enumerate(fleet.radii):
-            kind = np.array([radius, *lower[n], *upper[n]]).tobytes()
-            if kind not in lattices:
-                raster = Raster.filling(lower[n], upper[n], np.full(3, resolution.length))
-                lattices[kind] = Lattice(raster, bodies, radius)
-            start, goal = fleet.start_positions[n], fleet.goal_positions[n]
-            ways.append(SpaceWays(lattices[kind], bodies, radius, start, goal).ways(most))
-            if not ways[-1]:
+        flight = FleetInSpace(scenario, resolution.length)
+        vehicles = list[list[FloatArray]]()
+        for number in range(len(scenario.vehicles)):
+            vehicles.append(flight.timed(number, most))
+            if not vehicles[-1]:
                 break
-        if ways[-1]:
+        if vehicles[-1]:
             break
-    points = max(lattice.raster.count for lattice in lattices.values())
-    count = max(len(each) for each in ways) if ways[-1] else 0
-    searched = Searched(spacing=resolution.length, points=points, ways=count)
-    if count == 0:
-        return Ways((), 0, searched)
-    speeds = usable_speeds(scenario)
-    timed = [
-        [paced(way.positions, scenario.grid.elapsed, most) for way in each]
-        for each, most in zip(ways, speeds, strict=True)
-    ]
+    count = max(map(len, vehicles)) if vehicles[-1] else 0
+    searched = Searched(spacing=resolution.length, points=flight.points, ways=count)
     references = [
-        straight_between(scenario, np.array([each[min(k, len(each) - 1)] for each in timed]))
+        straight_between(scenario, np.array([each[min(k, len(each) - 1)] for each in vehicles]))
         for k in range(count)
     ]
     return Ways(tuple(references), 0, searched)
@@ -98,14 +78,14 @@ def _in_space(scenario: Scenario, most: int) -> Ways:
 def _in_space_and_time(scenario: Scenario) -> Ways:
     best, orders = list[TimedWay](), 0
     for resolution in resolutions(scenario, _TIMED_POINTS):
-        fleet = _Fleet(scenario, resolution)
+        fleet = FleetInTime(scenario, resolution)
         order = fleet.first_order()
         for _ in range(_ORDERS):
             if len(order) == 0:
                 break
             orders += 1
             ways, stuck = fleet.prioritised(order)
-            if ways and (not best or _conflicts(ways) < _conflicts(best)):
+            if ways and (not best or conflicts_of(ways) < conflicts_of(best)):
                 best, times = ways, resolution.times
             if stuck is None or stuck == order[0]:
                 break
@@ -128,75 +108,4 @@ def _in_space_and_time(scenario: Scenario) -> Ways:
         ]
     )
     reference = straight_between(scenario, positions.transpose(0, 2, 1))
-    return Ways((reference,), _conflicts(best), searched)
-
-
-def _conflicts(ways: list[TimedWay]) -> int:
-    return sum(way.conflicts for way in ways)
-
-
-class _Fleet:
-    """Searches on one resolution; vehicles alike in radius, box and speeds share a lattice.
-
-    Attributes:
-        points: of the largest lattice, clear ones and others.
-    """
-
-    def __init__(self, scenario: Scenario, resolution: Resolution) -> None:
-        self._scenario, self._times = scenario, resolution.times
-        fleet = scenario.fleet
-        keys = np.column_stack([fleet.radii, *region(scenario), resolution.spacing])
-        kinds, self._kinds = np.unique(keys, axis=0, return_inverse=True)
-        still = [body for _, body in scenario.known if not body.moves]
-        self._radii = kinds[:, 0]
-        self._lattices = [
-            Lattice(Raster.filling(*rest.reshape(3, 3)), still, radius)
-            for radius, rest in zip(self._radii, kinds[:, 1:], strict=True)
-        ]
-        self.points = max(lattice.raster.count for lattice in self._lattices)
-        ends = zip(self._kinds, fleet.start_positions, fleet.goal_positions, strict=True)
-        self._searches = [Search(self._lattices[kind], *places) for kind, *places in ends]
-
-    @cached_property
-    def _obstacles(self) -> list[Layers]:
-        """Where obstacles that move block moves of each lattice."""
-        bodies = [body for _, body in self._scenario.known if body.moves]
-        times = self._scenario.grid.start + self._times
-        return [
-            Layers(
-                lattice, len(times) - 1, [MovingObstacle(body, radius, times) for body in bodies]
-            )
-            for lattice, radius in zip(self._lattices, self._radii, strict=True)
-        ]
-
-    def first_order(self) -> IntArray:
-        """The vehicles, those with the longest ways first; none if one has no way at all."""
-        lengths = np.array([search.length for search in self._searches])
-        if not np.isfinite(lengths).all():
-            return np.zeros(0, dtype=int)
-        places = self._scenario.fleet.start_positions.T
-        order: IntArray = np.lexsort((*places, -np.round(lengths, 6)))
-        return order
-
-    def prioritised(self, order: IntArray) -> tuple[list[TimedWay], int | None]:
-        """The vehicles' ways, planned in some order, and the first that is not clear of others.
-
-        There are no ways if an obstacle is in the way of a vehicle at all times.
-        """
-        separation, count = self._scenario.separation, len(self._times) - 1
-        vehicles = [Layers(lattice, count) for lattice in self._lattices]
-        ways: dict[int, TimedWay] = {}
-        stuck: int | None = None
-        done = progress(self._times, _RAMP)
-        for vehicle in map(int, order):
-            kind = self._kinds[vehicle]
-            way = self._searches[vehicle].way(self._obstacles[kind], vehicles[kind], done)
-            if way is None:
-                return [], vehicle
-            if way.conflicts and stuck is None:
-                stuck = vehicle
-            ways[vehicle] = way
-            if separation is not None and len(ways) < len(order):
-                for layers in vehicles:
-                    layers.add(MovingVehicle(way.positions, separation))
-        return [ways[vehicle] for vehicle in range(len(order))], stuck
+    return Ways((reference,), conflicts_of(best), searched)

@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from drake_rho.scenario.fields import FloatArray, Positive, Vector, record
 from drake_rho.scenario.shapes import Shape
@@ -36,6 +39,16 @@ class Cylinder(Shape):
             height: float | None = None,
             axis: Literal["x", "y", "z"] = "z",
         ) -> None: ...
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """As its fields have it, with one of those that tell it from a sphere."""
+        described = handler(schema)
+        told = [{"required": ["height"]}, {"required": ["axis"]}]
+        handler.resolve_ref_schema(described)["anyOf"] = told
+        return described
 
     def __str__(self) -> str:
         """As in 'cylinder of radius 1 m and height 2 m at [0.0, 0.0, 0.0]'."""

@@ -49,14 +49,28 @@ def _printable(text: str) -> str:
     return text
 
 
-Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+NO_TRUTH = BeforeValidator(_no_truth_value)
+"""Of a number: it is not `True` or `False`."""
+
+# Bounds stand before the functions: only there does the JSON schema know them by its own names.
+Finite = Annotated[
+    float,
+    Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False),
+    NO_TRUTH,
+]
+Margin = Annotated[
+    float,
+    Field(ge=0.0, le=1e6, allow_inf_nan=False),
+    NO_TRUTH,
+]
+"""How far to keep away from something [m]."""
 Positive = Annotated[
     float,
-    BeforeValidator(_no_truth_value),
     Field(gt=0.0, allow_inf_nan=False),
+    NO_TRUTH,
     AfterValidator(_of_some_size),
 ]
-Count = Annotated[int, BeforeValidator(_no_truth_value)]
+Count = Annotated[int, NO_TRUTH]
 Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
 """What a person can read at a glance, and a legend has room for."""
 

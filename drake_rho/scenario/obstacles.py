@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
 from drake_rho.scenario.cylinders import Cylinder
 from drake_rho.scenario.errors import ScenarioError
@@ -17,6 +17,7 @@ from drake_rho.scenario.fields import (
     LARGEST,
     Finite,
     FloatArray,
+    Margin,
     Name,
     Numbers,
     Points,
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from drake_rho.scenario.shapes import Shape
 
 _KINDS = {
-    "Obstacle": ("shape", "velocity", "track", "known_from"),
+    "Obstacle": ("shape", "velocity", "track", "known_from", "name"),
     "Polytope": ("vertices",),
     "Ellipsoid": ("semi_axes",),
     "Box": ("lower", "upper"),
@@ -72,7 +73,7 @@ class Track:
     """on the scenario's clock, rising [s], shape (M,), M >= 1"""
     positions: Points
     """of the middle of the shape's bounding box [m], shape (M, 3)"""
-    deviation: Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)] = 0.0
+    deviation: Margin = 0.0
     """how far what it stands for may be from the polyline [m]; planners keep that much further"""
     deviation_is_estimated: bool = False
     """whether the deviation is an estimate from samples, rather than a bound"""
@@ -186,7 +187,10 @@ class Obstacle:
         if self.velocity is not None and self.track is not None:
             expected = "no velocity beside a track, which says where it is"
             raise ScenarioError("velocity", self.velocity.tolist(), expected)
-        self.shape.check_solid()
+        try:
+            self.shape.check_solid()
+        except ScenarioError as error:
+            raise error.inside("shape") from None
         return self
 
     @property

@@ -18,9 +18,10 @@ from pydantic import Field, model_validator
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     LARGEST,
-    Count,
+    NO_TRUTH,
     Finite,
     FloatArray,
+    Margin,
     Name,
     Positive,
     Vector,
@@ -44,14 +45,14 @@ class Grid:
 
     step: Positive
     """h, the time from one knot to the next [s]"""
-    knots: Annotated[Count, Field(ge=2, le=100_000)]
+    knots: Annotated[int, Field(ge=2, le=100_000), NO_TRUTH]
     """K, the number of knots, the first and the last included"""
     start: Finite = 0.0
     """time of the first knot on the scenario's clock, on which obstacles move [s]"""
 
     @classmethod
-    def lasting(cls, duration: float, *, step: float) -> Self:
-        """The grid of a flight of `duration` [s] in steps of `step` [s].
+    def lasting(cls, duration: float, *, step: float, start: float = 0.0) -> Self:
+        """The grid of a flight of `duration` [s] in steps of `step` [s] that begins at `start` [s].
 
         Raises:
             ScenarioError: one is not positive, the step does not divide the duration, or there
@@ -63,7 +64,7 @@ class Grid:
         steps = duration / step
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
             raise ScenarioError("step", step, f"a step that divides the duration, {duration:g} s")
-        return cls(duration / round(steps), round(steps) + 1)
+        return cls(duration / round(steps), round(steps) + 1, start)
 
     @property
     def duration(self) -> float:
@@ -178,7 +179,7 @@ class Vehicle:
     """state at the last knot"""
     limits: Limits | None = None
     """own limits, where they differ from the scenario's"""
-    radius: Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)] = 0.0
+    radius: Margin = 0.0
     """how far its position keeps from every obstacle [m]; from other vehicles it keeps the
     separation"""
     waypoints: tuple[Waypoint, ...] = ()
@@ -223,7 +224,7 @@ class Separation:
 
     distance: Positive
     """least distance of two vehicles side by side [m]"""
-    downwash: Annotated[Positive, Field(ge=1e-3, le=1e3)] = 1.0
+    downwash: Annotated[float, Field(ge=1e-3, le=1e3, allow_inf_nan=False), NO_TRUTH] = 1.0
     """how many times as far apart two vehicles above each other must be; from a thousandth to a
     thousand, as a flatter or longer ellipsoid is a plane or a line to a solver"""
 

@@ -176,6 +176,8 @@ class Scenario:
     def check_outside(self, where: str, positions: FloatArray, times: FloatArray) -> None:
         """See that the vehicles keep their radius from all obstacles, known or not, at some time.
 
+        Of an obstacle on a track they keep its deviation more.
+
         Args:
             where: the field of a vehicle that holds its position, as `"start.position"`.
             positions: of the vehicles [m], shape (N, 3).
@@ -187,12 +189,13 @@ class Scenario:
         who = np.flatnonzero(np.isfinite(times))
         for number, obstacle in enumerate(self.bodies, start=1):
             x = positions[who] - obstacle.centers(times[who])
-            distances, radii = obstacle.shape.signed_distance(x), self.fleet.radii[who]
-            inside = distances < radii - obstacle.shape.tolerance
+            distances = obstacle.shape.signed_distance(x)
+            margins = self.fleet.radii[who] + obstacle.deviation
+            inside = distances < margins - obstacle.shape.tolerance
             if np.any(inside):
                 place = int(np.argmax(inside))
-                i, radius, d = who[place], radii[place], float(distances[place])
-                kept = f"at least {radius:g} m from" if radius > 0.0 else "outside"
+                i, margin, d = who[place], margins[place], float(distances[place])
+                kept = f"at least {margin:g} m from" if margin > 0.0 else "outside"
                 far = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
                 when = f" at {times[i]:g} s" if obstacle.moves else ""
                 expected = (
