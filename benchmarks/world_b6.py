@@ -22,7 +22,7 @@ KINDS = {
 STEP = 0.2
 """Longest h [s]."""
 
-LIMIT = 60.0
+LIMIT = 120.0
 """A plan that takes longer counts as a failure [s]."""
 
 
