@@ -14,6 +14,7 @@ import drake_rho as rho
 from drake_rho.assurance.feasibility import is_monotone
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.subproblem import convex_constraints
+from drake_rho.planning.ways import find_ways
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from tests.cones import TWIN, twin_cost
@@ -250,6 +251,37 @@ def test_past_obstacles_at_rest_and_moving() -> None:
     assert rho.verify(plan).ok
     proof = rho.certify(plan)
     assert 0.0 < proof.lower_bound <= plan.cost * (1.0 + INDEX)
+
+
+WALL = rho.Box([4.5, -6.0, -1.0], [5.5, 6.0, 6.0])
+_CROSSING = rho.Obstacle(rho.Sphere([0.0, -9.0, 1.0], 0.3), velocity=[0.5, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("obstacles", [(WALL,), (WALL, _CROSSING)])
+@pytest.mark.parametrize(
+    "waypoints",
+    [
+        (rho.Waypoint(7.4, [9.0, 0.0, 1.0]),),
+        (rho.Waypoint(9.0, [9.0, 3.0, 2.0], 0.3), rho.Waypoint(6.0, [9.0, 0.0, 1.0])),
+    ],
+)
+def test_ways_lead_through_them(
+    obstacles: tuple[rho.Box | rho.Obstacle, ...], waypoints: tuple[rho.Waypoint, ...]
+) -> None:
+    """Start and goal are on one side of a wall, the waypoints on the other."""
+    limits = rho.Limits(position=rho.Box([-2, -10, 0], [12, 10, 5]), max_acceleration=6.0)
+    ends = rho.State([0.0, 0.0, 1.0]), rho.State([0.0, 2.0, 1.0])
+    vehicle = rho.Vehicle("solo", *ends, radius=0.2, waypoints=waypoints)
+    scenario = rho.Scenario("wall", rho.Grid(0.25, 61), (vehicle,), limits, obstacles)
+    (reference, *_) = find_ways(scenario).references
+    for each in waypoints:
+        at = reference.motion().at("position", [each.time])[0, 0]
+        assert np.linalg.norm(at - each.position) < 0.3  # straight from knot to knot
+    still = dataclasses.replace(scenario, obstacles=(WALL,)).bodies[0]
+    x = reference.positions[0] - still.centers(reference.times)
+    assert still.shape.signed_distance(x).min() > 0.2 - 1e-5
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
 
 
 def test_one_that_cannot_be_reached_is_named_and_diagnosed() -> None:

@@ -121,12 +121,15 @@ def _scale(scenario: Scenario) -> float:
 def region(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     """Boxes in which ways are looked for, as lower and upper corners [m], each (N, 3).
 
-    Each vehicle's position box, as far as starts, goals and obstacles reach, and what a way round
-    them all takes.
+    Each vehicle's position box, as far as starts, goals, waypoints and obstacles reach, and what a
+    way round them all takes.
     """
     fleet, grid = scenario.fleet, scenario.grid
     lows = [fleet.start_positions.min(axis=0), fleet.goal_positions.min(axis=0)]
     highs = [fleet.start_positions.max(axis=0), fleet.goal_positions.max(axis=0)]
+    for waypoints in fleet.waypoints:
+        lows.append(np.nanmin(waypoints.positions, axis=0))
+        highs.append(np.nanmax(waypoints.positions, axis=0))
     for _, body in scenario.known:
         centers, extent = body.centers(grid.times), body.shape.extent
         extent = np.where(np.isfinite(extent), extent, 0.0)
