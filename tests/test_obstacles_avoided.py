@@ -1,0 +1,266 @@
+"""Obstacles of every shape, at rest and moving, are kept out of: at every instant, and alike."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import drake_rho as rho
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.shapes import Shape
+from tests.shapes import KINDS, random_shape
+
+seeds = st.integers(0, 2**32 - 1)
+
+SAME = 1e-4
+"""Relative difference of costs that are found by iterations which stop at 1e-6."""
+
+SHAPES: dict[str, Shape] = {
+    "sphere": rho.Sphere([5.0, 2.0, -1.0], 1.5),
+    "box": rho.Box([4.0, 1.2, -2.0], [6.5, 3.0, 0.0]),
+    "ellipsoid": rho.Ellipsoid([5.0, 2.0, -1.2], [1.0, 2.0, 0.7]),
+    "cylinder": rho.Cylinder([5.0, 2.2, -1.0], 1.0, 3.0),
+    "endless cylinder": rho.Cylinder([5.0, 2.2, -1.0], 1.0),
+    "polytope": rho.Polytope(
+        np.array([[4, 1, -2], [6, 1.5, -2], [4.5, 3.2, -2], [5, 2, 0.8], [6, 3, -0.5], [4, 1.5, 0]])
+    ),
+}
+
+
+def flight(*obstacles: Shape | rho.Obstacle, radius: float = 0.2) -> rho.Scenario:
+    """One vehicle, whose straight way leads through (5, 2, -1) after 4 s."""
+    vehicle = rho.Vehicle("solo", rho.State([0, 0, 0]), rho.State([10, 4, -2]), radius=radius)
+    limits = rho.Limits(acceleration=rho.Box([-3] * 3, [3] * 3))
+    return rho.Scenario("flight", rho.Grid(0.4, 21), (vehicle,), limits, obstacles)
+
+
+def clearance(plan: rho.Plan, per_step: int = 200) -> float:
+    """The least of all vehicles and obstacles, radius and deviation taken off, by samples."""
+    grid, least = plan.scenario.grid, np.inf
+    elapsed = np.linspace(0.0, grid.duration, per_step * (grid.knots - 1) + 1)
+    positions = plan.motion().at("position", elapsed)
+    for body in plan.scenario.bodies:
+        d = body.shape.signed_distance(positions - body.centers(grid.start + elapsed))
+        kept = np.array([vehicle.radius for vehicle in plan.scenario.vehicles]) + body.deviation
+        least = min(least, float((d - kept[:, None]).min()))
+    return least
+
+
+def moving(shape: Shape) -> list[rho.Obstacle]:
+    """The shape in motion: with a velocity, and along a polyline that leads across the way."""
+    at = shape.center
+    offsets = np.array([[0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.3, 0.4, 0.0], [4.0, 0.0, 0.0]])
+    track = rho.Track([0.0, 3.0, 4.5, 8.0], at + offsets)
+    return [
+        rho.Obstacle(shape, velocity=[0.15, -0.1, 0.05]),
+        rho.Obstacle(shape, track=track),
+    ]
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_every_shape_is_kept_out_of_and_has_an_effect(kind: str) -> None:
+    shape = SHAPES[kind]
+    obstacles: list[Shape | rho.Obstacle] = [shape, *moving(shape)]
+    for obstacle in obstacles:
+        scenario = flight(obstacle)
+        plan = rho.plan(scenario)
+        free = rho.plan(scenario.without_obstacles())
+        assert rho.verify(plan).ok
+        assert clearance(plan) >= -2.0 * shape.tolerance
+        through = rho.Plan.from_accelerations(scenario, free.accelerations)
+        if clearance(through) < -1e-3:
+            assert plan.cost > free.cost * (1.0 + SAME)
+        else:
+            assert plan.cost == pytest.approx(free.cost, rel=SAME)
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_one_that_does_not_move_is_one_at_rest(kind: str) -> None:
+    shape = SHAPES[kind]
+    still = rho.plan(flight(shape))
+    for obstacle in (
+        rho.Obstacle(shape, velocity=[0, 0, 0]),
+        rho.Obstacle(shape, track=rho.Track([1.0], [shape.center])),
+    ):
+        np.testing.assert_allclose(rho.plan(flight(obstacle)).positions, still.positions, atol=1e-6)
+
+
+def test_a_box_as_polytope_is_the_box() -> None:
+    box = SHAPES["box"]
+    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
+    corners = rho.Polytope(box.center + signs * box.extent)
+    one, other = rho.plan(flight(box)), rho.plan(flight(corners))
+    np.testing.assert_allclose(one.positions, other.positions, atol=1e-5)
+
+
+def test_a_sphere_as_ellipsoid_is_the_sphere() -> None:
+    ball = SHAPES["sphere"]
+    assert isinstance(ball, rho.Sphere)
+    ellipsoid = rho.Ellipsoid(ball.center, [ball.radius] * 3)
+    one, other = rho.plan(flight(ball)), rho.plan(flight(ellipsoid))
+    np.testing.assert_allclose(one.positions, other.positions, atol=1e-6)
+    assert rho.certify(other).lower_bound == pytest.approx(rho.certify(one).lower_bound, rel=SAME)
+
+
+def test_a_larger_radius_is_a_larger_sphere() -> None:
+    one = rho.plan(flight(rho.Sphere([5, 2, -1.2], 1.5), radius=0.3))
+    other = rho.plan(flight(rho.Sphere([5, 2, -1.2], 1.8), radius=0.0))
+    assert one.cost == pytest.approx(other.cost, rel=1e-7)
+    np.testing.assert_allclose(one.positions, other.positions, atol=1e-3)
+
+
+QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+SHIFT = np.array([30.0, -20.0, 5.0])
+
+
+def turned(shape: Shape, scale: float) -> Shape:
+    """The shape turned by 90 degrees about z, shifted and scaled."""
+
+    def at(x: FloatArray) -> FloatArray:
+        moved: FloatArray = scale * (x @ QUARTER.T + SHIFT)
+        return moved
+
+    center, extent = (
+        at(shape.center),
+        scale * np.abs(QUARTER) @ np.nan_to_num(shape.extent, posinf=1.0),
+    )
+    if isinstance(shape, rho.Sphere):
+        return rho.Sphere(center, scale * shape.radius)
+    if isinstance(shape, rho.Box):
+        return rho.Box(center - extent, center + extent)
+    if isinstance(shape, rho.Ellipsoid):
+        return rho.Ellipsoid(center, extent)
+    if isinstance(shape, rho.Cylinder):
+        height = None if shape.height is None else scale * shape.height
+        return rho.Cylinder(center, scale * shape.radius, height)
+    assert isinstance(shape, rho.Polytope)
+    return rho.Polytope(at(shape.vertices))
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+@pytest.mark.parametrize("scale", [1.0, 25.0])
+def test_turned_shifted_and_scaled_the_plan_is_the_same(kind: str, scale: float) -> None:
+    shape = SHAPES[kind]
+    one = rho.plan(flight(shape))
+    old = one.scenario.vehicles[0]
+    ends = [rho.State(scale * (QUARTER @ each.position + SHIFT)) for each in (old.start, old.goal)]
+    vehicle = rho.Vehicle("solo", ends[0], ends[1], radius=scale * old.radius)
+    limits = rho.Limits(acceleration=rho.Box([-3 * scale] * 3, [3 * scale] * 3))
+    scenario = rho.Scenario(
+        "turned", rho.Grid(0.4, 21), (vehicle,), limits, (turned(shape, scale),)
+    )
+    other = rho.plan(scenario)
+    assert other.cost == pytest.approx(scale**2 * one.cost, rel=SAME)
+
+
+def test_the_order_of_obstacles_is_of_no_consequence() -> None:
+    shapes = [rho.Box([2, -1, -2], [3, 0.9, 1]), rho.Cylinder([7, 3.5, 0], 0.5)]
+    one, other = rho.plan(flight(*shapes)), rho.plan(flight(*reversed(shapes)))
+    np.testing.assert_allclose(one.positions, other.positions, atol=1e-6)
+
+
+@given(seed=seeds, kind=st.sampled_from(sorted(KINDS)), moves=st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_the_deepest_instants_are_those_that_dense_samples_find(
+    seed: int, kind: str, moves: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    shape = random_shape(rng, kind, rng.normal(size=3), 1.0)
+    track = rho.Track(np.sort(rng.uniform(0, 6, 4)), rng.normal(size=(4, 3)))
+    obstacle = rho.Obstacle(shape, track=track if moves else None)
+    start, step = float(rng.uniform(-1, 2)), 0.5
+    motion = Motion.from_start(
+        rho.State(2 * rng.normal(size=3), rng.normal(size=3)), rng.normal(size=(8, 3)), step
+    )
+    motions = Motion(step, *(array[None] for array in dataclasses.astuple(motion)[1:]))
+    below = np.array([rng.uniform(-0.2, 0.5)])
+    pieces = pieces_near(motions, obstacle, start, np.maximum(below, 0.0))
+    which, times = deepest(shape, pieces, below[pieces.owners])
+    found = dict(zip(pieces.times[which].tolist(), times.tolist(), strict=True))
+
+    def distances(at: FloatArray) -> FloatArray:
+        x = motions.at("position", at)[0] - obstacle.centers(start + at)
+        return shape.signed_distance(x)
+
+    cuts = obstacle.corners - start
+    edges = np.union1d(step * np.arange(9), cuts[(cuts > 0) & (cuts < 4.0)])
+    for begin, end in pairwise(edges.tolist()):
+        dense = float(distances(np.linspace(begin, end, 2001)).min())
+        told = [time for time in found.values() if begin - 1e-12 <= time <= end + 1e-12]
+        if dense < below[0] - 1e-9:
+            assert told, "a piece that leads inside is found"
+            assert min(distances(np.array(told))) <= dense + 1e-8 * shape.size
+        for time in told:
+            assert distances(np.array([time]))[0] < below[0] + 1e-12 or dense < below[0]
+
+
+def late(known_from: float, **changes: object) -> rho.Scenario:
+    """A vehicle flies along x through something that is there all the time, but seen late."""
+    vehicle = rho.Vehicle("solo", rho.State([0, 0, 0]), rho.State([10, 0, 0]), radius=0.2)
+    bird = rho.Obstacle(rho.Sphere([5, 0.1, 0], 0.8), known_from=known_from, name="bird")
+    limits = rho.Limits(acceleration=rho.Box([-2] * 3, [2] * 3))
+    return rho.Scenario("late", rho.Grid(0.2, 41), (vehicle,), limits, (bird,))
+
+
+def test_what_is_seen_in_time_is_avoided() -> None:
+    flown = rho.plan_rho(late(2.0))
+    report = rho.verify(flown)
+    assert report.ok
+    (sighting,) = flown.sightings
+    assert (sighting.time, sighting.avoided) == (2.0, True)
+    assert "became known at 2 s and was avoided" in str(report)
+    assert not rho.verify(flown.windows[0].plan).ok  # nothing was known of it then
+
+
+def test_what_is_seen_too_late_is_told_and_the_flight_goes_on(tmp_path: object) -> None:
+    flown = rho.plan_rho(late(3.6))
+    report = rho.verify(flown)
+    assert not report.ok
+    assert {check.constraint for check in report.violations} == {"obstacle 1 (bird)"}
+    assert not flown.sightings[0].avoided
+    assert "was not avoided" in str(report)
+    window = next(window for window in flown.windows if window.learned)
+    assert window.not_avoided == (1,)
+    assert "bird" in window.infeasible
+    path = f"{tmp_path}/late.npz"
+    rho.save(flown, path)
+    again = rho.load(path)
+    assert isinstance(again, rho.Flight)
+    assert again.sightings == flown.sightings
+
+
+def test_windows_see_an_obstacle_where_it_is_then() -> None:
+    """What crosses the way late is no obstacle to a clock that begins at each window."""
+    gate = rho.Obstacle(rho.Box([4.5, -3, -3], [5.5, 3, 3]), velocity=[0, 1.2, 0])
+    scenario = dataclasses.replace(late(0.0), obstacles=(gate,))
+    flown = rho.plan_rho(scenario, replan_every=4)
+    assert rho.verify(flown).ok
+    assert [window.plan.scenario.grid.start for window in flown.windows] == pytest.approx(
+        [0.8 * number for number in range(10)]
+    )
+    shifted = dataclasses.replace(
+        scenario,
+        grid=rho.Grid(0.2, 41, start=100.0),
+        obstacles=(rho.Obstacle(rho.Box([4.5, -123, -3], [5.5, -117, 3]), velocity=[0, 1.2, 0]),),
+    )
+    assert rho.plan(shifted).cost == pytest.approx(rho.plan(scenario).cost, rel=1e-6)
+
+
+def test_the_bound_counts_balls_and_ellipsoids_and_says_what_it_leaves_out() -> None:
+    for kind in ("sphere", "ellipsoid"):
+        for obstacle in moving(SHAPES[kind]):
+            certificate = rho.certify(rho.plan(flight(obstacle)))
+            assert not certificate.left_out
+            assert -1e-6 < certificate.gap < 0.05
+    certificate = rho.certify(rho.plan(flight(SHAPES["box"])))
+    assert certificate.left_out == ("obstacle 1",)
+    assert "does not count obstacle 1" in str(certificate)
+    free = rho.plan(flight()).cost
+    assert certificate.lower_bound == pytest.approx(free, rel=1e-6)
