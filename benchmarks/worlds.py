@@ -107,7 +107,7 @@ def percent_above(trials: Sequence[Trial]) -> float | None:
 def published(
     world: str,
     method: str,
-    draws: int,
+    draws: int | None,
     success: float | None = None,
     flight: float | None = None,
     metres: float | None = None,

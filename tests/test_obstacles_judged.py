@@ -233,3 +233,18 @@ def test_all_times_are_on_the_scenarios_clock() -> None:
         assert (one.what, one.vehicle, one.asked) == (other.what, other.vehicle, other.asked)
         assert other.value == pytest.approx(one.value, abs=1e-9)
         assert other.time == pytest.approx(one.time + late, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("huge", [1e12, 1e100, 1e300])
+def test_huge_numbers_are_judged_in_silence(kind: str, huge: float) -> None:
+    """Warnings are errors in tests."""
+    rng = np.random.default_rng(3)
+    shape = random_shape(rng, kind, np.array([5.0, 9.0, -1.0]), 1.0)
+    track = rho.Track([0.0, 3.3, 8.0], [[5, 9, -1], [5, 8, -1], [5, 9, -1]])
+    asked = single(obstacles=(shape, rho.Obstacle(shape, track=track, known_from=3.0)))
+    a = np.zeros((1, 16, 3))
+    a[0, 3, 2], a[0, 5] = huge, [-huge, huge, 0.0]
+    report = rho.verify(rho.Plan.from_accelerations(asked, a))
+    assert not report.ok
+    assert str(report)
