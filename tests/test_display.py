@@ -388,9 +388,9 @@ def test_norms_of_accelerations_are_drawn_with_their_limits_each_if_it_is_limite
 )
 def test_labels_of_the_axes_lie_on_nothing_else(ends: list[list[list[float]]]) -> None:
     scenario = _between(ends)
-    vehicles = [
+    vehicles = tuple(
         dataclasses.replace(each, name=f"scout {n}") for n, each in enumerate(scenario.vehicles)
-    ]
+    )
     figure = rho.paths_figure(rho.plan_convex(dataclasses.replace(scenario, vehicles=vehicles)))
     renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
     figure.draw(renderer)
