@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.planning.lattice import MOVES, STAY, Lattice, Raster, least_between
+from drake_rho.planning.clear_moves import least_between
+from drake_rho.planning.lattice import MOVES, STAY, Lattice, Raster
 from drake_rho.planning.timed_ways import Layers
 from drake_rho.planning.traffic import Moving, MovingObstacle, MovingVehicle
 from drake_rho.scenario.fields import FloatArray

@@ -1,8 +1,6 @@
 """A regular grid of points in space, and the moves between neighbours that keep clear.
 
-A move leads from a point to one of its 26 neighbours, or stays. Whether it keeps clear of a convex
-set is told by the signed distance at its start, middle and end, and holds all along it: the
-distance is convex on a straight move, and changes by no more than the move's length.
+A move leads from a point to one of its 26 neighbours, or stays.
 """
 
 from __future__ import annotations
@@ -15,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drake_rho.planning.clear_moves import SAMPLES, are_clear, kept_from, least_between
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Obstacle
 
@@ -30,9 +29,6 @@ STAY = 13
 
 _ROUNDING = 1e-6
 """Part of a step of the grid that is as good as none."""
-
-_SAMPLES = 17
-"""Places along a move at which distances are looked at where three of them leave it open."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -142,7 +138,7 @@ class Lattice:
         near: IntArray = numbers[numbers < len(self.points)]
         return near
 
-    def clear(self, one: FloatArray, other: FloatArray, samples: int = _SAMPLES) -> BoolArray:
+    def clear(self, one: FloatArray, other: FloatArray, samples: int = SAMPLES) -> BoolArray:
         """Whether straight ways between positions, (E, 3), are clear of what stands still: (E,)."""
         parts = np.linspace(0.0, 1.0, samples)[:, None, None]
         x, lengths = one + parts * (other - one), np.linalg.norm(other - one, axis=1)
@@ -196,69 +192,35 @@ class ShortestPaths:
         return np.array(path)
 
 
-def kept_from(body: Obstacle, radius: float) -> float:
-    """The distance that keeps a vehicle clear of an obstacle, within its tolerance [m]."""
-    return radius + body.deviation - body.shape.tolerance
-
-
-def least_between(values: FloatArray, length: FloatArray) -> FloatArray:
-    """A lower bound of a convex function on a straight way, from values at equal parts of it.
-
-    On each part the function lies above the lines that continue the parts before and after, and
-    the bound is where the two meet.
-
-    Args:
-        values: from end to end, shape (S, ...).
-        length: of the way, shape (...); the function changes no faster.
-    """
-    slopes = np.diff(values, axis=0)
-    steepest = np.broadcast_to(length / len(slopes), slopes.shape[1:])
-    before = np.concatenate([-steepest[None], slopes[:-1]])
-    after = np.concatenate([slopes[1:], steepest[None]])
-    bend = np.maximum(after - before, 1e-300)
-    met = np.clip((after - slopes) / bend, 0.0, 1.0)
-    least: FloatArray = np.min(np.minimum(values[:-1] + before * met, values[1:]), axis=0)
-    return least
-
-
 def _block(
     raster: Raster, body: Obstacle, radius: float, free: BoolArray, clear: BoolArray
 ) -> None:
     """Mark what an obstacle at rest blocks: points, and moves by where they begin."""
-    center = body.centers(np.zeros(1))[0]
-    kept = kept_from(body, radius)
+    kept, center = kept_from(body, radius), body.shape.center
     low, high = raster.window(center, body.shape.extent + kept + 1.001 * raster.spacing)
     if np.any(low >= high):
         return
     halves = [np.arange(2 * a, 2 * b - 1) / 2.0 for a, b in zip(low, high, strict=True)]
     x = raster.at(np.stack(np.meshgrid(*halves, indexing="ij"), axis=-1)) - center
-    d = body.shape.signed_distance(x) - kept
-    here = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
-    free[here] &= d[::2, ::2, ::2] >= 0.0
-    size = high - low
+    room = body.shape.signed_distance(x) - kept
+    every, none = high - low, np.zeros(3, dtype=np.int64)
+    free[_block_of(low, every)] &= room[_halves(none, every)] >= 0.0
     for u in range(STAY + 1, len(MOVES)):
         move = MOVES[u]
-        first, count = np.maximum(0, -move), size - np.abs(move)
-        if np.any(count <= 0):
-            continue
-        values = np.stack(
-            [
-                d[
-                    tuple(
-                        slice(2 * f + k * m, 2 * (f + n) - 1 + k * m, 2)
-                        for f, n, m in zip(first, count, move, strict=True)
-                    )
-                ]
-                for k in range(3)
-            ]
-        )
-        length = np.asarray(np.linalg.norm(move * raster.spacing))
-        keeps = least_between(values, length) >= 0.0
-        unsure = ~keeps & (values.min(axis=0) >= 0.0)
-        if unsure.any():
-            x0 = raster.at(low + first + np.argwhere(unsure)) - center
-            along = np.linspace(0.0, 1.0, _SAMPLES)[:, None, None] * (move * raster.spacing)
-            d_along = body.shape.signed_distance(x0 + along) - kept
-            keeps[unsure] = least_between(d_along, length) >= 0.0
-        source = tuple(slice(a + f, a + f + n) for a, f, n in zip(low, first, count, strict=True))
-        clear[u][source] &= keeps
+        first, count = np.maximum(0, -move), every - np.abs(move)
+        if np.all(count > 0):
+            rooms = np.stack([room[_halves(2 * first + k * move, count)] for k in range(3)])
+            starts, way = x[_halves(2 * first, count)], move * raster.spacing
+            clear[u][_block_of(low + first, count)] &= are_clear(
+                body.shape, kept, starts, way, rooms
+            )
+
+
+def _block_of(first: IntArray, count: IntArray) -> tuple[slice, ...]:
+    """So many points along each axis from the first on."""
+    return tuple(slice(f, f + n) for f, n in zip(first, count, strict=True))
+
+
+def _halves(first: IntArray, count: IntArray) -> tuple[slice, ...]:
+    """The same on a grid of half the spacing, of which every second is taken."""
+    return tuple(slice(f, f + 2 * n - 1, 2) for f, n in zip(first, count, strict=True))

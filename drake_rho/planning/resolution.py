@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.planning.pace import usable_speeds
+from drake_rho.planning.pace import legs_of, usable_speeds
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
 
@@ -102,9 +102,11 @@ def _levels(spacing: FloatArray, above: float, heights: FloatArray) -> FloatArra
 
 def _speeds(scenario: Scenario, faster: float) -> FloatArray:
     """Speeds along each axis at which ways are flown [m/s], shape (N, 3)."""
-    fleet = scenario.fleet
-    ways = np.linalg.norm(fleet.goal_positions - fleet.start_positions, axis=1)
-    wanted = faster * max(float(ways.max()), _scale(scenario)) / scenario.grid.duration
+    legs = [leg for n in range(len(scenario.vehicles)) for leg in legs_of(scenario, n)]
+    straight = max(
+        float(np.linalg.norm(leg.goal - leg.start)) / (leg.end - leg.begin) for leg in legs
+    )
+    wanted = faster * max(straight, _scale(scenario) / scenario.grid.duration)
     speeds = np.minimum(wanted, usable_speeds(scenario))
     return np.maximum(speeds, 1e-3 * wanted)
 

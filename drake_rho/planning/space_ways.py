@@ -12,8 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drake_rho.planning.clear_moves import kept_from
 from drake_rho.planning.keep_out import across
-from drake_rho.planning.lattice import Lattice, kept_from
+from drake_rho.planning.lattice import Lattice
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Obstacle
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_rho.planning.lattice import MOVES, Lattice, kept_from, least_between
+from drake_rho.planning.clear_moves import kept_from, least_between
+from drake_rho.planning.lattice import MOVES, Lattice
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Obstacle, Separation
 
