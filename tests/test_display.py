@@ -17,8 +17,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.lines import Line2D
 from matplotlib.path import Path as Outline
 from matplotlib.text import Text
+from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from rich.console import Console
 
@@ -381,11 +383,15 @@ def test_norms_of_accelerations_are_drawn_with_their_limits_each_if_it_is_limite
         pytest.param([[[0, 0, 0], [3, 0, 20]], [[0, 2, 0], [0, 0, 20]]], id="tower"),
         pytest.param([[[0, 0, 1], [0, 0, 1]]], id="point"),
         pytest.param([[[-2e3, 0, -2e3], [3e3, 0, 0]]], id="upright"),
+        pytest.param([[[0, 0, 0], [16, 8, 5]], [[0, 8, 5], [16, 0, 0]]], id="long"),
     ],
 )
 def test_labels_of_the_axes_lie_on_nothing_else(ends: list[list[list[float]]]) -> None:
-    plan = rho.plan_convex(_between(ends))
-    figure = rho.paths_figure(plan)
+    scenario = _between(ends)
+    vehicles = tuple(
+        dataclasses.replace(each, name=f"scout {n}") for n, each in enumerate(scenario.vehicles)
+    )
+    figure = rho.paths_figure(rho.plan_convex(dataclasses.replace(scenario, vehicles=vehicles)))
     renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
     figure.draw(renderer)
     ax = figure.axes[0]
@@ -398,6 +404,9 @@ def test_labels_of_the_axes_lie_on_nothing_else(ends: list[list[list[float]]]) -
         assert len(ticks) >= 2
         texts += [tick.label1 for tick in ticks]
     outlines = [_outline(text, renderer) for text in texts]
+    for handle in figure.legends[0].legend_handles:
+        assert isinstance(handle, Line2D)
+        outlines.append(Outline(handle.get_window_extent(renderer).corners()[[0, 1, 3, 2]]))
     for one, other in combinations(outlines, 2):
         assert not one.intersects_path(other, filled=True)
     corners = np.concatenate([outline.vertices for outline in outlines])
@@ -420,6 +429,37 @@ def _between(ends: list[list[list[float]]]) -> rho.Scenario:
     """Vehicles with these starts and goals, not kept apart."""
     starts, goals = np.array(ends, dtype=np.float64).swapaxes(0, 1)
     return dataclasses.replace(fleet_of(starts, goals), separation=None, between_knots=False)
+
+
+def test_waypoints_are_drawn_as_diamonds_and_said_to_be_some() -> None:
+    free = straight(2)
+    by = rho.Waypoint(time=1.0, position=[1.0, 40.0, 1.0], within=100.0)  # beyond all paths
+    own = dataclasses.replace(free.scenario.vehicles[0], waypoints=(by,))
+    vehicles = (own, *free.scenario.vehicles[1:])
+    plan = rho.plan_convex(dataclasses.replace(free.scenario, vehicles=vehicles))
+    figure = rho.paths_figure(plan)
+    ax = figure.axes[0]
+    assert isinstance(ax, Axes3D)
+    (mark,) = (line for line in ax.lines if line.get_marker() == "D")
+    assert isinstance(mark, Line3D)
+    np.testing.assert_array_equal(np.ravel(mark.get_data_3d()), by.position)
+    low, high = ax.get_ylim()
+    assert low < 40.0 < high
+    assert any("diamond: waypoint" in text.get_text() for text in figure.texts)
+    assert not any("diamond" in text.get_text() for text in rho.paths_figure(free).texts)
+
+
+def test_rounding_does_not_fill_axes_on_which_nothing_changes() -> None:
+    plan = rho.plan_convex(_between([[[0, 0, 1], [20, 0, 1]]]))
+    accelerations = np.array(plan.accelerations)
+    accelerations[..., 1] = 1e-16 * (-1.0) ** np.arange(accelerations.shape[1])
+    flown = rho.Plan.from_accelerations(plan.scenario, accelerations)
+    largest = np.abs(accelerations).max()
+    for figure in (rho.accelerations_figure(flown), rho.velocities_figure(flown)):
+        low, high = figure.axes[1].get_ylim()
+        assert high - low > 0.01 * largest
+    low, high = rho.accelerations_figure(flown).axes[0].get_ylim()
+    assert low < -largest < largest < high
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,11 @@ _NORM_LABELS: dict[Norm, str] = {
     "max_tilt": "tilt [rad]",
 }
 
+_NO_CHANGE = 1e-6
+"""Range of a component, in parts of the largest of all, that is put down to rounding."""
+_LEVEL = 0.05
+"""Half the range of the axes of such a component, in parts of the largest of all."""
+
 
 def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
     """The least distance of any two vehicles over time, exact, with the separation.
@@ -98,6 +103,7 @@ def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
             for i in range(len(exact))
         ]
         _finish_component(ax, plan, "velocity", "v", "m/s", axis)
+        _show_no_rounding(ax, exact)
     axes[-1].set_xlabel("time [s]")
     return lines
 
@@ -111,6 +117,7 @@ def draw_accelerations(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
             for i in range(len(plan.accelerations))
         ]
         _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
+        _show_no_rounding(ax, plan.accelerations)
     axes[-1].set_xlabel("time [s]")
     return lines
 
@@ -179,6 +186,20 @@ def draw_curve(
         marker = vehicle_marker(index)
         ax.plot(*knots, color=colour, linestyle="none", marker=marker, markersize=2.6)
     return line
+
+
+def _show_no_rounding(ax: Axes, values: FloatArray) -> None:
+    """Keep axes on which nothing changes from being filled with rounding.
+
+    Args:
+        ax: of one component.
+        values: all components of all vehicles.
+    """
+    low, high = ax.get_ylim()
+    largest = float(np.max(np.abs(values), initial=0.0))
+    if high - low < _NO_CHANGE * largest:
+        middle = (low + high) / 2.0
+        ax.set_ylim(middle - _LEVEL * largest, middle + _LEVEL * largest)
 
 
 def _finish_component(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
@@ -77,7 +78,9 @@ def paths_figure(
     shown = snapshots(plan, bodies)
     figure = Figure(figsize=(_WIDTH, 4.8))
     ax = figure.add_axes((-0.03, 0.03, 0.93, 0.95), projection="3d")
-    frame_scene(ax, plan.positions, shown)
+    passed = [each.position for vehicle in plan.scenario.vehicles for each in vehicle.waypoints]
+    drawn = np.array([*plan.positions.reshape(-1, 3), *passed])
+    has_room = frame_scene(ax, drawn, shown)
     draw_obstacles(ax, shown)
     draw_ways(ax, ways(plan, bodies), shown)
     draw_approaches(ax, approaches(plan, bodies))
@@ -92,9 +95,10 @@ def paths_figure(
         draw_paths(ax, plan, shown)
         handles = vehicle_handles(plan.scenario)
         note = "ring: start; star: goal" + ("; a mark at every knot" if handles else "")
+    note += "; diamond: waypoint" if passed else ""
     for line, words in enumerate([note, *obstacle_notes(plan, bodies)]):
         figure.text(0.02, 0.02 + 0.03 * line, words, fontsize=8)
-    if isinstance(flown, Plan) and fits_beside(figure, handles):
+    if has_room and isinstance(flown, Plan) and fits_beside(figure, handles):
         add_beside(figure, handles)
     else:
         _lift(figure, add_below(figure, handles))

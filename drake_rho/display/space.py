@@ -175,7 +175,10 @@ def draw_windows(ax: Axes3D, flight: Flight, shown: Sequence[Snapshot] = ()) -> 
 
 
 def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = None) -> list[Artist]:
-    """Starts as rings, goals as stars; up to `MOST_LABELLED` vehicles have their names beside."""
+    """Starts as rings, waypoints as diamonds, goals as stars.
+
+    Up to `MOST_LABELLED` vehicles have their names beside their starts.
+    """
     artists: list[Artist] = []
     colours = colours or vehicle_colours(len(scenario.vehicles))
     size = 6.0 if len(scenario.vehicles) <= _MOST_LARGE else 3.0
@@ -192,6 +195,15 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
         artists += ax.plot(
             *goal[:, None], marker="*", markersize=1.5 * size, color="black", zorder=_TOP
         )
+        for waypoint in vehicle.waypoints:
+            artists += ax.plot(
+                *waypoint.position[:, None],
+                marker="D",
+                markersize=size,
+                markerfacecolor="none",
+                color=colour,
+                zorder=_TOP,
+            )
         if len(scenario.vehicles) <= MOST_LABELLED:
             artists.append(_draw_name(ax, start, as_text(brief(vehicle.name))))
     return artists
