@@ -29,8 +29,8 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 _LEAST_CURVATURE = 1e-6
 """Least eigenvalue of the Hessian, over that of norm(u)², at which the minimum is computed."""
 
-_NO_PART = 1e-9
-"""Multiplier, in units of the acceleration, up to which a program does not lean on a row."""
+_NO_PART = 1e-6
+"""Multiplier, in parts of the accelerations', up to which a program does not lean on a row."""
 
 _ROUNDING = 1e-14
 """What the closed form may lose of its terms, for each step and over the curvature."""
@@ -79,7 +79,7 @@ class Lagrangian:
             elif not rows.constraint.linearised:  # what is linear by itself
                 matrix, needed, _ = rows_of(effort, group, [rows])
                 straight.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
-            elif np.any(y > _NO_PART):  # neither, which lowers the bound too
+            elif np.any(y > _NO_PART * np.linalg.norm(self.solution)):  # neither: a lower bound
                 self.left_out.add(rows.constraint.name)
         self._pull = np.concatenate([each.pull for each in bent])
         self._offsets = np.concatenate([each.offsets for each in bent])
@@ -104,7 +104,8 @@ class Lagrangian:
         """Least eigenvalue of the Hessian for λ = `weights`, over that of norm(u)²."""
         if self._free.shape[1] == 0:  # the goal leaves no choice
             return 1.0
-        axes = (0, 2) if np.any(self._scales != 1.0) else (0,)
+        scales = self._scales  # axes of the same scales have the same Hessian
+        axes = [x for x in range(3) if x == 0 or np.any(scales[:, x] != scales[:, x - 1])]
         least = [eigvalsh(self._hessian(weights, x), subset_by_index=[0, 0])[0] for x in axes]
         return float(min(least))
 

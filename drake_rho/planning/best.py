@@ -145,6 +145,10 @@ def _first_apart(
     try:
         try:
             careless = plan_convex(alone, reference=reference, solver=solver)
+        except SolverError:
+            if not scenario.obstacles:
+                raise
+            return _along_ways(scenario, None, solver, options, progress)
         except InfeasibleError as error:
             if not error.about_linearisation or len(error.conflicts) > _FEW * len(alone.vehicles):
                 raise
@@ -156,11 +160,22 @@ def _first_apart(
         error.scenario = scenario  # what was asked, apart and all
         if not error.about_linearisation:
             raise
-        along = plan_along_ways(scenario, solver, options, progress)
-        spent = error.statistics + along.spent
-        if along.plan is None:
-            raise no_plan([along], scenario, spent, error) from None
-        return along.plan.with_statistics(spent)
+        return _along_ways(scenario, error, solver, options, progress)
+
+
+def _along_ways(
+    scenario: Scenario,
+    failure: InfeasibleError | None,
+    solver: SolverInterface | None,
+    options: Options,
+    progress: Progress | None,
+) -> Plan:
+    """A first plan along ways of all vehicles, where there was none without them."""
+    along = plan_along_ways(scenario, solver, options, progress)
+    spent = along.spent if failure is None else failure.statistics + along.spent
+    if along.plan is None:
+        raise no_plan([along], scenario, spent, failure) from None
+    return along.plan.with_statistics(spent)
 
 
 def _around_if_apart(

@@ -20,6 +20,10 @@ from drake_rho.planning.scp import iterate, restored
 from drake_rho.planning.subproblem import Subproblem, constraints_around
 from drake_rho.scenario.records import Scenario
 
+_PENALTIES = 8
+"""Penalties after which what is still too close stays so. Larger ones make it no smaller, and other
+constraints less exact."""
+
 
 def minimum_violation(scenario: Scenario, solver: SolverInterface | None = None) -> Plan:
     """The plan that breaks goals and constraints least in total, each in its own scale.
@@ -77,7 +81,8 @@ def minimum_breach(plan: Plan, solver: SolverInterface | None = None) -> Plan:
         plan: a motion that keeps goals and limits.
         solver: a Drake solver; Clarabel if not given.
     """
-    return restored(plan, LenientSubproblem(plan.scenario, decoupled, solver))
+    subproblem = LenientSubproblem(plan.scenario, decoupled, solver)
+    return restored(plan, subproblem, most=_PENALTIES)
 
 
 def elastic(

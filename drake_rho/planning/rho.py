@@ -151,6 +151,10 @@ def plan_window(
         SolverError: the solvers fail numerically, and there is no tail.
     """
     around, spent, failure = None, Statistics(), None
+    if tail is not None and (inside := _begins_inside(scenario)):
+        names = ", ".join(map(scenario.obstacle_name, inside))
+        flown_on = minimum_breach(tail, solver)
+        return Window(first_knot, flown_on, flown_on, infeasible=f"it begins too close to {names}")
     try:
         if scenario.obstacles or scenario.separation is not None:
             around = reference(scenario, tail, solver)
@@ -173,6 +177,20 @@ def plan_window(
         spent += plan.statistics
     plan = plan.with_statistics(spent)
     return Window(first_knot, plan, around or plan, infeasible=str(failure))
+
+
+def _begins_inside(scenario: Scenario) -> list[int]:
+    """Numbers of the known obstacles that vehicles are too close to at the first knot."""
+    starts, radii = scenario.fleet.start_positions, scenario.fleet.radii
+    time = np.array([scenario.grid.start])
+    return [
+        number
+        for number, obstacle in scenario.known
+        if np.any(
+            obstacle.shape.signed_distance(starts - obstacle.centers(time))
+            < radii - 10.0 * obstacle.shape.tolerance
+        )
+    ]
 
 
 def _with_sightings(window: Window, before: Window) -> Window:

@@ -113,6 +113,7 @@ def restored(
     subproblem: Subproblem,
     progress: Progress | None = None,
     follow: Follow | None = None,
+    most: int = _MAX_RESTORATIONS,
 ) -> Plan:
     """A plan that keeps out of obstacles and of other vehicles, from one that need not.
 
@@ -124,6 +125,7 @@ def restored(
         subproblem: of that scenario, decoupled.
         progress: called after each linearisation.
         follow: as in `iterate`.
+        most: bound on the penalties.
 
     Raises:
         InfeasibleError: none was found.
@@ -131,7 +133,7 @@ def restored(
     first = _first_penalty(plan, subproblem.least_cost)
     if not subproblem.is_flown(plan):
         first *= _CLOSER
-    penalties = (first * 3.0**number for number in range(_MAX_RESTORATIONS))
+    penalties = (first * 3.0**number for number in range(most))
     return iterate(subproblem, plan, 1.0, penalties, progress=progress, follow=follow)
 
 

@@ -29,6 +29,9 @@ class MovingObstacle:
         times: between layers, absolute [s], shape (M + 1,).
     """
 
+    blocks = True
+    """whether nothing gets through"""
+
     def __init__(self, body: Obstacle, radius: float, times: FloatArray) -> None:
         self.centers = body.centers(times)
         middles = body.centers((times[:-1] + times[1:]) / 2.0)
@@ -53,11 +56,13 @@ class MovingObstacle:
         x0, margins = start - self.centers[layers], self.margins[layers]
         way = end - self.centers[layers + 1] - x0
         lengths = np.sqrt(np.einsum("qi,qi->q", way, way))
-        met: BoolArray = _least_squares(x0, way) < (self._outermost + margins) ** 2
+        near = np.flatnonzero(_least_squares(x0, way) < (self._outermost + margins) ** 2)
+        met = np.zeros(len(layers), dtype=bool)
         for parts in (_PARTS, _FINE_PARTS):
-            x = x0[met] + parts[:, None, None] * way[met]
-            d = self._shape.signed_distance(x) - margins[met]
-            met[met] = least_between(d, lengths[met]) < 0.0
+            x = x0[near] + parts[:, None, None] * way[near]
+            d = self._shape.signed_distance(x) - margins[near]
+            met[near] = least_between(d, lengths[near]) < 0.0
+            near = near[met[near] & (d.min(axis=0) >= 0.0)]  # what is inside needs no closer look
         return met
 
 
@@ -68,6 +73,9 @@ class MovingVehicle:
         positions: between layers [m], shape (M + 1, 3).
         separation: kept from it.
     """
+
+    blocks = False
+    """whether nothing gets through: at a cost, a way may lead too close to it"""
 
     def __init__(self, positions: FloatArray, separation: Separation) -> None:
         self.centers = positions
@@ -109,7 +117,8 @@ Moving = MovingObstacle | MovingVehicle
 def met_moves(lattice: Lattice, moving: Moving) -> list[IntArray]:
     """For each layer the moves that come too close, as u F + the number of the point they lead to.
 
-    Only points near enough to be met within the layer are looked at.
+    Only points near enough to be met within the layer are looked at and, of what blocks the way,
+    none that is too close when the layer begins: moves that lead there are met before.
     """
     raster, count = lattice.raster, len(lattice.points)
     centers = moving.centers
@@ -118,7 +127,11 @@ def met_moves(lattice: Lattice, moving: Moving) -> list[IntArray]:
     layers, points = _near(lattice, (centers[:-1] + centers[1:]) / 2.0, reach)
     to = lattice.neighbors[:, points]
     start, ways = lattice.points[points], MOVES * raster.spacing
-    within = moving.room(layers, start) < moving.lengths(ways)[:, layers]
+    room = moving.room(layers, start)
+    if moving.blocks:
+        asked = np.flatnonzero((room >= 0.0) | (layers == 0))
+        layers, to, start, room = layers[asked], to[:, asked], start[asked], room[asked]
+    within = room < moving.lengths(ways)[:, layers]
     u, q = np.nonzero(within & (to < count))
     to, start, layers = to[u, q], start[q], layers[q]
     met = moving.met(layers, start, start + ways[u])
