@@ -116,7 +116,7 @@ def test_blocked_moves_are_those_that_dense_sampling_finds(which: int) -> None:
         least = distance(x[:, None], 0.5 * (t + DENSE[:, 0]))[:, 0].min(axis=0)  # type: ignore[operator]
         blocked = np.isin(u * count + to, layers.blocked[t])
         # nothing gets to where an obstacle is, so that what leads on from there is not asked for
-        inside = moving.blocks & (distance(x[:1, None], np.array([0.5 * t]))[:, 0][0] < 0.0)
+        inside = moving.blocks & (distance(x[:1, None], np.array([0.5 * t]))[0, 0] < 0.0)  # type: ignore[operator]
         assert np.all(blocked[(least < -1e-4) & ~(inside & (t > 0))])
         assert not np.any(blocked[least > 0.05])
         found += int(blocked.sum())

@@ -133,10 +133,15 @@ class Limits:
     """largest norm of the velocity, in any direction [m/s]"""
     max_acceleration: Positive | None = None
     """largest norm of the acceleration, in any direction [m/s²]"""
-    max_thrust: Annotated[Positive, Field(ge=GRAVITY)] | None = None
+    max_thrust: (
+        Annotated[float, Field(ge=GRAVITY, le=LARGEST, allow_inf_nan=False), NO_TRUTH] | None
+    ) = None
     """largest norm of a + g e_z [m/s²], the thrust for each kilogram; at least g = 9.81 m/s², which
     it takes to hover"""
-    max_tilt: Annotated[Positive, Field(lt=np.pi / 2.0)] | None = None
+    max_tilt: (
+        Annotated[float, Field(ge=1.0 / LARGEST, lt=np.pi / 2.0, allow_inf_nan=False), NO_TRUTH]
+        | None
+    ) = None
     """largest angle of a + g e_z to the upright [rad], less than a right angle; as far as a
     multicopter tilts"""
 
