@@ -24,6 +24,9 @@ from drake_rho.planning.towards import towards
 from drake_rho.planning.ways import find_ways
 from drake_rho.scenario.records import Scenario
 
+_NAMED = 4
+"""Obstacles in the way of a vehicle without a way that are named one by one."""
+
 _ROUGHLY = 1e-2
 """Relative fall of the cost at which a way's plan can be told from those of others."""
 
@@ -89,6 +92,8 @@ def _everything(scenario: Scenario) -> tuple[dict[str, Names], dict[str, frozens
     """All known obstacles, as what is in the way of each vehicle."""
     numbers = frozenset(number for number, _ in scenario.known)
     told = tuple(map(scenario.obstacle_name, sorted(numbers)))
+    if len(told) > _NAMED:
+        told = (f"{told[0]} to {told[-1]}, some of them",)
     names = [vehicle.name for vehicle in scenario.vehicles]
     return dict.fromkeys(names, told), dict.fromkeys(names, numbers)
 
