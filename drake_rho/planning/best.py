@@ -7,20 +7,25 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from itertools import repeat
+from typing import Any
 
 import numpy as np
 from pydrake.solvers import SolverInterface
 
-from drake_rho.motion.plan import Plan
+from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.along_ways import no_plan, plan_along_ways
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.scp import Progress, iterate, restored
+from drake_rho.planning.spread import SPREADS, spread
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.records import Scenario
+
+_SLOWLY = {"growth": 1.7, "most": 36}
+"""Penalties of the last attempt at a restoration."""
 
 _FEW = 0.25
 """Part of a fleet that may be in trouble with obstacles while the others fly as if alone."""
@@ -155,12 +160,40 @@ def _first_apart(
             few, single = list(error.conflicts), dataclasses.replace(options, max_ways=1)
             careless = _ways_round(alone, few, error, solver, executor, single)
         start = Plan.from_accelerations(scenario, careless.accelerations, careless.statistics)
-        return restored(start, Subproblem(scenario, decoupled, solver), progress)
+        return _brought_apart(start, solver, progress)
     except InfeasibleError as error:
         error.scenario = scenario  # what was asked, apart and all
         if not error.about_linearisation:
             raise
         return _along_ways(scenario, error, solver, options, progress)
+
+
+def _brought_apart(start: Plan, solver: SolverInterface | None, progress: Progress | None) -> Plan:
+    """A plan whose vehicles keep apart, from one in which they do not know of each other.
+
+    Where restoration from there comes to no end, it begins with the vehicles spread, and at last
+    it goes in smaller steps.
+
+    Raises:
+        InfeasibleError: no plan was found.
+    """
+    scenario, spent = start.scenario, Statistics()
+    failure: InfeasibleError | None = None
+    attempts: list[tuple[Plan, dict[str, Any]]] = [(start, {})]
+    attempts += [(spread(start, number), {}) for number in range(SPREADS)]
+    attempts.append((start.with_statistics(Statistics()), _SLOWLY))
+    for reference, pace in attempts:
+        subproblem = Subproblem(scenario, decoupled, solver)
+        try:
+            plan = restored(reference, subproblem, progress, **pace)
+        except InfeasibleError as error:
+            failure = failure or error
+            spent += error.statistics
+        else:
+            return plan.with_statistics(spent + plan.statistics)
+    assert failure is not None  # noqa: S101  # there was an attempt
+    failure.statistics = spent
+    raise failure
 
 
 def _along_ways(

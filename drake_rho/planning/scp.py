@@ -25,6 +25,9 @@ Follow = Callable[[Plan, Plan], Plan]
 _MAX_RESTORATIONS = 20
 """Bound on the penalties of one restoration."""
 
+_GROWTH = 3.0
+"""How fast the penalty grows."""
+
 _CLOSER = 10.0
 """Times the first penalty for a reference that is a way among obstacles and cannot be flown: what
 is drawn aside from it too far comes out on other sides of them."""
@@ -113,11 +116,13 @@ def restored(
     subproblem: Subproblem,
     progress: Progress | None = None,
     follow: Follow | None = None,
+    *,
     most: int = _MAX_RESTORATIONS,
+    growth: float = _GROWTH,
 ) -> Plan:
     """A plan that keeps out of obstacles and of other vehicles, from one that need not.
 
-    The penalty triples from one linearisation to the next. Each vehicle yields half, so all are
+    The penalty grows from one linearisation to the next. Each vehicle yields half, so all are
     planned side by side.
 
     Args:
@@ -126,6 +131,7 @@ def restored(
         progress: called after each linearisation.
         follow: as in `iterate`.
         most: bound on the penalties.
+        growth: of the penalty, from one linearisation to the next.
 
     Raises:
         InfeasibleError: none was found.
@@ -133,7 +139,7 @@ def restored(
     first = _first_penalty(plan, subproblem.least_cost)
     if not subproblem.is_flown(plan):
         first *= _CLOSER
-    penalties = (first * 3.0**number for number in range(most))
+    penalties = (first * growth**number for number in range(most))
     return iterate(subproblem, plan, 1.0, penalties, progress=progress, follow=follow)
 
 

@@ -1,0 +1,58 @@
+"""Fleets whose ways all meet are spread before they are brought apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.keep_apart import decoupled
+from drake_rho.planning.scp import restored
+from drake_rho.planning.spread import SPREADS, spread
+from drake_rho.planning.subproblem import Subproblem
+
+
+def crowd(n: int = 48, duration: float = 6.8, distance: float = 0.3128) -> rho.Scenario:
+    """Vehicles that all meet in the middle of a circle, with little time to spare."""
+    return rho.circle_swap(
+        n,
+        radius=0.22 * n,
+        duration=duration,
+        step=0.2,
+        height=1.5,
+        limits=rho.Limits(acceleration=rho.Box([-3] * 3, [3] * 3)),
+        separation=rho.Separation(distance),
+    )
+
+
+def careless(scenario: rho.Scenario) -> rho.Plan:
+    """The plan of vehicles that do not know of each other."""
+    alone = rho.plan_convex(scenario.without_separation())
+    return rho.Plan.from_accelerations(scenario, alone.accelerations)
+
+
+def test_what_meets_at_one_point_is_brought_apart() -> None:
+    scenario = crowd()
+    with pytest.raises(InfeasibleError):
+        restored(careless(scenario), Subproblem(scenario, decoupled))
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
+    again = rho.plan(scenario)
+    np.testing.assert_array_equal(plan.accelerations, again.accelerations)
+
+
+@pytest.mark.parametrize("number", range(SPREADS))
+def test_a_spread_begins_and_ends_as_before_and_parts_vehicles_in_the_middle(number: int) -> None:
+    plan = careless(crowd(20, 9.0, 0.4))
+    bent = spread(plan, number)
+    aside = np.linalg.norm(bent.positions - plan.positions, axis=2)
+    assert aside[:, [0, -1]].max() < 0.02 * aside.max()  # to the order of the steps
+    assert 0.4 < np.sort(aside.max(axis=1))[10] < 3.0
+
+    def nearest(positions: np.ndarray) -> float:
+        apart = np.linalg.norm(positions[:, None] - positions, axis=2)
+        return float(np.median(np.sort(apart, axis=1)[:, 1]))
+
+    middle = plan.positions.shape[1] // 2
+    assert nearest(bent.positions[:, middle]) > 2.0 * nearest(plan.positions[:, middle])
