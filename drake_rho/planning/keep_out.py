@@ -130,7 +130,8 @@ class KeepOutOfObstacle(KeepOut):
         """
         shape, x = self.obstacle.shape, self.offsets(self.reference, places)
         directions = shape.outward(x)
-        for row in np.flatnonzero(np.abs(x).max(axis=1, initial=0.0) <= shape.tolerance):
+        squares = np.einsum("ri,ri->r", x, x)
+        for row in np.flatnonzero(squares <= shape.tolerance**2):
             at = places.times[row : row + 1]
             way = self.reference.each_at("velocity", places.vehicles[row : row + 1], at)
             side = side_of(np.zeros(3), (way - self.obstacle.velocities(self.start + at))[0])
@@ -173,7 +174,7 @@ class KeepOutOfObstacle(KeepOut):
 
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
         """Inner knots inside."""
-        places = self._inner_knots(vehicles)
+        places = self._inner_knots.select(np.isin(self._inner_knots.vehicles, vehicles))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
         below = self.kept[places.vehicles] - BROKEN * self.obstacle.shape.tolerance
         return places.select(distances < below)
@@ -184,34 +185,41 @@ class KeepOutOfObstacle(KeepOut):
         A row is as far from its bound as the reference is from the obstacle, so a motion can break
         it only if it is further than that from the reference.
         """
-        moved = motion.positions[vehicles, 1:-1] - self.reference.positions[vehicles, 1:-1]
-        far = np.sqrt(np.einsum("pki,pki->pk", moved, moved)) >= self._room[vehicles]
+        asked = vehicles if len(vehicles) < len(self.kept) else slice(None)
+        moved = motion.positions[asked, 1:-1] - self.reference.positions[asked, 1:-1]
+        far = np.sqrt(np.einsum("pki,pki->pk", moved, moved)) >= self._room[asked]
         if not far.any():
             return self.none
-        places = self._inner_knots(vehicles).select(far.reshape(-1))
-        rows = self.rows(places)
-        assert places.knots is not None  # noqa: S101  # they are knots
-        broken = rows.margins_at(motion, places.knots) < -BROKEN * rows.tolerances
+        every = np.zeros_like(self._room, dtype=bool)
+        every[asked] = far
+        which = np.flatnonzero(every)
+        rows, knots = self._asked.select(which), 1 + which % every.shape[1]
+        broken = rows.margins_at(motion, knots) < -BROKEN * rows.tolerances
         if reach == 0 or not broken.any():
             return rows.select(broken)
-        marked = np.zeros(far.size, dtype=bool)
-        marked[np.flatnonzero(far)[broken]] = True
-        runs = np.repeat(np.arange(len(vehicles)), far.shape[1])
-        return self.rows(self._inner_knots(vehicles).select(near(marked, runs, reach)))
+        every[every] = broken
+        return self._asked.select(near(every.reshape(-1), self._asked.vehicles, reach))
+
+    @cached_property
+    def _asked(self) -> HalfSpaces:
+        """The rows at all inner knots."""
+        return self.rows(self._inner_knots)
 
     @cached_property
     def _room(self) -> FloatArray:
         """How far outside of what is kept the reference is at inner knots [m], shape (N, K-2)."""
-        every = self._inner_knots(np.arange(len(self.kept)))
-        distances = self.obstacle.shape.signed_distance(self.offsets(self.reference, every))
-        room: FloatArray = distances.reshape(len(self.kept), -1) - self.kept[:, None]
+        offsets = self.offsets(self.reference, self._inner_knots)
+        distances = self.obstacle.shape.signed_distance(offsets).reshape(len(self.kept), -1)
+        room: FloatArray = distances - self.kept[:, None]
         return room
 
-    def _inner_knots(self, vehicles: IntArray) -> Places:
-        """All inner knots of some vehicles."""
-        knots = np.arange(1, self.reference.accelerations.shape[1])
-        whose, times = np.repeat(vehicles, len(knots)), self.reference.step * knots
-        return Places(whose, whose, np.tile(times, len(vehicles)), np.tile(knots, len(vehicles)))
+    @cached_property
+    def _inner_knots(self) -> Places:
+        """All inner knots of all vehicles, one vehicle after the other."""
+        count, knots = len(self.kept), np.arange(1, self.reference.accelerations.shape[1])
+        whose = np.repeat(np.arange(count), len(knots))
+        times: FloatArray = np.float64(self.reference.step) * knots
+        return Places(whose, whose, np.tile(times, count), np.tile(knots, count))
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
         """Rows at the same instants."""

@@ -217,7 +217,9 @@ class Obstacle:
         if self.velocity is not None:
             centers: FloatArray = self.shape.center + times[..., None] * self.velocity
             return centers
-        return np.broadcast_to(self.shape.center, (*times.shape, 3))
+        still: FloatArray = np.empty((*times.shape, 3))
+        still[...] = self.shape.center
+        return still
 
     def velocities(self, times: FloatArray) -> FloatArray:
         """Velocities at times on the scenario's clock [m/s], shape (M, 3)."""

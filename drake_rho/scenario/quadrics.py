@@ -68,8 +68,11 @@ class Sphere(Quadric):
 
     def outward(self, x: FloatArray) -> FloatArray:
         """The direction of x from the centre; at the centre, that of the x axis."""
-        normals = self.scaled_normal(x)
-        return np.where(np.isnan(normals), np.array([1.0, 0.0, 0.0]), normals)
+        lengths = np.sqrt(np.einsum("...i,...i->...", x, x))[..., None]
+        if np.all(lengths > 0.0):
+            normals: FloatArray = x / lengths
+            return normals
+        return np.where(lengths > 0.0, x / np.where(lengths > 0.0, lengths, 1.0), np.eye(3)[0])
 
 
 @record

@@ -8,6 +8,7 @@ the set for every unit vector n: that is all that a planner needs to know of a s
 from __future__ import annotations
 
 import abc
+from functools import cached_property
 
 import numpy as np
 
@@ -34,12 +35,12 @@ class Shape(abc.ABC):
     def extent(self) -> FloatArray:
         """Half the sides of its bounding box [m], shape (3,); infinite where it has no end."""
 
-    @property
+    @cached_property
     def size(self) -> float:
         """What its tolerance is a part of: the greatest finite extent [m]."""
         return float(np.max(self.extent, where=np.isfinite(self.extent), initial=0.0))
 
-    @property
+    @cached_property
     def tolerance(self) -> float:
         """How deep inside still counts as outside: `TOLERANCE` of the size [m]."""
         return TOLERANCE * self.size
