@@ -234,6 +234,7 @@ def test_a_crowd_between_pillars_is_planned() -> None:
         pillars,
         rho.Separation(0.4),
     )
-    plan = rho.plan(scenario, options=rho.Options(max_iterations=2))
-    assert rho.verify(plan).ok
-    assert plan.statistics.searched is not None
+    assert rho.verify(rho.plan(scenario, options=rho.Options(max_iterations=2))).ok
+    along = plan_along_ways(scenario)
+    assert along.plan is not None
+    assert rho.verify(along.plan).ok

@@ -15,9 +15,10 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.keep_apart import coupled
+from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import rows_of
-from drake_rho.planning.subproblem import Subproblem, convex_constraints
+from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.working_set import Keys, WorkingSet
 from tests.scenarios import box, fleet, single
 from tests.tolerances import ROUNDING

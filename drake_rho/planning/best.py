@@ -178,7 +178,7 @@ def _brought_apart(start: Plan, solver: SolverInterface | None, progress: Progre
         InfeasibleError: no plan was found.
     """
     scenario, spent = start.scenario, Statistics()
-    failure: InfeasibleError | None = None
+    failure: InfeasibleError | SolverError | None = None
     attempts: list[tuple[Plan, dict[str, Any]]] = [(start, {})]
     attempts += [(spread(start, number), {}) for number in range(SPREADS)]
     attempts.append((start.with_statistics(Statistics()), _SLOWLY))
@@ -186,8 +186,8 @@ def _brought_apart(start: Plan, solver: SolverInterface | None, progress: Progre
         subproblem = Subproblem(scenario, decoupled, solver)
         try:
             plan = restored(reference, subproblem, progress, **pace)
-        except InfeasibleError as error:
-            failure = failure or error
+        except (InfeasibleError, SolverError) as error:
+            failure = failure if isinstance(failure, InfeasibleError) else error
             spent += error.statistics
         else:
             return plan.with_statistics(spent + plan.statistics)

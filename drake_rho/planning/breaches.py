@@ -13,6 +13,7 @@ from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_apart import NAME, too_close
 from drake_rho.planning.keep_out import FIRST, obstacles_of
+from drake_rho.planning.limits import convex_constraints
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
 
@@ -36,6 +37,8 @@ class Breaches:
     """the distance that each vehicle keeps from each of these [m], shape (N,)"""
     unflyable: IntArray
     """vehicles whose positions are not those that their accelerations lead to, shape (U,)"""
+    beyond: IntArray
+    """vehicles that break limits of their own, shape (B,)"""
 
     @property
     def is_out_of_obstacles(self) -> bool:
@@ -47,12 +50,14 @@ class Breaches:
         """The vehicles that have to be planned anew, rising."""
         obstacles = [found.one for found in self.inside.values()]
         return np.unique(
-            np.concatenate([self.pairs.one, self.pairs.other, self.unflyable, *obstacles])
+            np.concatenate(
+                [self.pairs.one, self.pairs.other, self.unflyable, self.beyond, *obstacles]
+            )
         )
 
     def is_almost_out(self, scenario: Scenario) -> bool:
         """Whether what is too close is so by little, and the motion can be flown."""
-        if len(self.unflyable) > 0:
+        if len(self.unflyable) + len(self.beyond) > 0:
             return False
         apart = 0.0 if scenario.separation is None else scenario.separation.distance
         if np.any(self.pairs.distances <= (1.0 - _ALMOST) * apart):
@@ -103,6 +108,7 @@ def breaches_of(scenario: Scenario, plan: Plan) -> Breaches:
         inside,
         kept,
         _unflyable(scenario, motion),
+        _beyond(scenario, motion),
     )
 
 
@@ -111,6 +117,15 @@ def _unflyable(scenario: Scenario, motion: Motion) -> IntArray:
     flown = Motion.from_starts(scenario.fleet, motion.accelerations, motion.step)
     missed = np.abs(flown.positions - motion.positions).max(axis=(1, 2))
     return np.flatnonzero(missed > TOLERANCE * scenario.fleet.lengths)
+
+
+def _beyond(scenario: Scenario, motion: Motion) -> IntArray:
+    """Vehicles that break limits or miss waypoints at knots."""
+    everyone, found = np.arange(len(scenario.vehicles)), [_NOBODY]
+    for constraint in convex_constraints(scenario):
+        rows = constraint.violated(motion, everyone)
+        found.append(rows.vehicles[rows.margins(motion) < -rows.tolerances])
+    return np.unique(np.concatenate(found))
 
 
 def _worst_first(found: CloseApproaches) -> list[tuple[int, int, float]]:

@@ -11,7 +11,8 @@ from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_out import obstacles_of
-from drake_rho.planning.subproblem import Subproblem, convex_constraints, coupling_for
+from drake_rho.planning.limits import convex_constraints
+from drake_rho.planning.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
 

@@ -13,10 +13,8 @@ from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
-from drake_rho.planning.keep_in import boxes_of
-from drake_rho.planning.keep_in_norm import norms_of
 from drake_rho.planning.keep_out import obstacles_of
-from drake_rho.planning.keep_waypoints import waypoints_of
+from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.scenario.fields import IntArray
@@ -25,11 +23,6 @@ from drake_rho.scenario.records import Scenario
 _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
 with fewer they come out inside of some, and on the wrong side of others."""
-
-
-def convex_constraints(scenario: Scenario) -> list[Constraint]:
-    """What holds whatever the reference: keep-in constraints."""
-    return [*boxes_of(scenario), *norms_of(scenario), *waypoints_of(scenario)]
 
 
 def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
@@ -183,9 +176,10 @@ class Subproblem:
         return len(self._look_at(plan).pairs) == 0
 
     def holds(self, plan: Plan) -> bool:
-        """Whether a plan can be flown, all pairs keep apart, and no obstacle is in the way."""
+        """Whether a plan can be flown within limits, keeps apart and out of obstacles."""
         found = self._look_at(plan)
-        return len(found.pairs) == 0 and found.is_out_of_obstacles
+        out = len(found.pairs) == 0 and found.is_out_of_obstacles
+        return out and len(found.beyond) == 0
 
     def almost_holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown and is too close to nothing by more than a little."""
