@@ -29,10 +29,10 @@ from drake_rho.scenario.records import Scenario
 _NAMED = 4
 """Obstacles in the way of a vehicle without a way that are named one by one."""
 
-_BENDS = 16
+_BENDS = 20
 """Bends of one vehicle's motion that are tried where ways lead to no plan."""
 
-_BENT = 0.3, 3.0
+_BENT = 0.3, 5.0
 """How far they lead aside, in parts of the largest obstacle."""
 
 _ROUGHLY = 1e-2

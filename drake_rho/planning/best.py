@@ -249,5 +249,10 @@ def _ways_round(
     if lost := [along for along in found if along.plan is None]:
         raise no_plan(lost, scenario, spent, failure)
     around = Plan.from_accelerations(scenario, accelerations)
-    plan = plan_around(scenario, around, solver)
+    try:
+        plan = plan_around(scenario, around, solver)
+    except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
+        if not Subproblem(scenario, decoupled, solver).holds(around):
+            raise
+        plan = around
     return plan.with_statistics(spent + plan.statistics)

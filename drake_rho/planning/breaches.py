@@ -38,12 +38,12 @@ class Breaches:
     unflyable: IntArray
     """vehicles whose positions are not those that their accelerations lead to, shape (U,)"""
     beyond: IntArray
-    """vehicles that break limits of their own, shape (B,)"""
+    """vehicles that break limits of their own, or miss their goals, shape (B,)"""
 
     @property
     def is_out_of_obstacles(self) -> bool:
-        """Whether the motion can be flown and keeps out of all obstacles."""
-        return not self.inside and len(self.unflyable) == 0
+        """Whether the motion can be flown within limits and keeps out of all obstacles."""
+        return not self.inside and len(self.unflyable) + len(self.beyond) == 0
 
     @cached_property
     def vehicles(self) -> IntArray:
@@ -120,8 +120,12 @@ def _unflyable(scenario: Scenario, motion: Motion) -> IntArray:
 
 
 def _beyond(scenario: Scenario, motion: Motion) -> IntArray:
-    """Vehicles that break limits or miss waypoints at knots."""
-    everyone, found = np.arange(len(scenario.vehicles)), [_NOBODY]
+    """Vehicles that break limits or miss waypoints at knots, or do not end at their goals."""
+    everyone, fleet = np.arange(len(scenario.vehicles)), scenario.fleet
+    missed = np.abs(motion.positions[:, -1] - fleet.goal_positions).max(axis=1)
+    late = np.abs(motion.velocities[:, -1] - fleet.goal_velocities).max(axis=1)
+    off = (missed > TOLERANCE * fleet.lengths) | (late > TOLERANCE * fleet.scale("velocity"))
+    found = [np.flatnonzero(off)]
     for constraint in convex_constraints(scenario):
         rows = constraint.violated(motion, everyone)
         found.append(rows.vehicles[rows.margins(motion) < -rows.tolerances])

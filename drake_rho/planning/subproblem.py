@@ -178,8 +178,7 @@ class Subproblem:
     def holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown within limits, keeps apart and out of obstacles."""
         found = self._look_at(plan)
-        out = len(found.pairs) == 0 and found.is_out_of_obstacles
-        return out and len(found.beyond) == 0
+        return len(found.pairs) == 0 and found.is_out_of_obstacles
 
     def almost_holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown and is too close to nothing by more than a little."""
