@@ -11,13 +11,12 @@ import dataclasses
 import time
 from collections.abc import Sequence
 
-import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.bends import BENDS, bent_alone
 from drake_rho.planning.errors import InfeasibleError, Names, SolverError
 from drake_rho.planning.keep_apart import decoupled
-from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.scp import Progress, iterate, restored
 from drake_rho.planning.subproblem import Subproblem
@@ -28,12 +27,6 @@ from drake_rho.scenario.records import Scenario
 
 _NAMED = 4
 """Obstacles in the way of a vehicle without a way that are named one by one."""
-
-_BENDS = 20
-"""Bends of one vehicle's motion that are tried where ways lead to no plan."""
-
-_BENT = 0.3, 5.0
-"""How far they lead aside, in parts of the largest obstacle."""
 
 _ROUGHLY = 1e-2
 """Relative fall of the cost at which a way's plan can be told from those of others."""
@@ -102,24 +95,12 @@ def plan_along_ways(
 def _by_bends(
     scenario: Scenario, solver: SolverInterface | None, progress: Progress | None
 ) -> tuple[Plan | None, Statistics]:
-    """A plan of one vehicle from its cheapest motion, bent in several ways; and what it took.
-
-    Where a way is too long for the time there is, a motion may still get past what moves, or past
-    a corner, at another pace. Bends have no order, but are always the same.
-    """
-    grid, effort, spent = scenario.grid, MinimumEffort.of(scenario), Statistics()
-    extents = np.concatenate([body.shape.extent for _, body in scenario.known])
-    size = float(np.max(extents, where=np.isfinite(extents), initial=0.0))
-    angles = 2.0 * np.pi * (np.arange(grid.knots - 1) + 0.5) / (grid.knots - 1)
-    waves = np.stack([np.sin(angles), np.cos(angles)]) * (2.0 * np.pi / grid.duration) ** 2
-    for number in range(_BENDS):
-        rng = np.random.default_rng(number)
-        aside = size * rng.uniform(*_BENT) * rng.normal(size=(2, 3)) * [[1.0], [0.5]]
-        bent = effort.motion.accelerations + np.einsum("wk,wx->kx", waves, aside)
-        reference = Plan.from_accelerations(scenario, bent)
+    """A plan of one vehicle from its cheapest motion, bent in several ways; and what it took."""
+    spent = Statistics()
+    for number in range(BENDS):
+        subproblem = Subproblem(scenario, decoupled, solver)
         try:
-            subproblem = Subproblem(scenario, decoupled, solver)
-            plan = restored(reference, subproblem, progress)
+            plan = restored(bent_alone(scenario, number), subproblem, progress)
         except (InfeasibleError, SolverError) as error:
             spent += error.statistics
         else:

@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from itertools import repeat
-from typing import Any
 
 import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.along_ways import no_plan, plan_along_ways
+from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
-from drake_rho.planning.scp import Progress, iterate, restored
-from drake_rho.planning.spread import SPREADS, spread
+from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, Progress, iterate, restored
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.records import Scenario
 
-_SLOWLY = {"growth": 1.7, "most": 36}
-"""Penalties of the last attempt at a restoration."""
+_SLOWLY = 1.7, 36
+"""How fast penalties grow in the last attempt at a restoration, and how many there are."""
 
 _FEW = 0.25
 """Part of a fleet that may be in trouble with obstacles while the others fly as if alone."""
@@ -81,7 +80,7 @@ def plan(
         progress=progress,
         options=options,
     )
-    if not scenario.obstacles and scenario.separation is None:
+    if not scenario.known and scenario.separation is None:
         return first
     tolerance = options.tolerance_of(scenario, together=coupling.together)
     subproblem = Subproblem(scenario, coupling, solver)
@@ -120,7 +119,7 @@ def first_plan(
     try:
         return plan_convex(scenario, reference=reference, solver=solver)
     except SolverError:
-        if not scenario.obstacles:
+        if not scenario.known:
             raise
         everyone = [vehicle.name for vehicle in scenario.vehicles]
         return _ways_round(scenario, everyone, None, solver, executor, options)
@@ -151,7 +150,7 @@ def _first_apart(
         try:
             careless = plan_convex(alone, reference=reference, solver=solver)
         except SolverError:
-            if not scenario.obstacles:
+            if not scenario.known:
                 raise
             return _along_ways(scenario, None, solver, options, progress)
         except InfeasibleError as error:
@@ -179,13 +178,10 @@ def _brought_apart(start: Plan, solver: SolverInterface | None, progress: Progre
     """
     scenario, spent = start.scenario, Statistics()
     failure: InfeasibleError | SolverError | None = None
-    attempts: list[tuple[Plan, dict[str, Any]]] = [(start, {})]
-    attempts += [(spread(start, number), {}) for number in range(SPREADS)]
-    attempts.append((start.with_statistics(Statistics()), _SLOWLY))
-    for reference, pace in attempts:
+    for reference, growth, most in _attempts(start):
         subproblem = Subproblem(scenario, decoupled, solver)
         try:
-            plan = restored(reference, subproblem, progress, **pace)
+            plan = restored(reference, subproblem, progress, growth=growth, most=most)
         except (InfeasibleError, SolverError) as error:
             failure = failure if isinstance(failure, InfeasibleError) else error
             spent += error.statistics
@@ -194,6 +190,14 @@ def _brought_apart(start: Plan, solver: SolverInterface | None, progress: Progre
     assert failure is not None  # noqa: S101  # there was an attempt
     failure.statistics = spent
     raise failure
+
+
+def _attempts(start: Plan) -> Iterator[tuple[Plan, float, int]]:
+    """What to restore a fleet from, how fast penalties grow, and how many there are."""
+    yield start, GROWTH, MAX_RESTORATIONS
+    for number in range(SPREADS):
+        yield spread(start, number), GROWTH, MAX_RESTORATIONS
+    yield start.with_statistics(Statistics()), *_SLOWLY
 
 
 def _along_ways(

@@ -1,4 +1,4 @@
-"""What a motion comes too close to, while a plan is still looked for."""
+"""What a motion breaks, while a plan is still looked for: too close to something, out of limits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_apart import NAME, too_close
 from drake_rho.planning.keep_out import FIRST, obstacles_of
 from drake_rho.planning.limits import convex_constraints
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
 
 _ALMOST = 0.05
@@ -27,22 +27,21 @@ _NONE = CloseApproaches(_NOBODY, _NOBODY, np.zeros(0), np.zeros(0))
 
 @dataclasses.dataclass(frozen=True)
 class Breaches:
-    """Where vehicles are too close to others and to obstacles, worst instants of each step."""
+    """What a motion breaks; where it is too close, the worst instants of each step."""
 
     pairs: CloseApproaches
     """vehicles that are too close to each other"""
     inside: dict[int, CloseApproaches]
-    """by the number of an obstacle, vehicles that come too close to it, and their distances"""
-    kept: dict[int, FloatArray]
-    """the distance that each vehicle keeps from each of these [m], shape (N,)"""
+    """by the number of an obstacle, vehicles that come too close to it, and by how much: distances
+    from what they keep, below zero"""
     unflyable: IntArray
     """vehicles whose positions are not those that their accelerations lead to, shape (U,)"""
     beyond: IntArray
     """vehicles that break limits of their own, or miss their goals, shape (B,)"""
 
     @property
-    def is_out_of_obstacles(self) -> bool:
-        """Whether the motion can be flown within limits and keeps out of all obstacles."""
+    def is_of_pairs_only(self) -> bool:
+        """Whether everything is kept but for the separation of pairs."""
         return not self.inside and len(self.unflyable) + len(self.beyond) == 0
 
     @cached_property
@@ -64,7 +63,7 @@ class Breaches:
             return False
         for number, found in self.inside.items():
             room = _ALMOST * scenario.bodies[number - 1].shape.extent.min()
-            if np.any(found.distances < self.kept[number][found.one] - room):
+            if np.any(found.distances < -room):
                 return False
         return True
 
@@ -94,19 +93,14 @@ class Breaches:
 
 
 def breaches_of(scenario: Scenario, plan: Plan) -> Breaches:
-    """What a plan, or a reference that cannot be flown, comes too close to."""
+    """What a plan breaks, or a reference that cannot be flown."""
     motion, between = plan.motion(), scenario.between_knots
     apart = scenario.separation
-    inside, kept = {}, {}
-    for constraint in obstacles_of(scenario, motion):
-        found = constraint.approaches(motion)
-        if len(found) > 0:
-            number = constraint.number - FIRST
-            inside[number], kept[number] = found, constraint.kept
+    obstacles = obstacles_of(scenario, motion)
+    approaches = {each.number - FIRST: each.approaches(motion) for each in obstacles}
     return Breaches(
         _NONE if apart is None else too_close(apart, motion, between=between),
-        inside,
-        kept,
+        {number: found for number, found in approaches.items() if len(found) > 0},
         _unflyable(scenario, motion),
         _beyond(scenario, motion),
     )

@@ -81,7 +81,7 @@ def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | 
     if scenario.separation is not None:
         plan = Subproblem(scenario, coupling_for(scenario), solver).around(free)
         return plan.with_statistics(free.statistics + plan.statistics)
-    if not scenario.obstacles:
+    if not scenario.known:
         return free
     planes.keep_to(obstacles_of(scenario, free.motion()), reference=free)
     return planes.plan(free)

@@ -167,9 +167,10 @@ class KeepOutOfObstacle(KeepOut):
         return Places(whose[~again], whose[~again], times[~again])
 
     def approaches(self, motion: Motion) -> CloseApproaches:
-        """Where a motion is inside, and its distances from the shape [m]."""
+        """Where a motion comes too close, and its distances from what is kept, below zero [m]."""
         places = self.penetrations(motion, np.arange(len(self.kept)))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
+        distances = distances - self.kept[places.vehicles]
         return CloseApproaches(places.vehicles, places.partners, places.times, distances)
 
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:

@@ -22,10 +22,10 @@ Progress = Callable[[str], None]
 Follow = Callable[[Plan, Plan], Plan]
 """What is linearised around next, of a reference and the plan that was found around it."""
 
-_MAX_RESTORATIONS = 20
+MAX_RESTORATIONS = 20
 """Bound on the penalties of one restoration."""
 
-_GROWTH = 3.0
+GROWTH = 3.0
 """How fast the penalty grows."""
 
 _CLOSER = 10.0
@@ -117,8 +117,8 @@ def restored(
     progress: Progress | None = None,
     follow: Follow | None = None,
     *,
-    most: int = _MAX_RESTORATIONS,
-    growth: float = _GROWTH,
+    most: int = MAX_RESTORATIONS,
+    growth: float = GROWTH,
 ) -> Plan:
     """A plan that keeps out of obstacles and of other vehicles, from one that need not.
 

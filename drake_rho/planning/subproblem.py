@@ -130,7 +130,7 @@ class Subproblem:
 
         As soon as it almost keeps out, the rows are tried as hard ones. Vehicles that fly the
         reference, and are in nobody's way, go on flying it. Obstacles are soft only where the
-        reference does not keep out of them, or is no motion that can be flown.
+        reference breaks more than the separation of pairs.
 
         Args:
             reference: positions of the same vehicles at the same knots.
@@ -149,11 +149,11 @@ class Subproblem:
             except (InfeasibleError, SolverError):  # not yet
                 pass
         motion, rounds = reference.motion(), number // 2
-        rounds += 1 if found.is_out_of_obstacles else _ROUNDS_AMONG_OBSTACLES
+        rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
         constraints = convex_constraints(self.scenario)
         for each in obstacles_of(self.scenario, motion):
             soft = dataclasses.replace(each.softened(penalty), rounds=rounds, searches=1)
-            constraints.append(each if found.is_out_of_obstacles else soft)
+            constraints.append(each if found.is_of_pairs_only else soft)
         if self.scenario.separation is not None:
             constraints.append(
                 pairs_of(
@@ -178,7 +178,7 @@ class Subproblem:
     def holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown within limits, keeps apart and out of obstacles."""
         found = self._look_at(plan)
-        return len(found.pairs) == 0 and found.is_out_of_obstacles
+        return len(found.pairs) == 0 and found.is_of_pairs_only
 
     def almost_holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown and is too close to nothing by more than a little."""

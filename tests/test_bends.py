@@ -1,4 +1,4 @@
-"""Fleets whose ways all meet are spread before they are brought apart."""
+"""References bent aside: fleets whose ways all meet, vehicles whose way is too long."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.scp import restored
-from drake_rho.planning.spread import SPREADS, spread
 from drake_rho.planning.subproblem import Subproblem
 
 
