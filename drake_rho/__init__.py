@@ -27,6 +27,7 @@ from drake_rho.scenario.missions import load_lsc_mission
 from drake_rho.scenario.records import (
     Box,
     Cylinder,
+    Disturbance,
     Ellipsoid,
     Grid,
     Limits,
@@ -58,6 +59,7 @@ __all__ = [
     "Check",
     "Cylinder",
     "Diagnosis",
+    "Disturbance",
     "DrakeRhoError",
     "Ellipsoid",
     "Flight",
