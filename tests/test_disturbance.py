@@ -37,7 +37,7 @@ def _with(disturbance: rho.Disturbance | None, grid: rho.Grid | None = None) -> 
         ("delay", -1, "greater than or equal to 0"),
         ("delay", 0.5, "integer"),
         ("delay", True, "a number"),
-        ("delay", 101, "less than or equal to 100"),
+        ("delay", 51, "less than or equal to 50"),
         ("share", 0.0, "greater than 0"),
         ("share", 1.1, "less than or equal to 1"),
         ("shares", 0.5, "did you mean share"),

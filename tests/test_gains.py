@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -129,3 +130,26 @@ def test_the_largest_disturbance_without_bounds_or_with_too_small_ones() -> None
     assert rho.largest_disturbance(scenario, 1e-9, initial=(0.1, 0.0)) == 0.0
     with pytest.raises(ValueError, match=r"scenario\.disturbance"):
         rho.largest_disturbance(single(), 1.0)
+
+
+def _table() -> list[list[float]]:
+    """The rows of the first table of peaks in docs/flight.md, delay first."""
+    text = (Path(__file__).parent.parent / "docs" / "flight.md").read_text()
+    rows = text.split("| delay | 1.2 W: ρ_p |")[1].split("\n\n")[0].splitlines()[2:]
+    return [[float(cell) for cell in row.strip("| ").split("|")] for row in rows]
+
+
+@pytest.mark.parametrize("row", _table())
+def test_the_table_of_the_document_is_true_for_any_sample_and_wind(row: list[float]) -> None:
+    sample, W = 0.04, 0.3
+    delay, found = int(row[0]), list[float]()
+    for taken in (1.2, 1.5, 2.0, 3.0, None):
+        limits = rho.Limits(max_acceleration=None if taken is None else 2.0 * taken * W)
+        around = rho.Disturbance(W, feedback_every=sample, delay=delay, share=0.5)
+        scenario = single(grid=rho.Grid(0.4, 51), limits=limits)
+        tube = rho.error_tube(dataclasses.replace(scenario, disturbance=around))
+        peak, feedback = peaks(tube)
+        found += [peak / (sample**2 * W), tube.velocity_over(0.0, 20.0)[0] / (sample * W)]
+    np.testing.assert_allclose(found[::2], row[1:-1:2], rtol=0.02)
+    np.testing.assert_allclose(found[1::2], row[2:-1:2], rtol=0.06)  # which nothing makes least
+    assert feedback / W == pytest.approx(row[-1], rel=0.02)

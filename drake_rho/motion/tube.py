@@ -77,7 +77,7 @@ class ErrorTube:
         """ρ_p [m] at times on the scenario's clock [s], any shape.
 
         Raises:
-            ValueError: a time is outside the flight; so too from the others.
+            ValueError: a time is outside the flight; `velocity` and `acceleration` raise it too.
         """
         return self._at("position", times) * self.sample**2
 
@@ -100,8 +100,8 @@ class ErrorTube:
             ends: not before they begin [s], shape (M,).
 
         Raises:
-            ValueError: a time is outside the flight, or a piece ends before it begins; so too from
-                the others.
+            ValueError: a time is outside the flight, or a piece ends before it begins; the other
+                two raise it too.
         """
         return self._radii.position_over(self._pieces(begins, ends)) * self.sample**2
 

@@ -35,7 +35,7 @@ class Disturbance:
     feedback_every: Positive | None = None
     """time from one sample of the feedback to the next, which divides the grid's step [s]; the step
     itself if not given"""
-    delay: Annotated[int, Field(ge=0, le=100), NO_TRUTH] = 0
+    delay: Annotated[int, Field(ge=0, le=50), NO_TRUTH] = 0
     """how many samples pass from an estimate to the feedback that is made of it, in samples"""
     share: Annotated[Positive, Field(le=1.0)] = 0.5
     """the part of the tightest acceleration limit that the feedback may take"""
