@@ -121,5 +121,8 @@ def test_on_another_grid_the_feedback_is_as_often_or_more_often() -> None:
         other = scenario.on_grid(rho.Grid(step, 9)).disturbance
         assert other is not None
         assert other.feedback_every == pytest.approx(every, rel=1e-12)
+    many = _with(rho.Disturbance(1.0, feedback_every=0.0005)).on_grid(rho.Grid(5.0, 9)).disturbance
+    assert many is not None
+    assert many.samples_per_step(5.0) == 1000  # and no more
     assert _with(rho.Disturbance(1.0)).on_grid(rho.Grid(0.1, 9)).disturbance == rho.Disturbance(1.0)
     assert rho.shortest_plan(scenario).scenario.disturbance is not None  # it tries other steps

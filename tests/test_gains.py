@@ -130,6 +130,9 @@ def test_the_largest_disturbance_without_bounds_or_with_too_small_ones() -> None
     assert rho.largest_disturbance(scenario, 1e-9, initial=(0.1, 0.0)) == 0.0
     with pytest.raises(ValueError, match=r"scenario\.disturbance"):
         rho.largest_disturbance(single(), 1.0)
+    for radius in (-1.0, np.nan):
+        with pytest.raises(ValueError, match="position: got"):
+            rho.largest_disturbance(scenario, radius)
 
 
 def _table() -> list[list[float]]:

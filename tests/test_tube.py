@@ -229,6 +229,14 @@ def test_times_have_any_shape_and_lie_in_the_flight() -> None:
             rho.error_tube(scenario_of(None), initial)  # type: ignore[arg-type]  # tested
 
 
+def test_gains_that_make_no_sense_are_refused() -> None:
+    scenario = scenario_of(rho.Disturbance(1.0), rho.Grid(0.5, 2000))
+    with pytest.raises(ValueError, match="gains: got"):
+        rho.error_tube(scenario, gains=(np.nan, 0.0))
+    with pytest.raises(ValueError, match="expected some with which errors decay"):
+        rho.error_tube(scenario, gains=(1.0, 50.0)).position(1.0)
+
+
 def test_own_limits_count_for_the_share() -> None:
     limits = rho.Limits(acceleration=rho.Box([-9.0] * 3, [8.0, 7.0, 6.0]), max_acceleration=5.0)
     around = rho.Disturbance(1.0, feedback_every=SECONDS, share=0.4)

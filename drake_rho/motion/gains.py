@@ -72,7 +72,7 @@ def largest_wind(loop: Loop, radius: float) -> float:
         radius: of the position, in m/s² times the squared sample.
 
     Returns:
-        The wind, infinite where both are; 0 where the errors alone are too large.
+        The wind, infinite where the radius is; 0 where the errors alone are too large.
     """
     if not np.isfinite(radius):
         return np.inf

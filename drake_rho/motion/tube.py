@@ -30,7 +30,8 @@ class ErrorTube:
     Any error in its ball is reached by some wind and some errors of the estimate, at that time.
 
     Raises:
-        ValueError: the initial radii are not two finite numbers that are not negative.
+        ValueError: the initial radii are not two finite numbers of at least 0, or the gains are not
+            two finite ones, or so unstable that errors grow beyond all numbers within the flight.
     """
 
     disturbance: Disturbance
@@ -47,6 +48,10 @@ class ErrorTube:
         if radii.shape != (2,) or not np.all(np.isfinite(radii) & (radii >= 0.0)):
             expected = "two finite radii, in m and m/s, of at least 0"
             raise ValueError(f"initial: got {self.initial!r}, expected {expected}")
+        if np.shape(self.gains) != (2,) or not np.all(np.isfinite(self.gains)):
+            raise ValueError(
+                f"gains: got {self.gains!r}, expected two finite ones, in 1/s² and 1/s"
+            )
 
     @property
     def sample(self) -> float:
@@ -71,7 +76,11 @@ class ErrorTube:
         """What each cause of an error does to it later."""
         k_p, k_v = self.gains
         scaled = k_p * self.sample**2, k_v * self.sample
-        return Responses.of(scaled, self.disturbance.delay, self.samples)
+        with np.errstate(over="ignore", invalid="ignore"):  # looked for below
+            responses = Responses.of(scaled, self.disturbance.delay, self.samples)
+        if not np.all(np.isfinite(responses.values)):
+            raise ValueError(f"gains: got {self.gains}, expected some with which errors decay")
+        return responses
 
     def position(self, times: npt.ArrayLike) -> FloatArray:
         """ρ_p [m] at times on the scenario's clock [s], any shape.
@@ -193,8 +202,10 @@ def largest_disturbance(
     infinite radius; 0 where the errors alone are too much.
 
     Raises:
-        ValueError: the scenario has no disturbance.
+        ValueError: the scenario has no disturbance, or the radius is negative or no number.
     """
+    if not position >= 0.0:
+        raise ValueError(f"position: got {position}, expected a radius of at least 0 in m")
     if scenario.disturbance is None:
         raise ValueError("scenario.disturbance: got None, expected one to take the feedback from")
     tube = ErrorTube(scenario.disturbance, scenario.grid, initial=initial)

@@ -60,18 +60,23 @@ class Disturbance:
         """
         if self.feedback_every is None:
             return
-        most = min(_MOST_IN_A_STEP, max(1, _MOST // (grid.knots - 1)))
-        parts = grid.step / self.feedback_every
+        parts, most = grid.step / self.feedback_every, _most_per_step(grid)
         if not 1 <= round(parts) <= most or abs(parts - round(parts)) > 1e-9 * parts:
             expected = f"a time that divides the step, {grid.step:g} s, into 1 to {most} parts"
             raise ScenarioError("disturbance.feedback_every", self.feedback_every, expected)
 
-    def for_step(self, step: float) -> Self:
-        """This disturbance where the grid's step is another [s]: samples are as long or shorter.
+    def for_grid(self, grid: Grid) -> Self:
+        """This disturbance on another grid: samples are as long, or as little shorter as divides.
 
-        They become as long as divides the step, for a planner that tries other steps.
+        For a planner that tries other steps. Where samples would be too many, they are longer.
         """
         if self.feedback_every is None:
             return self
-        parts = max(1, math.ceil(step / self.feedback_every * (1.0 - 1e-9)))
-        return unchecked(self, feedback_every=step / parts)
+        parts = math.ceil(grid.step / self.feedback_every * (1.0 - 1e-9))
+        parts = min(max(parts, 1), _most_per_step(grid))
+        return unchecked(self, feedback_every=grid.step / parts)
+
+
+def _most_per_step(grid: Grid) -> int:
+    """Most feedback samples that a step of a grid may have."""
+    return min(_MOST_IN_A_STEP, max(1, _MOST // (grid.knots - 1)))

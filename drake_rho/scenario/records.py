@@ -250,7 +250,7 @@ class Scenario:
         Raises:
             ScenarioError: something in it does not fit the grid.
         """
-        around = None if self.disturbance is None else self.disturbance.for_step(grid.step)
+        around = None if self.disturbance is None else self.disturbance.for_grid(grid)
         return dataclasses.replace(self, grid=grid, disturbance=around)
 
     def without_separation(self) -> Scenario:
