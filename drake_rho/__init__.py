@@ -12,6 +12,7 @@ from drake_rho.assurance.optimality import Certificate, VehicleCertificate, cert
 from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
 from drake_rho.planning.assignment import assign_goals
 from drake_rho.planning.best import plan, plan_scp
 from drake_rho.planning.convex import plan_convex
@@ -27,6 +28,7 @@ from drake_rho.scenario.missions import load_lsc_mission
 from drake_rho.scenario.records import (
     Box,
     Cylinder,
+    Disturbance,
     Ellipsoid,
     Grid,
     Limits,
@@ -41,6 +43,8 @@ from drake_rho.scenario.records import (
     Waypoint,
 )
 from drake_rho.scenario.worlds import random_field, trefoil_swap
+from drake_rho.simulation import winds
+from drake_rho.simulation.worst_case import WorstCase, worst_case
 
 if TYPE_CHECKING:
     from drake_rho.display.animation import animate
@@ -58,8 +62,10 @@ __all__ = [
     "Check",
     "Cylinder",
     "Diagnosis",
+    "Disturbance",
     "DrakeRhoError",
     "Ellipsoid",
+    "ErrorTube",
     "Flight",
     "Grid",
     "InfeasibleError",
@@ -82,6 +88,7 @@ __all__ = [
     "VehicleCertificate",
     "Waypoint",
     "Window",
+    "WorstCase",
     "accelerations_figure",
     "animate",
     "assign_goals",
@@ -91,9 +98,11 @@ __all__ = [
     "decoupled",
     "diagnose",
     "distances_figure",
+    "error_tube",
     "flight_cube",
     "free_reference",
     "infeasible_subset",
+    "largest_disturbance",
     "library",
     "load",
     "load_lsc_mission",
@@ -115,6 +124,8 @@ __all__ = [
     "trefoil_swap",
     "velocities_figure",
     "verify",
+    "winds",
+    "worst_case",
 ]
 
 # What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.

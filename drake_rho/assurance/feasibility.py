@@ -194,7 +194,7 @@ def _lasting(scenario: Scenario, factor: float) -> Scenario:
         else each
         for each in scenario.obstacles
     )
-    return dataclasses.replace(scenario, grid=grid, obstacles=obstacles)
+    return dataclasses.replace(scenario, obstacles=obstacles).on_grid(grid)
 
 
 def _least(

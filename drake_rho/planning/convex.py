@@ -55,7 +55,7 @@ def plan_convex(
     statistics = Statistics()
     steps_tried: tuple[float, ...] = ()
     for grid in (scenario.grid, *others):
-        asked = dataclasses.replace(scenario, grid=grid) if steps_tried else scenario
+        asked = scenario.on_grid(grid) if steps_tried else scenario
         steps_tried += (grid.step,)
         try:
             plan = _plan(asked, reference, solver)

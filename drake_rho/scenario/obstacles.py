@@ -221,6 +221,15 @@ class Obstacle:
         still[...] = self.shape.center
         return still
 
+    def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:
+        """Distances from the surface, negative inside, of positions at times [m], shape (..., M).
+
+        Args:
+            positions: [m], shape (..., M, 3).
+            times: on the scenario's clock [s], shape (M,), or one for all.
+        """
+        return self.shape.signed_distance(positions - self.centers(times))
+
     def velocities(self, times: FloatArray) -> FloatArray:
         """Velocities at times on the scenario's clock [m/s], shape (M, 3)."""
         if self.track is not None:

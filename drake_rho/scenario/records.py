@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.cylinders import Cylinder
+from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, Name, locked, record, unchecked
 from drake_rho.scenario.fleet import Fleet
@@ -38,6 +39,7 @@ __all__ = [
     "TOLERANCE",
     "Box",
     "Cylinder",
+    "Disturbance",
     "Ellipsoid",
     "Grid",
     "Limits",
@@ -73,6 +75,8 @@ class Scenario:
     between_knots: bool = True
     """whether obstacles, separation and position boxes must hold at every instant, or at the
     knots only"""
+    disturbance: Disturbance | None = None
+    """what moves vehicles off their plans, and the feedback against it; nothing if not given"""
 
     if TYPE_CHECKING:
 
@@ -85,6 +89,7 @@ class Scenario:
             obstacles: Sequence[Shape | Obstacle] = (),
             separation: Separation | None = None,
             between_knots: bool = True,
+            disturbance: Disturbance | None = None,
         ) -> None: ...
 
     @cached_property
@@ -114,6 +119,8 @@ class Scenario:
             if obstacle.known_from > self.grid.end:
                 expected = f"a time in the flight, which ends at {self.grid.end:g} s"
                 raise ScenarioError(f"obstacles[{index}].known_from", obstacle.known_from, expected)
+        if self.disturbance is not None:
+            self.disturbance.check(self.grid)
         self.check_ends(under_way=under_way)
         self.check_waypoints()
         return self
@@ -236,6 +243,15 @@ class Scenario:
     def without_obstacles(self) -> Scenario:
         """This scenario with nothing in the way (the paper's Examples 1 and 3)."""
         return unchecked(self, obstacles=(), bodies=(), fleet=self.fleet)
+
+    def on_grid(self, grid: Grid) -> Scenario:
+        """This scenario on another grid, on which the feedback is sampled as often or more often.
+
+        Raises:
+            ScenarioError: something in it does not fit the grid.
+        """
+        around = None if self.disturbance is None else self.disturbance.for_grid(grid)
+        return dataclasses.replace(self, grid=grid, disturbance=around)
 
     def without_separation(self) -> Scenario:
         """This scenario without a separation."""

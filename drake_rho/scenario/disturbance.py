@@ -1,0 +1,82 @@
+"""What moves vehicles off their plans, and the sampled feedback that holds them near."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Self
+
+from pydantic import Field
+
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import LARGEST, NO_TRUTH, Positive, record, unchecked
+from drake_rho.scenario.parts import Grid
+
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NO_TRUTH]
+
+_MOST_IN_A_STEP, _MOST = 1000, 1_000_000
+"""Most feedback samples in a step and in a flight: what arrays over all of them have room for."""
+
+
+@record
+class Disturbance:
+    """Unknown accelerations, errors of the estimated state, and the feedback against both.
+
+    A vehicle moves by p'' = a + u + w: a is planned, w unknown, and u the feedback, constant from
+    one sample to the next and linear in the estimated error of `delay` samples ago.
+    """
+
+    acceleration: NotNegative
+    """W, the largest norm of the unknown acceleration, from wind or from errors of the model
+    [m/s²]"""
+    position_error: NotNegative = 0.0
+    """E_p, the largest distance of an estimated position from the true one [m]"""
+    velocity_error: NotNegative = 0.0
+    """E_v, the largest norm of the error of an estimated velocity [m/s]"""
+    feedback_every: Positive | None = None
+    """time from one sample of the feedback to the next, which divides the grid's step [s]; the step
+    itself if not given"""
+    delay: Annotated[int, Field(ge=0, le=50), NO_TRUTH] = 0
+    """how many samples pass from an estimate to the feedback that is made of it, in samples"""
+    share: Annotated[Positive, Field(le=1.0)] = 0.5
+    """the part of the tightest acceleration limit that the feedback may take"""
+
+    def samples_per_step(self, step: float) -> int:
+        """How many feedback samples there are in a step of the grid [s]."""
+        return 1 if self.feedback_every is None else max(1, round(step / self.feedback_every))
+
+    def samples(self, grid: Grid) -> int:
+        """How many feedback samples there are in a flight."""
+        return (grid.knots - 1) * self.samples_per_step(grid.step)
+
+    def sample(self, grid: Grid) -> float:
+        """The time from one feedback sample to the next on a grid [s]."""
+        return grid.step / self.samples_per_step(grid.step)
+
+    def check(self, grid: Grid) -> None:
+        """See that the feedback fits the grid of the scenario that this is in.
+
+        Raises:
+            ScenarioError: its samples do not divide the step, or are too many.
+        """
+        if self.feedback_every is None:
+            return
+        parts, most = grid.step / self.feedback_every, _most_per_step(grid)
+        if not 1 <= round(parts) <= most or abs(parts - round(parts)) > 1e-9 * parts:
+            expected = f"a time that divides the step, {grid.step:g} s, into 1 to {most} parts"
+            raise ScenarioError("disturbance.feedback_every", self.feedback_every, expected)
+
+    def for_grid(self, grid: Grid) -> Self:
+        """This disturbance on another grid: samples are as long, or as little shorter as divides.
+
+        For a planner that tries other steps. Where samples would be too many, they are longer.
+        """
+        if self.feedback_every is None:
+            return self
+        parts = math.ceil(grid.step / self.feedback_every * (1.0 - 1e-9))
+        parts = min(max(parts, 1), _most_per_step(grid))
+        return unchecked(self, feedback_every=grid.step / parts)
+
+
+def _most_per_step(grid: Grid) -> int:
+    """Most feedback samples that a step of a grid may have."""
+    return min(_MOST_IN_A_STEP, max(1, _MOST // (grid.knots - 1)))

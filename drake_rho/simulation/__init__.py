@@ -1,0 +1,1 @@
+"""Flying it: winds to fly in, the worst of them among them."""

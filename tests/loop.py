@@ -1,0 +1,101 @@
+"""A vehicle off its plan under sampled feedback, flown by hand: the twin of the tube's mathematics.
+
+Straight from p'' = u + w and the sampled feedback, with nothing of the library's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Loop:
+    """The feedback u = -k_p (e_p + n_p) - k_v (e_v + n_v) of `delay` samples ago."""
+
+    gains: tuple[float, float]
+    sample: float
+    delay: int
+    samples: int
+
+    def is_stable(self) -> bool:
+        """Whether errors decay: z^d (z - 1)² + (α/2 + β) z + α/2 - β has its roots in the disc."""
+        alpha, beta = self.gains[0] * self.sample**2, self.gains[1] * self.sample
+        polynomial = np.concatenate([[1.0, -2.0, 1.0], np.zeros(self.delay)])
+        polynomial[-2:] += alpha / 2.0 + beta, alpha / 2.0 - beta
+        return bool(np.abs(np.roots(polynomial)).max() < 1.0)
+
+
+def fly(
+    loop: Loop,
+    times: Array,
+    wind: Array,
+    position_errors: Array,
+    velocity_errors: Array,
+    position: Array,
+    velocity: Array,
+) -> tuple[Array, Array, Array]:
+    """Errors of position and velocity at `times`, (B, ...), and feedback in samples, (J, ...).
+
+    Args:
+        loop: the feedback.
+        times: increasing from 0, with every sample among them, shape (B,).
+        wind: from each time to the next, shape (B - 1, ...).
+        position_errors: at every sample, shape (J, ...).
+        velocity_errors: at every sample, shape (J, ...).
+        position: error at first, shape (...).
+        velocity: error at first, shape (...).
+    """
+    k_p, k_v = loop.gains
+    p, v, measured = position, velocity, list[Array]()
+    feedback = list[Array]()
+    positions, velocities = [p], [v]
+    u = np.zeros_like(p)
+    for k in range(len(times) - 1):
+        j = round(float(times[k]) / loop.sample)
+        if j == len(feedback) and abs(times[k] - j * loop.sample) < 1e-9 * loop.sample:
+            measured.append(-k_p * (p + position_errors[j]) - k_v * (v + velocity_errors[j]))
+            u = measured[j - loop.delay] if j >= loop.delay else np.zeros_like(p)
+            feedback.append(u)
+        s, a = times[k + 1] - times[k], u + wind[k]
+        p, v = p + s * v + s**2 / 2.0 * a, v + s * a
+        positions.append(p)
+        velocities.append(v)
+    assert len(feedback) == loop.samples
+    return np.array(positions), np.array(velocities), np.array(feedback)
+
+
+def fine_times(loop: Loop, parts: int) -> Array:
+    """Times that cut every sample into so many equal parts."""
+    return np.asarray(loop.sample / parts * np.arange(loop.samples * parts + 1))
+
+
+def summed_responses(
+    loop: Loop, parts: int, sizes: tuple[float, float, float, float, float]
+) -> tuple[Array, Array, Array]:
+    """Radii of position and velocity at fine times, and of the feedback, by brute force.
+
+    Every cause is flown alone: wind in each part of each sample, each error of the estimate, each
+    first error. What each does is added up in size.
+
+    Args:
+        loop: the feedback.
+        parts: of a sample.
+        sizes: of wind, errors of position and velocity, and of both at first, SI.
+    """
+    times, J = fine_times(loop, parts), loop.samples
+    winds = J * parts
+    causes = winds + 2 * J + 2
+    wind, n_p, n_v = np.zeros((winds, causes)), np.zeros((J, causes)), np.zeros((J, causes))
+    first_p, first_v = np.zeros(causes), np.zeros(causes)
+    wind[np.arange(winds), np.arange(winds)] = sizes[0]
+    n_p[np.arange(J), winds + np.arange(J)] = sizes[1]
+    n_v[np.arange(J), winds + J + np.arange(J)] = sizes[2]
+    first_p[-2], first_v[-1] = sizes[3], sizes[4]
+    flown = fly(loop, times, wind, n_p, n_v, first_p, first_v)
+    p, v, u = (np.abs(each).sum(axis=1) for each in flown)
+    return p, v, u

@@ -1,0 +1,128 @@
+"""What a scenario says of wind, estimation errors and the feedback against them."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.scenario.files import scenario_from_yaml, scenario_to_json, scenario_to_yaml
+from tests.scenarios import single
+
+EVERY_FIELD = rho.Disturbance(0.3, 0.02, 0.05, 0.05, 1, 0.4)
+
+
+def _with(disturbance: rho.Disturbance | None, grid: rho.Grid | None = None) -> rho.Scenario:
+    return dataclasses.replace(single(grid=grid), disturbance=disturbance)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("acceleration", -0.1, "greater than or equal to 0"),
+        ("acceleration", float("nan"), "finite"),
+        ("acceleration", float("inf"), "finite"),
+        ("acceleration", True, "a number"),
+        ("acceleration", "strong", "number"),
+        ("position_error", -1e-9, "greater than or equal to 0"),
+        ("velocity_error", -1.0, "greater than or equal to 0"),
+        ("feedback_every", 0.0, "greater than 0"),
+        ("feedback_every", -0.1, "greater than 0"),
+        ("delay", -1, "greater than or equal to 0"),
+        ("delay", 0.5, "integer"),
+        ("delay", True, "a number"),
+        ("delay", 51, "less than or equal to 50"),
+        ("share", 0.0, "greater than 0"),
+        ("share", 1.1, "less than or equal to 1"),
+        ("shares", 0.5, "did you mean share"),
+    ],
+)
+def test_bad_input_is_one_error_with_field_value_and_expectation(
+    field: str, value: Any, words: str
+) -> None:
+    given: dict[str, Any] = {"acceleration": 1.0, field: value}
+    with pytest.raises(rho.ScenarioError) as caught:
+        rho.Disturbance(**given)
+    assert caught.value.field == f"disturbance.{field}"
+    assert caught.value.value is value
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("every", [0.3, 0.6, 1.0, 0.5 / 1001, 0.2500001])
+def test_the_feedback_divides_the_step(every: float) -> None:
+    with pytest.raises(rho.ScenarioError, match=r"divides the step, 0\.5 s") as caught:
+        _with(rho.Disturbance(1.0, feedback_every=every))
+    assert (caught.value.field, caught.value.value) == (
+        "scenario.disturbance.feedback_every",
+        every,
+    )
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 7, 1000])
+def test_samples_of_a_flight(parts: int) -> None:
+    grid = rho.Grid(0.1, 17)
+    asked = _with(rho.Disturbance(1.0, feedback_every=grid.step / parts), grid).disturbance
+    assert asked is not None
+    assert asked.samples(grid) == 16 * parts
+    assert asked.sample(grid) == pytest.approx(grid.step / parts, rel=1e-15)
+    assert rho.Disturbance(1.0).sample(grid) == grid.step  # null is the step
+
+
+def test_yaml_json_copies_and_pickles_bring_it_back(tmp_path: Path) -> None:
+    scenario = _with(EVERY_FIELD)
+    rho.save_scenario(scenario, tmp_path / "s.yaml")
+    assert rho.load_scenario(tmp_path / "s.yaml") == scenario != _with(None)
+    assert copy.deepcopy(scenario) == scenario
+    assert pickle.loads(pickle.dumps(scenario)) == scenario  # noqa: S301  # our own
+    assert '"share":0.4' in scenario_to_json(scenario)
+    assert "disturbance" not in scenario_to_yaml(_with(None))
+    text = scenario_to_yaml(_with(None)) + "disturbance: {acceleration: 0.3, feedback_every: null}"
+    assert scenario_from_yaml(text).disturbance == rho.Disturbance(0.3)
+
+
+def test_the_schema_has_units() -> None:
+    fields = rho.scenario_schema()["$defs"]["Disturbance"]["properties"]
+    units = {
+        "acceleration": "[m/s²]",
+        "position_error": "[m]",
+        "velocity_error": "[m/s]",
+        "feedback_every": "[s]",
+        "delay": "samples",
+        "share": "part",
+    }
+    assert set(fields) == set(units)
+    for name, unit in units.items():
+        assert unit in fields[name]["description"].replace("\n", " ")
+
+
+def test_scenarios_made_of_a_scenario_keep_it(paper: rho.Scenario) -> None:
+    scenario = dataclasses.replace(paper, disturbance=EVERY_FIELD)
+    fleet, zeros = scenario.fleet, np.zeros((len(paper.vehicles), 3))
+    made = (
+        scenario.without_obstacles(),
+        scenario.without_separation(),
+        scenario.of_vehicles([0]),
+        scenario.from_states(scenario.grid.from_knot(3), fleet.start_positions, zeros, zeros),
+    )
+    assert all(each.disturbance == EVERY_FIELD for each in made)
+    plan = rho.plan_convex(dataclasses.replace(single(), disturbance=EVERY_FIELD))
+    assert plan.tail(3).scenario.disturbance == EVERY_FIELD
+
+
+def test_on_another_grid_the_feedback_is_as_often_or_more_often() -> None:
+    scenario = _with(rho.Disturbance(1.0, feedback_every=0.25))
+    for step, every in ((0.25, 0.25), (1.0, 0.25), (0.1, 0.1), (0.6, 0.2)):
+        other = scenario.on_grid(rho.Grid(step, 9)).disturbance
+        assert other is not None
+        assert other.feedback_every == pytest.approx(every, rel=1e-12)
+    many = _with(rho.Disturbance(1.0, feedback_every=0.0005)).on_grid(rho.Grid(5.0, 9)).disturbance
+    assert many is not None
+    assert many.samples_per_step(5.0) == 1000  # and no more
+    assert _with(rho.Disturbance(1.0)).on_grid(rho.Grid(0.1, 9)).disturbance == rho.Disturbance(1.0)
+    assert rho.shortest_plan(scenario).scenario.disturbance is not None  # it tries other steps
