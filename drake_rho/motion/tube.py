@@ -193,6 +193,20 @@ def error_tube(
     return dataclasses.replace(tube, gains=(alpha / tube.sample**2, beta / tube.sample))
 
 
+def tube_of(scenario: Scenario) -> ErrorTube:
+    """The tube around a plan of a scenario, which may be under way: what planners keep clear of.
+
+    That of `error_tube` where nothing is tracked yet; else it begins where the plan did that is.
+    """
+    around = scenario.disturbance
+    if around is None or around.tracking is None:
+        return error_tube(scenario)
+    tracked, grid = around.tracking, scenario.grid
+    before = round((grid.start - tracked.since) / grid.step)
+    whole = Grid(grid.step, grid.knots + before, tracked.since)
+    return ErrorTube(around, whole, tracked.gains, (tracked.position, tracked.velocity))
+
+
 def largest_disturbance(
     scenario: Scenario, position: float, initial: tuple[float, float] = (0.0, 0.0)
 ) -> float:
