@@ -17,7 +17,8 @@ from scipy.optimize import minimize
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.planning import program, solve
-from drake_rho.planning.keep_apart import coupled, decoupled, pairs_of, pairs_within
+from drake_rho.planning.close_pairs import pairs_within
+from drake_rho.planning.keep_apart import coupled, decoupled, pairs_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import programs_of
 from drake_rho.planning.subproblem import Subproblem

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho.motion.margins import margins_of
 from drake_rho.planning import subproblem as module
-from drake_rho.planning.keep_apart import KeepApart, coupled, decoupled, pairs_of, too_close
+from drake_rho.planning.close_pairs import too_close
+from drake_rho.planning.keep_apart import KeepApart, coupled, decoupled, pairs_of
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.subproblem import Subproblem, plan_around
 from tests.scenarios import box, fleet, single, through_the_middle
@@ -59,10 +61,11 @@ def test_vehicles_in_nobodys_way_fly_the_reference_while_others_are_brought_apar
     after = subproblem.restored(start, 1e3, 0)
     np.testing.assert_array_equal(after.accelerations[1], start.accelerations[1])
     assert asked.separation is not None
-    gaps = [
-        too_close(asked.separation, plan.motion(), between=True).distances.min(initial=1.0)
+    close = [
+        too_close(asked.separation, plan.motion(), margins_of(asked), between=True)
         for plan in (start, after)
     ]
+    gaps = [found.distances.min(initial=1.0) for found in close]
     assert gaps[0] < 0.1 < gaps[1]
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from drake_rho.motion.gains import Loop, best_gains, largest_wind
 from drake_rho.motion.radii import Pieces, Radii
 from drake_rho.motion.sampled_loop import Responses
-from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.records import Scenario
@@ -52,6 +52,12 @@ class ErrorTube:
             raise ValueError(
                 f"gains: got {self.gains!r}, expected two finite ones, in 1/s² and 1/s"
             )
+
+    @property
+    def tracking(self) -> Tracking:
+        """What a plan under way says of this tube."""
+        position, velocity = self.initial
+        return Tracking(self.grid.start, self.gains, position, velocity)
 
     @property
     def sample(self) -> float:
@@ -191,6 +197,20 @@ def error_tube(
         return tube
     alpha, beta = best_gains(_loop(scenario, tube))
     return dataclasses.replace(tube, gains=(alpha / tube.sample**2, beta / tube.sample))
+
+
+def tube_of(scenario: Scenario) -> ErrorTube:
+    """The tube around a plan of a scenario, which may be under way: what planners keep clear of.
+
+    That of `error_tube` where nothing is tracked yet; else it begins where the plan did that is.
+    """
+    around = scenario.disturbance
+    if around is None or around.tracking is None:
+        return error_tube(scenario)
+    tracked, grid = around.tracking, scenario.grid
+    before = round((grid.start - tracked.since) / grid.step)
+    whole = Grid(grid.step, grid.knots + before, tracked.since)
+    return ErrorTube(around, whole, tracked.gains, (tracked.position, tracked.velocity))
 
 
 def largest_disturbance(

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.keep_apart import separation_of
+from drake_rho.planning.close_pairs import separation_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario

@@ -9,9 +9,11 @@ import numpy as np
 
 from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.margins import margins_of
 from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.planning.close_pairs import too_close
 from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.keep_apart import NAME, too_close
+from drake_rho.planning.keep_apart import NAME
 from drake_rho.planning.keep_out import FIRST, obstacles_of
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.scenario.fields import IntArray
@@ -95,11 +97,11 @@ class Breaches:
 def breaches_of(scenario: Scenario, plan: Plan) -> Breaches:
     """What a plan breaks, or a reference that cannot be flown."""
     motion, between = plan.motion(), scenario.between_knots
-    apart = scenario.separation
+    apart, margins = scenario.separation, margins_of(scenario)
     obstacles = obstacles_of(scenario, motion)
     approaches = {each.number - FIRST: each.approaches(motion) for each in obstacles}
     return Breaches(
-        _NONE if apart is None else too_close(apart, motion, between=between),
+        _NONE if apart is None else too_close(apart, motion, margins, between=between),
         {number: found for number, found in approaches.items() if len(found) > 0},
         _unflyable(scenario, motion),
         _beyond(scenario, motion),

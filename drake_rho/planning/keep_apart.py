@@ -13,10 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.clearance import CloseApproaches, close_pairs, close_pairs_at_knots
+from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.margins import Margins, margins_of
+from drake_rho.planning.close_pairs import most_beside, pairs_within, separation_of, too_close
 from drake_rho.planning.half_spaces import BROKEN, HalfSpaces, Quadratic
-from drake_rho.planning.keep_out import AT_ONCE, FIRST, KeepOut, Places, side_of
+from drake_rho.planning.keep_out import FIRST, KeepOut, Places, side_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
 from drake_rho.scenario.quadrics import Ellipsoid
@@ -74,8 +76,15 @@ class KeepApart(KeepOut):
     """where its rows are asked for in any case, each vehicle's neighbours in time together"""
     share: float
     """s, 1 or 1/2: part of what the reference leaves between two that a row gives to one of them"""
+    margins: Margins
+    """what both vehicles of a pair keep from the shape beside, each for itself: half of r"""
     aside: bool = False
     """whether each close encounter of the reference gets one direction all along"""
+
+    def radius(self, times: FloatArray) -> FloatArray:
+        """The sum of both margins [m], at times since the first knot [s], shape (R,)."""
+        radii: FloatArray = 2.0 * self.margins.at("position", times)
+        return radii
 
     def offsets(self, motion: Motion, places: Places) -> FloatArray:
         """Positions of the vehicles from their partners'."""
@@ -93,7 +102,7 @@ class KeepApart(KeepOut):
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
         """Places where a pair, one of it among `vehicles`, is closer than the separation."""
-        found = too_close(self.kept, motion, between=self.every_instant)
+        found = too_close(self.kept, motion, self.margins, between=self.every_instant)
         asked = np.zeros(len(motion.positions), dtype=bool)
         asked[vehicles] = True
         return places_of(found.select(asked[found.one] | asked[found.other]))
@@ -118,7 +127,10 @@ class KeepApart(KeepOut):
         return self.rows(self.places)
 
     def directions(self, places: Places) -> FloatArray:
-        """From the partner to the vehicle in the reference, unit vectors where S is a ball, (R, 3).
+        """Unit normals of rows, from S towards the way from the partner to the vehicle, (R, 3).
+
+        Where nothing is added to S, along that way in the space in which S is a ball; else from the
+        nearest point of S, so that a reference that keeps r keeps its rows.
 
         Where the two are in one place, across their relative way. Where they meet too closely for
         that to be a way past each other, it can be one direction all along an encounter instead:
@@ -141,7 +153,12 @@ class KeepApart(KeepOut):
             for rows in _encounters(places, close, self.reference.step):
                 nearest = rows[np.argmin(distances[rows])]
                 directions[rows] = side_of(offsets[nearest], ways[nearest])
-        return directions
+        normals: FloatArray = directions * self.shape.scales
+        normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
+        if self.margins.most > 0.0 and not self.kept.is_round:
+            apart = (distances > self.shape.radius) & ~self.aside
+            normals[apart] = self.shape.outward(self.offsets(self.reference, places)[apart])
+        return normals
 
     def rows(self, places: Places) -> HalfSpaces:
         """One row for each pair, or two, sorted by vehicle, partner and time."""
@@ -156,19 +173,16 @@ class KeepApart(KeepOut):
         rows = rows.and_also(self._write(swapped, -directions, other - between))
         return rows.select(np.lexsort((rows.times, rows.partners, rows.vehicles)))
 
-    def _write(
-        self, places: Places, directions: FloatArray, anchors: FloatArray | None
-    ) -> HalfSpaces:
-        """Rows with given directions.
+    def _write(self, places: Places, normals: FloatArray, anchors: FloatArray | None) -> HalfSpaces:
+        """Rows with given normals.
 
         Args:
             places: where.
-            directions: as from `directions`, shape (R, 3).
+            normals: as from `directions`, shape (R, 3).
             anchors: q - s x_q [m], shape (R, 3); None for rows about a difference.
         """
-        normals = directions * self.shape.scales
-        normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
-        bounds = supports = self.share * self.shape.support(normals)
+        reach = self.shape.support(normals) + self.radius(places.times)
+        bounds = supports = self.share * reach
         if anchors is not None:
             bounds = supports + np.sum(normals * anchors, axis=1)
         return HalfSpaces(
@@ -184,11 +198,14 @@ class KeepApart(KeepOut):
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
         """Scaled distances of vehicles from their partners, at least the separation."""
+        radii = self.radius(rows.times)
+        axes = self.shape.semi_axes + radii[:, None]  # inside of the set that is kept out of
+        sizes = axes[:, 0]
         return Quadratic(
             centers=np.zeros((len(rows), 3)),
-            scales=np.tile(self.shape.scales, (len(rows), 1)),
-            sizes=np.full(len(rows), self.shape.radius),
-            lengths=self.shape.radius / self.shape.support(rows.normals),
+            scales=sizes[:, None] / axes,
+            sizes=sizes,
+            lengths=sizes / np.linalg.norm(rows.normals * axes, axis=1),
         )
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
@@ -229,8 +246,10 @@ def pairs_of(
         rounds: in how many rounds broken rows at the knots are added.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
-    near = pairs_within(separation, reference, NEAR * separation.distance, between=False)
-    within = separation.distance * (1.0 if soft else GRAZING)
+    margins = margins_of(scenario)
+    kept = separation.distance + most_beside(separation, margins)
+    near = pairs_within(separation, reference, NEAR * kept, between=False)
+    within = kept * (1.0 if soft else GRAZING)
     grazing = pairs_within(separation, reference, within, between=scenario.between_knots)
     shape = separation.shape
     if soft:
@@ -244,6 +263,7 @@ def pairs_of(
         coupled=coupling.together,
         shape=shape,
         kept=separation,
+        margins=margins,
         share=coupling.share,
         aside=aside,
         reference=reference,
@@ -253,41 +273,9 @@ def pairs_of(
     )
 
 
-def pairs_within(
-    separation: Separation, motion: Motion, within: float, *, between: bool
-) -> CloseApproaches:
-    """Pairs closer than `within` [m] on their way: at any instant, or at the knots."""
-    find = close_pairs if between else close_pairs_at_knots
-    return _under_way(find(motion, separation, within), motion)
-
-
-def too_close(separation: Separation, motion: Motion, *, between: bool) -> CloseApproaches:
-    """Pairs that break their separation."""
-    least = separation.distance - BROKEN * separation.tolerance
-    return pairs_within(separation, motion, least, between=between)
-
-
-def separation_of(scenario: Scenario) -> Separation:
-    """The separation of a scenario that has one.
-
-    Raises:
-        ValueError: it has none.
-    """
-    if scenario.separation is None:
-        raise ValueError("scenario: got one without a separation, expected one with it")
-    return scenario.separation
-
-
 def places_of(found: CloseApproaches) -> Places:
     """The places where pairs are close."""
     return Places(found.one, found.other, found.times)
-
-
-def _under_way(found: CloseApproaches, motion: Motion) -> CloseApproaches:
-    """Approaches after the start and before the end: at these nothing can be changed."""
-    first = AT_ONCE * motion.step
-    last = motion.accelerations.shape[1] * motion.step - first
-    return found.select((found.times > first) & (found.times < last))
 
 
 def _encounters(places: Places, close: BoolArray, step: float) -> list[IntArray]:

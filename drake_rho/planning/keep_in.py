@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from drake_rho.motion.clearance import turning_points
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.margins import Margins, margins_of
 from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, near
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.fleet import Bounds
@@ -33,6 +35,8 @@ class KeepInBox(Constraint):
     """knots at which it is asked [s], shape (T,)"""
     first: int
     """which of the quantity's values is that of the first of `times`"""
+    margins: Margins
+    """how far inside of the boxes values stay"""
 
     def violated(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
@@ -46,8 +50,9 @@ class KeepInBox(Constraint):
         if len(vehicles) < len(values):
             values, lower, upper = values[vehicles], lower[vehicles], upper[vehicles]
             tolerances, before = tolerances[vehicles], before[vehicles]
-        room = BROKEN * tolerances
-        low, high = values < (lower - room)[:, None], values > (upper + room)[:, None]
+        room, inside = BROKEN * tolerances, self._margins[:, None]
+        low = values < (lower - room)[:, None] + inside
+        high = values > (upper + room)[:, None] - inside
         if not (low.any() or high.any()):
             return self.none
         broken = np.concatenate([low, high], axis=2)
@@ -61,6 +66,12 @@ class KeepInBox(Constraint):
         which, sides, knots = np.nonzero(broken)
         return self.rows(vehicles[which], sides, self.times[knots])
 
+    @cached_property
+    def _margins(self) -> FloatArray:
+        """At the knots at which it is asked, shape (T,)."""
+        knots = self.margins.knots[self.quantity]
+        return knots[self.first : self.first + len(self.times)]
+
     def _asked(self, before: FloatArray) -> BoolArray:
         """At which knots it is asked, shape (P, 1, T): of a jerk perhaps not at the first."""
         asked = np.ones((len(before), 1, len(self.times)), dtype=bool)
@@ -71,8 +82,9 @@ class KeepInBox(Constraint):
     def _violated_between(self, motion: Motion, vehicles: IntArray) -> HalfSpaces:
         times, positions = turning_points(motion.of(vehicles))
         room = BROKEN * self.bounds.tolerances[vehicles]
-        below = positions < (self.bounds.lower[vehicles] - room)[:, None]
-        above = positions > (self.bounds.upper[vehicles] + room)[:, None]
+        inside = self.margins.steps[self.quantity][:, None]
+        below = positions < (self.bounds.lower[vehicles] - room)[:, None] + inside
+        above = positions > (self.bounds.upper[vehicles] + room)[:, None] - inside
         which, steps, sides = np.nonzero(np.concatenate([below, above], axis=2))
         order = np.lexsort((steps, sides, which))  # neighbours in time one after the other
         which, steps, sides = which[order], steps[order], sides[order]
@@ -82,7 +94,7 @@ class KeepInBox(Constraint):
         """The given sides of given vehicles at given times, three arrays of shape (R,)."""
         axes = sides % 3
         lower, upper = self.bounds.lower[vehicles, axes], self.bounds.upper[vehicles, axes]
-        bounds = np.where(sides < 3, lower, -upper)
+        bounds = np.where(sides < 3, lower, -upper) + self.margins.at(self.quantity, times)
         tolerances = self.bounds.tolerances[vehicles, axes]
         return HalfSpaces(self, vehicles, vehicles, sides, times, _SIDES[sides], bounds, tolerances)
 
@@ -112,6 +124,7 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
                 bounds=bounds,
                 times=times[1:-1] if inner else times[:-1],
                 first=int(inner),
+                margins=margins_of(scenario),
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),
             )
         )

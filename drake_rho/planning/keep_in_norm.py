@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.margins import margins_of
 from drake_rho.planning.half_spaces import Constraint
 from drake_rho.planning.keep_in import QUANTITIES
 from drake_rho.planning.keep_in_sets import Asked, KeepInSets
@@ -55,6 +56,7 @@ def norms_of(scenario: Scenario) -> list[Constraint]:
                 sets=limit.sets,
                 times=times[1:-1] if inner else times[:-1],
                 first=int(inner),
+                margins=margins_of(scenario),
             )
         )
     return norms

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.margins import Margins
 from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, near
 from drake_rho.scenario.convex_sets import ConvexSets
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -49,9 +50,15 @@ class KeepInSets(Constraint):
 
     sets: ConvexSets
     """C of all vehicles"""
+    margins: Margins
+    """how far inside of C values stay: r of n · value >= r - h(-n)"""
     curved: bool = True
     room: float = BROKEN
     """tolerances by which values may be outside without another row"""
+
+    def margin(self, times: FloatArray) -> FloatArray:
+        """How far inside values stay at times since the first knot, in the quantity's unit."""
+        return self.margins.at(self.quantity, times)
 
     @abc.abstractmethod
     def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
@@ -63,7 +70,8 @@ class KeepInSets(Constraint):
         """Tangent planes where a value is outside."""
         asked = self.asked(motion, vehicles)
         who, values = asked.vehicles, asked.values
-        broken = self.sets.excess(who, values) > self.room * self.sets.tolerances[who]
+        excess = self.sets.excess(who, values) + self.margin(asked.times)
+        broken = excess > self.room * self.sets.tolerances[who]
         if not broken.any():
             return self.none
         wanted = np.flatnonzero(near(broken, who, reach))
@@ -93,7 +101,7 @@ class KeepInSets(Constraint):
             sides=np.zeros(len(vehicles), dtype=int),
             times=times,
             normals=-outward,
-            bounds=-self.sets.support(vehicles, outward),
+            bounds=self.margin(times) - self.sets.support(vehicles, outward),
             tolerances=self.sets.tolerances[vehicles],
         )
 

@@ -24,7 +24,8 @@ from functools import cached_property
 import numpy as np
 
 from drake_rho.motion.clearance import CloseApproaches
-from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.motion.margins import Margins, margins_of
 from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, Quadratic, near
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -115,7 +116,15 @@ class KeepOutOfObstacle(KeepOut):
     start: float
     """time of the first knot on the scenario's clock, on which it moves [s]"""
     kept: FloatArray
-    """r, the distance that each vehicle keeps from the shape [m], shape (N,)"""
+    """the distance that each vehicle keeps from the shape when nothing disturbs it [m], (N,)"""
+    margins: Margins
+    """what is added to it: r is the sum of both"""
+
+    def radius(self, places: Places) -> FloatArray:
+        """All of what is kept: r [m], shape (R,)."""
+        margins = self.margins.at("position", places.times)
+        radii: FloatArray = self.kept[places.vehicles] + margins
+        return radii
 
     def offsets(self, motion: Motion, places: Places) -> FloatArray:
         """Positions from the middle of the obstacle [m], shape (R, 3)."""
@@ -143,7 +152,7 @@ class KeepOutOfObstacle(KeepOut):
         """N · p >= n · c + h(n) + r."""
         normals, shape = self.directions(places), self.obstacle.shape
         centers = self.obstacle.centers(self.start + places.times)
-        beyond = shape.support(normals) + self.kept[places.vehicles]
+        beyond = shape.support(normals) + self.radius(places)
         return HalfSpaces(
             self,
             places.vehicles,
@@ -160,8 +169,11 @@ class KeepOutOfObstacle(KeepOut):
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
         below = self.kept[vehicles] - BROKEN * self.obstacle.shape.tolerance
-        pieces = pieces_near(motion.of(vehicles), self.obstacle, self.start, np.maximum(below, 0.0))
-        which, times = deepest(self.obstacle.shape, pieces, below[pieces.owners])
+        within = np.maximum(below + self.margins.most, 0.0)
+        pieces = pieces_near(motion.of(vehicles), self.obstacle, self.start, within)
+        steps = step_at(pieces.times, motion.step)
+        below = below[pieces.owners] + self.margins.steps["position"][steps]
+        which, times = deepest(self.obstacle.shape, pieces, below)
         whose = vehicles[pieces.owners[which]]
         again = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
         return Places(whose[~again], whose[~again], times[~again])
@@ -170,14 +182,14 @@ class KeepOutOfObstacle(KeepOut):
         """Where a motion comes too close, and its distances from what is kept, below zero [m]."""
         places = self.penetrations(motion, np.arange(len(self.kept)))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
-        distances = distances - self.kept[places.vehicles]
+        distances = distances - self.radius(places)
         return CloseApproaches(places.vehicles, places.partners, places.times, distances)
 
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
         """Inner knots inside."""
         places = self._inner_knots.select(np.isin(self._inner_knots.vehicles, vehicles))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
-        below = self.kept[places.vehicles] - BROKEN * self.obstacle.shape.tolerance
+        below = self.radius(places) - BROKEN * self.obstacle.shape.tolerance
         return places.select(distances < below)
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
@@ -211,7 +223,8 @@ class KeepOutOfObstacle(KeepOut):
         """How far outside of what is kept the reference is at inner knots [m], shape (N, K-2)."""
         offsets = self.offsets(self.reference, self._inner_knots)
         distances = self.obstacle.shape.signed_distance(offsets).reshape(len(self.kept), -1)
-        room: FloatArray = distances - self.kept[:, None]
+        inside = self.margins.knots["position"][1:-1]
+        room: FloatArray = distances - self.kept[:, None] - inside
         return room
 
     @cached_property
@@ -228,7 +241,8 @@ class KeepOutOfObstacle(KeepOut):
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
         """Scaled distances from the middle, where the shape is a ball or an ellipsoid."""
-        inside = [self.obstacle.shape.quadric_inside(kept) for kept in self.kept[rows.vehicles]]
+        radii = self.kept[rows.vehicles] + self.margins.at("position", rows.times)
+        inside = [self.obstacle.shape.quadric_inside(radius) for radius in radii]
         quadrics = [each for each in inside if each is not None]
         if len(quadrics) < len(inside):
             return None
@@ -257,6 +271,7 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacl
             obstacle=obstacle,
             start=scenario.grid.start,
             kept=scenario.fleet.radii + obstacle.deviation,
+            margins=margins_of(scenario),
         )
         for number, obstacle in scenario.known
     ]

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.margins import margins_of
 from drake_rho.planning.half_spaces import Constraint
 from drake_rho.planning.keep_in_sets import Asked, KeepInSets
 from drake_rho.planning.keep_out import FIRST
@@ -28,6 +29,10 @@ class PassWaypoint(KeepInSets):
     times: FloatArray
     """of all vehicles, since the first knot [s], shape (N,); NaN where one has no such waypoint"""
 
+    def margin(self, times: FloatArray) -> FloatArray:
+        """The radius of the position then: one instant is asked, not a step."""
+        return self.margins.exactly(times)
+
     def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
         """The positions at the waypoints' times."""
         who = vehicles[np.isfinite(self.times[vehicles])]
@@ -45,6 +50,7 @@ def waypoints_of(scenario: Scenario) -> list[Constraint]:
             quantity="position",
             sets=waypoints.balls(scale),
             times=waypoints.times - scenario.grid.start,
+            margins=margins_of(scenario),
         )
         for index, waypoints in enumerate(scenario.fleet.waypoints)
     ]

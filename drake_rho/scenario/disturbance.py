@@ -8,13 +8,30 @@ from typing import Annotated, Self
 from pydantic import Field
 
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import LARGEST, NO_TRUTH, Positive, record, unchecked
+from drake_rho.scenario.fields import LARGEST, NO_TRUTH, Finite, Positive, record, unchecked
 from drake_rho.scenario.parts import Grid
 
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NO_TRUTH]
 
 _MOST_IN_A_STEP, _MOST = 1000, 1_000_000
 """Most feedback samples in a step and in a flight: what arrays over all of them have room for."""
+
+
+@record
+class Tracking:
+    """Since when a feedback has held vehicles to a plan, and how.
+
+    For the windows of a receding horizon, which do not begin where everything is known exactly.
+    """
+
+    since: Finite
+    """time of the first knot of the plan that is tracked, on the scenario's clock [s]"""
+    gains: tuple[Finite, Finite]
+    """k_p [1/s²] and k_v [1/s]"""
+    position: NotNegative = 0.0
+    """largest error of the position then [m]"""
+    velocity: NotNegative = 0.0
+    """largest error of the velocity then [m/s]"""
 
 
 @record
@@ -39,6 +56,9 @@ class Disturbance:
     """how many samples pass from an estimate to the feedback that is made of it, in samples"""
     share: Annotated[Positive, Field(le=1.0)] = 0.5
     """the part of the tightest acceleration limit that the feedback may take"""
+    tracking: Tracking | None = None
+    """of a plan under way, since when it is tracked; if not given, from the first knot on, where
+    all vehicles are as planned, with the best gains"""
 
     def samples_per_step(self, step: float) -> int:
         """How many feedback samples there are in a step of the grid [s]."""
@@ -56,14 +76,30 @@ class Disturbance:
         """See that the feedback fits the grid of the scenario that this is in.
 
         Raises:
-            ScenarioError: its samples do not divide the step, or are too many.
+            ScenarioError: its samples do not divide the step, or are too many; or it tracks a plan
+                whose first knot is none of this grid, if that is continued backwards.
         """
+        if self.tracking is not None:
+            steps = (grid.start - self.tracking.since) / grid.step
+            if round(steps) < 0 or abs(steps - round(steps)) > 1e-6:
+                expected = f"a whole number of steps of {grid.step:g} s before {grid.start:g} s"
+                raise ScenarioError("disturbance.tracking.since", self.tracking.since, expected)
         if self.feedback_every is None:
             return
         parts, most = grid.step / self.feedback_every, _most_per_step(grid)
         if not 1 <= round(parts) <= most or abs(parts - round(parts)) > 1e-9 * parts:
             expected = f"a time that divides the step, {grid.step:g} s, into 1 to {most} parts"
             raise ScenarioError("disturbance.feedback_every", self.feedback_every, expected)
+
+    def first_error(self, grid: Grid) -> tuple[float, float]:
+        """How far a state estimated now may be from the true one, position [m] and velocity [m/s].
+
+        With a delay the estimate is as old as that, and is brought up to now by the commands that
+        were given since: E_p + dδ E_v + W (dδ)²/2, and E_v + W dδ.
+        """
+        late = self.delay * self.sample(grid)
+        velocity = self.velocity_error + self.acceleration * late
+        return self.position_error + late * (self.velocity_error + velocity) / 2.0, velocity
 
     def for_grid(self, grid: Grid) -> Self:
         """This disturbance on another grid: samples are as long, or as little shorter as divides.

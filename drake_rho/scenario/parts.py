@@ -243,6 +243,11 @@ class Separation:
         """What the way from one vehicle to another keeps out of."""
         return Ellipsoid(np.zeros(3), self.distance * np.array([1.0, 1.0, self.downwash]))
 
+    @property
+    def is_round(self) -> bool:
+        """Whether it is the same in all directions."""
+        return self.downwash == 1.0
+
     def scaled(self, positions: FloatArray) -> FloatArray:
         """Positions where the distance of two is that of two vehicles: z divided by `downwash`.
 

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.cylinders import Cylinder
-from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, Name, locked, record, unchecked
 from drake_rho.scenario.fleet import Fleet
@@ -263,7 +263,12 @@ class Scenario:
         return unchecked(self, vehicles=vehicles, fleet=self._fleet_of(vehicles))
 
     def from_states(
-        self, grid: Grid, positions: FloatArray, velocities: FloatArray, before: FloatArray
+        self,
+        grid: Grid,
+        positions: FloatArray,
+        velocities: FloatArray,
+        before: FloatArray,
+        tracking: Tracking | None = None,
     ) -> Scenario:
         """This scenario from other states on another grid, which are not looked at.
 
@@ -274,7 +279,9 @@ class Scenario:
             positions: p[1] [m], shape (N, 3).
             velocities: v[1] [m/s], shape (N, 3).
             before: accelerations just before [m/s²], shape (N, 3).
+            tracking: since when feedback holds the vehicles to their plan, if it does.
         """
+        around = self.disturbance and unchecked(self.disturbance, tracking=tracking)
         states = zip(locked(positions), locked(velocities), locked(before), strict=True)
         vehicles = tuple(
             unchecked(
@@ -287,7 +294,7 @@ class Scenario:
             for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)
         )
         fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before)
-        return unchecked(self, grid=grid, vehicles=vehicles, fleet=fleet)
+        return unchecked(self, grid=grid, vehicles=vehicles, fleet=fleet, disturbance=around)
 
     def index_of(self, name: str) -> int:
         """The place of the vehicle called `name` in `vehicles`.

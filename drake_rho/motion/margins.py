@@ -1,0 +1,117 @@
+"""How far inside their limits plans keep, so that flights do wherever in the tube they are."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+
+from drake_rho.motion.dynamics import step_at
+from drake_rho.motion.tube import ErrorTube, tube_of
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.scenario.records import Scenario
+
+_KNOT = 1e-9
+"""Part of a step by which a time may be past a knot and still count as that knot."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Margins:
+    """A tube's radii as planners use them: constant over each step, at their greatest there.
+
+    At a knot the greater one of the two steps that meet there counts: what holds on the closed
+    steps holds at every instant. The feedback's radius is that of the step that begins there.
+    """
+
+    grid: Grid
+    """of the plan"""
+    steps: dict[Quantity, FloatArray]
+    """in each step, in the quantity's unit, shape (K-1,) each"""
+    knots: dict[Quantity, FloatArray]
+    """at each knot, or in each step that begins there, in the quantity's unit"""
+    tube: ErrorTube | None = None
+    """whose radii they are; None where nothing disturbs"""
+
+    def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
+        """Margins at times since the first knot [s], in the quantity's unit, any shape."""
+        if self.tube is None:
+            return np.zeros(times.shape)
+        steps, knots = self.steps[quantity], self.knots[quantity]
+        k = np.clip(step_at(times, self.grid.step), 0, len(knots) - 1)
+        at_knot = np.abs(times - self.grid.step * k) <= _KNOT * self.grid.step
+        return np.where(at_knot, knots[k], steps[np.minimum(k, len(steps) - 1)])
+
+    def exactly(self, times: FloatArray) -> FloatArray:
+        """The radius of the position at times since the first knot [s], in m, any shape."""
+        if self.tube is None:
+            return np.zeros(times.shape)
+        return self.tube.position(self.grid.start + times)
+
+    @property
+    def most(self) -> float:
+        """The greatest margin of the position [m]."""
+        return float(self.steps["position"].max())
+
+
+def margins_of(scenario: Scenario) -> Margins:
+    """What plans of a scenario keep inside their limits; nothing where nothing disturbs it."""
+    grid = scenario.grid
+    if scenario.disturbance is None:
+        return _none(grid.step, grid.knots, grid.start)
+    return _around(_Key(tube_of(scenario), grid, scenario.between_knots))
+
+
+@lru_cache(maxsize=64)
+def _none(step: float, knots: int, start: float) -> Margins:
+    quantities: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "jerk")
+    steps = {each: np.zeros(knots - 1) for each in quantities}
+    inner = {each: np.zeros(knots) for each in quantities[:2]}
+    return Margins(Grid(step, knots, start), steps, steps | inner)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Key:
+    """What margins are made of, to be known again: the windows of a flight ask again and again."""
+
+    tube: ErrorTube
+    grid: Grid
+    between_knots: bool
+
+    def _values(self) -> tuple[object, ...]:
+        around, grid = self.tube.disturbance, self.grid
+        numbers = around.acceleration, around.position_error, around.velocity_error
+        feedback = self.tube.sample, around.delay, self.tube.gains, self.tube.initial
+        when = self.tube.grid.start, grid.start, grid.step, grid.knots
+        return *numbers, *feedback, *when, self.between_knots
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self._values() == other._values()
+
+    def __hash__(self) -> int:
+        return hash(self._values())
+
+
+@lru_cache(maxsize=64)
+def _around(key: _Key) -> Margins:
+    tube, grid = key.tube, key.grid
+    times = grid.times
+    begins, ends = times[:-1], times[1:]
+    steps: dict[Quantity, FloatArray] = {
+        "position": tube.position_over(begins, ends),
+        "velocity": tube.velocity_over(begins, ends),
+        "acceleration": tube.acceleration_over(begins, ends),
+        "jerk": np.zeros(len(begins)),
+    }
+    knots = dict(steps)
+    knots["position"], knots["velocity"] = _greater(steps["position"]), _greater(steps["velocity"])
+    if not key.between_knots:  # positions matter then only
+        knots["position"] = tube.position(times)
+    return Margins(grid, steps, knots, tube)
+
+
+def _greater(steps: FloatArray) -> FloatArray:
+    """At each knot the greater value of the steps beside it."""
+    greater: FloatArray = np.maximum(np.append(steps, 0.0), np.append(0.0, steps))
+    return greater
