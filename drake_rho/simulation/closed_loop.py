@@ -24,6 +24,16 @@ class OnePlan:
     plan: Plan
 
     @property
+    def scenario(self) -> Scenario:
+        """That of the plan."""
+        return self.plan.scenario
+
+    @property
+    def knots(self) -> range:
+        """The first."""
+        return range(1)
+
+    @property
     def flight(self) -> Flight:
         """The plan as a flight of one window."""
         return Flight(self.plan, (Window(0, self.plan, self.plan),))
@@ -59,7 +69,7 @@ def fly_plan(
             f"plan: got one for {len(asked.vehicles)} on {asked.grid}, expected {expected}"
         )
     kept = Plan(scenario, plan.positions, plan.velocities, plan.accelerations, plan.statistics)
-    return flown(Feedback(scenario, OnePlan(kept), scenario.grid.knots), wind, rng)
+    return flown(Feedback(OnePlan(kept)), wind, rng)
 
 
 def flown(feedback: Feedback, wind: Wind | None, rng: np.random.Generator | None) -> Simulation:
