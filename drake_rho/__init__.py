@@ -19,8 +19,9 @@ from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled, decoupled
 from drake_rho.planning.options import Options
-from drake_rho.planning.rho import free_reference, plan_rho, tail_reference
+from drake_rho.planning.rho import RecedingHorizon, plan_rho
 from drake_rho.planning.scp import scp_step
+from drake_rho.planning.windows import free_reference, tail_reference
 from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
 from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
 from drake_rho.scenario.generators import circle_swap, flight_cube, random_transitions
@@ -75,6 +76,7 @@ __all__ = [
     "Plan",
     "PlanFileError",
     "Polytope",
+    "RecedingHorizon",
     "Report",
     "Scenario",
     "ScenarioError",
