@@ -12,6 +12,7 @@ from drake_rho.assurance.optimality import Certificate, VehicleCertificate, cert
 from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
 from drake_rho.planning.assignment import assign_goals
 from drake_rho.planning.best import plan, plan_scp
@@ -56,6 +57,8 @@ if TYPE_CHECKING:
         separation_figure,
         velocities_figure,
     )
+    from drake_rho.simulation.simulate import simulate
+    from drake_rho.simulation.systems import RecedingHorizonController, WindyPointMass
 
 __all__ = [
     "Box",
@@ -77,10 +80,12 @@ __all__ = [
     "PlanFileError",
     "Polytope",
     "RecedingHorizon",
+    "RecedingHorizonController",
     "Report",
     "Scenario",
     "ScenarioError",
     "Separation",
+    "Simulation",
     "SolverError",
     "Sphere",
     "State",
@@ -90,6 +95,7 @@ __all__ = [
     "VehicleCertificate",
     "Waypoint",
     "Window",
+    "WindyPointMass",
     "WorstCase",
     "accelerations_figure",
     "animate",
@@ -122,6 +128,7 @@ __all__ = [
     "scp_step",
     "separation_figure",
     "shortest_plan",
+    "simulate",
     "tail_reference",
     "trefoil_swap",
     "velocities_figure",
@@ -131,17 +138,21 @@ __all__ = [
 ]
 
 # What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
-_DRAWING = {
+# So is what flies in Drake's simulator.
+_LATER = {
     "animate": "drake_rho.display.animation",
     "accelerations_figure": "drake_rho.display.figures",
     "distances_figure": "drake_rho.display.figures",
     "paths_figure": "drake_rho.display.figures",
     "separation_figure": "drake_rho.display.figures",
     "velocities_figure": "drake_rho.display.figures",
+    "RecedingHorizonController": "drake_rho.simulation.systems",
+    "WindyPointMass": "drake_rho.simulation.systems",
+    "simulate": "drake_rho.simulation.simulate",
 }
 
 
 def __getattr__(name: str) -> object:
-    if name in _DRAWING:
-        return getattr(import_module(_DRAWING[name]), name)
+    if name in _LATER:
+        return getattr(import_module(_LATER[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

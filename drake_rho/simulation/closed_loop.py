@@ -8,6 +8,10 @@ import numpy as np
 
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.simulation import Simulation
+from drake_rho.planning.best import plan as best_plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.rho import RecedingHorizon
+from drake_rho.planning.windows import Planner
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds
@@ -41,6 +45,28 @@ class OnePlan:
     def step(self, states: FloatArray, time: float) -> Window:
         """The only window."""
         return self.flight.windows[0]
+
+
+def fly(
+    scenario: Scenario,
+    *,
+    replan_every: int = 5,
+    planner: Planner = plan_convex,
+    fallback: Planner | None = best_plan,
+    wind: Wind | None = None,
+    rng: np.random.Generator | None = None,
+) -> Simulation:
+    """What `rho.simulate` does for point masses, without Drake's simulator, and so faster.
+
+    Raises:
+        InfeasibleError: the first window has no plan.
+        SolverError: the solvers fail numerically in the first window.
+        ValueError: an argument makes no sense.
+    """
+    horizon = RecedingHorizon(
+        scenario, replan_every=replan_every, planner=planner, fallback=fallback
+    )
+    return flown(Feedback(horizon), wind, rng)
 
 
 def fly_plan(

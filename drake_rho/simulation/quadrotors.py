@@ -41,7 +41,8 @@ class AttitudeController(LeafSystem):
 
     def __init__(self, plant: QuadrotorPlant) -> None:
         super().__init__()
-        self._plant, self._inertia = plant, np.asarray(plant.inertia())
+        self._mass, self._inertia = plant.m(), np.asarray(plant.inertia())
+        self._gravity = np.array([0.0, 0.0, plant.g()])
         arm, lift, drag = plant.length(), plant.force_constant(), plant.moment_constant()
         mixing = np.array(  # of rotor inputs: thrust and moments about x, y, z
             [
@@ -67,7 +68,7 @@ class AttitudeController(LeafSystem):
         roll_pitch_yaw = RollPitchYaw(state[3:6])
         R = roll_pitch_yaw.ToRotationMatrix().matrix()
         rates = R.T @ roll_pitch_yaw.CalcAngularVelocityInParentFromRpyDt(state[9:12])
-        thrust = self._plant.m() * (acceleration + [0.0, 0.0, self._plant.g()])
+        thrust = self._mass * (acceleration + self._gravity)
         wanted = _upright_along(thrust)
         error = wanted.T @ R - R.T @ wanted
         error = 0.5 * np.array([error[2, 1], error[0, 2], error[1, 0]])
