@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -45,18 +46,18 @@ def test_a_simulation_comes_back_as_it_went(seed: int, tmp_path: Path) -> None:
 
 
 def test_what_is_told_of_windows_comes_back(tmp_path: Path) -> None:
-    """A wind beyond the declared one, which takes vehicles out of their tubes and their boxes."""
-    scenario = disturbed(1)
-    storm = rho.winds.constant(scenario, [0, 1, 1])
-    simulation = fly(scenario, wind=lambda *state: 40.0 * storm(*state))
-    told = [(each.kept, each.off_tube, each.infeasible) for each in simulation.flight.windows]
-    assert any(off for _, off, _ in told)
-    assert any(infeasible for *_, infeasible in told)
-    rho.save(simulation, tmp_path / "storm.npz")
+    flown = _flown(1)
+    first, *others = flown.flight.windows
+    off = {"off_tube": ("v0", "v1"), "learned": (1, 2), "not_avoided": (2,)}
+    told = (first, *(dataclasses.replace(each, kept=True, **off) for each in others))  # type: ignore[arg-type]
+    told = (*told[:-1], dataclasses.replace(told[-1], infeasible="no room", kept=False))
+    flight = dataclasses.replace(flown.flight, windows=told)
+    rho.save(dataclasses.replace(flown, flight=flight), tmp_path / "storm.npz")
     loaded = rho.load(tmp_path / "storm.npz")
     assert isinstance(loaded, rho.Simulation)
-    again = [(each.kept, each.off_tube, each.infeasible) for each in loaded.flight.windows]
-    assert again == told
+    for one, other in zip(loaded.flight.windows, told, strict=True):
+        for name in ("infeasible", "learned", "not_avoided", "kept", "off_tube"):
+            assert getattr(one, name) == getattr(other, name)
 
 
 @pytest.mark.parametrize(
