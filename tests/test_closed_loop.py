@@ -178,6 +178,24 @@ def test_without_a_disturbance_commands_are_the_plans_and_only_windows_answer() 
     assert miss[0] < 0.1 * miss[1]
 
 
+@pytest.mark.parametrize("delay", [0, 1, 2])
+def test_windows_begin_where_old_estimates_and_known_commands_lead(delay: int) -> None:
+    """All that is missing there is what the wind of the delay has done."""
+    scenario = disturbed(17, delay=delay, errors=False)
+    assert scenario.disturbance is not None
+    late = delay * scenario.disturbance.sample(scenario.grid)
+    wind = rho.winds.constant(scenario, [1, 2, 0])
+    flown = fly(scenario, wind=wind, replan_every=3)
+    assert len(flown.flight.windows) > 2
+    for window in flown.flight.windows[1:]:
+        assert not window.kept
+        at = int(np.argmin(np.abs(flown.times - window.plan.scenario.grid.start)))
+        expected = flown.positions[at] - flown.wind[at] * late**2 / 2.0
+        np.testing.assert_allclose(window.plan.positions[:, 0], expected, atol=1e-9)
+        expected = flown.velocities[at] - flown.wind[at] * late
+        np.testing.assert_allclose(window.plan.velocities[:, 0], expected, atol=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_with_exact_estimates_and_no_wind_windows_are_those_of_plan_rho(seed: int) -> None:
     scenario = disturbed(seed)
