@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ConfigDict
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.tube import tube_of
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
@@ -227,6 +228,7 @@ class Plan:
             self._kept("position", self.positions[:, knot]),
             self._kept("velocity", self.velocities[:, knot]),
             self._kept("acceleration", self.accelerations[:, knot - 1]),
+            tube_of(self.scenario).tracking if self.scenario.disturbance else None,
         )
 
     def _kept(self, quantity: Quantity, values: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from drake_rho.motion.gains import Loop, best_gains, largest_wind
 from drake_rho.motion.radii import Pieces, Radii
 from drake_rho.motion.sampled_loop import Responses
-from drake_rho.scenario.disturbance import Disturbance
+from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.records import Scenario
@@ -52,6 +52,12 @@ class ErrorTube:
             raise ValueError(
                 f"gains: got {self.gains!r}, expected two finite ones, in 1/s² and 1/s"
             )
+
+    @property
+    def tracking(self) -> Tracking:
+        """What a plan under way says of this tube."""
+        position, velocity = self.initial
+        return Tracking(self.grid.start, self.gains, position, velocity)
 
     @property
     def sample(self) -> float:

@@ -18,6 +18,7 @@ from drake_rho.planning.bends import BENDS, bent_alone
 from drake_rho.planning.errors import InfeasibleError, Names, SolverError
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.options import DEFAULTS, Options
+from drake_rho.planning.room import with_room
 from drake_rho.planning.scp import Progress, iterate, restored
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.threads import one_for_arrays
@@ -64,7 +65,7 @@ def plan_along_ways(
         progress: called after each linearisation.
     """
     began = time.perf_counter()
-    found = find_ways(scenario, options.max_ways)
+    found = find_ways(with_room(scenario), options.max_ways)
     spent = Statistics(searched=found.searched, seconds=time.perf_counter() - began)
     best: Plan | None = None
     failure: InfeasibleError | None = None

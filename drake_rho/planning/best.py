@@ -18,6 +18,7 @@ from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
+from drake_rho.planning.room import check_room
 from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, Progress, iterate, restored
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
 from drake_rho.planning.threads import one_for_arrays
@@ -114,6 +115,7 @@ def first_plan(
 
     Args and errors are those of `plan`.
     """
+    check_room(scenario)
     if scenario.separation is not None:
         return _first_apart(scenario, reference, solver, executor, progress, options)
     try:

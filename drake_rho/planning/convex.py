@@ -12,6 +12,7 @@ from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.limits import convex_constraints
+from drake_rho.planning.room import check_room
 from drake_rho.planning.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
@@ -48,6 +49,7 @@ def plan_convex(
         SolverError: the solvers fail numerically.
         ValueError: a step does not divide the duration, or the reference does not fit.
     """
+    check_room(scenario)
     others = [_grid(step, scenario.grid) for step in steps]
     if reference is not None and others:
         raise ValueError("steps: got some beside a reference, expected none: it has one step")

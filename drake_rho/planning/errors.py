@@ -32,6 +32,9 @@ class InfeasibleError(DrakeRhoError):
         scenario: what was asked; None where it is not known.
         reference: the motion around which obstacles and pairs were linearised; None without it.
         statistics: what it took to find out.
+        bearable: where starts, goals and limits leave no room for the disturbance, the largest wind
+            [m/s²] that they do leave room for with the same feedback, all else as it is; 0 where
+            errors of the estimate are too much already. None where that is not why.
     """
 
     def __init__(
@@ -42,6 +45,7 @@ class InfeasibleError(DrakeRhoError):
         scenario: Scenario | None = None,
         obstacles: Mapping[str, frozenset[int]] | None = None,
         reference: Plan | None = None,
+        bearable: float | None = None,
     ) -> None:
         self.conflicts = dict(conflicts)
         self.obstacles = dict(obstacles or {})
@@ -49,8 +53,15 @@ class InfeasibleError(DrakeRhoError):
         self.statistics = statistics or Statistics()
         self.scenario = scenario
         self.reference = reference
+        self.bearable = bearable
         super().__init__(
-            self.conflicts, steps_tried, self.statistics, scenario, self.obstacles, reference
+            self.conflicts,
+            steps_tried,
+            self.statistics,
+            scenario,
+            self.obstacles,
+            reference,
+            bearable,
         )
 
     @property
@@ -65,6 +76,12 @@ class InfeasibleError(DrakeRhoError):
         )
         steps = ", ".join(f"{step:g} s" for step in self.steps_tried)
         tried = f" (steps tried: {steps})" if steps else ""
+        if self.bearable is not None:
+            return (
+                f"no plan{tried}: no room for the errors that the disturbance leads to: "
+                + "; ".join(f"{name}: {', '.join(why)}" for name, why in self.conflicts.items())
+                + f" (room for {self.bearable:.3g} m/s² with this feedback)"
+            )
         if not self.about_linearisation:
             return f"no plan{tried}: {reasons}"
         pairs = any(0 in numbers for numbers in self.obstacles.values())

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from drake_rho.motion.margins import margins_of
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import Scenario
@@ -84,8 +85,9 @@ def _is_clear(
         depth: how deep they may be, in parts of an obstacle's least extent.
     """
     clear = np.ones(positions.shape[:2], dtype=bool)
+    margin = margins_of(scenario).most
     for _, body in scenario.known:
-        kept = scenario.fleet.radii[:, None] + body.deviation - body.shape.tolerance
+        kept = scenario.fleet.radii[:, None] + body.deviation + margin - body.shape.tolerance
         deepest = kept - depth * float(body.shape.extent.min())
-        clear &= body.shape.signed_distance(positions - body.centers(times)) >= deepest
+        clear &= body.distances(positions, times) >= deepest
     return clear
