@@ -37,7 +37,8 @@ def supports(case: dict[str, Any]) -> list[float]:
         loop = np.zeros((3, 3))
         loop[:2, :2], loop[:2, 2], loop[2, :2] = free, acts, -gains
         flat = np.column_stack([wind, np.zeros(len(wind))])
-        sides = [flat + [0.0, 0.0, errors], flat - [0.0, 0.0, errors]]
+        error = np.array([0.0, 0.0, errors])
+        sides = [flat + error, flat - error]
     disturbances = Polytope(vertices=np.vstack(sides))
     last = compute_drs(loop, disturbances, case["samples"])[-1]
     return [float(last.support(direction)) for direction in np.eye(len(loop))[:2]]

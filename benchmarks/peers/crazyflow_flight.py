@@ -20,9 +20,7 @@ RATE, PHYSICS = 100, 500
 """References and steps of the simulation in a second."""
 
 
-def fly(
-    positions: np.ndarray, velocities: np.ndarray, accelerations: np.ndarray
-) -> np.ndarray:
+def fly(positions: np.ndarray, velocities: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
     """Positions of all vehicles, each of which begins on its reference.
 
     Args:
@@ -34,9 +32,7 @@ def fly(
         Positions [m], shape (N, M, 3).
     """
     vehicles, count = positions.shape[:2]
-    sim = Sim(
-        n_worlds=1, n_drones=vehicles, control=Control.state, freq=PHYSICS, state_freq=RATE
-    )
+    sim = Sim(n_worlds=1, n_drones=vehicles, control=Control.state, freq=PHYSICS, state_freq=RATE)
     first = sim.data.states.replace(pos=positions[None, :, 0], vel=velocities[None, :, 0])
     sim.data = sim.data.replace(states=first)
     commands = np.zeros((1, vehicles, 16), dtype=np.float32)
