@@ -35,21 +35,13 @@ def random_tube(rng: np.random.Generator, most_delay: int = 5) -> rho.ErrorTube:
     return rho.error_tube(scenario_with(around, grid), (r_p, r_v), gains=scaled)
 
 
-def stable_gains(
-    rng: np.random.Generator, delay: int, slowest: float = 0.999
-) -> tuple[float, float]:
-    """α = k_p δ² and β = k_v δ: roots of z^d (z - 1)² + (α/2 + β) z + α/2 - β in the disc.
-
-    Args:
-        rng: where randomness comes from.
-        delay: d, in samples.
-        slowest: no error keeps more of itself than this part from sample to sample, in the end.
-    """
+def stable_gains(rng: np.random.Generator, delay: int) -> tuple[float, float]:
+    """α = k_p δ² and β = k_v δ: roots of z^d (z - 1)² + (α/2 + β) z + α/2 - β in the disc."""
     while True:
         alpha, beta = rng.uniform(0.0, 2.0, 2) / (1.0 + delay) ** np.array([2, 1])
         polynomial = np.concatenate([[1.0, -2.0, 1.0], np.zeros(delay)])
         polynomial[-2:] += alpha / 2.0 + beta, alpha / 2.0 - beta
-        if np.abs(np.roots(polynomial)).max() < slowest:
+        if np.abs(np.roots(polynomial)).max() < 0.999:
             return float(alpha), float(beta)
 
 
