@@ -12,6 +12,7 @@ from drake_rho.assurance.optimality import Certificate, VehicleCertificate, cert
 from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
 from drake_rho.planning.assignment import assign_goals
 from drake_rho.planning.best import plan, plan_scp
@@ -19,8 +20,9 @@ from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled, decoupled
 from drake_rho.planning.options import Options
-from drake_rho.planning.rho import free_reference, plan_rho, tail_reference
+from drake_rho.planning.rho import RecedingHorizon, plan_rho
 from drake_rho.planning.scp import scp_step
+from drake_rho.planning.windows import free_reference, tail_reference
 from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
 from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
 from drake_rho.scenario.generators import circle_swap, flight_cube, random_transitions
@@ -55,6 +57,8 @@ if TYPE_CHECKING:
         separation_figure,
         velocities_figure,
     )
+    from drake_rho.simulation.simulate import simulate
+    from drake_rho.simulation.systems import RecedingHorizonController, WindyPointMass
 
 __all__ = [
     "Box",
@@ -75,10 +79,13 @@ __all__ = [
     "Plan",
     "PlanFileError",
     "Polytope",
+    "RecedingHorizon",
+    "RecedingHorizonController",
     "Report",
     "Scenario",
     "ScenarioError",
     "Separation",
+    "Simulation",
     "SolverError",
     "Sphere",
     "State",
@@ -88,6 +95,7 @@ __all__ = [
     "VehicleCertificate",
     "Waypoint",
     "Window",
+    "WindyPointMass",
     "WorstCase",
     "accelerations_figure",
     "animate",
@@ -120,6 +128,7 @@ __all__ = [
     "scp_step",
     "separation_figure",
     "shortest_plan",
+    "simulate",
     "tail_reference",
     "trefoil_swap",
     "velocities_figure",
@@ -129,17 +138,21 @@ __all__ = [
 ]
 
 # What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
-_DRAWING = {
+# So is what flies in Drake's simulator.
+_LATER = {
     "animate": "drake_rho.display.animation",
     "accelerations_figure": "drake_rho.display.figures",
     "distances_figure": "drake_rho.display.figures",
     "paths_figure": "drake_rho.display.figures",
     "separation_figure": "drake_rho.display.figures",
     "velocities_figure": "drake_rho.display.figures",
+    "RecedingHorizonController": "drake_rho.simulation.systems",
+    "WindyPointMass": "drake_rho.simulation.systems",
+    "simulate": "drake_rho.simulation.simulate",
 }
 
 
 def __getattr__(name: str) -> object:
-    if name in _DRAWING:
-        return getattr(import_module(_DRAWING[name]), name)
+    if name in _LATER:
+        return getattr(import_module(_LATER[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

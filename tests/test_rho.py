@@ -15,7 +15,7 @@ from pydrake.solvers import SolverInterface
 import drake_rho as rho
 from drake_rho.planning import cutting_planes
 from drake_rho.planning.program import programs_of
-from drake_rho.planning.rho import Planner
+from drake_rho.planning.windows import Planner
 from tests.scenarios import box, scenarios, single
 from tests.tolerances import INDEX, ROUNDING
 

@@ -10,7 +10,7 @@ from pydrake.solvers import ClarabelSolver, OsqpSolver
 
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.rho import Planner, free_reference, tail_reference
+from drake_rho.planning.windows import Planner, free_reference, tail_reference
 from drake_rho.scenario.files import library, load_scenario
 from drake_rho.scenario.missions import is_lsc_mission, load_lsc_mission
 from drake_rho.scenario.records import Grid, Scenario

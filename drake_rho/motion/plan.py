@@ -270,6 +270,9 @@ class Window:
     """numbers of the obstacles, from 1, that this window is the first to know of"""
     not_avoided: tuple[int, ...] = ()
     """numbers of the obstacles that its plan does not keep out of"""
+    off_tube: tuple[str, ...] = ()
+    """names of the vehicles that were further from the previous plan than its tube reaches and
+    estimates err, so that they are disturbed more than the scenario says"""
 
     @property
     def statistics(self) -> Statistics:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drake_rho.motion.plan import Flight, Statistics
-from drake_rho.motion.tube import ErrorTube, error_tube
+from drake_rho.motion.tube import ErrorTube, error_tube, tube_of
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
@@ -144,7 +144,12 @@ class Simulation:
     @cached_property
     def tubes(self) -> tuple[ErrorTube, ...]:
         """The tube around the plan of each window."""
-        return tuple(error_tube(window.plan.scenario) for window in self.flight.windows)
+        tubes: list[ErrorTube] = []
+        for window in self.flight.windows:
+            tube = tube_of(window.plan.scenario)
+            again = bool(tubes) and (tube.grid, tube.initial) == (tubes[-1].grid, tubes[-1].initial)
+            tubes.append(tubes[-1] if again else tube)
+        return tuple(tubes)
 
     def in_force(self, times: npt.ArrayLike) -> IntArray:
         """The number, from 0, of the window that is flown at each time, shape (T,).

@@ -155,8 +155,8 @@ class KeepApart(KeepOut):
                 directions[rows] = side_of(offsets[nearest], ways[nearest])
         normals: FloatArray = directions * self.shape.scales
         normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
-        if self.margins.most > 0.0 and not self.kept.is_round:
-            apart = (distances > self.shape.radius) & ~self.aside
+        if self.margins.most > 0.0 and not (self.kept.is_round or self.aside):
+            apart = distances > self.shape.radius
             normals[apart] = self.shape.outward(self.offsets(self.reference, places)[apart])
         return normals
 

@@ -3,58 +3,230 @@
 from __future__ import annotations
 
 import dataclasses
-import time
-from collections.abc import Callable
+import time as clock
 from numbers import Integral
-from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.motion.tube import tube_of
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.keep_apart import decoupled
-from drake_rho.planning.minimum_violation import minimum_breach
-from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.threads import one_for_arrays
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Scenario
+from drake_rho.planning.windows import (
+    Planner,
+    Reference,
+    WindowPlanner,
+    free_reference,
+    tail_reference,
+)
+from drake_rho.scenario.disturbance import Tracking
+from drake_rho.scenario.fields import BoolArray, FloatArray, unchecked
+from drake_rho.scenario.records import TOLERANCE, Scenario
+
+_ROUNDING = 1e-9
+"""Part of a motion's scale by which a state may differ from that of the plan and still count as the
+same: what integration adds to it by rounding."""
 
 
-class Planner(Protocol):
-    """What `plan_rho` asks of a planner: `plan_convex`, `plan_scp`, or another of this form."""
+class RecedingHorizon:
+    """A receding horizon that shrinks towards the goals, fed with measured states.
 
-    def __call__(
-        self, scenario: Scenario, *, reference: Plan | None, solver: SolverInterface | None
-    ) -> Plan:
-        """A plan for `scenario`, found from `reference`."""
-        ...
+    Every window plans anew from the state that is measured, with a tube that begins anew. The fleet
+    does so together or, where there is no such plan, keeps to the previous one and its tube. If the
+    first window has a plan, nothing new becomes known, and disturbances are as the scenario says,
+    then no window is without a plan that holds.
 
+    Args:
+        scenario: what is asked.
+        replan_every: d, the steps flown of each window; the last window has what is left.
+        planner: plans one window.
+        fallback: plans a window, the first included, for which `planner` has no solution or whose
+            solvers fail; None for nothing but the rest of the previous plan.
+        reference: what a window is linearised around, `free_reference` (the paper's),
+            `tail_reference`, or another function of this form. If not given, the paper's and, for
+            fleets that keep apart, the tail, which is a plan for the next window already.
+        solver: a Drake solver; Clarabel if not given.
 
-Reference = Callable[[Scenario, Plan | None, SolverInterface | None], Plan | None]
-"""What a window is linearised around: (its scenario, the previous prediction's tail or None in the
-first window, the solver) -> a motion of the same vehicles on the same grid, or None for the one
-that planners make by themselves."""
+    Attributes:
+        scenario: as given.
+        replan_every: as given.
+        windows: those planned so far.
 
-
-def free_reference(scenario: Scenario, tail: Plan | None, solver: SolverInterface | None) -> None:
-    """The paper's reference: each window's own solution without the obstacles.
-
-    Planners begin with that one when they are given none.
+    Raises:
+        ValueError: `replan_every` is not a whole number of at least 1.
     """
 
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        replan_every: int = 5,
+        planner: Planner = plan_convex,
+        fallback: Planner | None = best_plan,
+        reference: Reference | None = None,
+        solver: SolverInterface | None = None,
+    ) -> None:
+        whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
+        if not whole or replan_every < 1:
+            raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
+        if reference is None:
+            reference = free_reference if scenario.separation is None else tail_reference
+        self.scenario, self.replan_every = scenario, int(replan_every)
+        self.windows: list[Window] = []
+        self._planner = WindowPlanner(planner, fallback, reference, solver)
 
-def tail_reference(
-    scenario: Scenario, tail: Plan | None, solver: SolverInterface | None
-) -> Plan | None:
-    """What is left of the previous prediction; in the first window, the paper's reference.
+    @property
+    def knots(self) -> range:
+        """The knots at which windows start, counted from 0."""
+        return range(0, self.scenario.grid.knots - 1, self.replan_every)
 
-    The tail meets every constraint of the window, so there is always a plan, up to rounding.
-    """
-    return tail
+    def step(self, states: npt.ArrayLike, time: float) -> Window:
+        """Plan the next window.
+
+        The first one begins where the scenario does, if the states agree with that as far as they
+        can be known. Later ones never fail: where there is no plan, `Window.infeasible` says why.
+
+        Args:
+            states: position [m] and velocity [m/s] of each vehicle as estimated for this time,
+                shape (N, 6); with a delay, predicted from what was measured by the commands given
+                since then.
+            time: of a knot at which a step begins, after that of the window before, on the
+                scenario's clock [s]. The first window starts at the first knot.
+
+        Returns:
+            The window. Until the next one its plan is flown.
+
+        Raises:
+            InfeasibleError: the first window has no plan, with the fallback neither.
+            SolverError: the solvers fail numerically in the first window, with the fallback too.
+            ValueError: the states are not finite numbers of this shape, or the time is another.
+        """
+        with one_for_arrays():
+            positions, velocities = self._checked(states)
+            knot = self._knot(time)
+            if not self.windows:
+                window = self._planner.first(self._begun(positions, velocities))
+            else:
+                window = self._next(knot, positions, velocities)
+            before = self.windows[-1] if self.windows else window
+            self.windows.append(_with_sightings(window, before))
+            return self.windows[-1]
+
+    @property
+    def flight(self) -> Flight:
+        """The windows so far, each flown until the next, from the start of the scenario.
+
+        Raises:
+            ValueError: there is none yet.
+        """
+        if not self.windows:
+            raise ValueError("windows: got none, expected at least one to be planned before")
+        ends = [*(window.first_knot for window in self.windows[1:]), self.scenario.grid.knots - 1]
+        flown = [
+            window.plan.accelerations[:, : end - window.first_knot]
+            for window, end in zip(self.windows, ends, strict=True)
+        ]
+        statistics = sum((window.statistics for window in self.windows), Statistics())
+        plan = Plan.from_accelerations(self.scenario, np.concatenate(flown, axis=1), statistics)
+        return Flight(plan, tuple(self.windows))
+
+    def _checked(self, states: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Positions and velocities, (N, 3) each."""
+        count = len(self.scenario.vehicles)
+        array = np.asarray(states, dtype=np.float64)
+        if array.shape != (count, 6):
+            raise ValueError(f"states: got shape {array.shape}, expected {(count, 6)}")
+        if not np.isfinite(array).all():
+            vehicle = self.scenario.vehicles[int(np.argwhere(~np.isfinite(array))[0, 0])].name
+            raise ValueError(f"states: got {array.tolist()}, expected finite numbers for {vehicle}")
+        return array[:, :3], array[:, 3:]
+
+    def _knot(self, time: float) -> int:
+        """The number of the knot at a time."""
+        grid, last = self.scenario.grid, -1
+        if self.windows:
+            last = self.windows[-1].first_knot
+        steps = (time - grid.start) / grid.step
+        knot = round(steps) if np.isfinite(steps) else -1
+        most = grid.knots - 2 if self.windows else 0
+        if not last < knot <= most or abs(steps - knot) > 1e-6:
+            first, end = (grid.times[min(k, grid.knots - 1)] for k in (last + 1, most))
+            expected = f"the time of a knot from {first:g} to {end:g} s"
+            raise ValueError(f"time: got {time!r}, expected {expected}")
+        return knot
+
+    def _begun(self, positions: FloatArray, velocities: FloatArray) -> Scenario:
+        """The scenario, from where the vehicles are if they are not at their starts."""
+        scenario, fleet = self.scenario, self.scenario.fleet
+        away = positions - fleet.start_positions, velocities - fleet.start_velocities
+        if not np.any(_beyond(scenario, away, *_estimated_within(scenario))):
+            return scenario
+        before = fleet.accelerations_before
+        return scenario.from_states(
+            scenario.grid, positions, velocities, before, _tracked_anew(scenario, scenario)
+        )
+
+    def _next(self, knot: int, positions: FloatArray, velocities: FloatArray) -> Window:
+        """A later window."""
+        last = self.windows[-1]
+        tail = last.plan.tail(knot - last.first_knot)
+        left = tail.scenario
+        away = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
+        tracking = _tracked_anew(self.scenario, left)
+        if not np.any(_beyond(left, away, 0.0, 0.0, _ROUNDING)):
+            around = left.disturbance and unchecked(left.disturbance, tracking=tracking)
+            left = unchecked(left, disturbance=around)
+        else:
+            before = left.fleet.accelerations_before
+            left = left.from_states(left.grid, positions, velocities, before, tracking)
+        off = _beyond(left, away, *_tube_and_estimate(tail.scenario))
+        window = self._planner.next(left, knot, tail, on_plan=not off.any())
+        if left.disturbance is None or not off.any():
+            return window
+        names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
+        return dataclasses.replace(window, off_tube=names)
+
+
+def _tracked_anew(whole: Scenario, left: Scenario) -> Tracking | None:
+    """How a plan that begins with what is left of a flight is tracked."""
+    if left.disturbance is None:
+        return None
+    position, velocity = left.disturbance.first_error(left.grid)
+    return Tracking(left.grid.start, tube_of(whole).gains, position, velocity)
+
+
+def _estimated_within(scenario: Scenario) -> tuple[float, float]:
+    """How far an estimated state may be from the true one [m, m/s]."""
+    around = scenario.disturbance
+    return (0.0, 0.0) if around is None else around.first_error(scenario.grid)
+
+
+def _tube_and_estimate(tail: Scenario) -> tuple[float, float]:
+    """How far an estimated state may be from that of a plan whose rest begins now [m, m/s]."""
+    if tail.disturbance is None:
+        return 0.0, 0.0
+    tube, now = tube_of(tail), tail.grid.start
+    position, velocity = tail.disturbance.first_error(tail.grid)
+    return position + float(tube.position(now)), velocity + float(tube.velocity(now))
+
+
+def _beyond(
+    scenario: Scenario,
+    away: tuple[FloatArray, FloatArray],
+    position: float,
+    velocity: float,
+    tolerance: float = TOLERANCE,
+) -> BoolArray:
+    """Which vehicles are further away than radii [m, m/s], but for a part of their scale, (N,)."""
+    fleet = scenario.fleet
+    far = np.linalg.norm(away[0], axis=1) > position + tolerance * fleet.scale("position")
+    fast = np.linalg.norm(away[1], axis=1) > velocity + tolerance * fleet.scale("velocity")
+    beyond: BoolArray = far | fast
+    return beyond
 
 
 @one_for_arrays()
@@ -73,6 +245,10 @@ def plan_rho(
     Where the planner has no solution the fallback is asked, from the previous prediction's tail;
     a window for which that has none either flies on along the tail, which is still valid. Its
     `Window.infeasible` says why.
+
+    This is `RecedingHorizon` with perfect measurements: every window begins where its vehicles were
+    planned to be. In a scenario with a disturbance each has a tube that begins anew there, and
+    flights that are disturbed within it keep all constraints.
 
     Windows know of an obstacle if it is known at their start. Where one becomes known too late to
     be avoided, the plan that comes least too close to it is flown, and planning goes on from there;
@@ -98,99 +274,27 @@ def plan_rho(
         SolverError: the solvers fail numerically in the first window, with the fallback too.
         ValueError: `replan_every` is not a whole number of at least 1.
     """
-    if isinstance(replan_every, bool) or not isinstance(replan_every, Integral) or replan_every < 1:
-        raise ValueError(f"replan_every: got {replan_every!r}, expected a whole number >= 1")
-    if reference is None:
-        reference = free_reference if scenario.separation is None else tail_reference
-    began = time.perf_counter()
-    replan_every = int(replan_every)
-    windows: list[Window] = []
-    flown: list[FloatArray] = []
-    for first_knot in range(0, scenario.grid.knots - 1, replan_every):
-        tail = windows[-1].plan.tail(replan_every) if windows else None
-        window = plan_window(
-            scenario if tail is None else tail.scenario,
-            first_knot,
-            tail,
-            planner=planner,
-            fallback=fallback,
-            reference=reference,
-            solver=solver,
-        )
-        windows.append(_with_sightings(window, windows[-1] if windows else window))
-        flown.append(window.plan.accelerations[:, :replan_every])
-    statistics = sum((window.statistics for window in windows), Statistics())
-    statistics = dataclasses.replace(statistics, seconds=time.perf_counter() - began)
-    plan = Plan.from_accelerations(scenario, np.concatenate(flown, axis=1), statistics)
-    return Flight(plan, tuple(windows))
-
-
-def plan_window(
-    scenario: Scenario,
-    first_knot: int,
-    tail: Plan | None,
-    *,
-    planner: Planner,
-    fallback: Planner | None,
-    reference: Reference,
-    solver: SolverInterface | None,
-) -> Window:
-    """One window of `plan_rho`.
-
-    Args:
-        scenario: what is left of the flight.
-        first_knot: where in the whole flight the window starts, counted from 0.
-        tail: what is left of the previous prediction; None in the first window.
-        planner: as for `plan_rho`.
-        fallback: as for `plan_rho`.
-        reference: as for `plan_rho`.
-        solver: a Drake solver; Clarabel if not given.
-
-    Raises:
-        InfeasibleError: there is no plan, and no tail to fly on along.
-        SolverError: the solvers fail numerically, and there is no tail.
-    """
-    around, spent, failure = None, Statistics(), None
-    if tail is not None and (inside := _begins_inside(scenario)):
-        names = ", ".join(map(scenario.obstacle_name, inside))
-        flown_on = minimum_breach(tail, solver)
-        return Window(first_knot, flown_on, flown_on, infeasible=f"it begins too close to {names}")
-    try:
-        if scenario.obstacles or scenario.separation is not None:
-            around = reference(scenario, tail, solver)
-        plan = planner(scenario, reference=around, solver=solver)
-        return Window(first_knot, plan, around or plan.reference or plan)
-    except (InfeasibleError, SolverError) as error:
-        failure, spent = error, error.statistics
-    if fallback is not None:
-        try:
-            plan = fallback(scenario, reference=tail, solver=solver)
-            plan = plan.with_statistics(spent + plan.statistics)
-            return Window(first_knot, plan, plan.reference or plan)
-        except (InfeasibleError, SolverError) as error:
-            failure, spent = error, spent + error.statistics
-    if tail is None:
-        raise failure
-    plan = tail
-    if not Subproblem(scenario, decoupled, solver).holds(tail):  # of what is known by now
-        plan = minimum_breach(tail, solver)
-        spent += plan.statistics
-    plan = plan.with_statistics(spent)
-    return Window(first_knot, plan, around or plan, infeasible=str(failure))
-
-
-def _begins_inside(scenario: Scenario) -> list[int]:
-    """Numbers of the known obstacles that vehicles are too close to at the first knot."""
-    starts, radii = scenario.fleet.start_positions, scenario.fleet.radii
-    time = np.array([scenario.grid.start])
-    return [
-        number
-        for number, obstacle in scenario.known
-        if np.any(
-            obstacle.shape.signed_distance(starts - obstacle.centers(time))
-            < radii - 10.0 * obstacle.shape.tolerance
-        )
-    ]
+    began = clock.perf_counter()
+    horizon = RecedingHorizon(
+        scenario,
+        replan_every=replan_every,
+        planner=planner,
+        fallback=fallback,
+        reference=reference,
+        solver=solver,
+    )
+    fleet, times = scenario.fleet, scenario.grid.times
+    states = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
+    for knot in horizon.knots:
+        if horizon.windows:
+            last = horizon.windows[-1]
+            k = knot - last.first_knot
+            states = np.concatenate([last.plan.positions[:, k], last.plan.velocities[:, k]], axis=1)
+        horizon.step(states, times[knot])
+    flight = horizon.flight
+    seconds = clock.perf_counter() - began
+    statistics = dataclasses.replace(flight.plan.statistics, seconds=seconds)
+    return Flight(flight.plan.with_statistics(statistics), flight.windows)
 
 
 def _with_sightings(window: Window, before: Window) -> Window:

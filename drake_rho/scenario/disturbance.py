@@ -54,7 +54,7 @@ class Disturbance:
     itself if not given"""
     delay: Annotated[int, Field(ge=0, le=50), NO_TRUTH] = 0
     """how many samples pass from an estimate to the feedback that is made of it, in samples"""
-    share: Annotated[Positive, Field(le=1.0)] = 0.5
+    share: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False), NO_TRUTH] = 0.5
     """the part of the tightest acceleration limit that the feedback may take"""
     tracking: Tracking | None = None
     """of a plan under way, since when it is tracked; if not given, from the first knot on, where

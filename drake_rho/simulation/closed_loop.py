@@ -8,6 +8,10 @@ import numpy as np
 
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.simulation import Simulation
+from drake_rho.planning.best import plan as best_plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.rho import RecedingHorizon
+from drake_rho.planning.windows import Planner
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds
@@ -24,6 +28,16 @@ class OnePlan:
     plan: Plan
 
     @property
+    def scenario(self) -> Scenario:
+        """That of the plan."""
+        return self.plan.scenario
+
+    @property
+    def knots(self) -> range:
+        """The first."""
+        return range(1)
+
+    @property
     def flight(self) -> Flight:
         """The plan as a flight of one window."""
         return Flight(self.plan, (Window(0, self.plan, self.plan),))
@@ -31,6 +45,28 @@ class OnePlan:
     def step(self, states: FloatArray, time: float) -> Window:
         """The only window."""
         return self.flight.windows[0]
+
+
+def fly(
+    scenario: Scenario,
+    *,
+    replan_every: int = 5,
+    planner: Planner = plan_convex,
+    fallback: Planner | None = best_plan,
+    wind: Wind | None = None,
+    rng: np.random.Generator | None = None,
+) -> Simulation:
+    """What `rho.simulate` does for point masses, without Drake's simulator, and so faster.
+
+    Raises:
+        InfeasibleError: the first window has no plan.
+        SolverError: the solvers fail numerically in the first window.
+        ValueError: an argument makes no sense.
+    """
+    horizon = RecedingHorizon(
+        scenario, replan_every=replan_every, planner=planner, fallback=fallback
+    )
+    return flown(Feedback(horizon), wind, rng)
 
 
 def fly_plan(
@@ -59,7 +95,7 @@ def fly_plan(
             f"plan: got one for {len(asked.vehicles)} on {asked.grid}, expected {expected}"
         )
     kept = Plan(scenario, plan.positions, plan.velocities, plan.accelerations, plan.statistics)
-    return flown(Feedback(scenario, OnePlan(kept), scenario.grid.knots), wind, rng)
+    return flown(Feedback(OnePlan(kept)), wind, rng)
 
 
 def flown(feedback: Feedback, wind: Wind | None, rng: np.random.Generator | None) -> Simulation:

@@ -52,7 +52,9 @@ class EstimationErrors:
     def added_to(self, sample: int, states: FloatArray) -> FloatArray:
         """The estimate of states (N, 6), positions and velocities, at a sample, from 0."""
         at = min(sample, len(self.positions) - 1)
-        return states + np.concatenate([self.positions[at], self.velocities[at]], axis=1)
+        return np.asarray(
+            states + np.concatenate([self.positions[at], self.velocities[at]], axis=1)
+        )
 
 
 def _for_each(errors: FloatArray, shape: tuple[int, int, int]) -> FloatArray:

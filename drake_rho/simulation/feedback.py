@@ -12,6 +12,7 @@ out.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -25,6 +26,16 @@ from drake_rho.scenario.records import Scenario
 
 class Horizon(Protocol):
     """What gives the windows: `rho.RecedingHorizon`, or what keeps one plan."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is flown."""
+        ...
+
+    @property
+    def knots(self) -> Sequence[int]:
+        """The knots at which windows start, counted from 0."""
+        ...
 
     @property
     def flight(self) -> Flight:
@@ -71,14 +82,16 @@ class Feedback:
         InfeasibleError: the first window has no solution; it raises what the horizon does.
     """
 
-    def __init__(self, scenario: Scenario, horizon: Horizon, replan_every: int) -> None:
+    def __init__(self, horizon: Horizon) -> None:
+        scenario = horizon.scenario
         around = scenario.disturbance or Disturbance(0.0)
         self.scenario, self.horizon = scenario, horizon
         self.sample = around.sample(scenario.grid)
         self.samples = around.samples(scenario.grid)
+        self._times = scenario.grid.times
         self._delay = around.delay
         self._per_step = around.samples_per_step(scenario.grid.step)
-        self._per_window = replan_every * self._per_step
+        self._knots = frozenset(horizon.knots)
         self._gains = np.array(error_tube(scenario).gains)
         fleet = scenario.fleet
         self.starts = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
@@ -98,10 +111,10 @@ class Feedback:
         estimate = np.where(np.isfinite(estimate), estimate, planned)
         estimates = (*memory.estimates, estimate)[-(d + 1) :]
         window, since, errors = memory.window, memory.since, memory.errors
-        if j > 0 and j % self._per_window == 0 and j < self.samples:
-            grid = self.scenario.grid
-            time = float(grid.start + grid.step * (j // self._per_step))
-            window = self.horizon.step(self._predicted(j, estimates, memory.commands), time)
+        knot, past = divmod(j, self._per_step)
+        if j > 0 and past == 0 and knot in self._knots:
+            states = self._predicted(j, estimates, memory.commands)
+            window = self.horizon.step(states, float(self._times[knot]))
             since = self._tracked_since(window)
             errors = errors if since == memory.since else ()
         p, v, a = self.nominal(window, j * self.sample)
@@ -132,7 +145,7 @@ class Feedback:
     def _tracked_since(self, window: Window) -> int:
         """The sample with which the plan that a window tracks began."""
         around, grid = window.plan.scenario.disturbance, window.plan.scenario.grid
-        tracking = getattr(around, "tracking", None)
+        tracking = None if around is None else around.tracking
         since = grid.start if tracking is None else tracking.since
         return round((since - self.scenario.grid.start) / self.sample)
 

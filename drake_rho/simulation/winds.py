@@ -38,7 +38,8 @@ class WindOverTime(ABC):
 
     def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
         """The wind at one time, shape (N, 3)."""
-        return self.over(np.array([time]), len(positions))[0]
+        wind: FloatArray = self.over(np.array([time]), len(positions))[0]
+        return wind
 
 
 def none() -> Wind:
