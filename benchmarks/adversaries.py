@@ -67,7 +67,7 @@ class WorstAtClosest:
 
     def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
         """The wind at one time, shape (N, 3)."""
-        return self.over(np.array([time]), len(positions))[0]
+        return np.asarray(self.over(np.array([time]), len(positions))[0])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,13 +87,13 @@ class Chaser:
         strongest = 0.0 if around is None else around.acceleration
         other = np.array([np.cos(self.angle), np.sin(self.angle), 0.0])
         ways = (1.0 - self.aside) * towards_nearest(self.scenario, time, positions)[0]
-        return strongest * unit_vectors(ways + self.aside * other)
+        return np.asarray(strongest * unit_vectors(ways + self.aside * other))
 
 
 def unit_vectors(ways: FloatArray) -> FloatArray:
     """Ways (N, 3) with length 1; along x where they have none."""
     lengths = np.linalg.norm(ways, axis=1, keepdims=True)
-    return np.where(lengths > 1e-12, ways / np.maximum(lengths, 1e-12), [1.0, 0.0, 0.0])
+    return np.asarray(np.where(lengths > 1e-12, ways / np.maximum(lengths, 1e-12), np.eye(3)[0]))
 
 
 def towards_nearest(

@@ -110,7 +110,7 @@ def run(folder: Path | None = None) -> Table:
 
 
 def with_room(path: Path) -> rho.Scenario:
-    """A mission whose room is wider by the radius of the tube: starts and goals are at its walls."""
+    """A mission whose room is wider by the tube, as starts and goals lie at its walls."""
     mission = rho.load_lsc_mission(path, grid=rho.Grid.lasting(DURATION, step=STEP))
     tube = rho.error_tube(dataclasses.replace(mission, disturbance=MODEL))
     wider = float(tube.position_over(mission.grid.start, mission.grid.end)[0])
