@@ -106,7 +106,7 @@ def scenario(declared: float = DECLARED) -> rho.Scenario:
     goals = [rho.State(end) for end in ends]
     return rho.Scenario(
         "quadrotors",
-        rho.Grid.lasting(6.0, step=0.2),
+        rho.Grid.lasting(8.0, step=0.2),
         [rho.Vehicle("one", states[0], goals[1]), rho.Vehicle("other", states[1], goals[0])],
         rho.Limits(
             acceleration=rho.Box([-4.0] * 3, [4.0] * 3),
@@ -123,7 +123,7 @@ def outcome(number: int) -> Outcome:
     """One flight, in a gust that depends on the number alone."""
     rng = np.random.default_rng(number)
     asked, calmer = scenario(), scenario(STRENGTH)
-    duration = rng.uniform(0.5, 4.0)
+    duration = rng.uniform(0.5, 5.0)
     begin = rng.uniform(0.0, asked.grid.duration - duration)
     wind = rho.winds.gust(calmer, rng.normal(size=3), begin=begin, duration=duration)
     began = time.perf_counter()
@@ -143,9 +143,9 @@ def outcome(number: int) -> Outcome:
 
 _ABOUT = f"""\
 Drake's `QuadrotorPlant` with a controller of thrust and attitude, two of them in each flight, which
-change places past a sphere in 6 s with h = δ = 0.2 s, a jerk limit of {JERK:g} m/s³ along each
+change places past a sphere in 8 s with h = δ = 0.2 s, a jerk limit of {JERK:g} m/s³ along each
 axis, and limits on speed and acceleration. Each flight has one gust, one minus a cosine of up to
-{STRENGTH:g} m/s², from any direction, for 0.5 to 4 s at any time. A quadrotor does not have the
+{STRENGTH:g} m/s², from any direction, for 0.5 to 5 s at any time. A quadrotor does not have the
 commanded acceleration at once, since it has to turn first; the difference is the largest norm of
 true acceleration less command and wind at any step of the simulation. Wind and difference together
 must stay within what the scenario declares, W = {DECLARED:g} m/s², or the tube is no bound. The
