@@ -176,10 +176,11 @@ closer for it."""
 
 _MODEL = f"""\
 The model: W = {MODEL.acceleration:g} m/s², corrected every {STEP:g} s, with a feedback of at most
-{MODEL.share:g} of the acceleration limit (1 m/s² upwards, 2 m/s² sideways). W is that of the first
-instants, when attitudes lag behind the planned accelerations, at most 0.255 m/s² of which were
-measured without margins; the radius it leads to, 0.02 m, holds the 0.014 m measured later. The room
-is wider by the radius, with and without margins, since starts and goals lie at its walls."""
+{MODEL.share:g} of the acceleration limit (1 m/s² upwards, 2 m/s² sideways). W is what the first
+tenth of a second needs, before any feedback: there errors without margins grew like those of an
+acceleration of up to 0.255 m/s². The radius that it leads to, 0.02 m, holds the 0.014 m reached
+later. The room is wider by the radius, with and without margins, since starts and goals lie at its
+walls."""
 
 _LIMITATIONS = """\
 Limitations. The tube is that of the package's own feedback, while the Crazyflies are held by that
