@@ -1,8 +1,9 @@
 """A flight in wind as many positions: what dense samples of the true motion say of it.
 
 Only the record's states and commands are looked at, and the scenario; nothing of the package's
-verifier. Between two times of the record the acceleration is constant, so that samples in between
-are exact.
+verifier. Between two times of the record the acceleration of a point mass is constant, so that
+samples in between are exact. Jerk, which is of the plan, thrust, tilt and waypoints are not looked
+at.
 """
 
 from __future__ import annotations
