@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.motion.gains import is_stable
+from drake_rho.motion.sampled_loop import is_stable
 from drake_rho.motion.tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.parts import GRAVITY
-from tests.scenarios import box, single, through_the_middle
+from tests.scenarios import box
 from tests.shapes import KINDS
 from tests.test_obstacles_judged import by_hand, places, random_case
 
@@ -100,29 +100,36 @@ def _disturbance(rng: np.random.Generator, grid: rho.Grid, size: float) -> rho.D
         gains = omega**2, 2.0 * damping * omega + omega**2 / 2.0
         if is_stable(gains, delay) or rng.integers(20) == 0:
             break
-    off = size * rng.uniform(0.0, 0.03, 2) * rng.integers(0, 2, 2) / [1.0, grid.step]
-    first = size * rng.uniform(0.0, 0.03, 2) * rng.integers(0, 2, 2) / [1.0, grid.step]
+    units = np.array([1.0, grid.step])
+    off, first = size * rng.uniform(0.0, 0.03, (2, 2)) * rng.integers(0, 2, (2, 2)) / units
     since = grid.start - int(rng.integers(0, 4)) * grid.step
     return rho.Disturbance(
         size / grid.step**2 * 10 ** rng.uniform(-3.0, -1.0) * omega,
-        *off,
+        float(off[0]),
+        float(off[1]),
         sample,
         delay,
-        tracking=Tracking(since, (gains[0] / sample**2, gains[1] / sample), *first),
+        tracking=_tracking(since, (gains[0] / sample**2, gains[1] / sample), first),
     )
+
+
+def _tracking(since: float, gains: tuple[float, float], first: FloatArray) -> Tracking:
+    return Tracking(since, gains, float(first[0]), float(first[1]))
 
 
 def _flight(rng: np.random.Generator, plan: rho.Plan, size: float) -> rho.Flight:
     """The plan flown in windows, some of which begin with a tube of their own."""
     count = plan.scenario.grid.knots - 1
     knots = np.unique(np.append(0, rng.integers(0, count, 3)))
-    windows, tracking = [], plan.scenario.disturbance and plan.scenario.disturbance.tracking
-    assert tracking is not None
+    around, windows = plan.scenario.disturbance, []
+    assert around is not None
+    assert around.tracking is not None
+    tracking = around.tracking
     for knot in knots.tolist():
         grid = plan.scenario.grid.from_knot(knot)
         if rng.integers(2):
             errors = size * rng.uniform(0.0, 0.05, 2) / [1.0, grid.step]
-            tracking = Tracking(grid.start, tracking.gains, *errors)
+            tracking = _tracking(grid.start, tracking.gains, errors)
         p, v = plan.positions[:, knot:], plan.velocities[:, knot:]
         before = np.zeros_like(p[:, 0])
         asked = plan.scenario.from_states(grid, p[:, 0], v[:, 0], before, tracking)
@@ -146,7 +153,9 @@ def excesses(
         if at is not None and constant:
             times = times[(times >= at - near) & (times < at + grid.step - near)]
         elif at is not None:
-            times = np.array([at]) if stretch.begin - near <= at <= stretch.end + near else times[:0]
+            times = (
+                np.array([at]) if stretch.begin - near <= at <= stretch.end + near else times[:0]
+            )
         if check.part.endswith("at knots"):
             knots = grid.start + grid.step * np.rint((times - grid.start) / grid.step)
             times = times[np.abs(times - knots) < near]
@@ -156,9 +165,7 @@ def excesses(
             yield _excess(plan, check, stretch.tube, times)
 
 
-def _excess(
-    plan: rho.Plan, check: rho.Check, tube: rho.ErrorTube, times: FloatArray
-) -> FloatArray:
+def _excess(plan: rho.Plan, check: rho.Check, tube: rho.ErrorTube, times: FloatArray) -> FloatArray:
     """By how much the worst points of the tube break one constraint at times."""
     scenario, i = plan.scenario, plan.scenario.index_of(check.vehicle)
     grid, limits, name = scenario.grid, scenario.limits, check.constraint
@@ -167,7 +174,7 @@ def _excess(
     a = plan.accelerations[i, k]
     s = (times - grid.start - grid.step * k)[:, None]
     v = plan.velocities[i, k] + s * a
-    thrust = a + [0.0, 0.0, GRAVITY]
+    thrust = a + np.array([0.0, 0.0, GRAVITY])
     off, fast, push = tube.position(times), tube.velocity(times), tube.acceleration(times)
     if name.endswith("box"):
         quantity = name.split()[0]
