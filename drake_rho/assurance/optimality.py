@@ -164,7 +164,8 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
     is then maximised over them. Whatever multipliers are used, the bound is one.
 
     Args:
-        flown: any plan or flight of a scenario; it need not be optimal, nor hold.
+        flown: any plan or flight of a scenario; it need not be optimal, nor hold. A flight whose
+            windows begin with thinner tubes than a plan has by then may cost less than any plan.
         solver: a Drake solver; Clarabel if not given.
 
     Raises:
@@ -202,7 +203,7 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
         )
     names = [scenario.obstacle_name(number) for number, _ in scenario.known]
     not_counted = tuple(name for name in names if name in left_out)
-    return Certificate(plan.scenario, tuple(certificates), verify(plan).ok, not_counted)
+    return Certificate(plan.scenario, tuple(certificates), verify(flown).ok, not_counted)
 
 
 def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:
