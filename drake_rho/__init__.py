@@ -12,6 +12,7 @@ from drake_rho.assurance.optimality import Certificate, VehicleCertificate, cert
 from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
 from drake_rho.planning.assignment import assign_goals
 from drake_rho.planning.best import plan, plan_scp
@@ -56,8 +57,12 @@ if TYPE_CHECKING:
         separation_figure,
         velocities_figure,
     )
+    from drake_rho.simulation.attack import Attack, attack
+    from drake_rho.simulation.simulate import simulate
+    from drake_rho.simulation.systems import RecedingHorizonController, WindyPointMass
 
 __all__ = [
+    "Attack",
     "Box",
     "Certificate",
     "Check",
@@ -77,10 +82,12 @@ __all__ = [
     "PlanFileError",
     "Polytope",
     "RecedingHorizon",
+    "RecedingHorizonController",
     "Report",
     "Scenario",
     "ScenarioError",
     "Separation",
+    "Simulation",
     "SolverError",
     "Sphere",
     "State",
@@ -90,10 +97,12 @@ __all__ = [
     "VehicleCertificate",
     "Waypoint",
     "Window",
+    "WindyPointMass",
     "WorstCase",
     "accelerations_figure",
     "animate",
     "assign_goals",
+    "attack",
     "certify",
     "circle_swap",
     "coupled",
@@ -122,6 +131,7 @@ __all__ = [
     "scp_step",
     "separation_figure",
     "shortest_plan",
+    "simulate",
     "tail_reference",
     "trefoil_swap",
     "velocities_figure",
@@ -131,17 +141,23 @@ __all__ = [
 ]
 
 # What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
-_DRAWING = {
+# So is what flies, in Drake's simulator or without.
+_LATER = {
     "animate": "drake_rho.display.animation",
     "accelerations_figure": "drake_rho.display.figures",
     "distances_figure": "drake_rho.display.figures",
     "paths_figure": "drake_rho.display.figures",
     "separation_figure": "drake_rho.display.figures",
     "velocities_figure": "drake_rho.display.figures",
+    "Attack": "drake_rho.simulation.attack",
+    "RecedingHorizonController": "drake_rho.simulation.systems",
+    "WindyPointMass": "drake_rho.simulation.systems",
+    "attack": "drake_rho.simulation.attack",
+    "simulate": "drake_rho.simulation.simulate",
 }
 
 
 def __getattr__(name: str) -> object:
-    if name in _DRAWING:
-        return getattr(import_module(_DRAWING[name]), name)
+    if name in _LATER:
+        return getattr(import_module(_LATER[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

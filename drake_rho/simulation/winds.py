@@ -1,12 +1,18 @@
 """Winds: accelerations that nobody has planned, never above the W of a scenario.
 
 Each is a callable (time [s], positions (N, 3), velocities (N, 3)) -> accelerations [m/s²] (N, 3),
-with times on the scenario's clock. The one that is worst is `rho.worst_case`.
+with times on the scenario's clock. The one that is worst is `rho.worst_case`. A simulation asks it
+at the beginning of each of its steps and holds it over the step.
+
+A wind may also have `over(times, vehicles)`, if it does not depend on the states: its values at
+many times at once, which is faster; `switching_times`, if it changes at once: a simulation steps
+there; `position_errors` and `velocity_errors`, if errors of the estimate belong to it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -23,9 +29,22 @@ _PER_CORRELATION = 20
 """Values of coloured noise in the time in which it forgets; between them it is linear."""
 
 
+class WindOverTime(ABC):
+    """A wind that does not depend on the states, and so can be had at many times at once."""
+
+    @abstractmethod
+    def over(self, times: FloatArray, vehicles: int) -> FloatArray:
+        """The wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
+
+    def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
+        """The wind at one time, shape (N, 3)."""
+        wind: FloatArray = self.over(np.array([time]), len(positions))[0]
+        return wind
+
+
 def none() -> Wind:
     """No wind."""
-    return lambda time, positions, velocities: np.zeros_like(positions)
+    return _Constant(locked(np.zeros(3)))
 
 
 def constant(scenario: Scenario, direction: npt.ArrayLike) -> Wind:
@@ -35,8 +54,7 @@ def constant(scenario: Scenario, direction: npt.ArrayLike) -> Wind:
         ValueError: the scenario has no disturbance, or the direction no length; from the others
             too.
     """
-    wind = _strongest(scenario) * unit(direction)
-    return lambda time, positions, velocities: np.tile(wind, (len(positions), 1))
+    return _Constant(locked(_strongest(scenario) * unit(direction)))
 
 
 def gust(scenario: Scenario, direction: npt.ArrayLike, *, begin: float, duration: float) -> Wind:
@@ -50,13 +68,7 @@ def gust(scenario: Scenario, direction: npt.ArrayLike, *, begin: float, duration
     """
     if not duration > 0.0:
         raise ValueError(f"duration: got {duration}, expected a time above 0 in seconds")
-    wind = _strongest(scenario) * unit(direction)
-
-    def blow(time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-        passed = np.clip((time - begin) / duration, 0.0, 1.0)
-        return np.tile((1.0 - np.cos(2.0 * np.pi * passed)) / 2.0 * wind, (len(positions), 1))
-
-    return blow
+    return _Gust(locked(_strongest(scenario) * unit(direction)), begin, duration)
 
 
 def coloured_noise(
@@ -95,18 +107,56 @@ def coloured_noise(
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Sampled:
+class _Constant(WindOverTime):
+    """The same wind at all times and on all vehicles."""
+
+    wind: FloatArray
+
+    def over(self, times: FloatArray, vehicles: int) -> FloatArray:
+        return np.broadcast_to(self.wind, (len(times), vehicles, 3))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Gust(WindOverTime):
+    """One minus a cosine, half of it, times a wind."""
+
+    strongest: FloatArray
+    begin: float
+    duration: float
+
+    def over(self, times: FloatArray, vehicles: int) -> FloatArray:
+        passed = np.clip((times - self.begin) / self.duration, 0.0, 1.0)
+        winds = np.multiply.outer((1.0 - np.cos(2.0 * np.pi * passed)) / 2.0, self.strongest)
+        return np.broadcast_to(winds[:, None], (len(times), vehicles, 3))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Sampled(WindOverTime):
     """Wind that is linear between values at equal distances, and keeps its last one."""
 
     start: float
     every: float
     values: FloatArray
 
-    def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-        passed = min(max((time - self.start) / self.every, 0.0), len(self.values) - 1.0)
-        k = min(int(passed), len(self.values) - 2)
-        part = passed - k
+    def over(self, times: FloatArray, vehicles: int) -> FloatArray:
+        passed = np.clip((times - self.start) / self.every, 0.0, len(self.values) - 1.0)
+        k = np.minimum(passed.astype(np.int64), len(self.values) - 2)
+        part = (passed - k)[:, None, None]
         return np.asarray((1.0 - part) * self.values[k] + part * self.values[k + 1])
+
+
+def blown(wind: Wind, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
+    """What a wind says at one time [m/s²], shape (N, 3), if it makes sense.
+
+    Raises:
+        ValueError: it has another shape, or numbers that are not finite.
+    """
+    found = np.asarray(wind(time, positions, velocities), dtype=np.float64)
+    if found.shape != positions.shape or not np.isfinite(found).all():
+        said = f"shape {found.shape}" if found.shape != positions.shape else f"{found.tolist()}"
+        expected = f"finite accelerations of shape {positions.shape}"
+        raise ValueError(f"wind: got {said} at {time:g} s, expected {expected}")
+    return found
 
 
 def _strongest(scenario: Scenario) -> float:

@@ -19,14 +19,14 @@ from drake_rho.motion.tube import ErrorTube, error_tube
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
-from drake_rho.simulation.winds import unit
+from drake_rho.simulation.winds import WindOverTime, unit
 
 _EARLY = 1e-9
 """Part of a sample by which a time may be short of a switch and still count as after it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class WorstCase:
+class WorstCase(WindOverTime):
     """What drives every vehicle to the largest error in one direction at one time: a wind.
 
     A callable like the others of `drake_rho.simulation.winds`, constant between its switching
@@ -51,11 +51,11 @@ class WorstCase:
     early: float
     """how much before a switching time still counts as it, for rounded times [s]"""
 
-    def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-        """The wind at a time on the scenario's clock [s] on every vehicle [m/s²], shape (N, 3)."""
-        k = int(np.searchsorted(self.switching_times, time + self.early, side="right")) - 1
-        wind = self.accelerations[k] if k >= 0 else np.zeros(3)
-        return np.tile(wind, (len(positions), 1))
+    def over(self, times: FloatArray, vehicles: int) -> FloatArray:
+        """The wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
+        k = np.searchsorted(self.switching_times, times + self.early, side="right")
+        winds = np.concatenate([np.zeros((1, 3)), self.accelerations])[k]
+        return np.broadcast_to(winds[:, None], (len(times), vehicles, 3))
 
 
 def worst_case(

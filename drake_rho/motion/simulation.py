@@ -1,0 +1,165 @@
+"""The record of a flight in wind: where the vehicles truly were, and what was commanded."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from drake_rho.motion.plan import Flight, Statistics
+from drake_rho.motion.tube import ErrorTube, error_tube, tube_of
+from drake_rho.scenario.fields import FloatArray, IntArray, locked
+from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.records import Scenario
+
+_EARLY = 1e-9
+"""Part of a step by which a time may be short of a window's start and still be in that window."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Simulation:
+    """What came of a scenario when it was flown with a receding horizon and feedback.
+
+    Between two times the command and the wind are constant, so that the motion of a point mass is
+    known at every instant: its acceleration is the sum of both.
+
+    Raises:
+        ValueError: the times do not rise, or an array has another shape than they and the scenario
+            ask for, or a value that is no finite number.
+    """
+
+    flight: Flight
+    """the windows, which are what was to be flown; `flight.plan` repeats their accelerations from
+    the start, so that it is what was flown only where there was no wind"""
+    times: FloatArray
+    """on the scenario's clock, from its first knot to its last [s], shape (M,)"""
+    positions: FloatArray
+    """true positions [m], shape (M, N, 3)"""
+    velocities: FloatArray
+    """true velocities [m/s], shape (M, N, 3)"""
+    wind: FloatArray
+    """from each time to the next, the last one repeated [m/s²], shape (M, N, 3)"""
+    commands: FloatArray
+    """accelerations commanded, planned and feedback together, from each time to the next, the last
+    one repeated [m/s²], shape (M, N, 3)"""
+    plant: str = "point mass"
+    """what was flown: a point mass, or the name of a plant that follows the commands less well"""
+
+    def __post_init__(self) -> None:
+        times = locked(self.times)
+        if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0.0):
+            raise ValueError(f"times: got shape {times.shape}, expected two or more rising times")
+        object.__setattr__(self, "times", times)
+        expected = (len(times), len(self.scenario.vehicles), 3)
+        for name in ("positions", "velocities", "wind", "commands"):
+            array = locked(getattr(self, name))
+            if array.shape != expected:
+                raise ValueError(f"{name}: got shape {array.shape}, expected {expected}")
+            if not np.isfinite(array).all():
+                raise ValueError(f"{name}: got numbers that are not finite, expected finite ones")
+            object.__setattr__(self, name, array)
+
+    @property
+    def scenario(self) -> Scenario:
+        """What was asked."""
+        return self.flight.scenario
+
+    @property
+    def statistics(self) -> Statistics:
+        """What planning took in all windows together."""
+        return self.flight.statistics
+
+    @cached_property
+    def tube(self) -> ErrorTube:
+        """Around a plan that is flown from the start to the end, without a new window."""
+        return error_tube(self.scenario)
+
+    @cached_property
+    def accelerations(self) -> FloatArray:
+        """True accelerations, the mean from each time to the next [m/s²], shape (M-1, N, 3)."""
+        passed = np.diff(self.times)[:, None, None]
+        return locked(np.diff(self.velocities, axis=0) / passed)
+
+    @cached_property
+    def tracking_difference(self) -> FloatArray:
+        """By how much each plant did not do as commanded, at most [m/s²], shape (N,).
+
+        The norm of true acceleration less command and wind; only rounding for a point mass. What is
+        allowed for it belongs into `disturbance.acceleration`, beside the wind.
+        """
+        left = self.accelerations - self.commands[:-1] - self.wind[:-1]
+        return locked(np.linalg.norm(left, axis=2).max(axis=0))
+
+    def nominal(self, quantity: Quantity, times: npt.ArrayLike | None = None) -> FloatArray:
+        """What was planned then by the window in force.
+
+        Args:
+            quantity: position [m], velocity [m/s], acceleration [m/s²] or jerk [m/s³].
+            times: on the scenario's clock [s], shape (T,), or one; those of the record if not
+                given.
+
+        Returns:
+            Values of shape (T, N, 3).
+        """
+        times = self._given(times)
+        values = np.empty((len(times), len(self.scenario.vehicles), 3))
+        in_force = self.in_force(times)
+        for number in np.unique(in_force):
+            plan, here = self.flight.windows[number].plan, in_force == number
+            found = plan.motion().at(quantity, times[here] - plan.scenario.grid.start)
+            values[here] = np.moveaxis(found, 0, 1)
+        return values
+
+    def errors(self, quantity: Quantity = "position") -> FloatArray:
+        """How far the vehicles were off the plan in force, in m or m/s, shape (M, N).
+
+        Of the acceleration it is the feedback [m/s²].
+        """
+        true = {
+            "position": self.positions,
+            "velocity": self.velocities,
+            "acceleration": self.commands,
+        }
+        if quantity not in true:
+            expected = "position, velocity or acceleration"
+            raise ValueError(f"quantity: got {quantity!r}, expected {expected}")
+        return np.asarray(np.linalg.norm(true[quantity] - self.nominal(quantity), axis=2))
+
+    def radii(self, quantity: Quantity = "position") -> FloatArray:
+        """The most that `errors` could have been, in the same units, shape (M,).
+
+        Radii of the tube around the plan in force.
+        """
+        if quantity not in ("position", "velocity", "acceleration"):
+            expected = "position, velocity or acceleration"
+            raise ValueError(f"quantity: got {quantity!r}, expected {expected}")
+        values, in_force = np.empty(len(self.times)), self.in_force(self.times)
+        for number in np.unique(in_force):
+            here = in_force == number
+            values[here] = getattr(self.tubes[number], quantity)(self.times[here])
+        return values
+
+    @cached_property
+    def tubes(self) -> tuple[ErrorTube, ...]:
+        """The tube around the plan of each window."""
+        tubes: list[ErrorTube] = []
+        for window in self.flight.windows:
+            tube = tube_of(window.plan.scenario)
+            again = bool(tubes) and (tube.grid, tube.initial) == (tubes[-1].grid, tubes[-1].initial)
+            tubes.append(tubes[-1] if again else tube)
+        return tuple(tubes)
+
+    def in_force(self, times: npt.ArrayLike) -> IntArray:
+        """The number, from 0, of the window that is flown at each time, shape (T,).
+
+        Where a window begins it is that one.
+        """
+        grid = self.scenario.grid
+        knots = np.array([window.first_knot for window in self.flight.windows])
+        passed = (self._given(times) - grid.start) / grid.step + _EARLY
+        return np.asarray(np.maximum(np.searchsorted(knots, passed, side="right") - 1, 0))
+
+    def _given(self, times: npt.ArrayLike | None) -> FloatArray:
+        return self.times if times is None else np.atleast_1d(np.asarray(times, dtype=np.float64))

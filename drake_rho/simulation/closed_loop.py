@@ -1,0 +1,171 @@
+"""Flying without a diagram: the exact motion of point masses, for thousands of flights."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.motion.plan import Flight, Plan, Window
+from drake_rho.motion.simulation import Simulation
+from drake_rho.planning.best import plan as best_plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.rho import RecedingHorizon
+from drake_rho.planning.windows import Planner
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
+from drake_rho.simulation import winds
+from drake_rho.simulation.estimates import EstimationErrors
+from drake_rho.simulation.feedback import Feedback
+from drake_rho.simulation.timeline import Timeline
+from drake_rho.simulation.winds import Wind, blown
+
+
+@dataclasses.dataclass(frozen=True)
+class OnePlan:
+    """A horizon of one window: a plan that is tracked from the start to the end."""
+
+    plan: Plan
+
+    @property
+    def scenario(self) -> Scenario:
+        """That of the plan."""
+        return self.plan.scenario
+
+    @property
+    def knots(self) -> range:
+        """The first."""
+        return range(1)
+
+    @property
+    def flight(self) -> Flight:
+        """The plan as a flight of one window."""
+        return Flight(self.plan, (Window(0, self.plan, self.plan),))
+
+    def step(self, states: FloatArray, time: float) -> Window:
+        """The only window."""
+        return self.flight.windows[0]
+
+
+def fly(
+    scenario: Scenario,
+    *,
+    replan_every: int = 5,
+    planner: Planner = plan_convex,
+    fallback: Planner | None = best_plan,
+    wind: Wind | None = None,
+    rng: np.random.Generator | None = None,
+) -> Simulation:
+    """What `rho.simulate` does for point masses, without Drake's simulator, and so faster.
+
+    Raises:
+        InfeasibleError: the first window has no plan.
+        SolverError: the solvers fail numerically in the first window.
+        ValueError: an argument makes no sense.
+    """
+    horizon = RecedingHorizon(
+        scenario, replan_every=replan_every, planner=planner, fallback=fallback
+    )
+    return flown(Feedback(horizon), wind, rng)
+
+
+def fly_plan(
+    scenario: Scenario,
+    plan: Plan,
+    *,
+    wind: Wind | None = None,
+    rng: np.random.Generator | None = None,
+) -> Simulation:
+    """Fly one plan in wind, held to it by the scenario's feedback, without planning again.
+
+    Args:
+        scenario: whose disturbance and feedback there is.
+        plan: for the same vehicles and grid, but maybe for another disturbance.
+        wind: none if not given.
+        rng: where errors of the estimate come from; without it there are none, unless the wind
+            brings them.
+
+    Raises:
+        ValueError: the plan is for other vehicles or another grid, or the wind makes no sense.
+    """
+    return flown(Feedback(OnePlan(adopted(scenario, plan))), wind, rng)
+
+
+def adopted(scenario: Scenario, plan: Plan) -> Plan:
+    """A plan as one of a scenario for the same vehicles and grid.
+
+    Raises:
+        ValueError: they are others.
+    """
+    asked = plan.scenario
+    if asked.grid != scenario.grid or len(asked.vehicles) != len(scenario.vehicles):
+        expected = f"one for {len(scenario.vehicles)} vehicles on {scenario.grid}"
+        raise ValueError(
+            f"plan: got one for {len(asked.vehicles)} on {asked.grid}, expected {expected}"
+        )
+    return Plan(scenario, plan.positions, plan.velocities, plan.accelerations, plan.statistics)
+
+
+def flown(feedback: Feedback, wind: Wind | None, rng: np.random.Generator | None) -> Simulation:
+    """Fly point masses with a feedback, once.
+
+    Raises:
+        ValueError: the wind makes no sense, or `rng` is no generator.
+    """
+    wind = winds.none() if wind is None else wind
+    scenario = feedback.scenario
+    timeline = Timeline.of(scenario, wind)
+    errors = EstimationErrors.of(scenario, wind, rng)
+    states = np.empty((len(timeline.times), len(feedback.starts), 6))
+    blowing, commands = np.empty((2, len(states), len(feedback.starts), 3))
+    blowing[:] = _known_before(wind, timeline, len(feedback.starts))
+    states[0] = feedback.starts
+    memory = feedback.start
+    for j in range(feedback.samples):
+        first, last = timeline.samples[j : j + 2]
+        memory = feedback.next(memory, j, errors.added_to(j, states[first]))
+        commands[first:last] = memory.commands[-1]
+        here = slice(first, last + 1)
+        _move(wind, timeline, here, states[here], blowing[here], memory.commands[-1])
+    blowing[-1], commands[-1] = blowing[-2], commands[-2]
+    return Simulation(
+        feedback.horizon.flight,
+        timeline.times,
+        states[..., :3],
+        states[..., 3:],
+        blowing,
+        commands,
+    )
+
+
+def _known_before(wind: Wind, timeline: Timeline, vehicles: int) -> FloatArray:
+    """A wind at all times [m/s²], shape (M, N, 3), NaN where it depends on what is flown."""
+    shape = (len(timeline.times), vehicles, 3)
+    if not hasattr(wind, "over"):
+        return np.full(shape, np.nan)
+    found = np.asarray(wind.over(timeline.times, vehicles), dtype=np.float64)
+    if found.shape != shape or not np.isfinite(found).all():
+        raise ValueError(f"wind: got shape {found.shape}, expected finite ones of shape {shape}")
+    return found
+
+
+def _move(
+    wind: Wind,
+    timeline: Timeline,
+    here: slice,
+    states: FloatArray,
+    blowing: FloatArray,
+    command: FloatArray,
+) -> None:
+    """Fill in what follows from the first of some states with one command, step by step."""
+    steps = np.diff(timeline.elapsed[here])[:, None, None]
+    p, v = states[..., :3], states[..., 3:]
+    if np.isnan(blowing[0, 0, 0]):
+        for k, (h,) in enumerate(steps[:, 0]):
+            blowing[k] = blown(wind, float(timeline.times[here][k]), p[k], v[k])
+            a = command + blowing[k]
+            p[k + 1], v[k + 1] = p[k] + h * (v[k] + h / 2.0 * a), v[k] + h * a
+        return
+    a = command + blowing[:-1]
+    v[1:] = v[0] + np.cumsum(steps * a, axis=0)
+    p[1:] = p[0] + np.cumsum(steps * (v[:-1] + steps / 2.0 * a), axis=0)

@@ -1,0 +1,58 @@
+"""`simulate`: a scenario flown with a receding horizon in wind, in Drake's simulator."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from drake_rho.motion.simulation import Simulation
+from drake_rho.planning.best import plan as best_plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.rho import RecedingHorizon
+from drake_rho.planning.windows import Planner
+from drake_rho.scenario.records import Scenario
+from drake_rho.simulation import winds
+from drake_rho.simulation.diagram import PLANTS, simulated
+from drake_rho.simulation.winds import Wind
+
+
+def simulate(
+    scenario: Scenario,
+    *,
+    replan_every: int = 5,
+    planner: Planner = plan_convex,
+    fallback: Planner | None = best_plan,
+    wind: Wind | None = None,
+    plant: Literal["quadrotor"] | None = None,
+    rng: np.random.Generator | None = None,
+) -> Simulation:
+    """Fly a scenario with a receding horizon and feedback in wind, in Drake's simulator.
+
+    Args:
+        scenario: what is asked; without a `disturbance` there is no feedback between windows.
+        replan_every: the steps flown of each window.
+        planner: plans one window.
+        fallback: plans a window for which `planner` has no solution.
+        wind: of `rho.winds`, `rho.worst_case`, or a function of time [s], positions [m] and
+            velocities [m/s], (N, 3) each, to accelerations [m/s²], (N, 3); none if not given.
+        plant: point masses if not given; `"quadrotor"` for Drake's `QuadrotorPlant`, each with a
+            controller of thrust and attitude.
+        rng: where errors of the estimate come from; without it there are none, unless the wind
+            brings its own.
+
+    Returns:
+        The true motion, with everything that it came of. Equal arguments and equally seeded
+        generators give equal motions, bit by bit.
+
+    Raises:
+        InfeasibleError: the first window has no plan.
+        SolverError: the solvers fail numerically in the first window.
+        ValueError: an argument makes no sense.
+    """
+    if plant not in PLANTS:
+        raise ValueError(f"plant: got {plant!r}, expected None or 'quadrotor'")
+    horizon = RecedingHorizon(
+        scenario, replan_every=replan_every, planner=planner, fallback=fallback
+    )
+    return simulated(horizon, winds.none() if wind is None else wind, plant, rng)

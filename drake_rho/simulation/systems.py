@@ -1,0 +1,187 @@
+"""Drake systems: the receding horizon as a controller, a point mass in wind, winds, estimates.
+
+A diagram's clock is 0 at the scenario's first knot, whatever `grid.start` is; plans, winds and
+obstacles are asked on the scenario's clock. `states` are positions [m] and velocities [m/s], six
+numbers for each vehicle in turn; accelerations three for each vehicle in turn.
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    ContinuousState,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    State,
+)
+
+from drake_rho.motion.plan import Flight
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
+from drake_rho.simulation.estimates import EstimationErrors
+from drake_rho.simulation.feedback import Feedback, Horizon, Memory
+from drake_rho.simulation.timeline import Timeline
+from drake_rho.simulation.winds import Wind, blown
+
+_EARLY = 1e-9
+"""Part of a sample by which a time may be short of it and still count as that sample."""
+
+
+class RecedingHorizonController(LeafSystem):
+    """Holds vehicles to the plans of a receding horizon, in a diagram of any kind.
+
+    The first window is planned when the controller is made, from the scenario's starts; in a
+    simulation it never raises. Its state, the window in force and what the feedback remembers, is
+    abstract, and is updated at every sample of the feedback; windows begin at such samples. A
+    horizon flies once, and so does its controller.
+
+    Ports: input `states` (6N), as estimated; outputs `nominal` (9N: position, velocity and
+    acceleration planned for now, of each vehicle in turn) and `command` (3N: the acceleration with
+    feedback, constant between samples where the plan's is).
+
+    Args:
+        horizon: a `rho.RecedingHorizon` that has not begun.
+
+    Raises:
+        InfeasibleError: the first window has no plan.
+        SolverError: the solvers fail numerically in the first window.
+    """
+
+    def __init__(self, horizon: Horizon) -> None:
+        super().__init__()
+        self._feedback = Feedback(horizon)
+        count = len(horizon.scenario.vehicles)
+        self._states = self.DeclareVectorInputPort("states", 6 * count)
+        self._memory = self.DeclareAbstractState(Value[object](self._feedback.start))
+        memory = {self.abstract_state_ticket(self._memory)}
+        self.DeclareVectorOutputPort("command", 3 * count, self._command, memory)
+        self.DeclareVectorOutputPort(
+            "nominal", 9 * count, self._nominal, memory | {self.time_ticket()}
+        )
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._begin)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._feedback.sample, 0.0, self._update)
+
+    @property
+    def flight(self) -> Flight:
+        """The windows so far."""
+        return self._feedback.horizon.flight
+
+    def _begin(self, context: Context, state: State) -> EventStatus:
+        if len(self.flight.windows) > 1:
+            raise ValueError("controller: got a second flight, expected a new horizon for it")
+        return EventStatus.DidNothing()
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        j = int(context.get_time() / self._feedback.sample + _EARLY)
+        estimate = self._states.Eval(context).reshape(-1, 6)
+        memory = self._feedback.next(self._remembered(context), j, estimate)
+        state.get_mutable_abstract_state(self._memory).set_value(memory)
+        return EventStatus.Succeeded()
+
+    def _remembered(self, context: Context) -> Memory:
+        return cast(Memory, context.get_abstract_state(self._memory).get_value())
+
+    def _command(self, context: Context, output: BasicVector) -> None:
+        memory = self._remembered(context)
+        if memory.commands:
+            output.SetFromVector(memory.commands[-1].reshape(-1))
+        else:  # before the first sample
+            output.SetFromVector(memory.window.plan.accelerations[:, 0].reshape(-1))
+
+    def _nominal(self, context: Context, output: BasicVector) -> None:
+        window = self._remembered(context).window
+        planned = self._feedback.nominal(window, context.get_time())
+        output.SetFromVector(np.concatenate(planned, axis=1).reshape(-1))
+
+
+class WindyPointMass(LeafSystem):
+    """Point masses, p'' = acceleration + wind, that begin at a scenario's starts.
+
+    The state is continuous. Between two events of a diagram both inputs are constant, if they come
+    from the systems here, so that the motion is quadratic in time: every integrator of Drake of
+    order two or more is then exact to rounding, whatever its steps.
+
+    Ports: inputs `acceleration` and `wind` (3N each), of which either may be left out and counts as
+    0; output `states` (6N).
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__()
+        fleet = scenario.fleet
+        count = 3 * len(scenario.vehicles)
+        self._inputs = [
+            self.DeclareVectorInputPort(name, count) for name in ("acceleration", "wind")
+        ]
+        start = np.concatenate([fleet.start_positions.ravel(), fleet.start_velocities.ravel()])
+        self.DeclareContinuousState(BasicVector(start), count, count, 0)
+        self.DeclareVectorOutputPort("states", 2 * count, self._report, {self.all_state_ticket()})
+
+    def DoCalcTimeDerivatives(  # noqa: N802  # Drake's name
+        self, context: Context, derivatives: ContinuousState
+    ) -> None:
+        """Velocities, and the accelerations that act."""
+        v = context.get_continuous_state_vector().CopyToVector()
+        v = v[len(v) // 2 :]
+        given = (port.Eval(context) for port in self._inputs if port.HasValue(context))
+        a = sum(given, np.zeros_like(v))
+        derivatives.get_mutable_vector().SetFromVector(np.concatenate([v, a]))
+
+    def _report(self, context: Context, output: BasicVector) -> None:
+        p, v = context.get_continuous_state_vector().CopyToVector().reshape(2, -1, 3)
+        output.SetFromVector(np.concatenate([p, v], axis=1).reshape(-1))
+
+
+class WindSource(LeafSystem):
+    """A wind, asked at the beginning of each step of the simulator and held over the step.
+
+    Ports: input `states` (6N), for winds that depend on them; output `wind` (3N).
+
+    Args:
+        scenario: which vehicles, and the clock.
+        wind: what blows.
+        timeline: whose times are asked for, so that rounding of Drake's clock does not matter; if
+            not given, the clock's.
+    """
+
+    def __init__(self, scenario: Scenario, wind: Wind, timeline: Timeline | None = None) -> None:
+        super().__init__()
+        self._wind, self._timeline, self._start = wind, timeline, scenario.grid.start
+        count = len(scenario.vehicles)
+        self._states = self.DeclareVectorInputPort("states", 6 * count)
+        self.DeclareStateOutputPort("wind", self.DeclareDiscreteState(3 * count))
+        self.DeclarePerStepDiscreteUpdateEvent(self._update)
+
+    def _update(self, context: Context, discrete: DiscreteValues) -> EventStatus:
+        elapsed = context.get_time()
+        time = self._start + elapsed
+        if self._timeline is not None:
+            time = self._timeline.nearest(elapsed)
+        states = self._states.Eval(context).reshape(-1, 6)
+        found = blown(self._wind, time, states[:, :3], states[:, 3:])
+        discrete.set_value(found.reshape(-1))
+        return EventStatus.Succeeded()
+
+
+class Estimator(LeafSystem):
+    """Adds errors of the estimate to true states.
+
+    Ports: input and output `states` (6N); with the errors of the sample that is going on.
+    """
+
+    def __init__(self, scenario: Scenario, errors: EstimationErrors, sample: float) -> None:
+        super().__init__()
+        self._errors, self._sample = errors, sample
+        count = 6 * len(scenario.vehicles)
+        self._true = self.DeclareVectorInputPort("states", count)
+        self.DeclareVectorOutputPort("states", count, self._estimate)
+
+    def _estimate(self, context: Context, output: BasicVector) -> None:
+        j = int(context.get_time() / self._sample + _EARLY)
+        true: FloatArray = self._true.Eval(context).reshape(-1, 6)
+        output.SetFromVector(self._errors.added_to(j, true).reshape(-1))
