@@ -8,8 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.solvers import SolverInterface
 
+from drake_rho.assurance.diagnosis import Diagnosis
 from drake_rho.assurance.infeasible_subset import infeasible_subset
-from drake_rho.assurance.verification import Check, verify
+from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.best import first_plan, plan_scp
 from drake_rho.planning.errors import InfeasibleError, SolverError
@@ -29,82 +30,6 @@ BISECTED_APART = 1e-2
 LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""
 
-_SHOWN = 5
-"""Breaches that a printed diagnosis shows."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Diagnosis:
-    """Why there is no plan, and what would mend it; prints in at most twelve lines."""
-
-    scenario: Scenario
-    """what was asked"""
-    conflicts: dict[str, tuple[str, ...]]
-    """for each vehicle without a plan, constraints that cannot be met together; empty if there is
-    a plan"""
-    violations: tuple[Check, ...]
-    """what the motion breaks that breaks the constraints least in total, the worst first"""
-    shortest_duration: float | None
-    """least T for which a plan was found with everything else unchanged [s]; None if there is none
-    up to `LARGEST_FACTOR` times the scenario's"""
-    is_monotone: bool
-    """whether a plan for one duration means a plan for every longer one, so that the shortest is
-    exact to `BISECTED`; else shorter ones may have been passed over"""
-    acceleration_factor: float | None
-    """least factor on every acceleration box and every maximum acceleration for which a plan was
-    found, thrust and tilt unchanged; None if there is no such limit, or no factor up to
-    `LARGEST_FACTOR` helps"""
-
-    @property
-    def feasible(self) -> bool:
-        """Whether a plan was found after all."""
-        return not self.conflicts
-
-    def __str__(self) -> str:
-        if self.feasible:
-            return f"{self.scenario.name}: there is a plan"
-        shown = list(self.conflicts.items())[:3]
-        reasons = [f"  {vehicle}: {', '.join(names)}" for vehicle, names in shown]
-        breaches = [
-            f"  {one.vehicle}: {one.what} by {one.excess:.3g} {one.unit} at {one.time:.4g} s"
-            for one in self.violations[:_SHOWN]
-        ]
-        more = len(self.conflicts) - len(reasons)
-        return "\n".join(
-            [
-                f"{self.scenario.name}: no plan was found; these cannot be met together:",
-                *reasons,
-                *([f"  and {more} more vehicles"] if more > 0 else []),
-                *(["the least breach of them is"] if breaches else []),
-                *breaches[: 12 - 4 - len(reasons) - (more > 0)],
-                self._repairs(),
-            ]
-        )
-
-    def _repairs(self) -> str:
-        ways = []
-        if self.shortest_duration is not None:
-            steps = self.scenario.grid.knots - 1
-            note = "" if self.is_monotone else " or perhaps less"
-            ways.append(
-                f"a duration of {_rounded_up(self.shortest_duration)} s{note} instead of "
-                f"{self.scenario.grid.duration:.5g} s (a step of "
-                f"{_rounded_up(self.shortest_duration / steps)} s)"
-            )
-        if self.acceleration_factor is not None:
-            ways.append(
-                f"acceleration limits {_rounded_up(self.acceleration_factor)} times as wide"
-            )
-        if not ways:
-            return "neither more time nor stronger vehicles were found to help"
-        return f"there is one with {', or with '.join(ways)}"
-
-
-def _rounded_up(value: float) -> str:
-    """Five digits, none of which promises more than was found."""
-    unit = 10.0 ** (np.floor(np.log10(value)) - 4)
-    return f"{np.ceil(value / unit * (1 - 1e-12)) * unit:.5g}"
-
 
 def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Diagnosis:
     """Say why a scenario has no plan, by how much, and what would mend it.
@@ -119,11 +44,15 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
     Raises:
         SolverError: the solvers fail numerically.
     """
+    bearable = None
     try:
         plan = first_plan(scenario, solver=solver)
     except InfeasibleError as error:
         conflicts = infeasible_subset(error, solver=solver)
         violations = verify(minimum_violation(scenario, solver)).violations
+        bearable = _bearable_wind(scenario, solver)
+        if bearable is not None:  # what is left can be met, so that it has a part in every conflict
+            conflicts = {name: (*why, "disturbance") for name, why in conflicts.items()}
     else:
         conflicts, violations = {}, verify(plan).violations
     return Diagnosis(
@@ -133,6 +62,7 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
         shortest_duration=_least(lambda factor: _lasting(scenario, factor), solver, scenario),
         is_monotone=is_monotone(scenario),
         acceleration_factor=_smallest_relaxation(scenario, solver),
+        bearable_wind=bearable,
     )
 
 
@@ -220,10 +150,7 @@ def _least_factor(
             high *= 2.0
             if high > LARGEST_FACTOR:
                 return None
-    low = high / 2.0
-    asked = make(1.0)
-    precision = BISECTED_AROUND if asked.obstacles else BISECTED
-    precision = BISECTED_APART if asked.separation is not None else precision
+    low, precision = high / 2.0, _precision(make(1.0))
     while high - low > precision * high:
         middle = (low + high) / 2.0
         if _has_plan(make, middle, solver):
@@ -231,6 +158,34 @@ def _least_factor(
         else:
             low = middle
     return high
+
+
+def _precision(scenario: Scenario) -> float:
+    """Relative precision to which trials of a scenario are worth their time."""
+    precision = BISECTED_AROUND if scenario.obstacles else BISECTED
+    return BISECTED_APART if scenario.separation is not None else precision
+
+
+def _bearable_wind(scenario: Scenario, solver: SolverInterface | None) -> float | None:
+    """The largest wind with a plan [m/s²], of a scenario that has none; see `Diagnosis`."""
+    around = scenario.disturbance
+    if around is None:
+        return None
+
+    def blown(part: float) -> Scenario:
+        weaker = dataclasses.replace(around, acceleration=part * around.acceleration)
+        return dataclasses.replace(scenario, disturbance=weaker)
+
+    calm = dataclasses.replace(scenario, disturbance=None)
+    if not _has_plan(lambda _: calm, 1.0, solver):
+        return None
+    if around.acceleration == 0.0 or not _has_plan(blown, 0.0, solver):
+        return 0.0
+    low, high = 0.0, 1.0
+    while high - low > _precision(scenario):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if _has_plan(blown, middle, solver) else (low, middle)
+    return low * around.acceleration
 
 
 def _has_plan(

@@ -167,10 +167,10 @@ def fly(
 
 @app.command("verify")
 def verify_file(
-    file: Annotated[Path, typer.Argument(help="A plan or flight kept by 'plan' or 'fly'.")],
+    file: Annotated[Path, typer.Argument(help="A plan, flight or simulation kept in a file.")],
 ) -> int:
-    """Judge every constraint of a plan or flight anew and print the report."""
-    return report(_loaded(file))
+    """Judge every constraint of a plan, flight or simulation anew and print the report."""
+    return report(load(file))
 
 
 @app.command()

@@ -12,6 +12,7 @@ from drake_rho.assurance.feasibility import diagnose
 from drake_rho.assurance.verification import verify
 from drake_rho.motion.files import save
 from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.scenario.errors import DrakeRhoError
 
@@ -42,11 +43,13 @@ def finish(planned: Plan | Flight, output: str | None, figures: str | None = Non
     return status
 
 
-def report(planned: Plan | Flight) -> int:
+def report(planned: Plan | Flight | Simulation) -> int:
     """Judge what was planned and say how it came about; the status is 0 if all of it holds."""
-    whole = planned.plan if isinstance(planned, Flight) else planned
-    judged = verify(whole)
+    judged = verify(planned)
     say(str(judged))
+    if isinstance(planned, Simulation):
+        return 0 if judged.ok else 1
+    whole = planned.plan if isinstance(planned, Flight) else planned
     numbers = whole.statistics
     say(
         f"cost {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
