@@ -12,6 +12,7 @@ from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
 from drake_rho.display.bodies import add_obstacles, record_obstacles
+from drake_rho.display.flown import Drawn, Flown, drawn, windows_of
 from drake_rho.display.names import as_path
 from drake_rho.display.pace import Pace
 from drake_rho.display.scene import (
@@ -25,7 +26,6 @@ from drake_rho.display.scene import (
 )
 from drake_rho.display.shapes import aircraft
 from drake_rho.display.trails import record_light_trails, record_predictions, record_trails
-from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.fields import FloatArray
 
 _MOST_TRAILS = 100
@@ -33,7 +33,7 @@ _MOST_TRAILS = 100
 
 
 def animate(
-    flown: Plan | Flight,
+    flown: Flown,
     *,
     meshcat: Meshcat | None = None,
     host: str = "localhost",
@@ -71,8 +71,7 @@ def animate(
     """
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
         raise ValueError(f"rate: got {rate}, expected a positive number")
-    plan = flown.plan if isinstance(flown, Flight) else flown
-    windows = flown.windows if isinstance(flown, Flight) else ()
+    plan, windows = drawn(flown), windows_of(flown)
     meshcat = start_meshcat(host, port) if meshcat is None else meshcat
     scene = Scene.of(plan)
     meshcat.Delete(ROOT)
@@ -122,7 +121,7 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
     raise OSError(f"no free port from {first} on {host}")
 
 
-def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
+def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
     mesh = aircraft(scene.vehicle_length)
     for vehicle, colour in coloured(plan.scenario):
         path = _vehicle_path(vehicle.name)
@@ -132,7 +131,7 @@ def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
             meshcat.SetObject(f"{path}/radius", Ball(vehicle.radius), faint)
 
 
-def _record_motion(meshcat: Meshcat, plan: Plan, pace: Pace) -> None:
+def _record_motion(meshcat: Meshcat, plan: Drawn, pace: Pace) -> None:
     motion = plan.motion()
     positions = motion.at("position", pace.times)
     headings = _headings(motion.at("velocity", pace.times))

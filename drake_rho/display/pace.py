@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
+from drake_rho.display.flown import Drawn
 from drake_rho.display.shapes import nice_step
-from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 
 _FRAMES = 32.0
@@ -27,7 +27,7 @@ class Pace:
     times: FloatArray  # of the recorded poses, since the first knot [s]
 
     @classmethod
-    def of(cls, plan: Plan, rate: float | None) -> Pace:
+    def of(cls, plan: Drawn, rate: float | None) -> Pace:
         """The pace of a plan at `rate` seconds of flight a second; see `animate`."""
         duration = plan.scenario.grid.duration
         if rate is None:
