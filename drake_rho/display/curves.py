@@ -37,10 +37,10 @@ _NORM_LABELS: dict[Norm, str] = {
 
 _NO_CHANGE = 1e-6
 """Range of a component, in parts of the largest of all, that is put down to rounding."""
-_LETTER = 0.08
-"""Room that a name below a line needs, in parts of the axes' height."""
 _LEVEL = 0.05
 """Half the range of the axes of such a component, in parts of the largest of all."""
+_LETTER = 0.08
+"""Room that a name below a line needs, in parts of the axes' height."""
 
 
 def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
