@@ -50,8 +50,9 @@ from drake_rho.cli.options import (
     refuse_options,
 )
 from drake_rho.cli.streams import pipe_safe
-from drake_rho.motion.files import load
+from drake_rho.motion.files import PlanFileError, load
 from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.simulation import Simulation
 from drake_rho.paper.study import REPEATS, run_study
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
@@ -169,7 +170,7 @@ def verify_file(
     file: Annotated[Path, typer.Argument(help="A plan or flight kept by 'plan' or 'fly'.")],
 ) -> int:
     """Judge every constraint of a plan or flight anew and print the report."""
-    return report(load(file))
+    return report(_loaded(file))
 
 
 @app.command()
@@ -255,13 +256,20 @@ def _plan(
     )
 
 
+def _loaded(source: str | Path) -> Plan | Flight:
+    """The plan or flight in a file."""
+    if isinstance(loaded := load(source), Simulation):
+        raise PlanFileError(f"{source}: got a simulation, expected a plan or a flight")
+    return loaded
+
+
 def _load_or_fly(
     source: str, duration: float | None, step: float | None, world: str | None
 ) -> Plan | Flight:
     """The plan or flight in a file, or else a scenario's flight; of a fleet, its plan."""
     if source.endswith(".npz") or zipfile.is_zipfile(source):
         refuse_options(source, duration, step, world)
-        return load(source)
+        return _loaded(source)
     scenario = read(source, duration, step, world)
     if scenario.separation is not None:  # ten windows of sixty vehicles are long to wait for
         return best_plan(scenario)

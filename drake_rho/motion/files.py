@@ -1,4 +1,4 @@
-"""Plans and flights in `.npz` files, each with its scenario inside; read without pickle."""
+"""Plans, flights, simulations in `.npz` files, with scenarios inside; read without pickle."""
 
 from __future__ import annotations
 
@@ -14,27 +14,36 @@ from annotated_types import Len
 from pydantic import Field, TypeAdapter
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_json
 
 ENDINGS = (".npz",)
-"""Of the files that hold a plan or a flight."""
+"""Of the files that hold a plan, a flight or a simulation."""
 
-_PLAN, _FLIGHT = "drake_rho plan 1", "drake_rho flight 1"
+_PLAN, _FLIGHT, _SIMULATION = (f"drake_rho {kind} 1" for kind in ("plan", "flight", "simulation"))
 _ARRAYS = ("positions", "velocities", "accelerations")
 _KINDS = ("plan", "reference")
-_SIGHTED = ("learned", "not_avoided")
+_NUMBERED = list[tuple[Annotated[int, Field(ge=1)], ...]]
+_NOTED: dict[str, Any] = {
+    "learned": _NUMBERED,
+    "not_avoided": _NUMBERED,
+    "off_tube": list[tuple[str, ...]],
+}
+"""What else is told of windows, newer than the format of flights: files may lack it."""
+
+_FLOWN = ("times", "positions", "velocities", "wind", "commands")
 _STATISTICS = TypeAdapter(Statistics)
 _PARTS = ("scenario", "statistics", *_ARRAYS)
 
 
 class PlanFileError(DrakeRhoError, ValueError):
-    """A file is not a plan or a flight, or is damaged."""
+    """A file is not a plan, a flight or a simulation, or is damaged."""
 
 
-def save(planned: Plan | Flight, path: str | Path) -> None:
-    """Write a plan or a flight, whole or not at all.
+def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
+    """Write a plan, a flight or a simulation, whole or not at all.
 
     Args:
         planned: what to keep.
@@ -49,26 +58,21 @@ def save(planned: Plan | Flight, path: str | Path) -> None:
             f"{path}: got {ending}, expected the ending {' or '.join(ENDINGS)} or none"
         )
     content: dict[str, Any]
-    if isinstance(planned, Flight):
-        content = {"format": _FLIGHT} | _pack("plan", planned.plan)
-        content["first_knots"] = [window.first_knot for window in planned.windows]
-        content["infeasible"] = [window.infeasible for window in planned.windows]
-        for name in _SIGHTED:
-            content[name] = json.dumps([getattr(window, name) for window in planned.windows])
-        for number, window in enumerate(planned.windows):
-            content |= _pack(f"window{number}.plan", window.plan)
-            content |= _pack(f"window{number}.reference", window.reference)
+    if isinstance(planned, Simulation):
+        content = {"format": _SIMULATION} | _pack_flight(planned.flight) | _pack_flown(planned)
+    elif isinstance(planned, Flight):
+        content = {"format": _FLIGHT} | _pack_flight(planned)
     else:
         content = {"format": _PLAN} | _pack("plan", planned)
     with replacing(path) as file:
         np.savez_compressed(file, **content)
 
 
-def load(path: str | Path) -> Plan | Flight:
+def load(path: str | Path) -> Plan | Flight | Simulation:
     """Read what `save` has written.
 
     Raises:
-        PlanFileError: there is no such file, or it is no plan or flight, or it is damaged.
+        PlanFileError: there is no such file, or it is none of the three, or it is damaged.
     """
     try:
         with open(path, "rb") as file:
@@ -86,45 +90,78 @@ def load(path: str | Path) -> Plan | Flight:
         raise PlanFileError(f"{path}: not a plan or flight, or damaged: {reason}") from None
 
 
-def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | Flight:
+def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | Flight | Simulation:
     form = str(content["format"]) if "format" in content else ""
-    if form not in {_PLAN, _FLIGHT}:
+    if form not in {_PLAN, _FLIGHT, _SIMULATION}:
         raise PlanFileError(f"{path}: not a plan or flight of this version of drake_rho")
-    first_knots = content["first_knots"].tolist() if form == _FLIGHT else []
+    first_knots = [] if form == _PLAN else content["first_knots"].tolist()
     prefixes = [f"window{number}.{kind}" for number in range(len(first_knots)) for kind in _KINDS]
     expected = {f"{prefix}.{part}" for prefix in ["plan", *prefixes] for part in _PARTS}
-    expected |= {"format"} | ({"first_knots", "infeasible"} if form == _FLIGHT else set())
-    optional = {"format", *_SIGHTED} if form == _FLIGHT else set()  # newer than the format
-    if set(content) - optional != expected - optional:
+    optional = {"format"}
+    if form != _PLAN:
+        expected |= {"first_knots", "infeasible"}
+        optional |= set(_NOTED)
+    if form == _SIMULATION:
+        expected |= {"plant", *(f"simulation.{name}" for name in _FLOWN)}
+    if set(content) - optional != expected:
         raise ValueError("parts are missing or do not belong")
-    plan = _unpack("plan", content)
     if form == _PLAN:
-        return plan
-    learned, not_avoided = (_numbers(name, content, len(first_knots)) for name in _SIGHTED)
+        return _unpack("plan", content)
+    flight = _unpack_flight(content, first_knots)
+    return flight if form == _FLIGHT else _unpack_flown(flight, content)
+
+
+def _pack_flight(flight: Flight) -> dict[str, Any]:
+    windows = flight.windows
+    content = _pack("plan", flight.plan)
+    content["first_knots"] = [window.first_knot for window in windows]
+    content["infeasible"] = [window.infeasible for window in windows]
+    for name in _NOTED:
+        content[name] = json.dumps([getattr(window, name) for window in windows])
+    for number, window in enumerate(windows):
+        content |= _pack(f"window{number}.plan", window.plan)
+        content |= _pack(f"window{number}.reference", window.reference)
+    return content
+
+
+def _unpack_flight(content: Mapping[str, np.ndarray], first_knots: list[int]) -> Flight:
+    noted = {name: _noted(name, content, len(first_knots)) for name in _NOTED}
     windows = tuple(
         Window(
             first_knot,
             _unpack(f"window{number}.plan", content),
             _unpack(f"window{number}.reference", content),
             reason,
-            learned[number],
-            not_avoided[number],
+            **{name: told[number] for name, told in noted.items()},
         )
         for number, (first_knot, reason) in enumerate(
             zip(first_knots, content["infeasible"].tolist(), strict=True)
         )
     )
+    plan = _unpack("plan", content)
     _check_windows(plan, windows)
     return Flight(plan, windows)
 
 
-def _numbers(name: str, content: Mapping[str, np.ndarray], windows: int) -> list[tuple[int, ...]]:
-    """Numbers of obstacles for each window; none in files that have no such part."""
+def _noted(name: str, content: Mapping[str, np.ndarray], windows: int) -> list[tuple[Any, ...]]:
+    """What is noted of each window; nothing in files that have no such part."""
     if name not in content:
         return [()] * windows
-    return TypeAdapter(
-        Annotated[list[tuple[Annotated[int, Field(ge=1)], ...]], Len(windows, windows)]
-    ).validate_json(str(content[name]))
+    kind: Any = Annotated[_NOTED[name], Len(windows, windows)]
+    noted: list[tuple[Any, ...]] = TypeAdapter(kind).validate_json(str(content[name]))
+    return noted
+
+
+def _pack_flown(simulation: Simulation) -> dict[str, Any]:
+    arrays = {f"simulation.{name}": getattr(simulation, name) for name in _FLOWN}
+    _check_numbers("simulation", arrays)
+    return {"plant": simulation.plant, **arrays}
+
+
+def _unpack_flown(flight: Flight, content: Mapping[str, np.ndarray]) -> Simulation:
+    arrays = {name: content[f"simulation.{name}"] for name in _FLOWN}
+    _check_numbers("simulation", arrays)
+    return Simulation(flight, **arrays, plant=str(content["plant"]))
 
 
 def _check_windows(plan: Plan, windows: tuple[Window, ...]) -> None:

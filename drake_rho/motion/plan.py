@@ -270,6 +270,8 @@ class Window:
     """numbers of the obstacles, from 1, that this window is the first to know of"""
     not_avoided: tuple[int, ...] = ()
     """numbers of the obstacles that its plan does not keep out of"""
+    kept: bool = False
+    """whether its plan is the previous one's rest, which still holds, in the tube that it had"""
     off_tube: tuple[str, ...] = ()
     """names of the vehicles that were further from the previous plan than its tube reaches and
     estimates err, so that they are disturbed more than the scenario says"""

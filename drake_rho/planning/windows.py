@@ -16,7 +16,7 @@ import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.margins import margins_of
-from drake_rho.motion.plan import Plan, Statistics, Window
+from drake_rho.motion.plan import Plan, Window
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -59,6 +59,9 @@ def tail_reference(
     return tail
 
 
+_Failure = InfeasibleError | SolverError
+
+
 @dataclasses.dataclass(frozen=True)
 class WindowPlanner:
     """How windows are planned."""
@@ -81,11 +84,16 @@ class WindowPlanner:
         """
         window = self._planned(scenario, 0, None)
         if not isinstance(window, Window):
+            window = self._planned_again(self.fallback, scenario, 0, None, window)
+        if not isinstance(window, Window):
             raise window
         return window
 
     def next(self, scenario: Scenario, first_knot: int, tail: Plan, *, on_plan: bool) -> Window:
         """A later window, which has a plan in any case.
+
+        Where vehicles are disturbed and the tail holds, the planner is asked a second time, around
+        the tail, in place of the fallback, which may take long.
 
         Args:
             scenario: what is left of the flight, from where the vehicles are.
@@ -94,38 +102,50 @@ class WindowPlanner:
             on_plan: whether the vehicles are in the tail's tube, so that it is valid as it is.
         """
         followed = _moved(tail, scenario)
-        spent = Statistics()
-        if reasons := lacks(scenario, margins_of(scenario), ends=(0,)):
-            told = (f"{name}: {', '.join(why)}" for name, why in reasons.items())
-            infeasible = f"no room at the start: {'; '.join(told)}"
-        else:
-            window = self._planned(scenario, first_knot, followed)
+        reasons = lacks(scenario, margins_of(scenario), ends=(0,))
+        window = (
+            InfeasibleError(reasons) if reasons else self._planned(scenario, first_knot, followed)
+        )
+        if isinstance(window, Window):
+            return window
+        holds = on_plan and Subproblem(tail.scenario, decoupled, self.solver).holds(tail)
+        if not reasons:
+            quick = holds and scenario.disturbance is not None
+            other = self.planner if quick else self.fallback
+            window = self._planned_again(other, scenario, first_knot, followed, window)
             if isinstance(window, Window):
                 return window
-            infeasible, spent = str(window), window.statistics
-        if on_plan and Subproblem(tail.scenario, decoupled, self.solver).holds(tail):
-            plan = tail.with_statistics(spent)
+        if holds:
+            plan = tail.with_statistics(window.statistics)
         else:
             plan = least_breach(followed, self.solver)
-            plan = plan.with_statistics(spent + plan.statistics)
-        return Window(first_knot, plan, plan, infeasible=infeasible)
+            plan = plan.with_statistics(window.statistics + plan.statistics)
+        return Window(first_knot, plan, plan, infeasible=str(window), kept=holds)
 
-    def _planned(
-        self, scenario: Scenario, first_knot: int, tail: Plan | None
-    ) -> Window | InfeasibleError | SolverError:
-        """A window with a plan of its own, or why there is none."""
+    def _planned(self, scenario: Scenario, first_knot: int, tail: Plan | None) -> Window | _Failure:
+        """The planner's window, or why it has none."""
         around = None
         try:
             if scenario.obstacles or scenario.separation is not None:
                 around = self.reference(scenario, tail, self.solver)
             plan = self.planner(scenario, reference=around, solver=self.solver)
-            return Window(first_knot, plan, around or plan.reference or plan)
         except (InfeasibleError, SolverError) as error:
-            failure = error
-        if self.fallback is None:
+            return error
+        return Window(first_knot, plan, around or plan.reference or plan)
+
+    def _planned_again(
+        self,
+        planner: Planner | None,
+        scenario: Scenario,
+        first_knot: int,
+        tail: Plan | None,
+        failure: _Failure,
+    ) -> Window | _Failure:
+        """The window of another planner, around the tail, or why it has none either."""
+        if planner is None:
             return failure
         try:
-            plan = self.fallback(scenario, reference=tail, solver=self.solver)
+            plan = planner(scenario, reference=tail, solver=self.solver)
         except (InfeasibleError, SolverError) as error:
             error.statistics = failure.statistics + error.statistics
             return error

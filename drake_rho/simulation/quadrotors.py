@@ -79,13 +79,13 @@ class AttitudeController(LeafSystem):
 
 
 def _upright_along(thrust: FloatArray) -> FloatArray:
-    """The rotation (3, 3) whose z axis is that of a thrust, with the x axis above the world's."""
+    """The rotation (3, 3) whose z axis is that of a thrust, with a yaw of 0: x has no part of y."""
     length = float(np.linalg.norm(thrust))
     z = thrust / length if length > 0.0 else np.array([0.0, 0.0, 1.0])  # in free fall, any
-    y = np.cross(z, [1.0, 0.0, 0.0])
-    sideways = float(np.linalg.norm(y))
-    y = y / sideways if sideways > 1e-9 else np.array([0.0, 1.0, 0.0])
-    return np.column_stack([np.cross(y, z), y, z])
+    x = np.array([z[2], 0.0, -z[0]])
+    upright = float(np.linalg.norm(x))
+    x = x / upright if upright > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return np.column_stack([x, np.cross(z, x), z])
 
 
 class _FromOrigin(LeafSystem):

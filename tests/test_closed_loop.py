@@ -1,0 +1,235 @@
+"""The closed loop: an independent flight, the tube that holds it, the worst case that fills it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.simulation.closed_loop import fly, fly_plan
+from tests.disturbed import KINDS, disturbed, winds_for
+from tests.loop import Array
+from tests.scenarios import single
+from tests.tolerances import ROUNDING
+
+
+def _finely(simulation: rho.Simulation, parts: int) -> tuple[Array, Array]:
+    """Positions and velocities at the times, integrated by Runge and Kutta in parts of steps.
+
+    With the recorded commands and winds only, which nothing of the library's turns into motion.
+    """
+    p, v = simulation.positions[0], simulation.velocities[0]
+    found = [(p, v)]
+    for m, step in enumerate(np.diff(simulation.times)):
+        a, h = simulation.commands[m] + simulation.wind[m], step / parts
+        for _ in range(parts):
+            k1, k2, k4 = v, v + h / 2 * a, v + h * a
+            p, v = p + h / 6 * (k1 + 4 * k2 + k4), v + h * a
+        found.append((p, v))
+    return np.array([p for p, _ in found]), np.array([v for _, v in found])
+
+
+def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
+    """The commands at all times, by the law of docs/flight.md, sample by sample."""
+    scenario, around = simulation.scenario, simulation.scenario.disturbance
+    assert around is not None
+    grid, sample = scenario.grid, around.sample(scenario.grid)
+    k_p, k_v = rho.error_tube(scenario).gains
+    commands = np.empty_like(simulation.commands)
+    for m, time in enumerate(simulation.times[:-1]):
+        window = simulation.flight.windows[
+            max(
+                number
+                for number, each in enumerate(simulation.flight.windows)
+                if grid.start + each.first_knot * grid.step <= time + 1e-9
+            )
+        ]
+        tracking = window.plan.scenario.disturbance
+        assert tracking is not None
+        since = grid.start if tracking.tracking is None else tracking.tracking.since
+        j = int((time - grid.start) / sample + 1e-9)
+        knot = int((time - grid.start) / grid.step + 1e-9)
+        commands[m] = window.plan.accelerations[:, knot - window.first_knot]
+        seen = grid.start + (j - around.delay) * sample
+        if seen >= since - 1e-9:
+            at = int(np.argmin(np.abs(simulation.times - seen)))
+            k, part = divmod((j - around.delay) * sample + 1e-9, grid.step)
+            # the plan that is tracked may have begun in an earlier window, which it continues
+            tracked = next(
+                each
+                for each in reversed(simulation.flight.windows)
+                if each.first_knot <= min(k, window.first_knot)
+            )
+            k = int(k) - tracked.first_knot
+            a = tracked.plan.accelerations[:, k]
+            planned = tracked.plan.positions[:, k] + part * (
+                tracked.plan.velocities[:, k] + part / 2 * a
+            )
+            speed = tracked.plan.velocities[:, k] + part * a
+            commands[m] -= k_p * (estimated[at, :, :3] - planned)
+            commands[m] -= k_v * (estimated[at, :, 3:] - speed)
+    commands[-1] = commands[-2]
+    return commands
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_the_loop_is_an_independent_flight(kind: str, delay: int) -> None:
+    scenario = disturbed(17 + delay, delay=delay, errors=False)
+    simulation = fly(scenario, wind=winds_for(scenario, 3)[kind], replan_every=4)
+    positions, velocities = _finely(simulation, 4)
+    scale = np.abs(simulation.positions).max()
+    np.testing.assert_allclose(simulation.positions, positions, atol=ROUNDING * scale)
+    np.testing.assert_allclose(simulation.velocities, velocities, atol=ROUNDING * scale)
+    seen = np.concatenate([simulation.positions, simulation.velocities], axis=2)
+    commands = _commanded(simulation, seen)
+    np.testing.assert_allclose(simulation.commands, commands, atol=1e-6 * np.abs(commands).max())
+    assert len(simulation.flight.windows) == -(-(scenario.grid.knots - 1) // 4)
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("kind", KINDS)
+def test_errors_never_leave_the_tube(kind: str, seed: int) -> None:
+    scenario = disturbed(seed)
+    wind = winds_for(scenario, seed)[kind]
+    simulation = fly(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=5)
+    for quantity in ("position", "velocity", "acceleration"):
+        errors = simulation.errors(quantity)[:-1]
+        radii = simulation.radii(quantity)[:-1, None]
+        assert np.all(errors <= radii * (1.0 + ROUNDING) + 1e-9), quantity
+    assert scenario.disturbance is not None
+    assert np.linalg.norm(simulation.wind, axis=2).max() <= scenario.disturbance.acceleration + 1e-9
+    assert simulation.tracking_difference.max() <= 1e-9
+
+
+def test_a_wind_above_the_declared_one_does_leave_it() -> None:
+    scenario = disturbed(1)
+    blow = rho.winds.constant(scenario, [0, 0, 1])
+    simulation = fly(scenario, wind=lambda *state: 1.5 * blow(*state), rng=np.random.default_rng(1))
+    assert np.any(simulation.errors() > 1.05 * simulation.radii()[:, None])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_worst_case_reaches_the_radius_where_no_window_begins_anew(seed: int) -> None:
+    scenario, rng = disturbed(100 + seed), np.random.default_rng(seed)
+    time = scenario.grid.start + rng.uniform(0.3, 1.0) * scenario.grid.duration
+    quantity = ("position", "velocity")[seed % 2]
+    wind = rho.worst_case(scenario, rng.normal(size=3), time, quantity)  # type: ignore[arg-type]
+    simulation = fly(scenario, wind=wind, replan_every=scenario.grid.knots)
+    assert len(simulation.flight.windows) == 1
+    errors = simulation.errors(quantity)  # type: ignore[arg-type]
+    at = int(np.argmin(np.abs(simulation.times - time)))
+    assert simulation.times[at] == pytest.approx(time, abs=1e-9)
+    np.testing.assert_allclose(errors[at], wind.radius, rtol=1e-6)
+    np.testing.assert_allclose(simulation.radii(quantity)[at], wind.radius, rtol=1e-6)  # type: ignore[arg-type]
+    assert np.all(errors <= simulation.radii(quantity)[:, None] + 1e-9)  # type: ignore[arg-type]
+
+
+def test_estimates_err_within_their_balls_and_fill_them() -> None:
+    """With errors of the estimate the feedback differs, and by no more than they explain."""
+    scenario = disturbed(2, delay=0)
+    assert scenario.disturbance is not None
+    E_p, E_v = scenario.disturbance.position_error, scenario.disturbance.velocity_error
+    flown = fly(scenario, rng=np.random.default_rng(5), replan_every=scenario.grid.knots)
+    k_p, k_v = rho.error_tube(scenario).gains
+    off = flown.positions - flown.nominal("position")
+    fast = flown.velocities - flown.nominal("velocity")
+    exact = flown.nominal("acceleration") - k_p * off - k_v * fast
+    per_sample = 10
+    left = np.linalg.norm(flown.commands - exact, axis=2)[:-1:per_sample]
+    assert left.max() <= k_p * E_p + k_v * E_v
+    assert left.max() >= 0.5 * (k_p * E_p + k_v * E_v)
+
+
+def test_without_a_disturbance_commands_are_the_plans_and_only_windows_answer() -> None:
+    scenario = dataclasses.replace(single(), disturbance=None)
+    still = fly(scenario, replan_every=4)
+    flight = rho.plan_rho(scenario, replan_every=4)
+    for one, other in zip(still.flight.windows, flight.windows, strict=True):
+        np.testing.assert_allclose(one.plan.accelerations, other.plan.accelerations, atol=1e-9)
+    np.testing.assert_allclose(still.positions[-1], flight.plan.positions[:, -1], atol=1e-9)
+    np.testing.assert_array_equal(still.radii(), 0.0)
+
+    blow = fly(scenario, wind=lambda t, p, v: np.full_like(p, 0.05), replan_every=4)
+    planned = blow.nominal("acceleration")
+    np.testing.assert_array_equal(blow.commands[:-1], planned[:-1])
+    for window in blow.flight.windows[1:]:  # each begins where wind has taken the vehicle
+        at = int(np.argmin(np.abs(blow.times - window.plan.scenario.grid.start)))
+        np.testing.assert_allclose(window.plan.positions[:, 0], blow.positions[at], atol=1e-9)
+    once = fly(scenario, wind=lambda t, p, v: np.full_like(p, 0.05), replan_every=100)
+    miss = [np.linalg.norm(each.positions[-1] - [10.0, 4.0, -2.0]) for each in (blow, once)]
+    assert miss[0] < 0.1 * miss[1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_with_exact_estimates_and_no_wind_windows_are_those_of_plan_rho(seed: int) -> None:
+    scenario = disturbed(seed)
+    flight = rho.plan_rho(scenario)
+    for one, other in zip(fly(scenario).flight.windows, flight.windows, strict=True):
+        assert one.infeasible == other.infeasible
+        np.testing.assert_allclose(one.plan.accelerations, other.plan.accelerations, atol=1e-9)
+
+
+def test_a_flight_replays_bit_by_bit_from_its_seed() -> None:
+    scenario = disturbed(7)
+    one, again, other = (
+        fly(
+            scenario,
+            wind=rho.winds.coloured_noise(scenario, np.random.default_rng(seed)),
+            rng=np.random.default_rng([seed, 1]),
+        )
+        for seed in (3, 3, 4)
+    )
+    for name in ("times", "positions", "velocities", "wind", "commands"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(again, name))
+    assert not np.array_equal(one.positions, other.positions)
+
+
+def test_all_that_changes_at_once_is_a_step() -> None:
+    scenario = disturbed(4)
+    grid = scenario.grid
+    track = rho.Track([0.111, 1.2345, 3.0], [[50.0, 0, 0], [51.0, 0, 0], [50.0, 2.0, 0]])
+    body = rho.Obstacle(rho.Sphere([0, 0, 0], 0.1), track=track)
+    scenario = dataclasses.replace(scenario, obstacles=(*scenario.obstacles, body))
+    wind = rho.worst_case(scenario, [1, 0, 0], grid.start + 0.77 * grid.duration)
+    times = fly(scenario, wind=wind).times
+    assert scenario.disturbance is not None
+    sample = scenario.disturbance.sample(grid)
+    samples = grid.start + sample * np.arange(scenario.disturbance.samples(grid) + 1)
+    for each in (grid.times, samples, wind.switching_times, np.array([1.2345, 3.0])):
+        inside = each[(each >= grid.start) & (each <= grid.end)]
+        apart = np.abs(times[:, None] - inside).min(axis=0)
+        assert apart.max(initial=0.0) <= 1e-9
+    assert np.isin(grid.times, times).all()
+    assert np.diff(times).max() <= sample / 10.0 * (1.0 + 1e-9)
+    assert np.diff(times).min() > 1e-10
+
+
+def test_what_makes_no_sense_is_refused_by_name() -> None:
+    scenario = disturbed(1)
+    count = len(scenario.vehicles)
+    plan = rho.plan(scenario)
+    with pytest.raises(
+        ValueError, match=rf"^wind: got shape \(3,\) at .* s, .* shape \({count}, 3\)$"
+    ):
+        fly_plan(scenario, plan, wind=lambda t, p, v: np.zeros(3))
+    with pytest.raises(ValueError, match=r"^wind: got \[\[nan.* at .* s, expected finite"):
+        fly_plan(scenario, plan, wind=lambda t, p, v: p * np.nan)
+    with pytest.raises(ValueError, match=r"^rng: got 3, expected a numpy.random.Generator"):
+        fly_plan(scenario, plan, rng=3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^plan: got one for 1 on "):
+        fly_plan(scenario, rho.plan(single()))
+    with pytest.raises(ValueError, match=r"^replan_every: got 0"):
+        fly(scenario, replan_every=0)
+    simulation = fly_plan(scenario, plan)
+    for method in (simulation.errors, simulation.radii):
+        with pytest.raises(ValueError, match=r"^quantity: got 'jerk'"):
+            method("jerk")
+    with pytest.raises(ValueError, match=r"^wind: got shape"):
+        dataclasses.replace(simulation, wind=simulation.wind[1:])
+    with pytest.raises(ValueError, match=r"^positions: got numbers that are not finite"):
+        dataclasses.replace(simulation, positions=np.full_like(simulation.positions, np.inf))
+    with pytest.raises(ValueError, match=r"^times: got"):
+        dataclasses.replace(simulation, times=simulation.times[::-1])

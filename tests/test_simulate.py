@@ -1,0 +1,238 @@
+"""Flying in Drake's simulator: the same flight as without it, quadrotors, and own diagrams."""
+
+from __future__ import annotations
+
+import copy
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from pydrake.examples import QuadrotorPlant
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+
+import drake_rho as rho
+from drake_rho.simulation.closed_loop import fly
+from drake_rho.simulation.quadrotors import AttitudeController, quadrotors
+from drake_rho.simulation.systems import WindSource
+from tests.disturbed import KINDS, disturbed, winds_for
+from tests.scenarios import single
+from tests.tolerances import ROUNDING
+
+ARRAYS = ("times", "positions", "velocities", "wind", "commands")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_simulator_flies_what_the_loop_flies(kind: str, seed: int) -> None:
+    scenario = disturbed(20 + seed)
+    wind = winds_for(scenario, seed)[kind]
+    one, other = (
+        fly_it(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=4)
+        for fly_it in (rho.simulate, fly)
+    )
+    for name in ARRAYS:
+        found, expected = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(found, expected, atol=ROUNDING * max(1.0, expected.max()))
+    assert len(one.flight.windows) == len(other.flight.windows)
+    for window, twin in zip(one.flight.windows, other.flight.windows, strict=True):
+        assert window.infeasible == twin.infeasible
+        np.testing.assert_allclose(window.plan.accelerations, twin.plan.accelerations, atol=1e-6)
+
+
+def test_a_simulation_replays_bit_by_bit_and_its_windows_are_those_of_plan_rho() -> None:
+    scenario = disturbed(3)
+    one, again = (
+        rho.simulate(
+            scenario,
+            wind=rho.winds.coloured_noise(scenario, np.random.default_rng(1)),
+            rng=np.random.default_rng(2),
+        )
+        for _ in range(2)
+    )
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(again, name))
+    still, flight = rho.simulate(scenario), rho.plan_rho(scenario)
+    for window, twin in zip(still.flight.windows, flight.windows, strict=True):
+        np.testing.assert_allclose(window.plan.accelerations, twin.plan.accelerations, atol=1e-9)
+
+
+def test_a_scenario_without_a_disturbance_flies_too() -> None:
+    simulation = rho.simulate(single())
+    assert simulation.errors().max() <= 1e-9
+    np.testing.assert_allclose(simulation.positions[-1], [[10.0, 4.0, -2.0]], atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rotors_give_the_thrust_and_moments_that_the_plant_takes(seed: int) -> None:
+    """In the attitude that an acceleration asks for, the plant flies it, and turns no further."""
+    rng = np.random.default_rng(seed)
+    inertia = np.diag(rng.uniform(1e-3, 4e-3, 3))
+    plant = QuadrotorPlant(*rng.uniform([0.3, 0.1], [2.0, 0.4]), inertia, 1.7, 0.03)
+    controller = AttitudeController(plant)
+    acceleration = rng.uniform(-3.0, 3.0, 3)
+    x, y, z = acceleration + np.array([0.0, 0.0, plant.g()])
+    pitch = np.arctan2(x, z)
+    roll = np.arctan2(-y, np.hypot(x, z))
+    state = np.zeros(12)
+    state[3:5] = roll, pitch
+    context = plant.CreateDefaultContext()
+    context.SetContinuousState(state)
+    plant.get_input_port(0).FixValue(context, controller.rotors(state, acceleration))
+    derivative = plant.EvalTimeDerivatives(context).CopyToVector()
+    np.testing.assert_allclose(derivative[6:9], acceleration, atol=1e-9)
+    np.testing.assert_allclose(derivative[9:], 0.0, atol=1e-6)
+
+    state[3:6] += rng.uniform(-0.3, 0.3, 3)  # tilted otherwise: it turns back
+    context.SetContinuousState(state)
+    plant.get_input_port(0).FixValue(context, controller.rotors(state, acceleration))
+    turning = plant.EvalTimeDerivatives(context).CopyToVector()[9:]
+    assert turning @ (state[3:6] - [roll, pitch, 0.0]) < 0.0
+
+
+def test_quadrotors_follow_and_the_difference_is_told() -> None:
+    scenario = disturbed(12, delay=0, errors=False)
+    wind = rho.winds.constant(scenario, [1, -1, 0.3])
+    simulation = rho.simulate(scenario, plant="quadrotor", wind=wind)
+    assert simulation.plant == "quadrotor"
+    assert np.diff(simulation.times).max() <= 1e-3 * (1.0 + 1e-9)
+    left = np.diff(simulation.velocities, axis=0) / np.diff(simulation.times)[:, None, None]
+    left -= simulation.commands[:-1] + simulation.wind[:-1]
+    told = simulation.tracking_difference
+    np.testing.assert_allclose(told, np.linalg.norm(left, axis=2).max(axis=0), rtol=1e-12)
+    assert np.all(told > 1e-3)  # attitudes do not jump as accelerations do
+    lasting = np.linalg.norm(left, axis=2)
+    assert np.median(lasting) < 0.05 * told.max()  # only while they turn
+    goals = simulation.scenario.fleet.goal_positions
+    assert np.linalg.norm(simulation.positions[-1] - goals, axis=1).max() < 0.1
+
+
+def test_a_quadrotor_with_no_command_but_hovering_is_carried_by_the_wind() -> None:
+    """With a constant command the plant settles, and moves as a point mass but for turning."""
+    scenario = single(start=rho.State([1.0, 2.0, 3.0], [0.3, 0.2, 0.1]))
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(quadrotors(scenario))
+    for name, value in (("acceleration", [0.0, 0.0, 0.0]), ("wind", [0.1, 0.2, -0.3])):
+        source = builder.AddSystem(ConstantVectorSource(value))
+        builder.Connect(source.get_output_port(), plant.GetInputPort(name))
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(2.0)
+    states = plant.GetOutputPort("states").Eval(plant.GetMyContextFromRoot(simulator.get_context()))
+    wind = np.array([0.1, 0.2, -0.3])
+    expected = np.array([1.0, 2.0, 3.0]) + 2.0 * np.array([0.3, 0.2, 0.1]) + 2.0 * wind
+    np.testing.assert_allclose(states[:3], expected, atol=1e-6)
+    np.testing.assert_allclose(states[3:], np.array([0.3, 0.2, 0.1]) + 2.0 * wind, atol=1e-6)
+
+
+def _diagram(
+    scenario: rho.Scenario, wind: rho.winds.Wind
+) -> tuple[Simulator, rho.RecedingHorizonController]:
+    builder = DiagramBuilder()
+    controller = builder.AddSystem(rho.RecedingHorizonController(rho.RecedingHorizon(scenario)))
+    plant = builder.AddSystem(rho.WindyPointMass(scenario))
+    source = builder.AddSystem(WindSource(scenario, wind))
+    for one, name, other, port in (
+        (plant, "states", controller, "states"),
+        (plant, "states", source, "states"),
+        (controller, "command", plant, "acceleration"),
+        (source, "wind", plant, "wind"),
+    ):
+        builder.Connect(one.GetOutputPort(name), other.GetInputPort(port))
+    return Simulator(builder.Build()), controller, plant
+
+
+def test_a_diagram_of_ones_own_flies_as_simulate_does() -> None:
+    scenario = disturbed(12)
+    wind = rho.winds.constant(scenario, [1, 2, 0])
+    simulator, controller, plant = _diagram(scenario, wind)
+    simulator.AdvanceTo(scenario.grid.duration)
+    context = plant.GetMyContextFromRoot(simulator.get_context())
+    states = plant.GetOutputPort("states").Eval(context).reshape(-1, 6)
+    expected = fly(scenario, wind=wind)
+    np.testing.assert_allclose(states[:, :3], expected.positions[-1], atol=1e-9)
+    np.testing.assert_allclose(states[:, 3:], expected.velocities[-1], atol=1e-9)
+    assert len(controller.flight.windows) == len(expected.flight.windows)
+
+
+def test_nominal_is_the_plan_of_the_window_in_force_at_every_time() -> None:
+    scenario = disturbed(12)
+    horizon = rho.RecedingHorizon(scenario, replan_every=3)
+    builder = DiagramBuilder()
+    controller = builder.AddSystem(rho.RecedingHorizonController(horizon))
+    plant = builder.AddSystem(rho.WindyPointMass(scenario))
+    builder.Connect(plant.get_output_port(), controller.get_input_port())
+    builder.Connect(controller.GetOutputPort("command"), plant.GetInputPort("acceleration"))
+    log = LogVectorOutput(controller.GetOutputPort("nominal"), builder, publish_period=0.017)
+    simulator = Simulator(builder.Build())
+    grid = scenario.grid
+    simulator.AdvanceTo(grid.duration + 1.0)
+    logged = log.FindLog(simulator.get_context())
+    assert len(horizon.windows) == len(horizon.knots)
+    for elapsed, values in zip(logged.sample_times(), logged.data().T, strict=True):
+        planned = values.reshape(-1, 3, 3)
+        if elapsed > grid.duration:  # on with the last velocity, here none
+            goals = scenario.fleet.goal_positions
+            np.testing.assert_allclose(planned[:, 0], goals, atol=1e-5)
+            np.testing.assert_array_equal(planned[:, 2], 0.0)
+            continue
+        first = 3 * min(int(elapsed / grid.step / 3 + 1e-9), len(horizon.windows) - 1)
+        window = next(each for each in horizon.windows if each.first_knot == first)
+        motion = window.plan.motion()
+        for place, quantity in enumerate(("position", "velocity", "acceleration")):
+            found = motion.at(quantity, elapsed - first * grid.step)[:, 0]  # type: ignore[arg-type]
+            np.testing.assert_allclose(planned[:, place], found, atol=1e-9)
+
+
+def test_a_controller_never_raises_in_flight_but_refuses_a_second_one() -> None:
+    """Whatever the states are: far off, or no numbers at all."""
+    scenario = disturbed(12)
+    for states in (1e3, np.nan, np.inf):
+        builder = DiagramBuilder()
+        controller = builder.AddSystem(rho.RecedingHorizonController(rho.RecedingHorizon(scenario)))
+        source = builder.AddSystem(
+            ConstantVectorSource(np.full(6 * len(scenario.vehicles), states))
+        )
+        builder.Connect(source.get_output_port(), controller.get_input_port())
+        simulator = Simulator(builder.Build())
+        simulator.AdvanceTo(scenario.grid.duration)
+        assert len(controller.flight.windows) > 1
+        again = Simulator(simulator.get_system())
+        with pytest.raises(ValueError, match=r"^controller: got a second flight"):
+            again.Initialize()
+
+
+def test_a_first_window_without_a_plan_is_told_when_the_controller_is_made() -> None:
+    scenario = single(limits=rho.Limits(max_speed=0.5))
+    with pytest.raises(rho.InfeasibleError):
+        rho.RecedingHorizonController(rho.RecedingHorizon(scenario))
+    with pytest.raises(rho.InfeasibleError):
+        rho.simulate(scenario)
+
+
+def test_contexts_keep_a_plan_each_as_state() -> None:
+    scenario = disturbed(12)
+    simulator, *_ = _diagram(scenario, rho.winds.none())
+    simulator.AdvanceTo(1.0)
+    kept = copy.deepcopy(simulator.get_context())
+    simulator.AdvanceTo(scenario.grid.duration)
+    assert kept.get_time() == 1.0
+
+
+def test_bad_arguments_are_refused_by_name() -> None:
+    scenario = disturbed(12)
+    with pytest.raises(ValueError, match=r"^plant: got 'rocket', expected None or 'quadrotor'"):
+        rho.simulate(scenario, plant="rocket")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^replan_every: got 2.5"):
+        rho.simulate(scenario, replan_every=2.5)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^rng: got 'seed'"):
+        rho.simulate(scenario, rng="seed")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^wind: got shape \(3,\)"):
+        rho.simulate(scenario, wind=lambda t, p, v: np.zeros(3))
+
+
+def test_drakes_systems_are_loaded_only_to_fly() -> None:
+    code = "import sys, drake_rho; print('pydrake.systems.framework' in sys.modules)"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "False"
