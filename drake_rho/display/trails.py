@@ -53,15 +53,21 @@ def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace)
 
 def record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: Pace) -> None:
     """Each window's whole prediction, while it is the one that is flown, as lines."""
-    starts = [window.plan.scenario.grid.step * window.first_knot for window in windows]
     for number, (window, colour) in enumerate(
         zip(windows, window_colours(len(windows)), strict=True), start=1
     ):
         paths = _paths(window.plan, 0, window.plan.scenario.grid.knots - 1, _PER_STEP)
         name = f"{ROOT}/predictions/{number}"
         meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(colour)))
+    record_windows(meshcat, f"{ROOT}/predictions", windows, pace)
+
+
+def record_windows(meshcat: Meshcat, path: str, windows: Sequence[Window], pace: Pace) -> None:
+    """Record that what is at `path`/<number> is seen while that window, from 1, is flown."""
+    starts = [window.plan.scenario.grid.step * window.first_knot for window in windows]
+    for number in range(1, len(windows) + 1):
         until = pace.playback(starts[number]) if number < len(windows) else None
-        show_between(meshcat, name, pace.playback(starts[number - 1]), until)
+        show_between(meshcat, f"{path}/{number}", pace.playback(starts[number - 1]), until)
 
 
 def _pieces(plan: Drawn, trails: int) -> list[tuple[int, int]]:
