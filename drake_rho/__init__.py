@@ -46,6 +46,7 @@ from drake_rho.scenario.records import (
 )
 from drake_rho.scenario.worlds import random_field, trefoil_swap
 from drake_rho.simulation import winds
+from drake_rho.simulation.attack import Attack, attack
 from drake_rho.simulation.worst_case import WorstCase, worst_case
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from drake_rho.simulation.systems import RecedingHorizonController, WindyPointMass
 
 __all__ = [
+    "Attack",
     "Box",
     "Certificate",
     "Check",
@@ -101,6 +103,7 @@ __all__ = [
     "accelerations_figure",
     "animate",
     "assign_goals",
+    "attack",
     "certify",
     "circle_swap",
     "coupled",

@@ -128,7 +128,7 @@ def test_a_quadrotor_with_no_command_but_hovering_is_carried_by_the_wind() -> No
 
 def _diagram(
     scenario: rho.Scenario, wind: rho.winds.Wind
-) -> tuple[Simulator, rho.RecedingHorizonController]:
+) -> tuple[Simulator, rho.RecedingHorizonController, rho.WindyPointMass]:
     builder = DiagramBuilder()
     controller = builder.AddSystem(rho.RecedingHorizonController(rho.RecedingHorizon(scenario)))
     plant = builder.AddSystem(rho.WindyPointMass(scenario))

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from annotated_types import Len
 from pydantic import Field, TypeAdapter
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
@@ -25,11 +24,12 @@ ENDINGS = (".npz",)
 _PLAN, _FLIGHT, _SIMULATION = (f"drake_rho {kind} 1" for kind in ("plan", "flight", "simulation"))
 _ARRAYS = ("positions", "velocities", "accelerations")
 _KINDS = ("plan", "reference")
-_NUMBERED = list[tuple[Annotated[int, Field(ge=1)], ...]]
-_NOTED: dict[str, Any] = {
-    "learned": _NUMBERED,
-    "not_avoided": _NUMBERED,
-    "off_tube": list[tuple[str, ...]],
+_Numbers = tuple[Annotated[int, Field(ge=1)], ...]
+_NOTED: dict[str, TypeAdapter[Any]] = {
+    "learned": TypeAdapter(list[_Numbers]),
+    "not_avoided": TypeAdapter(list[_Numbers]),
+    "kept": TypeAdapter(list[Annotated[bool, Field(strict=True)]]),
+    "off_tube": TypeAdapter(list[tuple[str, ...]]),
 }
 """What else is told of windows, newer than the format of flights: files may lack it."""
 
@@ -125,14 +125,14 @@ def _pack_flight(flight: Flight) -> dict[str, Any]:
 
 
 def _unpack_flight(content: Mapping[str, np.ndarray], first_knots: list[int]) -> Flight:
-    noted = {name: _noted(name, content, len(first_knots)) for name in _NOTED}
+    noted = [_noted(name, content, len(first_knots)) for name in _NOTED if name in content]
     windows = tuple(
         Window(
             first_knot,
             _unpack(f"window{number}.plan", content),
             _unpack(f"window{number}.reference", content),
             reason,
-            **{name: told[number] for name, told in noted.items()},
+            **dict(each[number] for each in noted),
         )
         for number, (first_knot, reason) in enumerate(
             zip(first_knots, content["infeasible"].tolist(), strict=True)
@@ -143,13 +143,12 @@ def _unpack_flight(content: Mapping[str, np.ndarray], first_knots: list[int]) ->
     return Flight(plan, windows)
 
 
-def _noted(name: str, content: Mapping[str, np.ndarray], windows: int) -> list[tuple[Any, ...]]:
-    """What is noted of each window; nothing in files that have no such part."""
-    if name not in content:
-        return [()] * windows
-    kind: Any = Annotated[_NOTED[name], Len(windows, windows)]
-    noted: list[tuple[Any, ...]] = TypeAdapter(kind).validate_json(str(content[name]))
-    return noted
+def _noted(name: str, content: Mapping[str, np.ndarray], windows: int) -> list[tuple[str, Any]]:
+    """What is noted of each window, with its name."""
+    told = _NOTED[name].validate_json(str(content[name]))
+    if len(told) != windows:
+        raise ValueError(f"{name} is not told of every window")
+    return [(name, each) for each in told]
 
 
 def _pack_flown(simulation: Simulation) -> dict[str, Any]:

@@ -88,14 +88,22 @@ def fly_plan(
     Raises:
         ValueError: the plan is for other vehicles or another grid, or the wind makes no sense.
     """
+    return flown(Feedback(OnePlan(adopted(scenario, plan))), wind, rng)
+
+
+def adopted(scenario: Scenario, plan: Plan) -> Plan:
+    """A plan as one of a scenario for the same vehicles and grid.
+
+    Raises:
+        ValueError: they are others.
+    """
     asked = plan.scenario
     if asked.grid != scenario.grid or len(asked.vehicles) != len(scenario.vehicles):
         expected = f"one for {len(scenario.vehicles)} vehicles on {scenario.grid}"
         raise ValueError(
             f"plan: got one for {len(asked.vehicles)} on {asked.grid}, expected {expected}"
         )
-    kept = Plan(scenario, plan.positions, plan.velocities, plan.accelerations, plan.statistics)
-    return flown(Feedback(OnePlan(kept)), wind, rng)
+    return Plan(scenario, plan.positions, plan.velocities, plan.accelerations, plan.statistics)
 
 
 def flown(feedback: Feedback, wind: Wind | None, rng: np.random.Generator | None) -> Simulation:

@@ -1,0 +1,117 @@
+"""The attack finds the least clearance that any wind can leave, and flies it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.simulation.closed_loop import fly_plan
+from tests.disturbed import disturbed, winds_for
+from tests.scenarios import box, fleet, single
+
+AROUND = rho.Disturbance(0.3, 0.01, 0.02, feedback_every=0.1, delay=1, share=0.5)
+
+
+def _least_clearance(simulation: rho.Simulation) -> float:
+    """Of all that is kept clear of, at all times of a flight, by hand and for spheres only."""
+    scenario, p = simulation.scenario, simulation.positions
+    found = [np.inf]
+    for sphere in scenario.spheres:
+        found.append(float(np.linalg.norm(p - sphere.center, axis=2).min() - sphere.radius))
+    if scenario.separation is not None:
+        for i in range(p.shape[1]):
+            for j in range(i):
+                apart = np.linalg.norm(p[:, i] - p[:, j], axis=1).min()
+                found.append(float(apart) - scenario.separation.distance)
+    return min(found)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_wind_leaves_less_and_the_found_one_leaves_just_that(seed: int) -> None:
+    scenario = disturbed(200 + seed)
+    plan = rho.plan(scenario)
+    attack = rho.attack(scenario, plan)
+    assert attack.clearance == pytest.approx(attack.bound, abs=1e-6)
+    assert _least_clearance(attack.simulation) == pytest.approx(attack.bound, abs=1e-6)
+    assert attack.bound < attack.planned
+    for wind in winds_for(scenario, seed).values():
+        flown = fly_plan(scenario, plan, wind=wind, rng=np.random.default_rng(seed))
+        assert _least_clearance(flown) >= attack.bound - 1e-9
+
+
+def test_a_plan_that_knows_of_wind_survives_and_one_that_does_not_is_hit() -> None:
+    """A sphere right in the way, which a plan without wind touches."""
+    calm = single(obstacles=[rho.Sphere([5.0, 2.0, -0.8], 1.0)], between_knots=True)
+    calm = dataclasses.replace(calm, limits=rho.Limits(acceleration=box(4.0)))
+    windy = dataclasses.replace(calm, disturbance=AROUND)
+    hit, missed = rho.attack(windy, rho.plan(calm)), rho.attack(windy, rho.plan(windy))
+    radius = float(rho.error_tube(windy).position(hit.time))
+    assert hit.constraint == "obstacle 1"
+    assert hit.clearance == pytest.approx(-radius, rel=0.02)
+    assert missed.clearance >= -1e-6
+    assert missed.clearance <= 0.02 * radius  # no more room is left than has to be
+
+
+def test_two_vehicles_are_driven_together_and_one_out_of_its_box() -> None:
+    scenario = fleet(
+        [[0, 0, 0], [0, 2, 0]],
+        [[10, 0, 0], [10, 2, 0]],
+        separation=rho.Separation(1.0, 2.0),
+        limits=rho.Limits(acceleration=box(4.0)),
+    )
+    scenario = dataclasses.replace(scenario, disturbance=AROUND)
+    plan, tube = rho.plan(scenario), rho.error_tube(scenario)
+    attack = rho.attack(scenario, plan)
+    assert (attack.constraint, attack.vehicles) == ("separation", ("v0", "v1"))
+    most = tube.position(np.linspace(0.0, 10.0, 2001)).max()
+    assert attack.bound == pytest.approx(1.0 - 2.0 * most, abs=1e-6)
+    assert attack.clearance == pytest.approx(attack.bound, abs=1e-6)
+    np.testing.assert_allclose(attack.wind.directions, [[0, 1, 0], [0, -1, 0]], atol=1e-12)
+
+    limits = rho.Limits(position=rho.Box([-9, -3, -1], [12, 2.5, 7]), acceleration=box(4.0))
+    boxed = rho.attack(dataclasses.replace(scenario, limits=limits), plan)
+    assert (boxed.constraint, boxed.vehicles) == ("position box", ("v1",))
+    assert boxed.bound == pytest.approx(0.5 - most, abs=1e-6)
+    assert boxed.clearance == pytest.approx(boxed.bound, abs=1e-6)
+    np.testing.assert_allclose(boxed.wind.directions, [[0, 0, 0], [0, 1, 0]], atol=1e-12)
+
+
+def test_only_knots_count_where_the_scenario_says_so() -> None:
+    scenario = single(obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=False)
+    scenario = dataclasses.replace(scenario, disturbance=AROUND)
+    plan = rho.plan(scenario)
+    attack = rho.attack(scenario, plan)
+    assert attack.time in scenario.grid.times
+    everywhere = rho.attack(dataclasses.replace(scenario, between_knots=True), plan)
+    assert everywhere.bound < attack.bound
+
+
+def test_moving_obstacles_of_other_shapes_are_met_where_they_are() -> None:
+    moving = rho.Obstacle(rho.Box([-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]), track=rho.Track(
+        [0.0, 3.123, 8.0], [[5.0, 6.0, -1.0], [5.0, 3.5, -1.0], [9.0, 9.0, -1.0]]
+    ))  # fmt: skip
+    scenario = single(obstacles=[moving], between_knots=True)
+    scenario = dataclasses.replace(scenario, disturbance=AROUND)
+    attack = rho.attack(scenario, rho.plan(scenario))
+    centre = moving.centers(np.array([attack.time]))[0]
+    m = int(np.argmin(np.abs(attack.simulation.times - attack.time)))
+    beyond = np.maximum(np.abs(attack.simulation.positions[m, 0] - centre) - 0.5, 0.0)
+    assert np.linalg.norm(beyond) == pytest.approx(attack.clearance, abs=1e-9)
+    assert attack.clearance == pytest.approx(attack.bound, abs=1e-6)
+
+
+def test_what_cannot_be_attacked_is_refused_by_name() -> None:
+    scenario = dataclasses.replace(single(), disturbance=AROUND)
+    plan = rho.plan(scenario)
+    with pytest.raises(ValueError, match=r"^scenario\.disturbance: got None"):
+        rho.attack(single(), plan)
+    with pytest.raises(ValueError, match=r"^scenario: got nothing to keep clear of"):
+        rho.attack(scenario, plan)
+    with pytest.raises(ValueError, match=r"^scenario\.disturbance: got .* not under way"):
+        rho.attack(rho.plan_rho(scenario).windows[1].plan.scenario, plan)
+    many = disturbed(3)
+    with pytest.raises(ValueError, match=r"^plan: got one for 1 on "):
+        rho.attack(many, plan)
