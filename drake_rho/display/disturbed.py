@@ -26,7 +26,7 @@ from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.fields import FloatArray
 
 _DARK = Rgba(0.15, 0.15, 0.18)
-_GHOST, _BALL, _TUBE = 0.3, 0.18, 0.12
+_GHOST, _BALL, _TUBE = 0.35, 0.18, 0.08
 """How opaque things are."""
 _LEAST = 1e-6
 """Least that anything is scaled by: no object can be shown at a size of zero."""
@@ -48,6 +48,7 @@ def add_disturbed(meshcat: Meshcat, scene: Scene, simulation: Simulation) -> Non
         meshcat.SetTriangleMesh(f"{ROOT}/planned/{name}", *ghost, rgba=_faint(colour, _GHOST))
         if has_tube(simulation):
             meshcat.SetObject(f"{ROOT}/tube/{name}", Ball(1.0), _faint(colour, _BALL))
+            _see_through(meshcat, f"{ROOT}/tube/{name}")
         if strongest(simulation) > 0.0:
             meshcat.SetTriangleMesh(f"{ROOT}/wind/{name}", *along, rgba=_DARK)
     if has_tube(simulation):
@@ -103,6 +104,7 @@ def _add_tubes(meshcat: Meshcat, simulation: Simulation) -> None:
             name = f"{ROOT}/tubes/{number}/{as_path(vehicle.name)}"
             mesh = tube(path, radii, _SIDES)
             meshcat.SetTriangleMesh(name, *mesh, rgba=_faint(colour, _TUBE))
+            _see_through(meshcat, name)
 
 
 def _sections(plan: Plan, around: ErrorTube, per_step: float) -> tuple[FloatArray, FloatArray]:
@@ -112,6 +114,11 @@ def _sections(plan: Plan, around: ErrorTube, per_step: float) -> tuple[FloatArra
     times = np.linspace(0.0, grid.duration, count)
     radii = around.position(np.minimum(grid.start + times, grid.end))
     return plan.motion().at("position", times), np.maximum(radii, _LEAST)
+
+
+def _see_through(meshcat: Meshcat, path: str) -> None:
+    """Keep a translucent object from hiding other ones that are inside it or behind it."""
+    meshcat.SetProperty(f"{path}/<object>", "material.depthWrite", False)
 
 
 def _record_scale(meshcat: Meshcat, path: str, sizes: FloatArray, pace: Pace) -> None:
