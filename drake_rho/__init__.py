@@ -46,7 +46,6 @@ from drake_rho.scenario.records import (
 )
 from drake_rho.scenario.worlds import random_field, trefoil_swap
 from drake_rho.simulation import winds
-from drake_rho.simulation.attack import Attack, attack
 from drake_rho.simulation.worst_case import WorstCase, worst_case
 
 if TYPE_CHECKING:
@@ -59,6 +58,7 @@ if TYPE_CHECKING:
         separation_figure,
         velocities_figure,
     )
+    from drake_rho.simulation.attack import Attack, attack
     from drake_rho.simulation.simulate import simulate
     from drake_rho.simulation.systems import RecedingHorizonController, WindyPointMass
 
@@ -143,7 +143,7 @@ __all__ = [
 ]
 
 # What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
-# So is what flies in Drake's simulator.
+# So is what flies, in Drake's simulator or without.
 _LATER = {
     "animate": "drake_rho.display.animation",
     "accelerations_figure": "drake_rho.display.figures",
@@ -152,8 +152,10 @@ _LATER = {
     "paths_figure": "drake_rho.display.figures",
     "separation_figure": "drake_rho.display.figures",
     "velocities_figure": "drake_rho.display.figures",
+    "Attack": "drake_rho.simulation.attack",
     "RecedingHorizonController": "drake_rho.simulation.systems",
     "WindyPointMass": "drake_rho.simulation.systems",
+    "attack": "drake_rho.simulation.attack",
     "simulate": "drake_rho.simulation.simulate",
 }
 

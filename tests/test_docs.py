@@ -7,7 +7,9 @@ import contextlib
 import io
 import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import drake_rho as rho
@@ -34,6 +36,20 @@ def test_the_readmes_scenario_is_planned(tmp_path: Path) -> None:
     scenario = rho.load_scenario(tmp_path / "mission.yaml")
     for plan in (rho.plan_scp(scenario), rho.plan_rho(scenario).plan):
         assert rho.verify(plan).ok
+
+
+def test_the_diagram_of_ones_own_in_the_documents_flies() -> None:
+    text = (ROOT / "docs" / "flight.md").read_text()
+    blocks = re.findall(r"^```python\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+    (code,) = (block for block in blocks if "DiagramBuilder" in block)
+    found: dict[str, Any] = {}
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(code, found)  # noqa: S102  # the document's own
+    scenario, states = found["scenario"], found["states"].T.reshape(-1, 4, 6)
+    assert len(found["controller"].flight.windows) == len(rho.plan_rho(scenario).windows)
+    missed = np.linalg.norm(states[-1, :, :3] - scenario.fleet.goal_positions, axis=1)
+    assert np.all(missed > 0.0)
+    assert np.all(missed <= rho.error_tube(scenario).position(scenario.grid.end))
 
 
 def _names(path: Path) -> set[str]:

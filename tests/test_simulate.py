@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import subprocess
 import sys
 
@@ -213,11 +212,18 @@ def test_a_first_window_without_a_plan_is_told_when_the_controller_is_made() -> 
 
 def test_contexts_keep_a_plan_each_as_state() -> None:
     scenario = disturbed(12)
-    simulator, *_ = _diagram(scenario, rho.winds.none())
+    simulator, controller, _ = _diagram(scenario, rho.winds.constant(scenario, [0, 1, 0]))
     simulator.AdvanceTo(1.0)
-    kept = copy.deepcopy(simulator.get_context())
+    kept = simulator.get_context().Clone()
+    ports = [controller.GetOutputPort(name) for name in ("nominal", "command")]
+    before = [port.Eval(controller.GetMyContextFromRoot(kept)).copy() for port in ports]
     simulator.AdvanceTo(scenario.grid.duration)
-    assert kept.get_time() == 1.0
+    assert len(controller.flight.windows) > 2
+    for port, expected in zip(ports, before, strict=True):
+        again = port.Eval(controller.GetMyContextFromRoot(kept))
+        np.testing.assert_array_equal(again, expected)
+        now = port.Eval(controller.GetMyContextFromRoot(simulator.get_context()))
+        assert not np.allclose(now, expected)
 
 
 def test_bad_arguments_are_refused_by_name() -> None:
