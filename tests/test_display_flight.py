@@ -211,7 +211,7 @@ def test_plans_are_drawn_beside_the_true_motion_of_a_few(simulation: rho.Simulat
     many = [
         rho.Vehicle(f"{n}", rho.State([0.0, n, 5.0]), rho.State([9.0, n, 5.0])) for n in range(15)
     ]
-    assert planned(drawn(fly(dataclasses.replace(scenario, vehicles=many)))) == []
+    assert planned(drawn(fly(dataclasses.replace(scenario, vehicles=tuple(many))))) == []
 
 
 def test_a_simulation_that_begins_late_looks_the_same() -> None:
