@@ -78,3 +78,61 @@ def winds_for(scenario: rho.Scenario, seed: int) -> dict[str, Any]:
 
 
 KINDS = ("none", "constant", "gust", "noise", "worst", "leaning")
+
+
+def crowded(seed: int) -> rho.Scenario:
+    """Vehicles that change sides of a circle in a tight box, among spheres and boxes.
+
+    Many of its windows have no plan of their own, and keep the previous one.
+    """
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 6))
+    angles = 2.0 * np.pi * np.arange(count) / count + 0.1 * rng.normal(size=count)
+    heights = rng.uniform(-0.3, 0.3, count)
+    ends = np.stack([4.0 * np.cos(angles), 4.0 * np.sin(angles), 4.0 * heights], axis=1)
+    obstacles: list[Any] = []
+    for _ in range(rng.integers(0, 5)):
+        centre, r = rng.uniform([-3.0, -3.0, -1.2], [3.0, 3.0, 1.2]), rng.uniform(0.3, 0.8)
+        if np.linalg.norm(np.concatenate([ends, -ends]) - centre, axis=1).min() > r + 0.6:
+            cube = rho.Box(centre - 0.7 * r, centre + 0.7 * r)
+            obstacles.append(rho.Sphere(centre, r) if rng.random() < 0.6 else cube)
+    step = float(rng.choice([0.25, 0.5]))
+    asked = fleet(
+        ends,
+        -ends,
+        separation=rho.Separation(rng.uniform(0.3, 0.7), rng.choice([1.0, 2.0])),
+        grid=rho.Grid(step, int(rng.uniform(6.0, 12.0) / step) + 1),
+        limits=rho.Limits(rho.Box([-5, -5, -2], [5, 5, 2]), box(rng.uniform(1.2, 3.0)), box(3.0)),
+        obstacles=obstacles,
+    )
+    W, E_p, E_v = rng.uniform([0.1, 0.0, 0.0], [0.4, 0.015, 0.03])
+    parts, delay = int(rng.integers(2, 8)), int(rng.integers(0, 3))
+    around = rho.Disturbance(W, E_p, E_v, step / parts, delay, share=0.4)
+    return dataclasses.replace(asked, disturbance=around)
+
+
+def least_margin(simulation: rho.Simulation) -> float:
+    """How much of each constraint is left in a flight, at its times, by hand; the least of all.
+
+    In metres, m/s or m/s²: obstacles, separation, and boxes.
+    """
+    scenario = simulation.scenario
+    p, v, a = simulation.positions, simulation.velocities, simulation.commands
+    left = [np.inf]
+    for obstacle in scenario.obstacles:
+        if isinstance(obstacle, rho.Sphere):
+            left.append(np.linalg.norm(p - obstacle.center, axis=2).min() - obstacle.radius)
+        else:
+            assert isinstance(obstacle, rho.Box)
+            left.append(np.maximum(obstacle.lower - p, p - obstacle.upper).max(axis=2).min())
+    apart = scenario.separation
+    assert apart is not None
+    for i in range(p.shape[1]):
+        for j in range(i):
+            way = (p[:, i] - p[:, j]) / [1.0, 1.0, apart.downwash]
+            left.append(np.linalg.norm(way, axis=1).min() - apart.distance)
+    limits = scenario.limits
+    for values, bounds in ((p, limits.position), (v, limits.velocity), (a, limits.acceleration)):
+        if bounds is not None:
+            left.append(min((bounds.upper - values).min(), (values - bounds.lower).min()))
+    return float(min(left))

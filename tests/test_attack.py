@@ -79,6 +79,26 @@ def test_two_vehicles_are_driven_together_and_one_out_of_its_box() -> None:
     np.testing.assert_allclose(boxed.wind.directions, [[0, 0, 0], [0, 1, 0]], atol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_that_is_tighter_is_passed_over(seed: int) -> None:
+    """The attack on all is the worst of those on each obstacle and on each pair alone."""
+    rng = np.random.default_rng(seed)
+    many = fleet(
+        rng.uniform([0, 0, 0], [1, 9, 2], (5, 3)) + np.arange(5)[:, None] * [0, 9, 0],
+        rng.uniform([8, 0, 0], [9, 9, 2], (5, 3)) + np.arange(5)[::-1, None] * [0, 9, 0],
+        limits=rho.Limits(acceleration=box(8.0)),
+        obstacles=[rho.Sphere([4.5, 9.0 * k + 4.0, 1.0], 0.7) for k in range(5)],
+    )
+    many = dataclasses.replace(many, disturbance=AROUND)
+    plan = rho.plan_convex(dataclasses.replace(many, obstacles=(), separation=None))
+    alone = [
+        rho.attack(dataclasses.replace(many, obstacles=(each,), separation=None), plan).bound
+        for each in many.obstacles
+    ]
+    alone.append(rho.attack(dataclasses.replace(many, obstacles=()), plan).bound)
+    assert rho.attack(many, plan).bound == pytest.approx(min(alone), abs=1e-9)
+
+
 def test_only_knots_count_where_the_scenario_says_so() -> None:
     scenario = single(obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=False)
     scenario = dataclasses.replace(scenario, disturbance=AROUND)

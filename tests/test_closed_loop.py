@@ -9,7 +9,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.simulation.closed_loop import fly, fly_plan
-from tests.disturbed import KINDS, disturbed, winds_for
+from tests.disturbed import KINDS, crowded, disturbed, least_margin, winds_for
 from tests.loop import Array
 from tests.scenarios import single
 from tests.tolerances import ROUNDING
@@ -104,6 +104,21 @@ def test_errors_never_leave_the_tube(kind: str, seed: int) -> None:
     assert simulation.tracking_difference.max() <= 1e-9
 
 
+def test_no_constraint_is_ever_broken_where_windows_keep_the_previous_plan_either() -> None:
+    """What the induction of docs/flight.md promises, in tight scenarios and winds of all kinds."""
+    kept = 0
+    for seed in (14, 20, 23, 33, 38, 39, 46, 47, 58):
+        scenario = crowded(seed)
+        wind = winds_for(scenario, seed)[KINDS[seed % 6]]
+        flown = fly(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=3)
+        assert least_margin(flown) >= -1e-6, seed
+        assert np.all(flown.errors() <= flown.radii()[:, None] * (1.0 + ROUNDING) + 1e-9)
+        assert not any(window.off_tube for window in flown.flight.windows)
+        assert all(window.kept == bool(window.infeasible) for window in flown.flight.windows)
+        kept += sum(window.kept for window in flown.flight.windows)
+    assert kept >= 3
+
+
 def test_a_wind_above_the_declared_one_does_leave_it() -> None:
     scenario = disturbed(1)
     blow = rho.winds.constant(scenario, [0, 0, 1])
@@ -161,6 +176,24 @@ def test_without_a_disturbance_commands_are_the_plans_and_only_windows_answer() 
     once = fly(scenario, wind=lambda t, p, v: np.full_like(p, 0.05), replan_every=100)
     miss = [np.linalg.norm(each.positions[-1] - [10.0, 4.0, -2.0]) for each in (blow, once)]
     assert miss[0] < 0.1 * miss[1]
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2])
+def test_windows_begin_where_old_estimates_and_known_commands_lead(delay: int) -> None:
+    """All that is missing there is what the wind of the delay has done."""
+    scenario = disturbed(17, delay=delay, errors=False)
+    assert scenario.disturbance is not None
+    late = delay * scenario.disturbance.sample(scenario.grid)
+    wind = rho.winds.constant(scenario, [1, 2, 0])
+    flown = fly(scenario, wind=wind, replan_every=3)
+    assert len(flown.flight.windows) > 2
+    for window in flown.flight.windows[1:]:
+        assert not window.kept
+        at = int(np.argmin(np.abs(flown.times - window.plan.scenario.grid.start)))
+        expected = flown.positions[at] - flown.wind[at] * late**2 / 2.0
+        np.testing.assert_allclose(window.plan.positions[:, 0], expected, atol=1e-9)
+        expected = flown.velocities[at] - flown.wind[at] * late
+        np.testing.assert_allclose(window.plan.velocities[:, 0], expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -89,6 +89,8 @@ class _Kept:
     """of positions (V, T, 3) [m] at times (T,) [s], shape (T,) [m]"""
     inward: Callable[[FloatArray, FloatArray], FloatArray]
     """unit vectors in which vehicles have least clearance, (V, 1, 3) and (1,) to (V, 3)"""
+    speed: float = 0.0
+    """greatest speed of what is kept clear of, if that is no vehicle [m/s]"""
 
 
 def attack(scenario: Scenario, plan: Plan) -> Attack:
@@ -115,11 +117,7 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
         raise ValueError(f"scenario.disturbance: got {around}, expected {expected}")
     plan = adopted(scenario, plan)
     tube, motion, start = error_tube(scenario), plan.motion(), scenario.grid.start
-    tightest = min(
-        (_tightest(scenario, kept, motion, tube) for kept in _all_kept(scenario)),
-        key=lambda found: found[0],
-        default=None,
-    )
+    tightest = _tightest_of_all(scenario, motion, tube)
     if tightest is None:
         expected = "obstacles, a separation or position boxes, to come close to"
         raise ValueError(f"scenario: got nothing to keep clear of, expected {expected}")
@@ -135,6 +133,33 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
     names = tuple(scenario.vehicles[i].name for i in who)
     planned = float(kept.clearance(at, now)[0])
     return Attack(kept.name, names, time, planned, bound, float(left[0]), wind, simulation)
+
+
+def _tightest_of_all(
+    scenario: Scenario, motion: Motion, tube: ErrorTube
+) -> tuple[float, float, _Kept] | None:
+    """What has the least clearance less radii, as `_tightest` says; None without constraints.
+
+    Each is looked at closely only if its clearances at the knots leave room for less than is found.
+    """
+    grid = scenario.grid
+    most = float(tube.position_over(grid.times[:-1], grid.times[1:]).max())
+
+    def no_less(kept: _Kept) -> float:
+        who = list(kept.vehicles)
+        v = motion.velocities[who]
+        speed = np.linalg.norm(v[0] - v[1] if len(who) == 2 else v[0], axis=1).max() + kept.speed
+        at_knots = kept.clearance(motion.positions[who], grid.times).min()
+        return float(at_knots - grid.step / 2.0 * speed - len(who) * most)
+
+    found: tuple[float, float, _Kept] | None = None
+    bounds = [(no_less(kept), kept) for kept in _all_kept(scenario)]
+    for least, kept in sorted(bounds, key=lambda pair: pair[0]):
+        if found is not None and least >= found[0]:
+            break
+        closer = _tightest(scenario, kept, motion, tube)
+        found = closer if found is None or closer[0] < found[0] else found
+    return found
 
 
 def _tightest(
@@ -188,11 +213,14 @@ def _all_kept(scenario: Scenario) -> Iterator[_Kept]:
 def _from_obstacle(scenario: Scenario, number: int, i: int) -> _Kept:
     obstacle = scenario.bodies[number - 1]
     margin = float(scenario.fleet.radii[i]) + obstacle.deviation
+    moments = np.append(obstacle.corners, scenario.grid.start)
+    speed = float(np.linalg.norm(obstacle.velocities(moments), axis=1).max())
     return _Kept(
         scenario.obstacle_name(number),
         (i,),
         lambda p, times: obstacle.distances(p[0], times) - margin,
         lambda p, times: -obstacle.shape.outward(p[0] - obstacle.centers(times)),
+        speed,
     )
 
 

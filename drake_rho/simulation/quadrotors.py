@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from pydrake.examples import QuadrotorPlant
 from pydrake.math import RollPitchYaw
@@ -73,19 +75,24 @@ class AttitudeController(LeafSystem):
         error = wanted.T @ R - R.T @ wanted
         error = 0.5 * np.array([error[2, 1], error[0, 2], error[1, 0]])
         spin = -(_BANDWIDTH**2) * error - 2.0 * _DAMPING * _BANDWIDTH * rates
-        moment = self._inertia @ spin + np.cross(rates, self._inertia @ rates)
+        moment = self._inertia @ spin + _cross(rates, self._inertia @ rates)
         inputs = self._rotors_for @ np.array([thrust @ R[:, 2], *moment])
         return np.asarray(np.maximum(inputs, 0.0))
 
 
 def _upright_along(thrust: FloatArray) -> FloatArray:
     """The rotation (3, 3) whose z axis is that of a thrust, with a yaw of 0: x has no part of y."""
-    length = float(np.linalg.norm(thrust))
+    length = math.sqrt(thrust @ thrust)
     z = thrust / length if length > 0.0 else np.array([0.0, 0.0, 1.0])  # in free fall, any
-    x = np.array([z[2], 0.0, -z[0]])
-    upright = float(np.linalg.norm(x))
-    x = x / upright if upright > 1e-9 else np.array([1.0, 0.0, 0.0])
-    return np.column_stack([x, np.cross(z, x), z])
+    upright = math.hypot(z[0], z[2])
+    x = np.array([z[2], 0.0, -z[0]]) / upright if upright > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return np.array([x, _cross(z, x), z]).T
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The product of two vectors; numpy's takes twenty times as long."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
 class _FromOrigin(LeafSystem):
