@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from drake_rho.display.names import as_text, brief
-from drake_rho.display.style import vehicle_colours
+from drake_rho.display.style import FORBIDDEN, vehicle_colours
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import Quantity
@@ -26,7 +26,9 @@ LABELS: dict[Quantity, str] = {
 }
 """Of the quantities that have a tube."""
 _TUBE = "#4A4A4A"
-"""Colour of where errors can be."""
+"""Colour of the radii."""
+_TOP = 1.1
+"""Height of the axes, in the greatest radius or error."""
 _UNITS: dict[Quantity, str] = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 _ROUNDING = 1e-9
 """Least radius that something can be a part of, beside the greatest of the flight."""
@@ -89,8 +91,11 @@ def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Li
     windows = errors_of(simulation, quantity)
     colours = vehicle_colours(len(simulation.scenario.vehicles))
     lines: list[Line2D] = []
+    radii = max(float(each.radii.max()) for each in windows)
+    top = _TOP * max(radii, *(float(each.errors.max()) for each in windows)) or 1.0
     for each in windows:
-        ax.fill_between(each.times, each.radii, color=_TUBE, alpha=0.1, linewidth=0)
+        if radii > 0.0:
+            ax.fill_between(each.times, each.radii, top, color=FORBIDDEN, alpha=0.18, linewidth=0)
         ax.plot(each.times, each.radii, color=_TUBE, linewidth=1.0)
         for error, colour in zip(each.errors.T, colours, strict=True):
             lines += ax.plot(each.times, error, color=colour, linewidth=1.0)
@@ -99,7 +104,7 @@ def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Li
         ax.plot([after.times[0]] * 2, ends, color=_TUBE, linewidth=1.0)
     lines.append(_draw_greatest(ax, simulation, quantity, windows))
     grid = simulation.scenario.grid
-    ax.set(xlabel="time [s]", ylabel=LABELS[quantity], ylim=(0, None), xlim=(grid.start, grid.end))
+    ax.set(xlabel="time [s]", ylabel=LABELS[quantity], ylim=(0, top), xlim=(grid.start, grid.end))
     ax.grid(alpha=0.25, linewidth=0.5)
     return lines
 

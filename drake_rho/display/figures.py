@@ -33,6 +33,7 @@ from drake_rho.display.legends import (
     start_handles,
     vehicle_handles,
 )
+from drake_rho.display.names import as_text, brief
 from drake_rho.display.snapshots import (
     approaches,
     as_bodies,
@@ -139,8 +140,10 @@ def distances_figure(
             draw_distances_from_centre(ax, plan, body, spheres[index])
         else:
             draw_distances(ax, plan, body)
-        if len(bodies) > 1 or body.name is not None:
+        if len(bodies) > 1:
             ax.set_title(f"obstacle {called(index + 1, body)}", fontsize=9)
+        elif body.name is not None:
+            ax.set_title(f"obstacle {as_text(brief(body.name))}", fontsize=9)
     return _with_legend(figure, handles)
 
 
