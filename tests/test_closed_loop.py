@@ -9,10 +9,14 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.simulation.closed_loop import fly, fly_plan
+from drake_rho.simulation.timeline import Timeline
 from tests.disturbed import KINDS, crowded, disturbed, least_margin, winds_for
 from tests.loop import Array
 from tests.scenarios import single
 from tests.tolerances import ROUNDING
+
+KEPT_LATE = (14, 25, 40)
+"""Crowded scenarios with a delay in which windows keep the previous plan."""
 
 
 def _finely(simulation: rho.Simulation, parts: int) -> tuple[Array, Array]:
@@ -87,6 +91,21 @@ def test_the_loop_is_an_independent_flight(kind: str, delay: int) -> None:
     commands = _commanded(simulation, seen)
     np.testing.assert_allclose(simulation.commands, commands, atol=1e-6 * np.abs(commands).max())
     assert len(simulation.flight.windows) == -(-(scenario.grid.knots - 1) // 4)
+
+
+def test_the_feedback_goes_on_where_windows_keep_the_previous_plan() -> None:
+    """With a delay it answers to errors from before the window."""
+    kept = 0
+    for seed in KEPT_LATE:
+        scenario = crowded(seed)
+        assert scenario.disturbance is not None
+        assert scenario.disturbance.delay > 0
+        simulation = fly(scenario, wind=winds_for(scenario, seed)["constant"], replan_every=3)
+        seen = np.concatenate([simulation.positions, simulation.velocities], axis=2)
+        expected = _commanded(simulation, seen)
+        np.testing.assert_allclose(simulation.commands, expected, atol=1e-6)
+        kept += sum(window.kept for window in simulation.flight.windows)
+    assert kept > 0
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -196,6 +215,17 @@ def test_windows_begin_where_old_estimates_and_known_commands_lead(delay: int) -
         np.testing.assert_allclose(window.plan.velocities[:, 0], expected, atol=1e-9)
 
 
+def test_windows_before_any_estimate_has_arrived_begin_from_the_known_starts() -> None:
+    scenario = disturbed(17)
+    around = rho.Disturbance(0.2, 0.02, 0.05, feedback_every=0.25, delay=5, share=0.4)
+    scenario = dataclasses.replace(scenario, disturbance=around)
+    flown = fly(scenario, rng=np.random.default_rng(1), replan_every=1)
+    for window in flown.flight.windows[:5]:
+        at = int(np.argmin(np.abs(flown.times - window.plan.scenario.grid.start)))
+        away = np.abs(window.plan.positions[:, 0] - flown.positions[at]).max()
+        assert (away <= 1e-9) == (window.first_knot < 3)  # two samples in a step, five late
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_with_exact_estimates_and_no_wind_windows_are_those_of_plan_rho(seed: int) -> None:
     scenario = disturbed(seed)
@@ -238,6 +268,10 @@ def test_all_that_changes_at_once_is_a_step() -> None:
     assert np.isin(grid.times, times).all()
     assert np.diff(times).max() <= sample / 10.0 * (1.0 + 1e-9)
     assert np.diff(times).min() > 1e-10
+    timeline = Timeline.of(scenario, wind)
+    for elapsed, time in zip(timeline.elapsed, timeline.times, strict=True):
+        for rounded in (np.nextafter(elapsed, -1.0), elapsed, elapsed + 1e-12):
+            assert timeline.nearest(float(rounded)) == time
 
 
 def test_what_makes_no_sense_is_refused_by_name() -> None:

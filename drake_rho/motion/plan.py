@@ -232,15 +232,18 @@ class Plan:
         )
 
     def _kept(self, quantity: Quantity, values: FloatArray) -> FloatArray:
-        """Values of all vehicles; rounding does not put them outside limits that they keep to."""
-        fleet, where = self.scenario.fleet, f"start.{quantity}"
+        """Values of all vehicles; rounding does not put them outside limits that they keep to.
+
+        What is further outside, in a plan that breaks limits, stays where it is.
+        """
+        fleet, everyone = self.scenario.fleet, np.arange(len(values))
         if (bounds := fleet.bounds(quantity)) is not None:
-            bounds.check(where, values)
-            values = np.clip(values, bounds.lower, bounds.upper)
+            nearest = np.clip(values, bounds.lower, bounds.upper)
+            values = np.where(np.abs(values - nearest) <= bounds.tolerances, nearest, values)
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
-                limit.check(where, values)
-                values = limit.sets.nearest(values)
+                held = limit.sets.excess(everyone, values) <= limit.sets.tolerances
+                values = np.where(held[:, None], limit.sets.nearest(values), values)
         return values
 
     def tail(self, knot: int) -> Plan:

@@ -29,6 +29,9 @@ from drake_rho.scenario.records import Scenario
 _NAMED = 4
 """Obstacles in the way of a vehicle without a way that are named one by one."""
 
+_MOST_PROGRAMS = 500
+"""Programs after which no other bend is tried: what is found at all is found with fewer."""
+
 _ROUGHLY = 1e-2
 """Relative fall of the cost at which a way's plan can be told from those of others."""
 
@@ -99,6 +102,8 @@ def _by_bends(
     """A plan of one vehicle from its cheapest motion, bent in several ways; and what it took."""
     spent = Statistics()
     for number in range(BENDS):
+        if spent.programs > _MOST_PROGRAMS:
+            break
         subproblem = Subproblem(scenario, decoupled, solver)
         try:
             plan = restored(bent_alone(scenario, number), subproblem, progress)

@@ -63,7 +63,7 @@ class Memory:
     estimates: tuple[FloatArray, ...] = ()
     """estimated states (N, 6), the latest last, one more of them than the delay has samples"""
     errors: tuple[FloatArray, ...] = ()
-    """the same less the plan that is tracked, since it is"""
+    """each of them less the plan that was in force then"""
     commands: tuple[FloatArray, ...] = ()
     """accelerations commanded (N, 3) [m/s²], the latest last"""
 
@@ -110,17 +110,16 @@ class Feedback:
         planned = np.concatenate(self.nominal(memory.window, j * self.sample)[:2], axis=1)
         estimate = np.where(np.isfinite(estimate), estimate, planned)
         estimates = (*memory.estimates, estimate)[-(d + 1) :]
-        window, since, errors = memory.window, memory.since, memory.errors
+        window, since = memory.window, memory.since
         knot, past = divmod(j, self._per_step)
         if j > 0 and past == 0 and knot in self._knots:
             states = self._predicted(j, estimates, memory.commands)
             window = self.horizon.step(states, float(self._times[knot]))
             since = self._tracked_since(window)
-            errors = errors if since == memory.since else ()
         p, v, a = self.nominal(window, j * self.sample)
-        errors = (*errors, estimate - np.concatenate([p, v], axis=1))[-(d + 1) :]
+        errors = (*memory.errors, estimate - np.concatenate([p, v], axis=1))[-(d + 1) :]
         command = a
-        if j - since >= d:
+        if j - since >= d:  # the oldest error is then one from the plan that is tracked
             k_p, k_v = self._gains
             command = a - k_p * errors[0][:, :3] - k_v * errors[0][:, 3:]
         commands = (*memory.commands, command)[-max(d, 1) :]

@@ -1,0 +1,266 @@
+"""The tube in plans: limits hold wherever in it a vehicle is, and margins cost what they should."""
+
+from __future__ import annotations
+
+import dataclasses
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.motion.margins import margins_of
+from drake_rho.motion.tube import tube_of
+from drake_rho.planning.room import check_room, with_room
+from drake_rho.scenario.disturbance import Tracking
+from drake_rho.scenario.fields import FloatArray
+from tests.scenarios import box, fleet, random_fleet, random_scenario, single
+from tests.shapes import KINDS, random_shape
+
+
+def disturbed(scenario: rho.Scenario, seed: int, part: float = 0.1) -> rho.Scenario:
+    """The scenario with a wind of some part of what vehicles need to get to their goals."""
+    rng, grid = np.random.default_rng(seed), scenario.grid
+    size = part * float(scenario.fleet.scale("acceleration").min()) * rng.uniform(0.2, 1.0)
+    samples, errors = int(rng.integers(1, 6)), float(rng.integers(0, 2)) * 0.2
+    disturbance = rho.Disturbance(
+        size,
+        errors * size * (grid.step / samples) ** 2,
+        errors * size * grid.step / samples,
+        feedback_every=grid.step / samples,
+        delay=int(rng.integers(0, 2)),
+    )
+    return dataclasses.replace(scenario, disturbance=disturbance)
+
+
+def least_margin(plan: rho.Plan, per_step: int = 100) -> float:
+    """The least room that any vehicle has left anywhere in its tube, over the constraint's scale.
+
+    Sampled, with the exact radii of each instant.
+    """
+    scenario, tube, motion = plan.scenario, tube_of(plan.scenario), plan.motion()
+    fleet, grid = scenario.fleet, scenario.grid
+    since = np.linspace(0.0, grid.duration, per_step * (grid.knots - 1) + 1)
+    times = np.minimum(grid.start + since, grid.end)
+    x, v = motion.at("position", since), motion.at("velocity", since)
+    a, r = motion.at("acceleration", since), tube.position(times)
+    radii = {"position": r, "velocity": tube.velocity(times), "acceleration": _around(tube, times)}
+    values = {"position": x, "velocity": v, "acceleration": a}
+    left = [np.inf]
+    for quantity in ("position", "velocity", "acceleration"):
+        value, radius = values[quantity], radii[quantity]
+        scale = fleet.scale(quantity)[:, None]
+        if (bounds := fleet.bounds(quantity)) is not None:
+            sides = [value - bounds.lower[:, None], bounds.upper[:, None] - value]
+            rooms = np.minimum(*sides).min(axis=2) - radius
+            left.append(float((rooms / scale).min()))
+        for limit in fleet.norms.values():
+            if limit.kind.quantity == quantity:
+                for i, each in enumerate(value):
+                    outside = limit.sets.excess(np.full(len(each), i), each) + radius
+                    left.append(-float(outside.max()) / float(scale[i, 0]))
+    for _, obstacle in scenario.known:
+        kept = fleet.radii[:, None] + obstacle.deviation + r
+        rooms = (obstacle.distances(x, times) - kept) / obstacle.shape.size
+        left.append(float(rooms.min()))
+    if scenario.separation is not None:
+        one, other = np.triu_indices(len(x), 1)
+        rooms = scenario.separation.shape.signed_distance(x[one] - x[other]) - 2.0 * r
+        left.append(float(rooms.min()) / scenario.separation.distance)
+    return min(left)
+
+
+def _around(tube: rho.ErrorTube, times: FloatArray) -> FloatArray:
+    """The feedback's radius, at a sample the greater of both sides."""
+    before = np.maximum(times - 1e-3 * tube.sample, times[0])
+    after = np.minimum(times + 1e-3 * tube.sample, times[-1])
+    return np.maximum(tube.acceleration(before), tube.acceleration(after))
+
+
+def world(seed: int) -> rho.Scenario:
+    """One vehicle of some size among shapes of all kinds, some of which move."""
+    rng = np.random.default_rng(seed)
+    obstacles: list[rho.Obstacle] = []
+    for _ in range(int(rng.integers(1, 7))):
+        shape = random_shape(rng, rng.choice(sorted(KINDS)), rng.uniform(2.0, 8.0, 3), 1.5)
+        moving = rng.normal(size=3) * 0.3 if rng.random() < 0.4 else None
+        obstacles.append(rho.Obstacle(shape, velocity=moving))
+    limits = rho.Limits(
+        velocity=box(4.0) if seed % 2 else None,
+        acceleration=None if seed % 3 == 0 else box(4.0),
+        max_speed=None if seed % 2 else 4.0,
+        max_acceleration=4.0 if seed % 3 == 0 else None,
+        max_thrust=14.0 if seed % 5 == 0 else None,
+        max_tilt=0.6 if seed % 4 == 0 else None,
+    )
+    vehicle = rho.Vehicle("solo", rho.State([0, 0, 0]), rho.State([10, 10, 10]), radius=0.2)
+    return rho.Scenario("world", rho.Grid.lasting(10.0, step=0.5), [vehicle], limits, obstacles)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_every_limit_holds_wherever_in_the_tube(seed: int) -> None:
+    plans = 0
+    for asked in (
+        world(seed),
+        random_scenario(seed, between_knots=True),
+        random_fleet(seed),
+    ):
+        try:
+            plan = rho.plan(disturbed(asked, seed))
+        except (rho.InfeasibleError, rho.ScenarioError):
+            continue
+        assert margins_of(plan.scenario).most > 0.0
+        assert least_margin(plan) > -1e-5
+        plans += 1
+    assert plans > 0
+
+
+def settled(scenario: rho.Scenario, disturbance: rho.Disturbance) -> rho.Scenario:
+    """The scenario in a tube that has long been what it stays: its radii are the same all along."""
+    grid = scenario.grid
+    gains = rho.error_tube(dataclasses.replace(scenario, disturbance=disturbance)).gains
+    tracking = Tracking(grid.start - 400.0 * grid.step, gains)
+    around = dataclasses.replace(disturbance, tracking=tracking)
+    return dataclasses.replace(scenario, disturbance=around)
+
+
+def test_a_tube_that_stays_as_it_is_means_smaller_boxes_and_larger_things() -> None:
+    limits = rho.Limits(
+        position=box(11.0), velocity=box(2.1), acceleration=box(1.2), max_speed=2.5, jerk=box(4.0)
+    )
+    obstacles = [rho.Sphere([5.0, 2.2, -1.4], 1.5)]
+    asked = single(limits=limits, obstacles=obstacles, between_knots=True)
+    windy = settled(asked, rho.Disturbance(0.1, feedback_every=0.1, share=0.2))
+    margins = margins_of(windy)
+    assert all(np.ptp(each) < 1e-12 for each in margins.steps.values())
+    r, v, a = (float(margins.steps[q][0]) for q in ("position", "velocity", "acceleration"))
+    assert min(r, v, a) > 0.0
+    smaller = rho.Limits(
+        position=box(11.0 - r),
+        velocity=box(2.1 - v),
+        acceleration=box(1.2 - a),
+        max_speed=2.5 - v,
+        jerk=box(4.0),
+    )
+    vehicle = dataclasses.replace(asked.vehicles[0], radius=r)
+    twin = dataclasses.replace(asked, limits=smaller, vehicles=(vehicle,))
+    one, other = rho.plan(windy), rho.plan(twin)
+    assert one.cost > 1.0001 * rho.plan(asked).cost
+    assert one.cost == pytest.approx(other.cost, rel=1e-6)
+
+
+def test_a_fleet_in_a_tube_keeps_apart_as_a_larger_one() -> None:
+    asked = fleet([[0.0, 0, 0], [8, 0.1, 0]], [[8.0, 0, 0], [0, 0.1, 0]])
+    windy = settled(asked, rho.Disturbance(0.05, feedback_every=0.25))
+    r = margins_of(windy).most
+    larger = dataclasses.replace(asked, separation=rho.Separation(1.0 + 2.0 * r))
+    assert rho.plan(windy).cost == pytest.approx(rho.plan(larger).cost, rel=1e-6)
+
+
+def test_downwash_scales_no_margin() -> None:
+    start, goal = [[0.0, 0, 0], [0, 0, 4.0]], [[0.0, 0, 4], [0.1, 0, 0]]
+    asked = fleet(start, goal, separation=rho.Separation(0.5, downwash=3.0))
+    plan = rho.plan(settled(asked, rho.Disturbance(0.2, feedback_every=0.1)))
+    assert -1e-6 < least_margin(plan) < 1e-3
+
+
+def test_waypoints_are_smaller_by_the_radius_of_their_time() -> None:
+    waypoint = rho.Waypoint(2.0, [4.0, 3.0, 0.0], within=0.5)
+    asked = single(waypoints=[waypoint])
+    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.3, feedback_every=0.25))
+    plan = rho.plan(windy)
+    away = np.linalg.norm(plan.motion().at("position", 2.0)[0, 0] - waypoint.position)
+    assert away == pytest.approx(0.5 - float(rho.error_tube(windy).position(2.0)), abs=1e-6)
+
+
+def test_what_a_step_asks_is_the_greatest_radius_in_it() -> None:
+    asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
+    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.3, 0.01, 0.02, 0.1, 1))
+    margins, tube, grid = margins_of(windy), rho.error_tube(windy), windy.grid
+    since = np.linspace(0.0, grid.duration, 16 * 400 + 1)
+    radius = tube.position(np.minimum(since, grid.end)).reshape(-1)
+    for k, margin in enumerate(margins.steps["position"]):
+        most = radius[400 * k : 400 * k + 401].max()
+        assert most <= margin + 1e-12
+        assert margin <= 1.01 * most + 1e-12
+    knots = margins.at("position", grid.elapsed)
+    inside = margins.at("position", grid.elapsed[:-1] + 0.3 * grid.step)
+    np.testing.assert_array_equal(inside, margins.steps["position"])
+    np.testing.assert_array_equal(knots[1:-1], np.maximum(inside[:-1], inside[1:]))
+
+
+def test_the_rest_of_a_plan_has_the_rest_of_its_tube() -> None:
+    asked = single(limits=rho.Limits(acceleration=box(3.0)))
+    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.3, 0.01, 0.02, 0.1, 1))
+    plan = rho.plan(windy)
+    whole, rest = tube_of(windy), tube_of(plan.tail(3).tail(2).scenario)
+    times = np.linspace(5 * windy.grid.step, windy.grid.end, 77)
+    for quantity in ("position", "velocity", "acceleration"):
+        ours, theirs = getattr(rest, quantity)(times), getattr(whole, quantity)(times)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9)
+    assert least_margin(plan.tail(5)) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"limits": rho.Limits(velocity=box(1.6))}, "velocity box"),
+        ({"limits": rho.Limits(max_speed=1.6)}, "maximum speed"),
+        ({"limits": rho.Limits(position=box(10.2))}, "position box (goal 0.2 m inside"),
+        ({"obstacles": [rho.Sphere([-1.2, 0.0, 0.0], 1.0)]}, "obstacle 1 (start 0.2 m inside"),
+        ({"waypoints": [rho.Waypoint(2.0, [4.0, 3.0, 0.0], 0.1)]}, "waypoint 1 (middle 0.1 m"),
+    ],
+)
+def test_what_leaves_no_room_is_named_with_what_it_would_bear(
+    changed: dict[str, object], told: str
+) -> None:
+    asked = single(between_knots=True, **changed)  # type: ignore[arg-type]
+    disturbance = rho.Disturbance(2.0, feedback_every=0.5, share=1.0)
+    for planner in (rho.plan, rho.plan_convex):
+        with pytest.raises(rho.InfeasibleError) as caught:
+            planner(dataclasses.replace(asked, disturbance=disturbance))
+        assert told in str(caught.value)
+        assert "no room for the errors" in str(caught.value)
+    bearable = caught.value.bearable
+    assert bearable is not None
+    gains = rho.error_tube(dataclasses.replace(asked, disturbance=disturbance)).gains
+    tracking = Tracking(0.0, gains)
+    for part, borne in ((0.98, True), (1.02, False)):
+        around = dataclasses.replace(disturbance, acceleration=part * bearable, tracking=tracking)
+        weaker = dataclasses.replace(asked, disturbance=around)
+        with nullcontext() if borne else pytest.raises(rho.InfeasibleError):
+            check_room(weaker)
+
+
+def test_starts_and_goals_of_pairs_need_room_for_both_errors() -> None:
+    asked = fleet([[0.0, 0, 0], [1.3, 0, 0]], [[8, 0, 0], [8, 4, 0]])
+    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(2.0, feedback_every=0.5))
+    with pytest.raises(rho.InfeasibleError, match=r"separation \(start 0.15 m inside, of 0."):
+        rho.plan(windy)
+
+
+def test_a_gap_narrower_than_the_tube_is_none() -> None:
+    walls = [rho.Box([4, -9, -9], [5, -0.4, 9]), rho.Box([4, 0.4, -9], [5, 9, 9])]
+    limits = rho.Limits(position=box(8.0))
+    asked = single(
+        obstacles=walls, limits=limits, goal=rho.State([7.0, 0.0, 0.0]), between_knots=True
+    )
+    calm = rho.Disturbance(0.2, feedback_every=0.25)
+    assert least_margin(rho.plan(dataclasses.replace(asked, disturbance=calm))) > -1e-6
+    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(2.0, feedback_every=0.5))
+    assert 0.4 < margins_of(windy).most < 1.0
+    with pytest.raises(rho.InfeasibleError):
+        rho.plan(windy)
+
+
+def test_ways_are_looked_for_with_room_for_errors() -> None:
+    asked = fleet(
+        [[0, 0, 0], [3, 0, 0]], [[8, 0, 0], [8, 3, 0]], obstacles=[rho.Sphere([5, 5, 5], 1)]
+    )
+    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.5, feedback_every=0.5))
+    larger, r = with_room(windy), margins_of(windy).most
+    np.testing.assert_allclose(larger.fleet.radii, r)
+    assert larger.separation is not None
+    assert larger.separation.distance == pytest.approx(1.0 + 2.0 * r)
+    assert larger.disturbance is None
+    assert with_room(asked) is asked
