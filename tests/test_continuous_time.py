@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.assurance.closest_pairs import closest_at_all_times, closest_at_knots
-from drake_rho.assurance.continuous_time import least_distance
+from drake_rho.assurance.continuous_time import lowest_over_time
+from drake_rho.assurance.course import Course
+from drake_rho.assurance.steps import Steps
 from drake_rho.motion.clearance import (
     close_pairs,
     close_pairs_at_knots,
@@ -19,6 +22,7 @@ from drake_rho.motion.clearance import (
     turning_points,
 )
 from drake_rho.motion.dynamics import Motion, roll_out
+from tests.scenarios import fleet
 from tests.tolerances import ROUNDING
 
 seeds = st.integers(0, 2**32 - 1)
@@ -45,7 +49,27 @@ def _least(
     motion: Motion, distance: Callable[[np.ndarray], np.ndarray], precision: float
 ) -> tuple[np.ndarray, np.ndarray]:
     states = motion.positions, motion.velocities, motion.accelerations
-    return least_distance(motion.step, states, distance, precision)
+    return _lowest(motion.step, states, distance, precision)
+
+
+def _lowest(
+    step: float,
+    states: tuple[np.ndarray, np.ndarray, np.ndarray],
+    distance: Callable[[np.ndarray], np.ndarray],
+    precision: npt.ArrayLike,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times and distances of motions."""
+    steps, shape = Steps.of(step, *states), states[2].shape[:-2]
+    found = lowest_over_time(steps, shape, distance, precision)
+    return step * (found.steps + found.moments), found.values
+
+
+def _course(motion: Motion) -> Course:
+    """A motion as it is judged, in a scenario of which nothing else matters."""
+    count, steps = motion.accelerations.shape[:2]
+    places = 3.0 * np.arange(count)[:, None] * [1.0, 0.0, 0.0]
+    asked = fleet(places, places, grid=rho.Grid(motion.step, steps + 1))
+    return Course.of(asked, motion)
 
 
 def _length(positions: np.ndarray) -> np.ndarray:
@@ -147,7 +171,7 @@ def test_extremes_are_those_of_the_exact_turning_points(seed: int) -> None:
     for axis in range(3):
         states = (motion.positions, motion.velocities, motion.accelerations)
         p, v, a = (each[..., axis : axis + 1] for each in states)
-        _, least = least_distance(motion.step, (p, v, a), lambda x: x[..., 0], PRECISION * size)
+        _, least = _lowest(motion.step, (p, v, a), lambda x: x[..., 0], PRECISION * size)
         exact = every[..., axis].min(axis=1)
         np.testing.assert_allclose(least, exact, rtol=0.0, atol=PRECISION * size)
 
@@ -157,7 +181,7 @@ def test_each_motion_has_a_precision_of_its_own() -> None:
     motion = _motions(rng.normal(size=(50, 3)), rng.normal(size=(50, 3)), np.ones((50, 6, 3)), 0.5)
     precision = 10.0 ** rng.uniform(-9, -1, size=50)
     states = motion.positions, motion.velocities, motion.accelerations
-    _, distances = least_distance(motion.step, states, _length, precision)
+    _, distances = _lowest(motion.step, states, _length, precision)
     exact = closest_approach(motion, np.zeros(3))[1].min(axis=-1)
     assert np.all(distances - exact <= precision)
     assert np.all(distances >= exact * (1 - ROUNDING))
@@ -198,8 +222,8 @@ def test_the_closest_of_the_others_is_that_of_the_exact_roots(seed: int) -> None
         p[1], v[1], a[1] = p[0], v[0], a[0]  # all the way in the same place
     motion = _motions(p, v, a, h)
     separation = rho.Separation(size * rng.uniform(0.1, 2.0), rng.choice([0.5, 1.0, 2.0]))
-    knots = closest_at_knots(motion, separation)
-    always = closest_at_all_times(motion, separation, knots, PRECISION * size)
+    knots = closest_at_knots(_course(motion), separation)
+    always = closest_at_all_times(_course(motion), separation, knots, PRECISION * size)
     for found, every_instant in ((knots, False), (always, True)):
         exact = _of_every_pair(motion, separation, every_instant=every_instant)
         near = exact <= 4.0 * separation.distance  # elsewhere the judge may stop at an upper bound
@@ -218,9 +242,9 @@ def test_a_swap_in_the_middle_of_a_step_is_a_collision() -> None:
     p, v = np.array([[-5.0, 0, 0], [5.0, 0, 0], [0, 9, 0]]), np.array([[2.0, 0, 0], [-2.0, 0, 0]])
     motion = _motions(p, np.append(v, np.zeros((1, 3)), axis=0), np.zeros((3, 5, 3)), 1.0)
     separation = rho.Separation(1.0)
-    knots = closest_at_knots(motion, separation)
+    knots = closest_at_knots(_course(motion), separation)
     assert knots.distances[:2].tolist() == [2.0, 2.0]
-    found = closest_at_all_times(motion, separation, knots, 1e-8)
+    found = closest_at_all_times(_course(motion), separation, knots, 1e-8)
     assert found.partners[:2].tolist() == [1, 0]
     np.testing.assert_allclose(found.times[:2], 2.5, atol=1e-8)
     np.testing.assert_allclose(found.distances[:2], 0.0, atol=1e-8)

@@ -87,7 +87,7 @@ def test_yaml_json_copies_and_pickles_bring_it_back(tmp_path: Path) -> None:
 
 
 def test_the_schema_has_units() -> None:
-    fields = rho.scenario_schema()["$defs"]["Disturbance"]["properties"]
+    kinds = rho.scenario_schema()["$defs"]
     units = {
         "acceleration": "[m/s²]",
         "position_error": "[m]",
@@ -95,10 +95,14 @@ def test_the_schema_has_units() -> None:
         "feedback_every": "[s]",
         "delay": "samples",
         "share": "part",
+        "tracking": "since when",
     }
-    assert set(fields) == set(units)
-    for name, unit in units.items():
-        assert unit in fields[name]["description"].replace("\n", " ")
+    tracking = {"since": "[s]", "gains": "[1/s²]", "position": "[m]", "velocity": "[m/s]"}
+    for kind, expected in (("Disturbance", units), ("Tracking", tracking)):
+        fields = kinds[kind]["properties"]
+        assert set(fields) == set(expected)
+        for name, unit in expected.items():
+            assert unit in fields[name]["description"].replace("\n", " ")
 
 
 def test_scenarios_made_of_a_scenario_keep_it(paper: rho.Scenario) -> None:
@@ -111,8 +115,11 @@ def test_scenarios_made_of_a_scenario_keep_it(paper: rho.Scenario) -> None:
         scenario.from_states(scenario.grid.from_knot(3), fleet.start_positions, zeros, zeros),
     )
     assert all(each.disturbance == EVERY_FIELD for each in made)
-    plan = rho.plan_convex(dataclasses.replace(single(), disturbance=EVERY_FIELD))
-    assert plan.tail(3).scenario.disturbance == EVERY_FIELD
+    alone = dataclasses.replace(single(), disturbance=EVERY_FIELD)
+    rest = rho.plan_convex(alone).tail(3).scenario
+    assert rest.disturbance is not None  # with the tube that the plan has, since its first knot
+    assert dataclasses.replace(rest.disturbance, tracking=None) == EVERY_FIELD
+    assert rest.disturbance.tracking == rho.error_tube(alone).tracking
 
 
 def test_on_another_grid_the_feedback_is_as_often_or_more_often() -> None:

@@ -165,6 +165,13 @@ def test_what_was_added_is_known_and_nothing_else_is() -> None:
         assert working.known(part, MOTION).tolist() == [known]
 
 
+def test_no_rows_are_as_if_nothing_was_added() -> None:
+    working, own = working_set(), constraint()
+    working.add(own.none)
+    assert not working.known(rows(own), MOTION).any()
+    assert len(working.enter(rows(own), MOTION)[0]) == 1
+
+
 def test_a_curved_set_may_have_several_normals_at_one_instant() -> None:
     """A vehicle is twice as fast as its cuts allow: another cut is known if broken no more."""
     curved, working = constraint(curved=True), working_set()

@@ -16,11 +16,16 @@ is above two lines:
 
 The bound is where they meet. It is short of the least value in proportion to w², so that a few
 splits reach any precision, also where a motion touches a shape.
+
+Where a ball of errors is around the position (`drake_rho.assurance.tubes`), the least value of the
+distance less its radius r(t) is looked for. Between two samples r is above the line through its
+values by κ w²/8 at most. So that line is taken off the two lines of d, and κ w²/8 off the bound.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Self
 
@@ -28,6 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drake_rho.assurance.steps import Steps
+from drake_rho.assurance.tubes import Around
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 Distance = Callable[[FloatArray], FloatArray]
@@ -78,9 +84,14 @@ class Least:
 
 
 def least_over_time(
-    steps: Steps, owners: IntArray, distance: Distance, precision: FloatArray, least: Least
+    steps: Steps,
+    owners: IntArray,
+    distance: Distance,
+    precision: FloatArray,
+    least: Least,
+    around: Around | None = None,
 ) -> Least:
-    """Each owner's least distance in all of its steps.
+    """Each owner's least distance in all of its steps, less the radii of errors if there are some.
 
     Args:
         steps: M steps.
@@ -89,11 +100,12 @@ def least_over_time(
         precision: by how much a smaller value may be missed [m], shape (M,), where rounding does
             not hide more.
         least: values that smaller ones are looked for; changed into the answer.
+        around: the errors around positions, whose radii are taken off distances; none if not given.
 
     Returns:
         `least`: values that are attained, below which there is nothing but by the precision.
     """
-    search = _Search(steps, owners, distance, precision, least)
+    search = _Search(steps, owners, distance, precision, least, around)
     which, start, width = np.arange(len(steps.p)), np.zeros(len(steps.p)), 1.0
     for parts in (1, *[_PARTS] * _LEVELS):
         if len(which) == 0:
@@ -102,7 +114,7 @@ def least_over_time(
         blocks = [slice(first, first + _BLOCK) for first in range(0, len(which), _BLOCK)]
         left = [search.split(which[block], start[block], width, parts) for block in blocks]
         which, start = (np.concatenate(each) for each in zip(*left, strict=True))
-    _interpolate(steps, distance, least)
+    search.interpolate()
     return least
 
 
@@ -115,6 +127,7 @@ class _Search:
     distance: Distance
     precision: FloatArray
     least: Least
+    around: Around | None
 
     def split(
         self, which: IntArray, start: FloatArray, width: float, parts: int
@@ -133,7 +146,14 @@ class _Search:
         steps, owners, values = self.steps, self.owners[which], self.least.values
         u = start[:, None] + width * np.arange(parts + 1)
         d = self.distance(steps.at(which, u))
-        bounds = _lower_bounds(d, width * steps.speeds[which], width**2 * steps.bends[which])
+        reach, bend = width * steps.speeds[which], width**2 * steps.bends[which]
+        if self.around is None:
+            bounds = _lower_bounds(d, reach, bend)
+        else:
+            radii = self.around.radii(which, u)
+            bounds = _lower_bounds(d, reach, bend, radii)
+            bounds -= width**2 * self.around.bends[which, None] / 8.0
+            d = d - radii
         _offer_samples(self.least, owners, d, which, u, width)
         overflow = ~(np.isfinite(d).all(axis=1) & np.isfinite(bounds).all(axis=1))
         values[owners[overflow]] = np.nan  # below which nothing is looked for
@@ -141,6 +161,26 @@ class _Search:
         sought = np.fmax.reduce(values[owners], axis=1) - slack
         piece, part = np.nonzero(bounds < sought[:, None])
         return which[piece], u[piece, part]
+
+    def interpolate(self) -> None:
+        """Offer the lowest point of the parabola through each least sample and its neighbours."""
+        least = self.least
+        found = np.flatnonzero(least.steps >= 0)
+        which, w = least.steps[found], least.widths[found][:, None]
+        middle = least.moments[found][:, None]
+        middle = np.clip(middle, np.minimum(w, 0.5), np.maximum(1.0 - w, 0.5))
+        before, at, after = self._values(which, middle + w * [-1.0, 0.0, 1.0]).T
+        bend = before - 2.0 * at + after
+        shift = np.where(bend > 0.0, (before - after) / np.where(bend > 0.0, 2.0 * bend, 1.0), 0.0)
+        u = np.clip(middle + w * np.clip(shift, -1.0, 1.0)[:, None], 0.0, 1.0)
+        least.offer(found, self._values(which, u)[:, 0], which, u[:, 0], 0.0)
+
+    def _values(self, which: IntArray, u: FloatArray) -> FloatArray:
+        """What is to be least, in the steps `which` at moments u, shape (P, S)."""
+        values = self.distance(self.steps.at(which, u))
+        if self.around is None:
+            return values
+        return values - self.around.radii(which, np.clip(u, 0.0, 1.0))
 
 
 def _offer_samples(
@@ -152,13 +192,16 @@ def _offer_samples(
         least.offer(owner, d[each, best], which, u[each, best], width)
 
 
-def _lower_bounds(d: FloatArray, reach: FloatArray, bend: FloatArray) -> FloatArray:
+def _lower_bounds(
+    d: FloatArray, reach: FloatArray, bend: FloatArray, radii: FloatArray | None = None
+) -> FloatArray:
     """Lower bounds of a distance between neighbouring samples; see the top of this module.
 
     Args:
         d: samples at equal distances in time [m], shape (P, S + 1).
         reach: the way that can be made between two [m], shape (P,).
         bend: norm of the acceleration times their distance in time squared [m], shape (P,).
+        radii: what is taken off the samples, and between them on straight lines [m], as d.
 
     Returns:
         Bounds [m], shape (P, S).
@@ -166,47 +209,59 @@ def _lower_bounds(d: FloatArray, reach: FloatArray, bend: FloatArray) -> FloatAr
     reach, rises = reach[:, None], np.diff(d, axis=1)
     falls = np.concatenate([-reach, np.maximum(rises[:, :-1] - bend[:, None], -reach)], axis=1)
     climbs = np.concatenate([np.minimum(rises[:, 1:] + bend[:, None], reach), reach], axis=1)
+    if radii is not None:
+        grows = np.diff(radii, axis=1)
+        d, rises, falls, climbs = d - radii, rises - grows, falls - grows, climbs - grows
     falls, climbs = np.minimum(falls, 0.0), np.maximum(climbs, 0.0)
     meet = (climbs - rises) / np.maximum(climbs - falls, np.finfo(float).tiny)
     bounds: FloatArray = d[:, :-1] + falls * np.clip(meet, 0.0, 1.0)
     return bounds
 
 
-def _interpolate(steps: Steps, distance: Distance, least: Least) -> None:
-    """Offer the lowest point of the parabola through each least sample and its neighbours."""
-    found = np.flatnonzero(least.steps >= 0)
-    which, w = least.steps[found], least.widths[found][:, None]
-    middle = np.clip(least.moments[found][:, None], np.minimum(w, 0.5), np.maximum(1.0 - w, 0.5))
-    before, at, after = distance(steps.at(which, middle + w * [-1.0, 0.0, 1.0])).T
-    bend = before - 2.0 * at + after
-    shift = np.where(bend > 0.0, (before - after) / np.where(bend > 0.0, 2.0 * bend, 1.0), 0.0)
-    u = np.clip(middle + w * np.clip(shift, -1.0, 1.0)[:, None], 0.0, 1.0)
-    least.offer(found, distance(steps.at(which, u))[:, 0], which, u[:, 0], 0.0)
+@dataclasses.dataclass(frozen=True, eq=False)
+class Lowest:
+    """When each of several motions is closest to something, all that errors take being taken off.
+
+    Arrays of any one shape.
+    """
+
+    steps: IntArray
+    """in which step"""
+    moments: FloatArray
+    """when in this step, from 0 to 1"""
+    values: FloatArray
+    """the distance then, less the radius [m]"""
+    radii: FloatArray
+    """of the errors then [m]"""
 
 
-def least_distance(
-    step: float,
-    motions: tuple[FloatArray, FloatArray, FloatArray],
+def lowest_over_time(
+    steps: Steps,
+    shape: tuple[int, ...],
     distance: Distance,
     precision: npt.ArrayLike,
-) -> tuple[FloatArray, FloatArray]:
+    around: Around | None = None,
+) -> Lowest:
     """The least distance of each of several motions, and when.
 
     Args:
-        step: h [s].
-        motions: positions [m] and velocities [m/s] at the knots, shape (..., K, D), and
-            accelerations in the steps [m/s²], shape (..., K-1, D).
+        steps: of the motions, one motion after another, as many of each.
+        shape: of the motions.
         distance: of positions.
-        precision: see `least_over_time` [m]; broadcasts to the leading axes.
+        precision: see `least_over_time` [m]; broadcasts to `shape`.
+        around: errors around the positions.
 
     Returns:
-        Times since the first knot [s] and distances [m], each of the shape of the leading axes.
+        Arrays of this shape.
     """
-    shape, count = motions[2].shape[:-2], motions[2].shape[-2]
-    steps = Steps.of(step, *motions)
-    owners = np.repeat(np.arange(len(steps.p) // count), count)
+    motions = math.prod(shape)
+    count = len(steps.p) // motions
+    owners = np.repeat(np.arange(motions), count)
     each = np.repeat(np.broadcast_to(precision, shape).ravel(), count)
-    unknown = Least.unknown(np.full(len(owners) // count, np.inf))
-    least = least_over_time(steps, owners[:, None], distance, each, unknown)
-    times = step * (np.maximum(least.steps, 0) % count + least.moments)
-    return times.reshape(shape), least.values.reshape(shape)
+    unknown = Least.unknown(np.full(motions, np.inf))
+    least = least_over_time(steps, owners[:, None], distance, each, unknown, around)
+    which, radii = np.maximum(least.steps, 0), np.zeros(motions)
+    if around is not None:
+        radii = around.radii(which, least.moments[:, None])[:, 0]
+    values = (each.reshape(shape) for each in (least.moments, least.values, radii))
+    return Lowest((which % count).reshape(shape), *values)

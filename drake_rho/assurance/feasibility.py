@@ -54,6 +54,10 @@ class Diagnosis:
     """least factor on every acceleration box and every maximum acceleration for which a plan was
     found, thrust and tilt unchanged; None if there is no such limit, or no factor up to
     `LARGEST_FACTOR` helps"""
+    bearable_wind: float | None = None
+    """where there is a plan if nothing disturbs it, the largest wind for which one was found, with
+    the feedback that is best for it and all else unchanged [m/s²]; 0 if errors of the estimate are
+    too much already; None where there is no plan without a disturbance either, or none is asked"""
 
     @property
     def feasible(self) -> bool:
@@ -69,14 +73,15 @@ class Diagnosis:
             f"  {one.vehicle}: {one.what} by {one.excess:.3g} {one.unit} at {one.time:.4g} s"
             for one in self.violations[:_SHOWN]
         ]
-        more = len(self.conflicts) - len(reasons)
+        more, disturbed = len(self.conflicts) - len(reasons), self._disturbed()
         return "\n".join(
             [
                 f"{self.scenario.name}: no plan was found; these cannot be met together:",
                 *reasons,
                 *([f"  and {more} more vehicles"] if more > 0 else []),
                 *(["the least breach of them is"] if breaches else []),
-                *breaches[: 12 - 4 - len(reasons) - (more > 0)],
+                *breaches[: 12 - 4 - len(reasons) - (more > 0) - (disturbed != "")],
+                *([disturbed] if disturbed else []),
                 self._repairs(),
             ]
         )
@@ -95,15 +100,35 @@ class Diagnosis:
             ways.append(
                 f"acceleration limits {_rounded_up(self.acceleration_factor)} times as wide"
             )
+        around = self.scenario.disturbance
+        if around is not None and self.bearable_wind:
+            ways.append(
+                f"wind up to {_rounded_down(self.bearable_wind)} m/s² instead of "
+                f"{around.acceleration:.5g} m/s²"
+            )
         if not ways:
             return "neither more time nor stronger vehicles were found to help"
         return f"there is one with {', or with '.join(ways)}"
+
+    def _disturbed(self) -> str:
+        """A line, or none, on what the disturbance has to do with it."""
+        if self.bearable_wind is None:
+            return ""
+        if self.bearable_wind == 0.0:
+            return "without a disturbance there is a plan; with errors of the estimate alone, none"
+        return "without a disturbance there is a plan"
 
 
 def _rounded_up(value: float) -> str:
     """Five digits, none of which promises more than was found."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 4)
     return f"{np.ceil(value / unit * (1 - 1e-12)) * unit:.5g}"
+
+
+def _rounded_down(value: float) -> str:
+    """Five digits, none of which promises more than was found."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 4)
+    return f"{np.floor(value / unit * (1 + 1e-12)) * unit:.5g}"
 
 
 def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Diagnosis:
@@ -119,11 +144,15 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
     Raises:
         SolverError: the solvers fail numerically.
     """
+    bearable = None
     try:
         plan = first_plan(scenario, solver=solver)
     except InfeasibleError as error:
         conflicts = infeasible_subset(error, solver=solver)
         violations = verify(minimum_violation(scenario, solver)).violations
+        bearable = _bearable_wind(scenario, solver)
+        if bearable is not None:  # what is left can be met, so that it has a part in every conflict
+            conflicts = {name: (*why, "disturbance") for name, why in conflicts.items()}
     else:
         conflicts, violations = {}, verify(plan).violations
     return Diagnosis(
@@ -133,6 +162,7 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
         shortest_duration=_least(lambda factor: _lasting(scenario, factor), solver, scenario),
         is_monotone=is_monotone(scenario),
         acceleration_factor=_smallest_relaxation(scenario, solver),
+        bearable_wind=bearable,
     )
 
 
@@ -220,10 +250,7 @@ def _least_factor(
             high *= 2.0
             if high > LARGEST_FACTOR:
                 return None
-    low = high / 2.0
-    asked = make(1.0)
-    precision = BISECTED_AROUND if asked.obstacles else BISECTED
-    precision = BISECTED_APART if asked.separation is not None else precision
+    low, precision = high / 2.0, _precision(make(1.0))
     while high - low > precision * high:
         middle = (low + high) / 2.0
         if _has_plan(make, middle, solver):
@@ -231,6 +258,34 @@ def _least_factor(
         else:
             low = middle
     return high
+
+
+def _precision(scenario: Scenario) -> float:
+    """Relative precision to which trials of a scenario are worth their time."""
+    precision = BISECTED_AROUND if scenario.obstacles else BISECTED
+    return BISECTED_APART if scenario.separation is not None else precision
+
+
+def _bearable_wind(scenario: Scenario, solver: SolverInterface | None) -> float | None:
+    """The largest wind with a plan [m/s²], of a scenario that has none; see `Diagnosis`."""
+    around = scenario.disturbance
+    if around is None:
+        return None
+
+    def blown(part: float) -> Scenario:
+        weaker = dataclasses.replace(around, acceleration=part * around.acceleration)
+        return dataclasses.replace(scenario, disturbance=weaker)
+
+    calm = dataclasses.replace(scenario, disturbance=None)
+    if not _has_plan(lambda _: calm, 1.0, solver):
+        return None
+    if around.acceleration == 0.0 or not _has_plan(blown, 0.0, solver):
+        return 0.0
+    low, high = 0.0, 1.0
+    while high - low > _precision(scenario):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if _has_plan(blown, middle, solver) else (low, middle)
+    return low * around.acceleration
 
 
 def _has_plan(

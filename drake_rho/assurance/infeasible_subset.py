@@ -29,8 +29,8 @@ def infeasible_subset(
 ) -> dict[str, Names]:
     """Narrow an error's conflicts down to constraints none of which can be spared.
 
-    It solves a program for each constraint in a conflict. Conflicts with other vehicles, and those
-    of a single step, are told as they are.
+    It solves a program for each constraint in a conflict. Conflicts with other vehicles, those of a
+    single step, and a lack of room for the disturbance are told as they are.
 
     Args:
         error: as a planner raised it.
@@ -44,7 +44,7 @@ def infeasible_subset(
         SolverError: the solvers fail numerically.
     """
     scenario = error.scenario
-    if scenario is None:
+    if scenario is None or error.bearable is not None:  # no room is no matter of a motion
         return error.conflicts
     constraints = elastic(scenario, constraints_around(scenario, error.reference))
     unreachable = MinimumEffort.of(scenario).unreachable

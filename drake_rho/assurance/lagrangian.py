@@ -9,22 +9,29 @@ centre, the separation for the radius, and z divided by the downwash. For every 
 minimum of L over the motions that reach the goals is a lower bound for the cost of every plan. L
 is a quadratic that does not couple the axes, so the minimum is had in closed form wherever its
 Hessians are positive definite on the directions that leave the goals where they are.
+
+Where a disturbance is, sets and separations are larger by the radius of errors, and limits tighter.
+Planners keep the greatest radius of a step in all of it. What a plan has to keep is the radius at
+each instant, so for a bound of all plans rows have that one.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh, null_space
 from scipy.sparse import csc_array, vstack
 
+from drake_rho.motion.margins import Margins
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.half_spaces import HalfSpaces, Quadratic
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import rows_of
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.parts import Quantity
 
 _LEAST_CURVATURE = 1e-6
 """Least eigenvalue of the Hessian, over that of norm(u)², at which the minimum is computed."""
@@ -59,9 +66,14 @@ class Lagrangian:
         multipliers: y >= 0 that it proposes, shape (R,).
         left_out: names of constraints that it leans on and that have no part in the bound: convex
             shapes other than balls and ellipsoids have no quadratic form.
+
+    Args:
+        solved: the program.
+        group: the vehicles.
+        as_planned: whether to bound the cost of plans that keep planners' margins; else of all.
     """
 
-    def __init__(self, solved: CuttingPlanes, group: IntArray) -> None:
+    def __init__(self, solved: CuttingPlanes, group: IntArray, *, as_planned: bool = True) -> None:
         effort = solved.effort
         count, steps = len(group), effort.grid.knots - 1
         self.unit = float(effort.units[group].max())
@@ -71,7 +83,8 @@ class Lagrangian:
         self.left_out = set[str]()
         bent = [_no_terms(count * steps)]
         straight = [(csc_array((0, 3 * count * steps)), np.zeros(0), np.zeros(0))]
-        for rows, y in _multipliers(solved, group, self.unit):
+        for kept, y in _multipliers(solved, group, self.unit):
+            rows = kept if as_planned else _at_instants(kept)
             quadratic = rows.constraint.quadratics(rows)
             if quadratic is not None:
                 if np.all(np.isin(rows.partners, group)):  # else left out, which lowers the bound
@@ -172,6 +185,34 @@ class Lagrangian:
         gradient -= self._bend(u, half)
         size = float(np.linalg.norm(2 * u)) or 1.0
         return float(np.linalg.norm(self._free.T @ gradient)) / size
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _AtInstants(Margins):
+    """Margins that are the radii at times, not the greatest ones in steps."""
+
+    def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
+        """Radii at times since the first knot [s]; the feedback's is that of the whole step."""
+        if self.tube is None or quantity not in ("position", "velocity"):
+            return super().at(quantity, times)
+        radii: FloatArray = getattr(self.tube, quantity)(self.grid.start + times)
+        return radii
+
+
+def _at_instants(rows: HalfSpaces) -> HalfSpaces:
+    """Rows that no plan breaks that bears the disturbance, at the instants at which they are."""
+    constraint = rows.constraint
+    margins = getattr(constraint, "margins", None)
+    if not isinstance(margins, Margins) or margins.tube is None:
+        return rows
+    fields = (getattr(margins, field.name) for field in dataclasses.fields(Margins))
+    exact = _AtInstants(*fields)
+    if constraint.linearised:  # its quadratics are made of its margins
+        changes: dict[str, Any] = {"margins": exact}  # which not all constraints have
+        changed = dataclasses.replace(constraint, **changes)
+        return dataclasses.replace(rows, constraint=changed)
+    more = margins.at(constraint.quantity, rows.times) - exact.at(constraint.quantity, rows.times)
+    return dataclasses.replace(rows, bounds=rows.bounds - more)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Limits on norms, judged at the knots, which are enough for every instant.
 
 The velocity is linear in a step, so its norm, which is convex, is largest at a knot; accelerations
-are constant in a step, and with them thrust and tilt.
+are constant in a step, and with them thrust and tilt. With errors around velocities it is largest
+at a sample of the feedback.
 """
 
 from __future__ import annotations
@@ -10,35 +11,50 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drake_rho.assurance.between_samples import Greatest, greatest_velocity
+from drake_rho.assurance.course import Course
 from drake_rho.assurance.report import UNITS, Column
-from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.norms import NormLimit
 from drake_rho.scenario.parts import GRAVITY
-from drake_rho.scenario.records import Scenario
 
 
-def check_norms(scenario: Scenario, motion: Motion) -> Iterator[Column]:
+def check_norms(course: Course) -> Iterator[Column]:
     """The check of every limit on a norm that the scenario has."""
-    limits, times = scenario.fleet.norms, scenario.grid.times
-    accelerations = motion.accelerations
-    thrusts = accelerations + np.array([0.0, 0.0, GRAVITY])
+    limits, times, errors = course.scenario.fleet.norms, course.times, course.feedback
+    thrusts = course.commands + np.array([0.0, 0.0, GRAVITY])
     if "max_speed" in limits:
-        yield _check_norm(limits["max_speed"], times, motion.velocities, UNITS["velocity"])
+        yield _check_norm(limits["max_speed"], _greatest_speed(course), UNITS["velocity"])
     unit = UNITS["acceleration"]
     if "max_acceleration" in limits:
-        yield _check_norm(limits["max_acceleration"], times, accelerations, unit)
+        found = _greatest_norm(times, course.commands, errors)
+        yield _check_norm(limits["max_acceleration"], found, unit)
     if "max_thrust" in limits:
-        yield _check_norm(limits["max_thrust"], times, thrusts, unit)
-    if "max_tilt" in limits:
+        yield _check_norm(limits["max_thrust"], _greatest_norm(times, thrusts, errors), unit)
+    if "max_tilt" in limits and course.tubes is None:
         yield _check_tilt(limits["max_tilt"], times, thrusts)
+    elif "max_tilt" in limits:
+        yield _check_inside_cone(limits["max_tilt"], times, thrusts, errors)
 
 
-def _check_norm(limit: NormLimit, times: FloatArray, vectors: FloatArray, unit: str) -> Column:
-    """The largest norm of each vehicle's vectors, shape (N, M, 3)."""
+def _greatest_speed(course: Course) -> Greatest:
+    if course.tubes is None:
+        return _greatest_norm(course.times, course.velocities, np.zeros(len(course.times)))
+    return greatest_velocity(course, lambda v: np.linalg.norm(v, axis=-1))
+
+
+def _greatest_norm(times: FloatArray, vectors: FloatArray, errors: FloatArray) -> Greatest:
+    """When norms of vectors, shape (N, M, 3), with errors of radii (M,), are greatest."""
     norms = np.linalg.norm(vectors, axis=2)
-    k = np.argmax(norms, axis=1)  # the first value that is no number, if there is one
-    return _column(limit, times[k], _pick(norms, k), limit.sets.tolerances, unit)
+    k = np.argmax(norms + errors, axis=1)  # the first value that is no number, if there is one
+    return Greatest(times[k], _pick(norms, k), errors[k])
+
+
+def _check_norm(limit: NormLimit, found: Greatest, unit: str) -> Column:
+    """The largest norm of each vehicle."""
+    tolerances = limit.sets.tolerances
+    most = np.where(found.errors > 0.0, limit.most - found.errors, limit.most)
+    return _column(limit, found, most, tolerances, unit)
 
 
 def _check_tilt(limit: NormLimit, times: FloatArray, thrusts: FloatArray) -> Column:
@@ -54,20 +70,52 @@ def _check_tilt(limit: NormLimit, times: FloatArray, thrusts: FloatArray) -> Col
     excess = angles - limit.most[:, None]
     broken = np.any(excess > tolerances, axis=1, keepdims=True)
     k = np.argmax(np.where(broken, excess / tolerances, angles), axis=1)
-    return _column(limit, times[k], _pick(angles, k), _pick(tolerances, k), "rad")
+    found = Greatest(times[k], _pick(angles, k), np.zeros(len(k)))
+    return _column(limit, found, limit.most, _pick(tolerances, k), "rad")
+
+
+def _check_inside_cone(
+    limit: NormLimit, times: FloatArray, thrusts: FloatArray, errors: FloatArray
+) -> Column:
+    """How close each vehicle's thrusts, shape (N, M, 3), come to leaving the cone of its tilts.
+
+    A ball around a thrust is inside the cone where its middle is, and further from the surface than
+    its radius. So what is told is that distance, an acceleration: as an angle the same error is
+    larger the less thrust there is.
+    """
+    angle = np.minimum(limit.most, np.pi)[:, None]
+    level, up = np.linalg.norm(thrusts[..., :2], axis=2), thrusts[..., 2]
+    inside = up * np.sin(angle) - level * np.cos(angle)
+    below = (up < 0.0) & (level * np.sin(angle) + up * np.cos(angle) <= 0.0)
+    inside = np.where(below, -np.linalg.norm(thrusts, axis=2), inside)  # the apex is nearest
+    k = np.argmin(inside - errors, axis=1)
+    found, least = _pick(inside, k), errors[k]
+    return Column(
+        constraint=limit.kind.name,
+        parts=["(thrust from the cone)"] * len(found),
+        times=times[k],
+        values=found,
+        limits=least,
+        excess=least - found,
+        tolerances=limit.sets.tolerances,
+        errors=least,
+        unit=UNITS["acceleration"],
+        due=np.isfinite(limit.most),
+    )
 
 
 def _column(
-    limit: NormLimit, times: FloatArray, values: FloatArray, tolerances: FloatArray, unit: str
+    limit: NormLimit, found: Greatest, most: FloatArray, tolerances: FloatArray, unit: str
 ) -> Column:
     return Column(
         constraint=limit.kind.name,
-        parts=[""] * len(values),
-        times=times,
-        values=values,
-        limits=limit.most,
-        excess=values - limit.most,
+        parts=[""] * len(found.values),
+        times=found.times,
+        values=found.values,
+        limits=most,
+        excess=found.values - most,
         tolerances=tolerances,
+        errors=found.errors,
         unit=unit,
         due=np.isfinite(limit.most),
     )

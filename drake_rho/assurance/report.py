@@ -47,12 +47,15 @@ class Check:
     value: float
     """what the plan does, in `unit`; of an obstacle the signed distance, negative inside"""
     limit: float
-    """what the constraint allows, in `unit`; of an obstacle the vehicle's radius, and how far the
-    obstacle may be from its track"""
+    """what the constraint allows, in `unit`, less what errors take; of an obstacle the vehicle's
+    radius, how far the obstacle may be from its track, and what errors take"""
     excess: float
     """by how much the value is beyond the limit, in `unit`; negative on the right side of it"""
     tolerance: float
     """excess that is put down to rounding, in `unit`: `TOLERANCE` of the constraint's scale"""
+    errors: float = 0.0
+    """how much of the limit is for errors: how far the vehicle, or each of a pair, may be off its
+    plan, both together, in `unit`; 0 where nothing disturbs it"""
     unit: str
     """SI unit of the numbers"""
     asked: bool = True
@@ -82,14 +85,16 @@ class Column:
     tolerances: FloatArray
     unit: str
     asked: bool = True
+    errors: FloatArray | None = None  # None for none
     due: BoolArray | None = None  # which vehicles have this constraint; None for all
 
     def checks(self, names: Sequence[str]) -> Iterator[Check | None]:
         """The check of each vehicle; None where it does not have the constraint."""
-        numbers = (self.times, self.values, self.limits, self.excess, self.tolerances)
+        errors = np.zeros(len(names)) if self.errors is None else self.errors
+        numbers = (self.times, self.values, self.limits, self.excess, self.tolerances, errors)
         rows = zip(*(each.tolist() for each in numbers), strict=True)
         due = [True] * len(names) if self.due is None else self.due.tolist()
-        for has_it, name, part, (time, value, limit, excess, tolerance) in zip(
+        for has_it, name, part, (time, value, limit, excess, tolerance, off) in zip(
             due, names, self.parts, rows, strict=True
         ):
             if not has_it:
@@ -104,6 +109,7 @@ class Column:
                 limit=limit,
                 excess=excess,
                 tolerance=tolerance,
+                errors=off,
                 unit=self.unit,
                 asked=self.asked,
             )
@@ -119,6 +125,8 @@ class Report:
     """the worst of each constraint for each vehicle"""
     sightings: tuple[Sighting, ...] = ()
     """of a flight: the obstacles that became known under way, and whether they were avoided"""
+    notes: tuple[str, ...] = ()
+    """what else is to be known: what disturbance is borne, and what was judged in its place"""
 
     @property
     def ok(self) -> bool:
@@ -178,7 +186,7 @@ class Report:
             notes.append(
                 f"estimated from samples: how far from its track is {', '.join(estimated)}"
             )
-        return "".join(f"\n{note}" for note in notes)
+        return "".join(f"\n{note}" for note in (*notes, *self.notes))
 
 
 def _kind(check: Check) -> tuple[str, str, bool]:
@@ -203,23 +211,28 @@ def _verdict(check: Check) -> str:
 
 
 def _table(title: str, rows: list[Check]) -> str:
+    """Rows under a title; with a column of what is for errors where something is."""
     wide = max([35, *(len(check.what) for check in rows)])
-    form = f"{{:<12}} {{:<{wide}}} {{:>9}} {{:>12}} {{:>12}} {{:>11}} {{:<4}}  {{}}"
-    lines = [
-        title,
-        form.format("vehicle", "constraint", "time [s]", "value", "limit", "excess", "", ""),
-    ]
-    lines += [
-        form.format(
+    errors = any(check.errors > 0.0 for check in rows)
+    form = f"{{:<12}} {{:<{wide}}} {{:>9}} {{:>12}} {{:>12}} "
+    form += ("{:>11} " if errors else "") + "{:>11} {:<4}  {}"
+    heads = ("vehicle", "constraint", "time [s]", "value", "limit", "for errors", "excess", "", "")
+    lines = [title, form.format(*_without_errors(heads, errors))]
+    for check in rows:
+        cells = (
             check.vehicle,
             check.what,
             f"{check.time:.6g}",
             f"{check.value:.6g}",
             f"{check.limit:.6g}",
+            f"{check.errors:.4g}" if check.errors > 0.0 else "",
             f"{check.excess:+.2e}",
             check.unit,
             _verdict(check),
         )
-        for check in rows
-    ]
+        lines.append(form.format(*_without_errors(cells, errors)))
     return "\n".join(line.rstrip() for line in lines)
+
+
+def _without_errors(cells: tuple[str, ...], kept: bool) -> tuple[str, ...]:
+    return cells if kept else cells[:5] + cells[6:]

@@ -23,11 +23,11 @@ class Steps:
     """accelerations [m per step²], shape (M, D)"""
 
     @classmethod
-    def of(cls, step: float, p: FloatArray, v: FloatArray, a: FloatArray) -> Self:
+    def of(cls, step: float | FloatArray, p: FloatArray, v: FloatArray, a: FloatArray) -> Self:
         """The steps of motions, one motion after another.
 
         Args:
-            step: h [s].
+            step: h, or the duration of each step, shape (K-1, 1) [s].
             p: positions at the knots [m], shape (..., K, D).
             v: velocities at the knots [m/s], shape (..., K, D).
             a: accelerations in the steps [m/s²], shape (..., K-1, D).

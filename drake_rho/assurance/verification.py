@@ -8,18 +8,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.assurance.boxes import check_boxes
-from drake_rho.assurance.closest_pairs import closest_at_all_times, closest_at_knots
+from drake_rho.assurance.course import Course
 from drake_rho.assurance.norms import check_norms
+from drake_rho.assurance.notes import notes_on
 from drake_rho.assurance.obstacles import check_obstacles
 from drake_rho.assurance.report import (
-    AT_ALL_TIMES,
-    AT_KNOTS,
-    PRECISION,
     UNITS,
     Check,
     Column,
     Report,
 )
+from drake_rho.assurance.separation import check_separation
+from drake_rho.assurance.tubes import Tubes
 from drake_rho.assurance.waypoints import check_waypoints
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Flight, Plan
@@ -58,14 +58,15 @@ def verify(flown: Plan | Flight) -> Report:
     scenario = plan.scenario
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is told as no number
         motion = Motion.from_starts(scenario.fleet, plan.accelerations, scenario.grid.step)
+        course = Course.of(scenario, motion, Tubes.around(flown))
         columns = [
             *_check_dynamics(plan, motion),
             *_check_goal(scenario, motion),
-            *check_boxes(scenario, motion),
-            *check_norms(scenario, motion),
-            *check_waypoints(scenario, motion),
-            *check_obstacles(scenario, motion),
-            *_check_separation(scenario, motion),
+            *check_boxes(course, motion.jerks()),
+            *check_norms(course),
+            *check_waypoints(course),
+            *check_obstacles(course),
+            *check_separation(course),
         ]
     names = [vehicle.name for vehicle in scenario.vehicles]
     by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
@@ -76,7 +77,7 @@ def verify(flown: Plan | Flight) -> Report:
         dataclasses.replace(each, avoided=each.avoided and each.obstacle not in hit)
         for each in seen
     )
-    return Report(scenario, checks, sightings)
+    return Report(scenario, checks, sightings, notes_on(course))
 
 
 def _check_dynamics(plan: Plan, motion: Motion) -> Iterator[Column]:
@@ -118,31 +119,6 @@ def _difference(
         tolerances=TOLERANCE * scenario.fleet.scale(quantity),
         unit=UNITS[quantity],
     )
-
-
-def _check_separation(scenario: Scenario, motion: Motion) -> Iterator[Column]:
-    """Every vehicle's distance from the one that comes closest, at the knots and at every instant.
-
-    The distance is that of the separation, with z divided by its downwash.
-    """
-    separation = scenario.separation
-    if separation is None or len(scenario.vehicles) < 2:
-        return
-    knots = closest_at_knots(motion, separation)
-    always = closest_at_all_times(motion, separation, knots, PRECISION * separation.tolerance)
-    for part, found in ((AT_KNOTS, knots), (AT_ALL_TIMES, always)):
-        names = [scenario.vehicles[partner].name for partner in found.partners]
-        yield Column(
-            constraint="separation",
-            parts=[f"from {name} {part}" for name in names],
-            times=scenario.grid.start + found.times,
-            values=found.distances,
-            limits=np.full(len(names), separation.distance),
-            excess=separation.distance - found.distances,
-            tolerances=np.full(len(names), separation.tolerance),
-            unit="m",
-            asked=part == AT_KNOTS or scenario.between_knots,
-        )
 
 
 def _pick(values: FloatArray, k: IntArray) -> FloatArray:

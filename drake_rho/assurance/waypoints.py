@@ -6,28 +6,33 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drake_rho.assurance.course import Course
 from drake_rho.assurance.report import Column
-from drake_rho.motion.dynamics import Motion
-from drake_rho.scenario.records import Scenario
 
 
-def check_waypoints(scenario: Scenario, motion: Motion) -> Iterator[Column]:
+def check_waypoints(course: Course) -> Iterator[Column]:
     """The distance of every vehicle from each of its waypoints, at the waypoint's time."""
+    scenario = course.scenario
     vehicles = np.arange(len(scenario.vehicles))
     scale = scenario.fleet.scale("position")
     for number, waypoints in enumerate(scenario.fleet.waypoints, start=1):
         due = waypoints.due
         times = np.where(due, waypoints.times, scenario.grid.start)
-        positions = motion.each_at("position", vehicles, times - scenario.grid.start)
+        positions = course.each_at(vehicles, times)
         distances = np.linalg.norm(positions - waypoints.positions, axis=1)
+        errors = np.zeros(len(vehicles))
+        if course.tubes is not None:
+            errors = np.where(due, course.tubes.at("position", times), 0.0)
+        within = np.where(errors > 0.0, waypoints.within - errors, waypoints.within)
         yield Column(
             constraint=f"waypoint {number}",
             parts=[""] * len(vehicles),
             times=times,
             values=distances,
-            limits=waypoints.within,
-            excess=distances - waypoints.within,
+            limits=within,
+            excess=distances - within,
             tolerances=waypoints.tolerances(scale),
+            errors=errors,
             unit="m",
             due=due,
         )

@@ -127,6 +127,8 @@ class WorkingSet:
 
     def add(self, rows: HalfSpaces) -> None:
         """Put rows in that are not known."""
+        if len(rows) == 0:  # of a reference around which none of the rows before are asked for
+            return
         if rows.constraint.curved:
             self._cuts += 1
             rows = dataclasses.replace(rows, sides=np.full(len(rows), self._cuts))

@@ -1,0 +1,105 @@
+"""Why a disturbed scenario has no plan, and what wind it could bear."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+import drake_rho as rho
+from drake_rho.assurance.feasibility import BISECTED_AROUND
+from tests.scenarios import box, single
+
+
+def corridor(disturbance: rho.Disturbance | None, **options: object) -> rho.Scenario:
+    """Along x, with 0.3 m to each wall."""
+    limits = rho.Limits(rho.Box([-1.0, -0.3, -0.3], [11.0, 0.3, 0.3]), **options)  # type: ignore[arg-type]
+    straight = single(limits=limits, goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
+    return dataclasses.replace(straight, disturbance=disturbance)
+
+
+def gap(disturbance: rho.Disturbance | None) -> rho.Scenario:
+    """Two walls with 0.8 m between them, past which there is no other way."""
+    walls = rho.Box([4, -50, -50], [5, 1.6, 50]), rho.Box([4, 2.4, -50], [5, 50, 50])
+    scenario = single(limits=rho.Limits(box(12)), obstacles=walls, between_knots=True)
+    return dataclasses.replace(scenario, disturbance=disturbance)
+
+
+def test_the_largest_wind_of_a_corridor_is_that_whose_tube_fills_it() -> None:
+    scenario = corridor(rho.Disturbance(5.0, feedback_every=0.5, delay=1))
+    diagnosis = rho.diagnose(scenario)
+    known = rho.largest_disturbance(scenario, 0.3)
+    assert diagnosis.bearable_wind == pytest.approx(known, rel=0.011)  # bounds over steps: 1 %
+    (why,) = diagnosis.conflicts.values()
+    assert "disturbance" in why
+    assert any("position box" in each for each in why)
+    told = str(diagnosis)
+    assert "without a disturbance there is a plan" in told
+    assert "instead of 5 m/s²" in told
+    assert len(told.splitlines()) <= 12
+
+
+def test_there_is_a_plan_with_the_largest_wind_and_none_with_more() -> None:
+    scenario = gap(rho.Disturbance(3.0, feedback_every=0.5))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(scenario)
+    assert caught.value.bearable is None  # starts and goals leave room: the gap does not
+    bearable = rho.diagnose(scenario).bearable_wind
+    assert bearable is not None
+    assert 0.0 < bearable < 3.0
+    plan = rho.plan(gap(rho.Disturbance(bearable, feedback_every=0.5)))
+    assert rho.verify(plan).ok
+    with pytest.raises(rho.InfeasibleError):
+        rho.plan(gap(rho.Disturbance(bearable + 3.0 * 2.0 * BISECTED_AROUND, feedback_every=0.5)))
+
+
+def test_errors_of_the_estimate_may_be_too_much_alone() -> None:
+    noisy = rho.Disturbance(0.5, position_error=5.0, velocity_error=5.0, share=0.9)
+    scenario = corridor(noisy, acceleration=box(0.8))
+    lightest = rho.diagnose(scenario).bearable_wind
+    assert lightest is not None
+    assert 0.0 < lightest < 0.02  # that a flight without feedback bears
+    started = rho.error_tube(scenario, gains=(4.0, 3.0)).tracking
+    tracked = corridor(dataclasses.replace(noisy, tracking=started))
+    diagnosis = rho.diagnose(tracked)
+    assert diagnosis.bearable_wind == 0.0
+    assert "with errors of the estimate alone, none" in str(diagnosis)
+    assert "wind up to" not in str(diagnosis)
+
+
+def test_what_has_no_plan_anyway_is_not_put_down_to_the_disturbance() -> None:
+    weak = rho.Limits(acceleration=box(0.1))
+    scenario = dataclasses.replace(single(limits=weak), disturbance=rho.Disturbance(0.01))
+    diagnosis = rho.diagnose(scenario)
+    assert diagnosis.bearable_wind is None
+    assert "disturbance" not in str(diagnosis)
+    assert diagnosis.acceleration_factor is not None
+    calm = rho.diagnose(dataclasses.replace(scenario, disturbance=None))
+    assert calm.bearable_wind is None
+
+
+def test_subsets_of_disturbed_scenarios_are_irreducible_with_their_margins() -> None:
+    """The velocity box alone leaves time enough; within its margins it does not."""
+    limits = rho.Limits(velocity=box(1.8), acceleration=box(30.0))
+    scenario = single(limits=limits, between_knots=True)
+    scenario = dataclasses.replace(scenario, disturbance=rho.Disturbance(3.0, feedback_every=0.1))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(scenario)
+    (names,) = rho.infeasible_subset(caught.value).values()
+    assert sorted(name.split(" from")[0] for name in names) == ["goal x", "velocity box x"]
+
+
+def test_a_lack_of_room_is_told_as_it_is() -> None:
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(corridor(rho.Disturbance(5.0, feedback_every=0.5, delay=1)))
+    assert caught.value.bearable is not None
+    assert rho.infeasible_subset(caught.value) == caught.value.conflicts
+
+
+def test_shortest_plans_keep_their_margins() -> None:
+    limits = rho.Limits(velocity=box(1.8), acceleration=box(3.0))
+    scenario = single(limits=limits, between_knots=True)
+    disturbed = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.5, feedback_every=0.1))
+    calm, shortest = rho.shortest_plan(scenario), rho.shortest_plan(disturbed)
+    assert rho.verify(shortest).ok
+    assert shortest.scenario.grid.duration > calm.scenario.grid.duration * (1.0 + 1e-3)

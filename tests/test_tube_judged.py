@@ -1,0 +1,257 @@
+"""`verify` of disturbed scenarios, against samples of the tube taken by hand.
+
+The samples are of motions flown by hand and of exact radii, with nothing of the judge's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import drake_rho as rho
+from drake_rho.motion.sampled_loop import is_stable
+from drake_rho.motion.tube import tube_of
+from drake_rho.scenario.disturbance import Tracking
+from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.parts import GRAVITY
+from tests.scenarios import box
+from tests.shapes import KINDS
+from tests.test_obstacles_judged import by_hand, places, random_case
+
+PER_STEP = 200
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Stretch:
+    """A time in which one tube is in force."""
+
+    tube: rho.ErrorTube
+    begin: float
+    end: float
+
+    def times(self, grid: rho.Grid) -> FloatArray:
+        """Dense ones, with all knots and all samples of the feedback."""
+        steps = round((self.end - self.begin) / grid.step)
+        dense = np.linspace(self.begin, self.end, PER_STEP * steps + 1)
+        count = steps * round(grid.step / self.tube.sample)
+        return np.union1d(dense, np.linspace(self.begin, self.end, count + 1))
+
+
+def stretches(flown: rho.Plan | rho.Flight) -> list[Stretch]:
+    """Of a plan one, of a flight one for each window."""
+    if isinstance(flown, rho.Plan):
+        grid = flown.scenario.grid
+        return [Stretch(tube_of(flown.scenario), grid.start, grid.end)]
+    ends = [window.plan.scenario.grid.start for window in flown.windows[1:]]
+    ends.append(flown.scenario.grid.end)
+    return [
+        Stretch(tube_of(window.plan.scenario), window.plan.scenario.grid.start, end)
+        for window, end in zip(flown.windows, ends, strict=True)
+    ]
+
+
+def disturbed_case(seed: int, kind: str) -> rho.Plan | rho.Flight:
+    """Vehicles with errors around any motion, with limits of all kinds, near an obstacle."""
+    rng = np.random.default_rng(seed)
+    plan = random_case(seed, kind)
+    asked, grid = plan.scenario, plan.scenario.grid
+    h, size = grid.step, float(np.ptp(plan.positions, axis=(0, 1)).max())
+    speed, force = (float(np.abs(each).max()) for each in (plan.velocities, plan.accelerations))
+    limits = rho.Limits(
+        rho.Box(plan.positions.min((0, 1)) - size / 9, plan.positions.max((0, 1)) + size / 9),
+        box(speed + size / h / 9),
+        box(force),
+        box(force / h),
+        max_speed=1.5 * speed + size / h / 9,
+        max_acceleration=1.2 * force,
+        max_thrust=GRAVITY + force,
+        max_tilt=float(rng.uniform(0.1, 1.4)),
+    )
+    time = float(rng.uniform(grid.start + 1e-3 * h, grid.end - 1e-3 * h))
+    waypoint = rho.Waypoint(time, by_hand(plan, 0, np.array([time]))[0], size / 5)
+    vehicles = [
+        unchecked(vehicle, waypoints=(waypoint,) if rng.integers(2) else ())
+        for vehicle in asked.vehicles
+    ]
+    scenario = unchecked(
+        asked,
+        vehicles=tuple(vehicles),
+        limits=limits,
+        separation=rho.Separation(size / 5, float(rng.choice([0.5, 1.0, 2.0, 3.0]))),
+        disturbance=_disturbance(rng, grid, size),
+    )
+    scenario = scenario.of_vehicles(range(len(vehicles)))
+    plan = rho.Plan(scenario, plan.positions, plan.velocities, plan.accelerations)
+    return _flight(rng, plan, size) if rng.integers(2) else plan
+
+
+def _disturbance(rng: np.random.Generator, grid: rho.Grid, size: float) -> rho.Disturbance:
+    parts, delay = int(rng.choice([1, 2, 7, 30])), int(rng.integers(0, 3))
+    sample = grid.step / parts
+    while True:
+        omega, damping = 10 ** rng.uniform(-1.5, 0.0), rng.uniform(0.3, 1.5)
+        gains = omega**2, 2.0 * damping * omega + omega**2 / 2.0
+        if is_stable(gains, delay) or rng.integers(20) == 0:
+            break
+    units = np.array([1.0, grid.step])
+    off, first = size * rng.uniform(0.0, 0.03, (2, 2)) * rng.integers(0, 2, (2, 2)) / units
+    since = grid.start - int(rng.integers(0, 4)) * grid.step
+    return rho.Disturbance(
+        size / grid.step**2 * 10 ** rng.uniform(-3.0, -1.0) * omega,
+        float(off[0]),
+        float(off[1]),
+        sample,
+        delay,
+        tracking=_tracking(since, (gains[0] / sample**2, gains[1] / sample), first),
+    )
+
+
+def _tracking(since: float, gains: tuple[float, float], first: FloatArray) -> Tracking:
+    return Tracking(since, gains, float(first[0]), float(first[1]))
+
+
+def _flight(rng: np.random.Generator, plan: rho.Plan, size: float) -> rho.Flight:
+    """The plan flown in windows, some of which begin with a tube of their own."""
+    count = plan.scenario.grid.knots - 1
+    knots = np.unique(np.append(0, rng.integers(0, count, 3)))
+    around, windows = plan.scenario.disturbance, []
+    assert around is not None
+    assert around.tracking is not None
+    tracking = around.tracking
+    for knot in knots.tolist():
+        grid = plan.scenario.grid.from_knot(knot)
+        if rng.integers(2):
+            errors = size * rng.uniform(0.0, 0.05, 2) / [1.0, grid.step]
+            tracking = _tracking(grid.start, tracking.gains, errors)
+        p, v = plan.positions[:, knot:], plan.velocities[:, knot:]
+        before = np.zeros_like(p[:, 0])
+        asked = plan.scenario.from_states(grid, p[:, 0], v[:, 0], before, tracking)
+        here = rho.Plan(asked, p, v, plan.accelerations[:, knot:])
+        windows.append(rho.Window(knot, here, here))
+    return rho.Flight(plan, tuple(windows))
+
+
+def excesses(
+    flown: rho.Plan | rho.Flight, check: rho.Check, *, at: float | None = None
+) -> Iterator[FloatArray]:
+    """By how much points of the tube break a constraint, at samples or at one time.
+
+    Of accelerations, whose errors are constant in samples, one time is the step it begins.
+    """
+    plan = flown.plan if isinstance(flown, rho.Flight) else flown
+    grid, near = plan.scenario.grid, 1e-9 * plan.scenario.grid.step
+    constant = "acceleration" in check.constraint or check.constraint[8:] in ("thrust", "tilt")
+    for stretch in stretches(flown):
+        times = stretch.times(grid)
+        if at is not None and constant:
+            times = times[(times >= at - near) & (times < at + grid.step - near)]
+        elif at is not None:
+            times = (
+                np.array([at]) if stretch.begin - near <= at <= stretch.end + near else times[:0]
+            )
+        if check.part.endswith("at knots"):
+            knots = grid.start + grid.step * np.rint((times - grid.start) / grid.step)
+            times = times[np.abs(times - knots) < near]
+        if constant:
+            times = times[times < stretch.end - near]
+        if len(times) > 0:
+            yield _excess(plan, check, stretch.tube, times)
+
+
+def _excess(plan: rho.Plan, check: rho.Check, tube: rho.ErrorTube, times: FloatArray) -> FloatArray:
+    """By how much the worst points of the tube break one constraint at times."""
+    scenario, i = plan.scenario, plan.scenario.index_of(check.vehicle)
+    grid, limits, name = scenario.grid, scenario.limits, check.constraint
+    p = by_hand(plan, i, times)
+    k = np.clip(np.floor((times - grid.start) / grid.step + 1e-9).astype(int), 0, grid.knots - 2)
+    a = plan.accelerations[i, k]
+    s = (times - grid.start - grid.step * k)[:, None]
+    v = plan.velocities[i, k] + s * a
+    thrust = a + np.array([0.0, 0.0, GRAVITY])
+    off, fast, push = tube.position(times), tube.velocity(times), tube.acceleration(times)
+    if name.endswith("box"):
+        quantity = name.split()[0]
+        values = {"position": (p, off), "velocity": (v, fast), "acceleration": (a, push)}
+        value, error = values[quantity]
+        bounds, axis = getattr(limits, quantity), "xyz".index(check.part[0])
+        if "lower" in check.part:
+            return np.asarray(bounds.lower[axis] - value[:, axis] + error)
+        return np.asarray(value[:, axis] + error - bounds.upper[axis])
+    if name == "maximum tilt":
+        level, up = np.hypot(thrust[:, 0], thrust[:, 1]), thrust[:, 2]
+        sine, cosine = np.sin(limits.max_tilt or 0.0), np.cos(limits.max_tilt or 0.0)
+        along = np.maximum(level * sine + up * cosine, 0.0)
+        to_surface = np.hypot(level - along * sine, up - along * cosine)
+        outside = np.arctan2(level, up) > (limits.max_tilt or 0.0)
+        return np.asarray(push - np.where(outside, -to_surface, to_surface))
+    if name.startswith("maximum"):
+        vector, error, most = {
+            "maximum speed": (v, fast, limits.max_speed),
+            "maximum acceleration": (a, push, limits.max_acceleration),
+            "maximum thrust": (thrust, push, limits.max_thrust),
+        }[name]
+        return np.asarray(np.linalg.norm(vector, axis=1) + error - most)
+    if name.startswith("waypoint"):
+        (waypoint,) = scenario.vehicles[i].waypoints
+        at = np.array([waypoint.time])
+        if not times[0] <= waypoint.time <= times[-1]:
+            return np.array([-np.inf])
+        away = by_hand(plan, i, at) - waypoint.position
+        return np.asarray(np.linalg.norm(away, axis=1) + tube.position(at) - waypoint.within)
+    if name.startswith("obstacle"):
+        (obstacle,) = scenario.bodies
+        late = obstacle.known_from > max(grid.start, 0.0)
+        judged = np.ones(len(times), dtype=bool)
+        if late:
+            judged = (times >= obstacle.known_from) != ("before" in name)
+            judged |= np.abs(times - obstacle.known_from) < 1e-9 * grid.step * (len(times) == 1)
+        x = p - places(obstacle, times)
+        kept = scenario.vehicles[i].radius + obstacle.deviation
+        return np.asarray((kept + off - obstacle.shape.signed_distance(x))[judged])
+    assert scenario.separation is not None
+    shape, worst = scenario.separation.shape, np.full(len(times), -np.inf)
+    for j in range(len(scenario.vehicles)):
+        if j != i:
+            x = p - by_hand(plan, j, times)
+            worst = np.maximum(worst, 2.0 * off - shape.signed_distance(x))
+    return worst
+
+
+def judged(flown: rho.Plan | rho.Flight) -> list[rho.Check]:
+    """The checks in which errors count."""
+    told = ("dynamics", "goal", "jerk box")
+    return [each for each in rho.verify(flown).checks if each.constraint not in told]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=25)
+@given(seed=seeds)
+def test_no_point_of_the_tube_is_worse_than_what_is_told_and_one_is_as_bad(
+    kind: str, seed: int
+) -> None:
+    flown = disturbed_case(seed, kind)
+    plan = flown.plan if isinstance(flown, rho.Flight) else flown
+    places_ = float(np.abs(plan.positions).max())
+    (obstacle,) = plan.scenario.bodies
+    apart = plan.scenario.separation
+    assert apart is not None
+    moved = float(np.abs(places(obstacle, plan.times)).max())
+    for check in judged(flown):
+        large = {"m": places_ + moved, "m/s": np.abs(plan.velocities).max()}
+        scale = large.get(check.unit, GRAVITY + np.abs(plan.accelerations).max())
+        rounding = 1e-9 * (scale + check.errors + abs(check.value))
+        sampled = [float(each.max()) for each in excesses(flown, check) if each.size > 0]
+        if check.constraint == "separation" and max(sampled) < -3.0 * apart.distance:
+            continue  # the closest of all is not looked for, so far away
+        assert check.excess >= max(sampled) - 0.01 * check.tolerance - rounding, check
+        at = [float(each.max()) for each in excesses(flown, check, at=check.time) if each.size > 0]
+        assert check.excess == pytest.approx(max(at), abs=rounding), check
+        limit = abs(check.value - check.limit)
+        assert abs(check.excess) == pytest.approx(limit, abs=rounding)
