@@ -30,6 +30,8 @@ _GHOST, _BALL, _TUBE = 0.35, 0.18, 0.08
 """How opaque things are."""
 _LEAST = 1e-6
 """Least that anything is scaled by: no object can be shown at a size of zero."""
+_SEEN = 2e-3
+"""Least radius that is seen, in diagonals of the scene."""
 _SIDES = 12
 """Of a tube's section."""
 _PER_STEP = 4
@@ -153,13 +155,15 @@ def _faint(colour: Rgba, alpha: float) -> Rgba:
 
 def _entries(scene: Scene, simulation: Simulation) -> list[Entry]:
     """What the additions mean."""
-    size, entries = 0.2 * scene.mark_length, []
+    size, entries = 0.011 * scene.size, []
     if (most := strongest(simulation)) > 0.0:
         sign = arrow(_arrow_length(scene))
         entries.append(Entry("wind", f"wind, this long for {most:.3g} m/s²", sign, _DARK))
     ghost = _faint(_DARK, _GHOST)
     entries.append(Entry("planned", "where the plan has it", aircraft(2.0 * size), ghost))
     if has_tube(simulation):
-        text = f"where it can be, at most {simulation.radii().max():.2g} m from there"
+        most = float(simulation.radii().max())
+        text = f"where it can be, at most {most:.2g} m from there"
+        text += ", too little to be seen" if most < _SEEN * scene.size else ""
         entries.append(Entry("tube", text, octahedron(size), _faint(_DARK, _BALL)))
     return entries

@@ -13,8 +13,8 @@ from drake_rho.display.scene import ROOT, Scene
 from drake_rho.display.shapes import Mesh, words
 from drake_rho.display.style import view
 
-_LINE = 0.55
-"""Height of a line, in mark lengths."""
+_LINE = 0.03
+"""Height of a line, in diagonals of the scene."""
 _LETTERS = 0.55
 """Height of letters, in lines."""
 
@@ -37,7 +37,7 @@ def add_key(meshcat: Meshcat, scene: Scene, entries: Sequence[Entry], colour: Rg
     """Write the entries below each other, in letters of a colour, at /flight/key/<name>."""
     right, up, _ = view()
     corners = np.array(list(product(*np.array([scene.lower, scene.upper]).T)))
-    centre, line = (scene.lower + scene.upper) / 2.0, _LINE * scene.mark_length
+    centre, line = (scene.lower + scene.upper) / 2.0, _LINE * scene.size
     seen = (corners - centre) @ np.array([right, up]).T
     begin = centre + seen[:, 0].min() * right + seen[:, 1].max() * up
     turned = np.column_stack([right, np.cross([0.0, 0.0, 1.0], right), [0.0, 0.0, 1.0]])
