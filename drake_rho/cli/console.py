@@ -21,9 +21,6 @@ from drake_rho.scenario.errors import DrakeRhoError
 out = Console()
 err = Console(stderr=True)
 
-_FOLLOWED = 1e-3
-"""By how much a plant may miss commands without a word [m/s²]."""
-
 
 def say(text: str, console: Console = out) -> None:
     """Print text unchanged on a console of any width: no markup in names, no folded tables."""
@@ -56,9 +53,9 @@ def report(planned: Flown) -> int:
     """Judge what was planned and say how it came about; the status is 0 if all of it holds."""
     if isinstance(planned, Simulation):
         return _report_simulation(planned)
-    whole = planned.plan if isinstance(planned, Flight) else planned
-    judged = verify(whole)
+    judged = verify(planned)
     say(str(judged))
+    whole = planned.plan if isinstance(planned, Flight) else planned
     numbers = whole.statistics
     say(
         f"cost {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
@@ -75,20 +72,25 @@ def report(planned: Flown) -> int:
 
 def _report_simulation(simulation: Simulation) -> int:
     """Judge the true motion, and say how far it was off its plans."""
+    judged = verify(simulation)
+    say(str(judged))
+    _say_why(simulation.flight)
     out.print(simulation_table(simulation))
-    missed = float(simulation.tracking_difference.max())
-    if missed > _FOLLOWED:
-        say(f"commands were missed by up to {missed:.3g} m/s², which drives vehicles off as wind")
-    _say_windows(simulation.flight)
-    return 0
+    return 0 if judged.ok else 1
 
 
 def _say_windows(flight: Flight) -> None:
     """How many windows there were, and why some had no plan of their own."""
-    kept = [window for window in flight.windows if window.infeasible]
-    say(f"{len(flight.windows)} windows, {len(kept)} of them without a plan of their own")
-    for window in kept:
-        say(f"  from knot {window.first_knot + 1}, along the previous: {window.infeasible}")
+    kept = sum(bool(window.infeasible) for window in flight.windows)
+    say(f"{len(flight.windows)} windows, {kept} of them without a plan of their own")
+    _say_why(flight)
+
+
+def _say_why(flight: Flight) -> None:
+    """Why windows had no plan of their own."""
+    for window in flight.windows:
+        if window.infeasible:
+            say(f"  from knot {window.first_knot + 1}, along the previous: {window.infeasible}")
 
 
 def wait_for_interrupt() -> None:

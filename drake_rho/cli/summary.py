@@ -14,7 +14,7 @@ _MOST_ROWS = 20
 _NOTHING = 1e-9
 """What is put down to rounding, in the units of the table."""
 _ROUNDING = 1e-9
-"""Least radius that something can be a part of, beside the greatest of the flight."""
+"""Part of a motion's scale that rounding may be off, and no error."""
 
 
 def simulation_table(simulation: Simulation) -> Table:
@@ -61,9 +61,10 @@ def _number(value: float) -> str:
 def _parts(simulation: Simulation, errors: FloatArray) -> FloatArray | None:
     """The greatest part of its radius that each error had, shape (N,); None without a tube."""
     radii = simulation.radii()
-    wide = radii > _ROUNDING * radii.max()
+    wide = radii > 0.0
     if not np.any(wide):
         return None
+    errors = np.maximum(errors - _ROUNDING * simulation.scenario.fleet.scale("position"), 0.0)
     parts: FloatArray = (errors[wide] / radii[wide, None]).max(axis=0)
     return parts
 

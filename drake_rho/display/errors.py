@@ -31,7 +31,7 @@ _TOP = 1.1
 """Height of the axes, in the greatest radius or error."""
 _UNITS: dict[Quantity, str] = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 _ROUNDING = 1e-9
-"""Least radius that something can be a part of, beside the greatest of the flight."""
+"""Part of a motion's scale that rounding may be off, and no error."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -66,12 +66,11 @@ def errors_of(simulation: Simulation, quantity: Quantity) -> list[Errors]:
     return found
 
 
-def greatest_ratio(windows: list[Errors]) -> float:
-    """The greatest part of its radius that an error had; 0 where all radii are zero."""
-    least = _ROUNDING * max(float(each.radii.max(initial=0.0)) for each in windows)
+def greatest_ratio(windows: list[Errors], rounding: float | FloatArray = 0.0) -> float:
+    """The greatest part of its radius that an error had, less rounding; 0 where all are zero."""
     return max(
-        float((each.errors[wide] / each.radii[wide, None]).max())
-        if np.any(wide := each.radii > least)
+        float((np.maximum(each.errors[wide] - rounding, 0.0) / each.radii[wide, None]).max())
+        if np.any(wide := each.radii > 0.0)
         else 0.0
         for each in windows
     )
@@ -119,7 +118,8 @@ def _draw_greatest(
     who = as_text(brief(simulation.scenario.vehicles[int(i)].name))
     label = f"{error:.3g} {_UNITS[quantity]} at {time:.4g} s: {who}"
     if any(window.radii.max() > 0.0 for window in windows):
-        label += f"; at most {100.0 * greatest_ratio(windows):.1f} % of the radius"
+        rounding = _ROUNDING * simulation.scenario.fleet.scale(quantity)
+        label += f"; at most {100.0 * greatest_ratio(windows, rounding):.1f} % of the radius"
     (ring,) = ax.plot(
         time, error, marker="o", linestyle="none", fillstyle="none", color="black", label=label
     )

@@ -1,0 +1,169 @@
+"""`verify` of simulations, against the record looked at by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.assurance.notes import tube_filled
+from drake_rho.simulation.closed_loop import fly, fly_plan
+from tests.disturbed import KINDS, crowded, disturbed, least_margin, winds_for
+from tests.scenarios import box, single
+from tests.tolerances import ROUNDING
+
+KEPT = ("obstacle", "separation", "position box", "velocity box", "acceleration box")
+
+
+def least_told(report: rho.Report) -> float:
+    """The least that is left of what `least_margin` looks at, at all times."""
+    excesses = [each.excess for each in report.checks if each.constraint.startswith(KEPT)]
+    return -max(excesses)
+
+
+def harsh(scenario: rho.Scenario, times: float) -> rho.Scenario:
+    """The scenario with a stronger wind than plans were made for."""
+    around = scenario.disturbance
+    assert around is not None
+    stronger = dataclasses.replace(around, acceleration=times * around.acceleration)
+    return dataclasses.replace(scenario, disturbance=stronger)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", [2, 5])
+def test_what_is_told_is_what_the_record_shows(kind: str, seed: int) -> None:
+    scenario = disturbed(seed)
+    rng = np.random.default_rng(seed)
+    simulation = fly(scenario, wind=winds_for(scenario, seed)[kind], rng=rng, replan_every=4)
+    report = rho.verify(simulation)
+    assert report.ok
+    told, seen = least_told(report), least_margin(simulation)
+    between = np.abs(simulation.velocities).max() * np.diff(simulation.times).max()
+    assert seen - between <= told <= seen + ROUNDING * np.abs(simulation.positions).max()
+    assert max(tube_filled(simulation).values()) <= 1.0 + 1e-9
+    assert "of the tube's radii" in str(report)
+    assert "left their tube" not in str(report)
+
+
+@pytest.mark.parametrize("seed", [2, 5, 7])
+def test_too_strong_a_wind_breaks_what_is_told(seed: int) -> None:
+    scenario = disturbed(seed)
+    plan = rho.plan(scenario)
+    stormy = harsh(scenario, 40.0)
+    wind = rho.winds.constant(stormy, [0.0, 1.0, 0.3])
+    flown = fly_plan(stormy, plan, wind=wind)
+    simulation = dataclasses.replace(flown, flight=_one_window(plan))  # judged by what was asked
+    report = rho.verify(simulation)
+    assert not report.ok
+    broken = {violation.constraint for violation in report.violations}
+    assert "goal" in broken
+    assert "dynamics" not in broken
+    missed = np.linalg.norm(simulation.positions[-1] - scenario.fleet.goal_positions, axis=1)
+    goals = [each for each in report.checks if each.what == "goal position"]
+    np.testing.assert_allclose([each.value for each in goals], missed, rtol=1e-9)
+    radius = rho.error_tube(scenario).position(scenario.grid.end)
+    assert all(each.limit == each.errors == radius for each in goals)
+    assert "vehicles left their tube" in str(report)
+    told, seen = least_told(report), least_margin(simulation)
+    assert told <= seen + 1e-9
+    assert (told < 0.0) == bool(broken - {"goal"})
+
+
+def _one_window(plan: rho.Plan) -> rho.Flight:
+    return rho.Flight(plan, (rho.Window(0, plan, plan),))
+
+
+def test_limits_on_accelerations_are_on_the_commands() -> None:
+    scenario = disturbed(5)
+    rng = np.random.default_rng(3)
+    wind = winds_for(scenario, 5)["noise"]
+    simulation = fly(scenario, wind=wind, rng=rng, replan_every=4)
+    largest = np.linalg.norm(simulation.commands, axis=2).max(axis=0)
+    for factor, holds in ((1.0 + 1e-3, True), (1.0 - 1e-3, False)):
+        limits = dataclasses.replace(
+            scenario.limits, max_acceleration=factor * float(largest.max())
+        )
+        report = rho.verify(_asking(simulation, limits=limits))
+        checks = [each for each in report.checks if each.constraint == "maximum acceleration"]
+        np.testing.assert_allclose([each.value for each in checks], largest, rtol=1e-12)
+        assert all(each.holds for each in checks) == holds
+        assert all(each.errors == 0.0 for each in checks)
+
+
+def _asking(simulation: rho.Simulation, **changes: Any) -> rho.Simulation:
+    """The simulation of a scenario that asks for something else."""
+    plan = simulation.flight.plan
+    scenario = dataclasses.replace(plan.scenario, **changes)
+    asked = rho.Plan(scenario, plan.positions, plan.velocities, plan.accelerations)
+    return dataclasses.replace(simulation, flight=rho.Flight(asked, simulation.flight.windows))
+
+
+def test_between_two_times_of_a_record_nothing_is_missed() -> None:
+    """A pole that is thinner than the way from one time to the next."""
+    scenario = dataclasses.replace(
+        single(grid=rho.Grid(2.0, 5), goal=rho.State([40.0, 0.0, 0.0])),
+        disturbance=rho.Disturbance(0.0),
+        between_knots=True,
+    )
+    simulation = fly(scenario)
+    m = len(simulation.times) // 2
+    middle = simulation.positions[m : m + 2, 0].mean(axis=0)
+    pole = rho.Sphere(middle, 0.05 * float(np.ptp(simulation.positions[m : m + 2, 0], axis=0)[0]))
+    report = rho.verify(_asking(simulation, obstacles=(pole,)))
+    at_knots, always = (each for each in report.checks if each.constraint == "obstacle 1")
+    assert at_knots.holds
+    assert not always.holds
+    assert simulation.times[m] < always.time < simulation.times[m + 1]
+    assert always.value == pytest.approx(-pole.radius, abs=0.01 * pole.radius)
+
+
+def test_a_record_that_was_not_flown_is_found() -> None:
+    simulation = fly(disturbed(5))
+    positions = np.array(simulation.positions)
+    positions[17, 0, 1] += 0.01
+    (violation,) = rho.verify(dataclasses.replace(simulation, positions=positions)).violations
+    assert violation.what == "dynamics position"
+    assert violation.time == pytest.approx(simulation.times[17], abs=1e-12)
+    assert violation.excess == pytest.approx(0.01)
+
+
+def test_windows_that_kept_their_plan_and_vehicles_off_the_tube_are_told() -> None:
+    scenario = crowded(25)
+    simulation = fly(scenario, wind=winds_for(scenario, 25)["noise"], replan_every=2)
+    kept = sum(window.kept for window in simulation.flight.windows)
+    assert kept > 0
+    report = rho.verify(simulation)
+    assert report.ok
+    assert f"{len(simulation.flight.windows)} windows, {kept} of them kept" in str(report)
+    last = simulation.flight.windows[-1]
+    off = dataclasses.replace(last, off_tube=("v1",))
+    flight = dataclasses.replace(simulation.flight, windows=(*simulation.flight.windows[:-1], off))
+    told = str(rho.verify(dataclasses.replace(simulation, flight=flight)))
+    assert f"off the tube: v1 from {last.plan.scenario.grid.start:g} s" in told
+
+
+def test_a_quadrotor_is_judged_by_its_record() -> None:
+    scenario = dataclasses.replace(
+        single(goal=rho.State([2.0, 1.0, 0.5]), limits=rho.Limits(position=box(3.0))),
+        disturbance=rho.Disturbance(0.6, feedback_every=0.05, share=0.5),
+    )
+    simulation = rho.simulate(scenario, plant="quadrotor")
+    report = rho.verify(simulation)
+    assert "judged by its record" in str(report)
+    assert not any(each.constraint == "dynamics" for each in report.checks)
+    upper = [each for each in report.checks if each.what == "position box x upper at all times"]
+    assert upper[0].value == pytest.approx(simulation.positions[..., 0].max(), abs=1e-6)
+
+
+def test_jerk_is_that_of_the_plans() -> None:
+    scenario = dataclasses.replace(
+        single(limits=rho.Limits(jerk=box(5.0))),
+        disturbance=rho.Disturbance(0.2, feedback_every=0.1),
+    )
+    simulation = fly(scenario, wind=rho.winds.constant(scenario, [0.0, 1.0, 0.0]))
+    (check,) = (each for each in rho.verify(simulation).checks if each.constraint == "jerk box")
+    jerks = simulation.flight.plan.motion().jerks()[:, 1:]
+    assert abs(check.value) == pytest.approx(np.abs(jerks).max(), rel=1e-9)
