@@ -163,9 +163,8 @@ class Plan:
 
     def only(self, vehicles: IntArray) -> Plan:
         """The plan of some of the vehicles, by their indices, as one of its own."""
-        kept = tuple(self.scenario.vehicles[index] for index in vehicles)
         return Plan(
-            dataclasses.replace(self.scenario, vehicles=kept),
+            self.scenario.of_vehicles(vehicles.tolist()),
             self.positions[vehicles],
             self.velocities[vehicles],
             self.accelerations[vehicles],

@@ -21,6 +21,9 @@ from drake_rho.scenario.records import Scenario
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "jerk")
 """What can be kept in a box, in the order of the constraints' numbers."""
 
+_AT_ONCE = 1e-6
+"""Part of a step after the start in which nothing can be changed."""
+
 _SIDES = np.concatenate([np.eye(3), -np.eye(3)])
 """Normals of a box's sides, pointing inwards: the lower ones, then the upper ones."""
 
@@ -85,7 +88,10 @@ class KeepInBox(Constraint):
         inside = self.margins.steps[self.quantity][:, None]
         below = positions < (self.bounds.lower[vehicles] - room)[:, None] + inside
         above = positions > (self.bounds.upper[vehicles] + room)[:, None] - inside
-        which, steps, sides = np.nonzero(np.concatenate([below, above], axis=2))
+        beyond = np.concatenate([below, above], axis=2)
+        at_once = times <= _AT_ONCE * motion.step  # where nothing can be changed
+        beyond &= ~np.concatenate([at_once, at_once], axis=2)
+        which, steps, sides = np.nonzero(beyond)
         order = np.lexsort((steps, sides, which))  # neighbours in time one after the other
         which, steps, sides = which[order], steps[order], sides[order]
         return self.rows(vehicles[which], sides, times[which, steps, sides % 3])

@@ -15,7 +15,9 @@ from drake_rho.planning.half_spaces import Constraint
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.keep_goal import goals_of
 from drake_rho.planning.keep_out import FIRST
+from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.room import starts_beyond_limits
 from drake_rho.planning.scp import iterate, restored
 from drake_rho.planning.subproblem import Subproblem, constraints_around
 from drake_rho.scenario.records import Scenario
@@ -41,7 +43,7 @@ def minimum_violation(scenario: Scenario, solver: SolverInterface | None = None)
     subproblem = ElasticSubproblem(scenario, solver=solver)
     motion = MinimumEffort.of(scenario).motion
     start = Plan(scenario, motion.positions, motion.velocities, motion.accelerations)
-    return iterate(subproblem, start, 1.0, repeat(1.0, 2 if scenario.obstacles else 1))
+    return iterate(subproblem, start, 1.0, repeat(1.0, 2 if scenario.known else 1))
 
 
 class ElasticSubproblem(Subproblem):
@@ -65,7 +67,19 @@ class ElasticSubproblem(Subproblem):
 
 
 class LenientSubproblem(Subproblem):
-    """Feasibility restoration that ends with what is left of the breaches, rather than an error."""
+    """Feasibility restoration that ends with what is left of the breaches, rather than an error.
+
+    Vehicles that begin beyond limits of position or velocity come back at the cost of a breach.
+    """
+
+    def _limits(self, penalty: float) -> list[Constraint]:
+        limits = convex_constraints(self.scenario)
+        if not starts_beyond_limits(self.scenario):
+            return limits
+        return [
+            each.softened(penalty) if each.quantity in ("position", "velocity") else each
+            for each in limits
+        ]
 
     def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
         """None: what comes least too close is the answer."""

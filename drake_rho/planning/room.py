@@ -89,6 +89,12 @@ def lacks(
     return found
 
 
+def starts_beyond_limits(scenario: Scenario) -> bool:
+    """Whether a vehicle begins where its limits of position or velocity leave no room."""
+    rooms = _of_state(scenario, margins_of(scenario), 0)
+    return any(np.any(each.lacking() > 0.0) for each in rooms)
+
+
 def _bearable(scenario: Scenario, margins: Margins) -> float:
     """The largest wind there would be room for with the same feedback [m/s²].
 

@@ -166,6 +166,6 @@ def _first_penalty(plan: Plan, effort: float) -> float:
     rooms = [float(obstacle.shape.extent.min()) for _, obstacle in scenario.known]
     if scenario.separation is not None:
         rooms.append(scenario.separation.distance)
-    room, T = min(rooms), scenario.grid.duration
+    room, T = min(rooms, default=float(scenario.fleet.lengths.max())), scenario.grid.duration
     aside = scenario.grid.knots * (4.0 * room / T**2) ** 2
     return (max(plan.cost, effort) / len(scenario.vehicles) + aside) / room

@@ -150,7 +150,7 @@ class Subproblem:
                 pass
         motion, rounds = reference.motion(), number // 2
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
-        constraints = convex_constraints(self.scenario)
+        constraints = self._limits(penalty)
         for each in obstacles_of(self.scenario, motion):
             soft = dataclasses.replace(each.softened(penalty), rounds=rounds, searches=1)
             constraints.append(each if found.is_of_pairs_only else soft)
@@ -166,6 +166,10 @@ class Subproblem:
                 )
             )
         return self._solve(reference, constraints, found.vehicles)
+
+    def _limits(self, penalty: float) -> list[Constraint]:
+        """What vehicles keep in while they are restored."""
+        return convex_constraints(self.scenario)
 
     def is_flown(self, plan: Plan) -> bool:
         """Whether a plan's positions are those that its accelerations lead to."""

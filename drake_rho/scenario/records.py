@@ -258,7 +258,8 @@ class Scenario:
 
     def without_separation(self) -> Scenario:
         """This scenario without a separation."""
-        return dataclasses.replace(self, separation=None)
+        alone = Fleet(self.grid, self.vehicles, self.limits)
+        return unchecked(self, separation=None, fleet=alone)
 
     def of_vehicles(self, indices: Sequence[int]) -> Scenario:
         """This scenario of some of its vehicles only, which are not looked at again."""

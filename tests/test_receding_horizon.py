@@ -1,0 +1,200 @@
+"""`RecedingHorizon`: windows from measured states, which are never without a plan."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.motion.tube import tube_of
+from drake_rho.scenario.fields import FloatArray
+from tests.scenarios import box, random_fleet, random_scenario, single
+from tests.test_margins import disturbed, least_margin
+
+
+def states_of(plan: rho.Plan, knot: int) -> FloatArray:
+    """The states of a plan at a knot, shape (N, 6)."""
+    return np.concatenate([plan.positions[:, knot], plan.velocities[:, knot]], axis=1)
+
+
+def first_states(scenario: rho.Scenario) -> FloatArray:
+    """The states that a scenario starts with, shape (N, 6)."""
+    fleet = scenario.fleet
+    return np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
+
+
+def within(window: rho.Window, knot: int, rng: np.random.Generator) -> FloatArray:
+    """States anywhere in the tube of a window at one of its knots, as they are estimated."""
+    scenario = window.plan.scenario
+    tube, time = tube_of(scenario), scenario.grid.times[knot]
+    around, count = tube.disturbance, len(scenario.vehicles)
+    error, estimate = rng.normal(size=(2, count, 3)), rng.normal(size=(2, count, 3))
+    error /= np.linalg.norm(error, axis=2, keepdims=True)
+    estimate /= np.linalg.norm(estimate, axis=2, keepdims=True)
+    part = rng.uniform(0.0, 1.0)
+    p = part * tube.position(time) * error[0] + around.position_error * estimate[0]
+    v = part * tube.velocity(time) * error[1] + around.velocity_error * estimate[1]
+    states: FloatArray = states_of(window.plan, knot) + np.concatenate([p, v], axis=1)
+    return states
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_window_is_without_a_plan_that_holds(seed: int) -> None:
+    rng, windows, kept = np.random.default_rng(seed), 0, 0
+    for asked in (random_scenario(seed, between_knots=True), random_fleet(seed, most=4)):
+        windy = disturbed(asked, seed)
+        horizon = rho.RecedingHorizon(windy, replan_every=int(rng.integers(1, 6)))
+        states = first_states(windy)
+        try:
+            horizon.step(states, windy.grid.start)
+        except rho.InfeasibleError:
+            continue
+        for knot in horizon.knots[1:]:
+            last = horizon.windows[-1]
+            states = within(last, knot - last.first_knot, rng)
+            window = horizon.step(states, windy.grid.times[knot])
+            assert window.kept == bool(window.infeasible)
+            assert not window.off_tube
+            assert least_margin(window.plan, 20) > -1e-5
+            windows, kept = windows + 1, kept + window.kept
+    assert kept < windows or windows == 0
+
+
+def test_a_new_plan_begins_where_the_vehicle_is_and_its_tube_begins_anew() -> None:
+    asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
+    around = rho.Disturbance(0.2, 0.01, 0.02, feedback_every=0.1, delay=2)
+    windy = dataclasses.replace(asked, disturbance=around)
+    horizon = rho.RecedingHorizon(windy)
+    first = horizon.step(first_states(windy), 0.0)
+    assert tube_of(first.plan.scenario).initial == (0.0, 0.0)
+    states = states_of(first.plan, 5) + 0.02
+    window = horizon.step(states, 2.5)
+    np.testing.assert_allclose(states_of(window.plan, 0), states, atol=1e-12)
+    tube = tube_of(window.plan.scenario)
+    assert tube.gains == rho.error_tube(windy).gains
+    assert tube.initial == pytest.approx((0.01 + 0.2 * 0.02 + 0.2 * 0.2**2 / 2, 0.02 + 0.2 * 0.2))
+    assert tube.position(2.5) == pytest.approx(tube.initial[0])
+    np.testing.assert_allclose(window.plan.positions[:, -1], windy.fleet.goal_positions, atol=1e-9)
+
+
+def test_the_previous_plan_is_kept_where_the_start_has_no_room() -> None:
+    wall = rho.Box([2.0, -0.6, -5.0], [8.0, -0.05, 5.0])
+    asked = single(obstacles=[wall], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
+    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.5, feedback_every=0.5))
+    horizon = rho.RecedingHorizon(windy)
+    first = horizon.step(first_states(windy), 0.0)
+    states = states_of(first.plan, 8)
+    tube = tube_of(first.plan.scenario)
+    states[0, 1] -= 0.99 * float(tube.position(4.0))  # a hand's breadth from the wall
+    kept = horizon.step(states, 4.0)
+    assert kept.kept
+    assert "obstacle 1" in kept.infeasible
+    np.testing.assert_array_equal(kept.plan.positions, first.plan.positions[:, 8:])
+    assert tube_of(kept.plan.scenario).position(5.0) == pytest.approx(float(tube.position(5.0)))
+    assert horizon.step(states_of(kept.plan, 5), 6.5).infeasible == ""
+
+
+def test_a_state_off_the_tube_is_told_and_planned_from() -> None:
+    asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
+    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.2, feedback_every=0.1))
+    horizon = rho.RecedingHorizon(windy)
+    first = horizon.step(first_states(windy), 0.0)
+    window = horizon.step(states_of(first.plan, 5) + 0.5, 2.5)
+    assert window.off_tube == ("solo",)
+    assert window.infeasible == ""
+    window = horizon.step(states_of(window.plan, 5), 5.0)
+    assert window.off_tube == ()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_whatever_the_states_are_there_is_a_window(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for asked in (random_scenario(seed), random_fleet(seed, most=4)):
+        for windy in (asked, disturbed(asked, seed)):
+            horizon = rho.RecedingHorizon(windy, fallback=None)
+            try:
+                window = horizon.step(first_states(windy), windy.grid.start)
+            except rho.InfeasibleError:
+                continue
+            size = float(windy.fleet.lengths.max())
+            for knot in horizon.knots[1:]:
+                states = states_of(window.plan, knot - window.first_knot)
+                states = states + 10 ** rng.uniform(-3, 0.5) * size * rng.normal(size=states.shape)
+                window = horizon.step(states, windy.grid.times[knot])
+                np.testing.assert_allclose(
+                    states_of(window.plan, 0), states, rtol=1e-6, atol=1e-6 * size
+                )
+            assert np.isfinite(horizon.flight.cost)
+
+
+def test_inside_an_obstacle_a_window_comes_out_of_it() -> None:
+    asked = single(obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True)
+    horizon = rho.RecedingHorizon(asked)
+    horizon.step(first_states(asked), 0.0)
+    inside = np.array([[5.3, 2.2, 0.4, 1.0, 0.5, 0.0]])
+    window = horizon.step(inside, 4.0)
+    assert not window.kept
+    assert "obstacle 1 (start" in window.infeasible
+    clearances = asked.bodies[0].distances(window.plan.positions[0], window.plan.times)
+    assert clearances[0] < 0.0
+    assert clearances[3:].min() > 0.0
+    np.testing.assert_allclose(window.plan.positions[:, -1], asked.fleet.goal_positions, atol=1e-6)
+    assert horizon.step(states_of(window.plan, 5), 6.5).infeasible == ""
+
+
+def test_outside_its_box_a_window_comes_back() -> None:
+    asked = single(limits=rho.Limits(position=box(10.5)), between_knots=True)
+    horizon = rho.RecedingHorizon(asked)
+    horizon.step(first_states(asked), 0.0)
+    window = horizon.step(np.array([[5.0, 10.9, 0.0, 1.0, -0.2, 0.0]]), 2.5)
+    assert "position box (start 0.4 m beyond)" in window.infeasible
+    assert np.abs(window.plan.positions[0, 3:]).max() < 10.5 + 1e-6
+    np.testing.assert_allclose(window.plan.positions[:, -1], asked.fleet.goal_positions, atol=1e-6)
+
+
+def test_the_first_window_begins_at_the_starts_as_far_as_these_can_be_known() -> None:
+    windy = dataclasses.replace(single(), disturbance=rho.Disturbance(0.1, 0.05, 0.05))
+    near, far = first_states(windy) + 0.02, first_states(windy) + 0.5
+    window = rho.RecedingHorizon(windy).step(near, 0.0)
+    assert window.plan.scenario is windy
+    window = rho.RecedingHorizon(windy).step(far, 0.0)
+    np.testing.assert_allclose(states_of(window.plan, 0), far)
+    assert tube_of(window.plan.scenario).initial == (0.05, 0.05)
+
+
+def test_plan_rho_is_the_loop_with_perfect_measurements() -> None:
+    windy = dataclasses.replace(
+        single(obstacles=[rho.Sphere([5.0, 2.0, -0.5], 1.0)], between_knots=True),
+        disturbance=rho.Disturbance(0.2, 0.001, 0.002, feedback_every=0.1),
+    )
+    flight, horizon = rho.plan_rho(windy, replan_every=4), rho.RecedingHorizon(windy)
+    for window in flight.windows:
+        again = horizon.step(states_of(window.plan, 0), window.plan.scenario.grid.start)
+        np.testing.assert_array_equal(again.plan.accelerations, window.plan.accelerations)
+        assert least_margin(window.plan) > -1e-6
+    np.testing.assert_array_equal(horizon.flight.plan.accelerations, flight.plan.accelerations)
+
+
+def test_what_makes_no_sense_is_refused_by_name() -> None:
+    asked = single()
+    states = first_states(asked)
+    for every in (0, 1.5, True):
+        with pytest.raises(ValueError, match="replan_every: got"):
+            rho.RecedingHorizon(asked, replan_every=every)  # type: ignore[arg-type]
+    horizon = rho.RecedingHorizon(asked)
+    with pytest.raises(ValueError, match="windows: got none"):
+        _ = horizon.flight
+    with pytest.raises(ValueError, match=r"states: got shape \(1, 3\), expected \(1, 6\)"):
+        horizon.step(states[:, :3], 0.0)
+    with pytest.raises(ValueError, match="finite numbers for solo"):
+        horizon.step(states * np.nan, 0.0)
+    for time in (0.5, -0.5, np.nan):
+        with pytest.raises(ValueError, match="time: got"):
+            horizon.step(states, time)
+    horizon.step(states, 0.0)
+    for time in (0.0, 0.7, 8.0, np.inf):
+        with pytest.raises(ValueError, match=r"expected the time of a knot from 0\.5 to 7\.5 s"):
+            horizon.step(states, time)
+    assert len(horizon.windows) == 1
