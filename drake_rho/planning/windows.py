@@ -16,7 +16,7 @@ import numpy as np
 from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.margins import margins_of
-from drake_rho.motion.plan import Plan, Window
+from drake_rho.motion.plan import Plan, Statistics, Window
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -164,12 +164,14 @@ def least_breach(reference: Plan, solver: SolverInterface | None = None) -> Plan
         reference: a motion of the scenario's vehicles from its start to its goals.
         solver: a Drake solver; Clarabel if not given.
     """
+    scenario, spent = reference.scenario, Statistics()
+    if scenario.known or scenario.separation is not None:  # else nothing can be too close
+        try:
+            return minimum_breach(reference, solver)
+        except (InfeasibleError, SolverError) as error:
+            spent = error.statistics
     try:
-        return minimum_breach(reference, solver)
-    except (InfeasibleError, SolverError) as error:
-        spent = error.statistics
-    try:
-        plan = minimum_violation(reference.scenario, solver)
+        plan = minimum_violation(scenario, solver)
     except SolverError as error:
         return reference.with_statistics(spent + error.statistics)
     return plan.with_statistics(spent + plan.statistics)
