@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d.art3d import Line3D
 
 import drake_rho as rho
 from drake_rho.display import curves, distances, errors, space
@@ -202,6 +203,24 @@ def test_paths_are_the_true_motion_in_the_colours_of_the_windows(
         assert all(np.allclose(one[-1], other[0]) for one, other in pairwise(pieces))
         np.testing.assert_allclose(pieces[0][0], simulation.positions[0, index], atol=1e-9)
         np.testing.assert_allclose(pieces[-1][-1], simulation.positions[-1, index], atol=1e-9)
+
+
+def test_one_window_is_drawn_in_the_vehicles_colours_with_its_plan_dotted() -> None:
+    scenario = mission()
+    wind = rho.winds.constant(scenario, [0.0, 0.0, 1.0])
+    simulation = fly(scenario, wind=wind, replan_every=40)
+    figure = rho.paths_figure(simulation)
+    assert len(figure.axes) == 1  # no bar of windows
+    assert any("dotted: planned" in text.get_text() for text in figure.texts)
+    (ax,) = figure.axes
+    for index, colour in enumerate(vehicle_colours(2)):
+        lines = [line for line in ax.lines if isinstance(line, Line3D)]
+        mine = [line for line in lines if line.get_color() == colour]
+        for true, dotted in ((simulation.positions, False), (simulation.nominal("position"), True)):
+            pieces = [line for line in mine if (line.get_linestyle() == ":") == dotted]
+            points = np.concatenate([np.array(line.get_data_3d()).T for line in pieces])
+            away = np.linalg.norm(true[::50, index, None] - points, axis=2).min(axis=1)
+            assert away.max() <= 1e-3
 
 
 def test_plans_are_drawn_beside_the_true_motion_of_a_few(simulation: rho.Simulation) -> None:

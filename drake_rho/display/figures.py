@@ -48,10 +48,12 @@ from drake_rho.display.space import (
     draw_obstacle_labels,
     draw_obstacles,
     draw_paths,
+    draw_planned_paths,
     draw_ways,
     draw_windows,
 )
 from drake_rho.display.style import LIMIT_STYLE, PLANNED_STYLE, window_colours
+from drake_rho.motion.plan import Flight
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.files import replacing
 from drake_rho.scenario.obstacles import Obstacle
@@ -87,7 +89,8 @@ def paths_figure(flown: Flown, *, obstacles: Sequence[Shape | Obstacle] | None =
     draw_approaches(ax, approaches(plan, bodies))
     draw_obstacle_labels(ax, shown)
     windows = windows_of(flown)
-    if windows:
+    in_windows = len(windows) > 1 or isinstance(flown, Flight)
+    if in_windows:
         draw_windows(ax, flown, shown)
         _add_window_bar(figure, len(windows))
         named = len(plan.positions) <= MOST_LABELLED
@@ -97,10 +100,11 @@ def paths_figure(flown: Flown, *, obstacles: Sequence[Shape | Obstacle] | None =
         draw_paths(ax, plan, shown)
         handles = vehicle_handles(plan.scenario)
         note = "ring: start; star: goal" + ("; a mark at every knot" if handles else "")
+        note += "; dotted: planned" if draw_planned_paths(ax, plan, shown) else ""
     note += "; diamond: waypoint" if passed else ""
     for line, words in enumerate([note, *obstacle_notes(plan, bodies)]):
         figure.text(0.02, 0.02 + 0.03 * line, words, fontsize=8)
-    if has_room and not windows and fits_beside(figure, handles):
+    if has_room and not in_windows and fits_beside(figure, handles):
         add_beside(figure, handles)
     else:
         _lift(figure, add_below(figure, handles))

@@ -17,12 +17,13 @@ from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollectio
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.depth import draw_line, layers, ranks
-from drake_rho.display.flown import Drawn, Flown, drawn, windows_of
+from drake_rho.display.flown import Drawn, Flown, drawn, planned, windows_of
 from drake_rho.display.names import as_text, brief
 from drake_rho.display.snapshots import Snapshot
 from drake_rho.display.style import (
     FORBIDDEN,
     MOST_NAMED,
+    PLANNED_STYLE,
     dense_times,
     vehicle_colours,
     vehicle_marker,
@@ -141,6 +142,18 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
             _draw_knots(ax, plan.positions[index], index, shown, markersize=2.6, **style)
         lines += pieces
     draw_ends(ax, plan.scenario)
+    return lines
+
+
+def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
+    """What was planned, dotted, where that is not what is drawn already; see `draw_paths`."""
+    colours = vehicle_colours(len(plan.positions))
+    lines = []
+    for piece in planned(plan):
+        times = dense_times(piece.plan)
+        paths = piece.plan.motion().at("position", times[piece.flown(times)])
+        for path, colour in zip(paths, colours, strict=True):
+            lines += draw_line(ax, path, shown, color=colour, **PLANNED_STYLE)
     return lines
 
 
