@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help reproduce animate notebooks pictures bench bench-fleet bench-world test lint format clean
+.PHONY: help reproduce animate notebooks pictures bench bench-fleet bench-world bench-flight test lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -31,6 +31,9 @@ bench-fleet: $(VENV)/.bench ## The same for fleets (forty minutes); MISSIONS=fol
 bench-world: $(VENV)/.bench ## The same for worlds (forty minutes); WORLDS=folder of the LSC-DR planner's
 	$(BIN)/python -m benchmarks --worlds $(if $(WORLDS),--missions "$(WORLDS)")
 
+bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The same for wind (thirty minutes); MISSIONS as above
+	$(BIN)/python -m benchmarks --flight $(if $(MISSIONS),--missions "$(MISSIONS)")
+
 test: $(READY) ## Run the tests, the notebooks among them
 	@sh tools/setup-browser $(VENV)
 	$(BIN)/python -m pytest -n auto -q
@@ -46,11 +49,17 @@ format: $(READY) ## Put the code in the project's format
 	$(BIN)/ruff check --fix .
 
 clean: ## Remove the environment and all caches
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) .venv-* .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(READY): pyproject.toml constraints.txt tools/setup
 	@sh tools/setup $(VENV)
+	@touch $@
+
+# Peers that nothing else may share an environment with: each has its own, with an extra of its name.
+.venv-crazyflow/.ready .venv-ampyc/.ready: .venv-%/.ready: pyproject.toml $(READY)
+	$(BIN)/python -m venv .venv-$*
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check '.[$*]'
 	@touch $@
 
 $(VENV)/.notebooks $(VENV)/.bench: $(VENV)/.%: $(READY)

@@ -28,21 +28,36 @@ MISSIONS = ("fleet_b3", "world_b6")
 SWAPS = ("fleet_b4", "fleet_b5")
 """Those of given fleets: `run() -> Table`."""
 
+FLIGHT = (
+    "flight_worst_case",
+    "flight_oracle",
+    "flight_radius",
+    "flight_cost",
+    "flight_window",
+    "flight_closed_loop",
+    "flight_quadrotor",
+)
+"""Those of wind, feedback and margins: `run() -> Table`."""
+
+FLOWN_MISSIONS = ("flight_crazyflow",)
+"""Of these, the ones of missions in files: `run(folder) -> Table`."""
+
 WORLDS = ("world_b6", "world_b7", "world_b8")
-"""Those among the two above that are of worlds with obstacles."""
+"""Those among the draws and the missions that are of worlds with obstacles."""
 
 
 def main() -> None:
-    """Run the benchmarks named on the command line, by default all without fleets and worlds."""
+    """Run those named on the command line, by default all but fleets, worlds and flight."""
     known = [
         name
-        for name in (*RACES, *STUDIES, *DRAWN, *MISSIONS, *SWAPS)
+        for name in (*RACES, *STUDIES, *DRAWN, *MISSIONS, *SWAPS, *FLIGHT, *FLOWN_MISSIONS)
         if find_spec(f"benchmarks.{name}")
     ]
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(known)}")
     parser.add_argument("--fleets", action="store_true", help="all those of fleets")
     parser.add_argument("--worlds", action="store_true", help="all those of worlds")
+    parser.add_argument("--flight", action="store_true", help="all those of wind and margins")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
     parser.add_argument("--seeds", type=int, help="random fleets or worlds of each size")
     parser.add_argument(
@@ -57,9 +72,10 @@ def main() -> None:
     if arguments.seeds is not None and arguments.seeds < 1:
         parser.error("--seeds: at least 1")
     console = Console()
-    alone, worlds = RACES + STUDIES, WORLDS
-    fleets = tuple(name for name in known if name not in alone + worlds)
+    alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
+    fleets = tuple(name for name in known if name not in alone + worlds + flight)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
+    chosen += flight if arguments.flight else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)
@@ -80,7 +96,7 @@ def _run(name: str, arguments: argparse.Namespace) -> Table:
         table = run(arguments.repetitions)
     elif name in DRAWN:
         table = run(arguments.seeds or DRAWN[name])
-    elif name in MISSIONS:
+    elif name in MISSIONS + FLOWN_MISSIONS:
         table = run(arguments.missions)
     else:
         table = run()

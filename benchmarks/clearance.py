@@ -9,7 +9,7 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def distances(shape: object, positions: FloatArray) -> FloatArray:
-    """Distance of positions from a sphere or box where it is given, 0 inside a box [m].
+    """Distance of positions from a sphere or box where it is given, negative inside [m].
 
     Args:
         shape: what is to be kept out of.
@@ -25,8 +25,9 @@ def distances(shape: object, positions: FloatArray) -> FloatArray:
         far = np.linalg.norm(positions - shape.center, axis=-1)
         return np.asarray(far - shape.radius)
     if isinstance(shape, rho.Box):
-        beyond = np.maximum(np.maximum(shape.lower - positions, positions - shape.upper), 0.0)
-        return np.asarray(np.linalg.norm(beyond, axis=-1))
+        beyond = np.maximum(shape.lower - positions, positions - shape.upper)
+        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+        return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
     raise TypeError(f"no distance from {shape}")
 
 
@@ -55,12 +56,12 @@ def clearance(scenario: rho.Scenario, times: FloatArray, positions: FloatArray) 
         shape, kept, moved = obstacle, radii, np.zeros((len(times), 3))
         if isinstance(obstacle, rho.Obstacle):
             shape, kept = obstacle.shape, radii + obstacle.deviation
-            moved = _moved(obstacle, times)
+            moved = displacement(obstacle, times)
         least = min(least, float(np.min(distances(shape, positions - moved[:, None]) - kept)))
     return least
 
 
-def _moved(obstacle: rho.Obstacle, times: FloatArray) -> FloatArray:
+def displacement(obstacle: rho.Obstacle, times: FloatArray) -> FloatArray:
     """How far an obstacle is from where its shape is given [m], shape (S, 3)."""
     if obstacle.track is not None:
         track = obstacle.track

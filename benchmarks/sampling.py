@@ -14,7 +14,7 @@ from scipy.spatial.distance import pdist
 
 from benchmarks.clearance import clearance
 from benchmarks.peers.windows import roll_out
-from drake_rho import Box, Plan
+from drake_rho import Box, Plan, Separation
 from drake_rho.scenario.fields import FloatArray
 
 SAMPLES = 100
@@ -52,7 +52,7 @@ def sample(plan: Plan) -> Sampled:
         for i, vehicle in enumerate(scenario.vehicles):
             beyond = max(beyond, _breach(positions[:, i], scenario.limits_of(vehicle).position))
         if len(p) > 1:
-            least = min(least, _least(positions, plan))
+            least = min(least, least_distance(positions, scenario.separation))
     return Sampled(metres, least, clear, beyond)
 
 
@@ -78,8 +78,8 @@ def _breach(values: FloatArray, box: Box | None) -> float:
     return float(np.max(np.maximum(box.lower - values, values - box.upper) / sides))
 
 
-def _least(positions: FloatArray, plan: Plan) -> float:
-    """Least distance of any two at any of some instants, positions of shape (S, N, 3)."""
-    downwash = 1.0 if plan.scenario.separation is None else plan.scenario.separation.downwash
+def least_distance(positions: FloatArray, separation: Separation | None) -> float:
+    """Least distance of any two at any of some instants, positions of shape (S, N, 3) [m]."""
+    downwash = 1.0 if separation is None else separation.downwash
     scaled = positions / np.array([1.0, 1.0, downwash])
     return min(float(pdist(each).min()) for each in scaled)

@@ -60,7 +60,7 @@ def margins_of(scenario: Scenario) -> Margins:
     grid = scenario.grid
     if scenario.disturbance is None:
         return _none(grid.step, grid.knots, grid.start)
-    return _around(_Key(tube_of(scenario), grid, scenario.between_knots))
+    return _around(tube_of(scenario), grid.start, grid.knots, scenario.between_knots)
 
 
 @lru_cache(maxsize=64)
@@ -71,31 +71,9 @@ def _none(step: float, knots: int, start: float) -> Margins:
     return Margins(Grid(step, knots, start), steps, steps | inner)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Key:
-    """What margins are made of, to be known again: the windows of a flight ask again and again."""
-
-    tube: ErrorTube
-    grid: Grid
-    between_knots: bool
-
-    def _values(self) -> tuple[object, ...]:
-        around, grid = self.tube.disturbance, self.grid
-        numbers = around.acceleration, around.position_error, around.velocity_error
-        feedback = self.tube.sample, around.delay, self.tube.gains, self.tube.initial
-        when = self.tube.grid.start, grid.start, grid.step, grid.knots
-        return *numbers, *feedback, *when, self.between_knots
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and self._values() == other._values()
-
-    def __hash__(self) -> int:
-        return hash(self._values())
-
-
 @lru_cache(maxsize=64)
-def _around(key: _Key) -> Margins:
-    tube, grid = key.tube, key.grid
+def _around(tube: ErrorTube, start: float, count: int, between_knots: bool) -> Margins:
+    grid = Grid(tube.grid.step, count, start)
     times = grid.times
     begins, ends = times[:-1], times[1:]
     steps: dict[Quantity, FloatArray] = {
@@ -106,7 +84,7 @@ def _around(key: _Key) -> Margins:
     }
     knots = dict(steps)
     knots["position"], knots["velocity"] = _greater(steps["position"]), _greater(steps["velocity"])
-    if not key.between_knots:  # positions matter then only
+    if not between_knots:  # positions matter then only
         knots["position"] = tube.position(times)
     return Margins(grid, steps, knots, tube)
 

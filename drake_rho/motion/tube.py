@@ -6,7 +6,7 @@ The mathematics stands in `docs/flight.md`.
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,21 @@ class ErrorTube:
             raise ValueError(
                 f"gains: got {self.gains!r}, expected two finite ones, in 1/s² and 1/s"
             )
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all numbers are the same; records inside are not usable as keys."""
+        return isinstance(other, ErrorTube) and self._numbers == other._numbers
+
+    def __hash__(self) -> int:
+        """Of its numbers."""
+        return hash(self._numbers)
+
+    @cached_property
+    def _numbers(self) -> tuple[float, ...]:
+        around, grid = self.disturbance, self.grid
+        sizes = around.acceleration, around.position_error, around.velocity_error
+        feedback = self.sample, around.delay, *self.gains, *self.initial
+        return *sizes, *feedback, grid.start, grid.step, grid.knots
 
     @property
     def tracking(self) -> Tracking:
@@ -206,11 +221,18 @@ def tube_of(scenario: Scenario) -> ErrorTube:
     """
     around = scenario.disturbance
     if around is None or around.tracking is None:
-        return error_tube(scenario)
+        return _known(error_tube(scenario))
     tracked, grid = around.tracking, scenario.grid
     before = round((grid.start - tracked.since) / grid.step)
-    whole = Grid(grid.step, grid.knots + before, tracked.since)
-    return ErrorTube(around, whole, tracked.gains, (tracked.position, tracked.velocity))
+    whole = grid if before == 0 else Grid(grid.step, grid.knots + before, tracked.since)
+    first = tracked.position, tracked.velocity
+    return _known(ErrorTube(around, whole, tracked.gains, first))
+
+
+@lru_cache(maxsize=64)
+def _known(tube: ErrorTube) -> ErrorTube:
+    """The tube of these numbers that was asked for before, with all that it has computed."""
+    return tube
 
 
 def largest_disturbance(

@@ -1,0 +1,161 @@
+"""Winds that mean harm, at full strength: towards what a vehicle is to keep away from."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+import drake_rho as rho
+from benchmarks.clearance import displacement, distances, nearest
+from drake_rho.scenario.fields import FloatArray
+
+LOOKS = 40
+"""Instants in a flight at which it is looked what is near."""
+
+NEAR = 8
+"""Of these, so many at which a vehicle is nearest to something are worth a wind."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WorstAtClosest:
+    """For each vehicle the wind of `rho.worst_case` towards what it comes near to, then."""
+
+    switching_times: FloatArray
+    """when it changes for any vehicle [s], shape (S,)"""
+    winds: FloatArray
+    """from each switching time on [m/s²], shape (S, N, 3)"""
+    position_errors: FloatArray
+    """errors of the estimates that go with it [m], shape (J, N, 3)"""
+    velocity_errors: FloatArray
+    """the same of the velocities [m/s], shape (J, N, 3)"""
+
+    @classmethod
+    def drawn(
+        cls, scenario: rho.Scenario, plan: rho.Plan, rng: np.random.Generator
+    ) -> WorstAtClosest:
+        """A wind against a plan that is tracked from its first knot on.
+
+        Args:
+            scenario: what there is, and how strong the wind may be.
+            plan: how the vehicles come near to it.
+            rng: draws one of the instants at which each vehicle is nearest to something.
+        """
+        grid = scenario.grid
+        times = grid.start + rng.uniform(0.0, grid.duration, LOOKS)
+        positions = np.moveaxis(plan.motion().at("position", times - grid.start), 0, 1)
+        looks = [towards_nearest(scenario, t, p) for t, p in zip(times, positions, strict=True)]
+        order = np.argsort([far for _, far in looks], axis=0)[:NEAR]
+        cases = []
+        for i, near in enumerate(order.T):
+            k = int(rng.choice(near))
+            cases.append(rho.worst_case(scenario, looks[k][0][i], float(times[k])))
+        switches = np.unique(np.concatenate([case.switching_times for case in cases]))
+        still = np.zeros((1, 3))
+        winds = [[case(t, still, still)[0] for case in cases] for t in switches]
+        return cls(
+            switches,
+            np.array(winds),
+            np.stack([case.position_errors for case in cases], axis=1),
+            np.stack([case.velocity_errors for case in cases], axis=1),
+        )
+
+    def over(self, times: FloatArray, vehicles: int) -> FloatArray:
+        """The wind at many times [m/s²], shape (M, N, 3)."""
+        k = np.searchsorted(self.switching_times, times + 1e-9, side="right") - 1
+        return np.where(k[:, None, None] >= 0, self.winds[k], 0.0)
+
+    def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
+        """The wind at one time, shape (N, 3)."""
+        return np.asarray(self.over(np.array([time]), len(positions))[0])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Chaser:
+    """A wind that always blows every vehicle towards whatever is nearest to it just then."""
+
+    scenario: rho.Scenario
+    """what there is, and how strong it may be"""
+    aside: float = 0.0
+    """part of the wind that blows in one direction instead, from 0 to 1"""
+    angle: float = 0.0
+    """of that direction in the x-y plane [rad]"""
+
+    def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
+        """The wind at one time [m/s²], shape (N, 3)."""
+        around = self.scenario.disturbance
+        strongest = 0.0 if around is None else around.acceleration
+        other = np.array([np.cos(self.angle), np.sin(self.angle), 0.0])
+        ways = (1.0 - self.aside) * towards_nearest(self.scenario, time, positions)[0]
+        return np.asarray(strongest * unit_vectors(ways + self.aside * other))
+
+
+def unit_vectors(ways: FloatArray) -> FloatArray:
+    """Ways (N, 3) with length 1; along x where they have none."""
+    lengths = np.linalg.norm(ways, axis=1, keepdims=True)
+    return np.asarray(np.where(lengths > 1e-12, ways / np.maximum(lengths, 1e-12), np.eye(3)[0]))
+
+
+def towards_nearest(
+    scenario: rho.Scenario, time: float, positions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors to what is nearest to each vehicle, and how far that is beyond what is kept.
+
+    Obstacles, the walls of position boxes, and the other vehicles if they are to keep apart. A
+    vehicle with nothing around it is blown along x.
+
+    Args:
+        scenario: what there is.
+        time: on the scenario's clock [s].
+        positions: of the vehicles [m], shape (N, 3).
+
+    Returns:
+        Directions of shape (N, 3) and distances [m] of shape (N,).
+    """
+    radii = np.array([vehicle.radius for vehicle in scenario.vehicles])
+    best, ways = np.full(len(positions), np.inf), np.tile([1.0, 0.0, 0.0], (len(positions), 1))
+    candidates = [_obstacle(each, time, positions, radii) for each in scenario.obstacles]
+    candidates += _walls(scenario, positions)
+    if scenario.separation is not None:
+        candidates.append(_partner(scenario.separation, positions))
+    for way, far in candidates:
+        nearer = far < best
+        best, ways = np.where(nearer, far, best), np.where(nearer[:, None], way, ways)
+    return unit_vectors(ways), best
+
+
+def _obstacle(
+    obstacle: object, time: float, positions: FloatArray, radii: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Ways to an obstacle, and distances."""
+    shape, kept, away = obstacle, radii, np.zeros(3)
+    if isinstance(obstacle, rho.Obstacle):
+        shape, kept = obstacle.shape, radii + obstacle.deviation
+        away = displacement(obstacle, np.array([time]))[0]
+    if not isinstance(shape, rho.Sphere | rho.Box):
+        raise TypeError(f"no way to {shape}")
+    there = positions - away
+    return nearest(shape, there) - there, distances(shape, there) - kept
+
+
+def _walls(scenario: rho.Scenario, positions: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Ways to each wall of the position boxes, and distances."""
+    boxes = [scenario.limits_of(vehicle).position for vehicle in scenario.vehicles]
+    found = []
+    for axis, out in ((axis, out) for axis in range(3) for out in (-1.0, 1.0)):
+        sides = [
+            np.inf * out if box is None else (box.upper if out > 0.0 else box.lower)[axis]
+            for box in boxes
+        ]
+        far = out * (np.array(sides) - positions[:, axis])
+        found.append((np.tile(out * np.eye(3)[axis], (len(positions), 1)), far))
+    return found
+
+
+def _partner(asked: rho.Separation, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ways to the nearest other vehicle, and how much further away it is than it must be."""
+    scaled = positions / np.array([1.0, 1.0, asked.downwash])
+    far = np.linalg.norm(scaled[:, None] - scaled, axis=-1)
+    np.fill_diagonal(far, np.inf)
+    other = np.argmin(far, axis=1)
+    return positions[other] - positions, far.min(axis=1) - asked.distance

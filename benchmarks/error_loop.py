@@ -1,0 +1,95 @@
+"""Random disturbances, and errors flown step by step: the twin of the tube's closed forms.
+
+The loop knows p'' = u + w and when the feedback samples, and nothing of the tube.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+
+import drake_rho as rho
+from drake_rho.scenario.fields import FloatArray
+
+
+def scenario_with(disturbance: rho.Disturbance, grid: rho.Grid) -> rho.Scenario:
+    """One vehicle from rest to rest, with a disturbance and no limits."""
+    vehicle = rho.Vehicle("vehicle", rho.State([0, 0, 0]), rho.State([1, 0, 0]))
+    return rho.Scenario("errors of one", grid, [vehicle], disturbance=disturbance)
+
+
+def random_tube(rng: np.random.Generator, most_delay: int = 5) -> rho.ErrorTube:
+    """A tube with random stable gains, sample, delay, errors of the estimate and first errors."""
+    sample, delay = 10.0 ** rng.uniform(-2.0, 0.5), int(rng.integers(0, most_delay + 1))
+    knots, parts = int(rng.integers(3, 9)), int(rng.integers(1, 6))
+    gains = stable_gains(rng, delay)
+    W = 10.0 ** rng.uniform(-2.0, 1.0)
+    E_p, E_v, r_p, r_v = (
+        W * rng.uniform(0.0, 1.5, 4) * (rng.random(4) < 0.75) * sample ** np.array([2, 1, 2, 1])
+    )
+    around = rho.Disturbance(W, E_p, E_v, sample, delay)
+    grid = rho.Grid(sample * parts, knots, rng.uniform(-5.0, 5.0))
+    scaled = gains[0] / sample**2, gains[1] / sample
+    return rho.error_tube(scenario_with(around, grid), (r_p, r_v), gains=scaled)
+
+
+def stable_gains(rng: np.random.Generator, delay: int) -> tuple[float, float]:
+    """α = k_p δ² and β = k_v δ: roots of z^d (z - 1)² + (α/2 + β) z + α/2 - β in the disc."""
+    while True:
+        alpha, beta = rng.uniform(0.0, 2.0, 2) / (1.0 + delay) ** np.array([2, 1])
+        polynomial = np.concatenate([[1.0, -2.0, 1.0], np.zeros(delay)])
+        polynomial[-2:] += alpha / 2.0 + beta, alpha / 2.0 - beta
+        if np.abs(np.roots(polynomial)).max() < 0.999:
+            return float(alpha), float(beta)
+
+
+@dataclasses.dataclass(frozen=True)
+class Flown:
+    """Errors of a flight, from sample to sample and where the wind changes."""
+
+    times: FloatArray
+    """on the scenario's clock [s], shape (B,)"""
+    positions: FloatArray
+    """[m], shape (B, 3)"""
+    velocities: FloatArray
+    """[m/s], shape (B, 3)"""
+    feedback: FloatArray
+    """in each sample [m/s²], shape (J, 3)"""
+
+
+def fly(tube: rho.ErrorTube, case: rho.WorstCase, also: float) -> Flown:
+    """Fly the errors that a worst case makes.
+
+    Args:
+        tube: whose gains, sample, delay and first knot they are.
+        case: the wind, the errors of the estimate and the first errors.
+        also: a time at which to look [s].
+    """
+    samples = np.asarray(tube.grid.start + tube.sample * np.arange(tube.samples + 1))
+    times = _merged(samples, np.append(case.switching_times, also), 1e-9 * tube.sample)
+    k_p, k_v = tube.gains
+    p, v = case.first_position, case.first_velocity
+    positions, velocities = [p], [v]
+    decided, feedback = list[FloatArray](), list[FloatArray]()
+    still = np.zeros((1, 3))
+    for time, after in pairwise(times):
+        j = len(feedback)
+        if j < tube.samples and time == samples[j]:
+            estimate = p + case.position_errors[j], v + case.velocity_errors[j]
+            decided.append(-k_p * estimate[0] - k_v * estimate[1])
+            late = j - tube.disturbance.delay
+            feedback.append(decided[late] if late >= 0 else np.zeros(3))
+        s, a = after - time, feedback[-1] + case(time, still, still)[0]
+        p, v = p + s * v + s**2 / 2.0 * a, v + s * a
+        positions.append(p)
+        velocities.append(v)
+    return Flown(times, np.array(positions), np.array(velocities), np.array(feedback))
+
+
+def _merged(samples: FloatArray, others: FloatArray, same: float) -> FloatArray:
+    """All samples, exactly, and those of the other times that are not one of them."""
+    apart = np.abs(others[:, None] - samples).min(axis=1) > same
+    inside = apart & (others > samples[0]) & (others < samples[-1])
+    return np.unique(np.concatenate([samples, others[inside]]))

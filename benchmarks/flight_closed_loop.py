@@ -1,0 +1,280 @@
+"""Thousands of flights in wind: is any constraint ever broken, is any window without a plan."""
+
+from __future__ import annotations
+
+import dataclasses
+import multiprocessing
+import os
+import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+from pydrake.solvers import SolverInterface
+from rich.progress import track
+
+import drake_rho as rho
+from benchmarks.adversaries import Chaser, WorstAtClosest
+from benchmarks.flown import breaches
+from benchmarks.tables import Cell, Goal, Table
+from benchmarks.windy_worlds import WORLDS
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.windows import Planner
+from drake_rho.simulation.closed_loop import fly, fly_plan
+from drake_rho.simulation.winds import Wind
+
+FLIGHTS = 10_000
+"""Altogether, as many in each world as in the others."""
+
+WINDS = ("random", "gusts", "worst case", "chasing")
+
+_MIX = (*WINDS[:3] * 3, WINDS[3])
+"""The winds of ten flights in a world; chasing takes the longest to simulate."""
+
+BROKEN = 1e-6
+"""A limit counts as broken from this part of its scale on: twice what the package allows itself,
+and rounding."""
+
+_ONCE = 20
+"""Flights that a process is given at a time."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """One flight with margins, and the same wind without them."""
+
+    world: str
+    """where"""
+    wind: str
+    """which kind"""
+    worst: float
+    """largest breach of any limit with margins, as a part; negative for what is left"""
+    worst_without: float
+    """the same for the plan without margins, held to it by the same feedback"""
+    kept: int
+    """windows that kept the previous plan, as there was no new one"""
+    without_plan: int
+    """windows that had neither"""
+    beyond_tube: float
+    """largest error over the tube's radius then, less 1"""
+    off_goal: float
+    """distance from the goal at the end, over the tube's radius there, at most"""
+    seconds: float
+    """of the flight with margins [s]"""
+
+
+def run(flights: int = FLIGHTS) -> Table:
+    """Fly them on all cores."""
+    rounds = -(-flights // (len(WORLDS) * len(_MIX)))
+    tasks = [
+        (world, wind, number * len(_MIX) + place)
+        for number in range(rounds)
+        for world in WORLDS
+        for place, wind in enumerate(_MIX)
+    ][:flights]
+    found: list[Outcome] = []
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
+        done = processes.map(outcome, *zip(*tasks, strict=True), chunksize=_ONCE)
+        found.extend(track(done, "flights", total=len(tasks)))
+    rows = [
+        _row([each for each in found if (each.world, each.wind) == (world, wind)])
+        for world in WORLDS
+        for wind in WINDS
+    ]
+    unbroken = sum(each.worst_without <= BROKEN for each in found) / len(found)
+    return Table(
+        name="flight_closed_loop",
+        title="Flights in wind, with margins and without",
+        columns=COLUMNS,
+        rows=tuple(rows),
+        notes=(f"{len(found)} flights. {_ABOUT}", _WORLDS, _LIMITATIONS),
+        goals=(
+            Goal("flights that break a limit", 0.0, sum(each.worst > BROKEN for each in found)),
+            Goal("windows without a plan", 0.0, sum(each.without_plan for each in found)),
+            Goal("error above the tube's radius, over it", 1e-6, _most(found, "beyond_tube")),
+            Goal(
+                "distance from the goal over the radius there", 1.0 + 1e-6, _most(found, "off_goal")
+            ),
+            Goal("part of flights without margins that break no limit", 2.0 / 3.0, unbroken),
+        ),
+    )
+
+
+COLUMNS = (
+    "world",
+    "wind",
+    "flights",
+    "broken",
+    "largest_breach",
+    "windows_without_plan",
+    "windows_kept",
+    "largest_over_tube",
+    "broken_without_margins",
+    "median_seconds",
+)
+
+
+def _row(found: list[Outcome]) -> tuple[Cell, ...]:
+    """Of all flights in a world and a kind of wind."""
+    return (
+        found[0].world,
+        found[0].wind,
+        len(found),
+        sum(each.worst > BROKEN for each in found),
+        _most(found, "worst"),
+        sum(each.without_plan for each in found),
+        sum(each.kept for each in found),
+        1.0 + _most(found, "beyond_tube"),
+        sum(each.worst_without > BROKEN for each in found),
+        float(np.median([each.seconds for each in found])),
+    )
+
+
+def _most(found: list[Outcome], field: str) -> float:
+    return float(max(getattr(each, field) for each in found))
+
+
+def outcome(world: str, kind: str, number: int) -> Outcome:
+    """Fly once in a wind that depends on the three arguments alone."""
+    set_up = prepared(world)
+    scenario = set_up.scenario
+    seed = (list(WORLDS).index(world), WINDS.index(kind), number)
+    wind = drawn(kind, set_up, np.random.default_rng(seed))
+    began = time.perf_counter()
+    flown = fly(
+        scenario,
+        replan_every=5,
+        planner=set_up.planner,
+        fallback=set_up.fallback,
+        wind=wind,
+        rng=np.random.default_rng((*seed, 1)),
+    )
+    seconds = time.perf_counter() - began
+    held = fly_plan(scenario, set_up.without, wind=wind, rng=np.random.default_rng((*seed, 1)))
+    radii = flown.radii()
+    goals = np.array([vehicle.goal.position for vehicle in scenario.vehicles])
+    off = np.linalg.norm(flown.positions[-1] - goals, axis=1).max()
+    windows = flown.flight.windows
+    without_plan = sum(
+        bool(now.infeasible) and not _continues(before, now) for before, now in pairwise(windows)
+    )
+    return Outcome(
+        world,
+        kind,
+        breaches(flown).worst,
+        breaches(held).worst,
+        sum(bool(window.infeasible) for window in windows) - without_plan,
+        without_plan,
+        float(np.max(flown.errors() / np.maximum(radii, 1e-9)[:, None])) - 1.0,
+        float(off / radii[-1]),
+        seconds,
+    )
+
+
+def _continues(before: rho.Window, now: rho.Window) -> bool:
+    """Whether a window flies on along the plan of the one before."""
+    old, new = before.plan.accelerations, now.plan.accelerations
+    return np.array_equal(old[:, old.shape[1] - new.shape[1] :], new)
+
+
+@dataclasses.dataclass(frozen=True)
+class FirstOnce:
+    """A planner that plans a scenario as a whole once: all flights begin with that window."""
+
+    planner: Planner
+    """what plans"""
+    whole: rho.Scenario
+    """the scenario as a whole"""
+    answers: list[rho.Plan | InfeasibleError | SolverError]
+    """for it, once there is one"""
+
+    def __call__(
+        self, scenario: rho.Scenario, *, reference: rho.Plan | None, solver: SolverInterface | None
+    ) -> rho.Plan:
+        """A plan, of which that of the whole scenario is remembered."""
+        if scenario is not self.whole:
+            return self.planner(scenario, reference=reference, solver=solver)
+        if not self.answers:
+            try:
+                self.answers.append(self.planner(scenario, reference=reference, solver=solver))
+            except (InfeasibleError, SolverError) as error:
+                self.answers.append(error)
+        if isinstance(self.answers[0], rho.Plan):
+            return self.answers[0]
+        raise self.answers[0]
+
+
+@dataclasses.dataclass(frozen=True)
+class SetUp:
+    """What all flights in a world have in common."""
+
+    scenario: rho.Scenario
+    """with its disturbance"""
+    first: rho.Plan
+    """of the first window, with margins"""
+    without: rho.Plan
+    """of the whole flight, without margins"""
+    planner: FirstOnce
+    """of windows"""
+    fallback: FirstOnce
+    """of windows"""
+
+
+@cache
+def prepared(world: str) -> SetUp:
+    """Once in each process."""
+    scenario = WORLDS[world]()
+    planner, fallback = (FirstOnce(each, scenario, []) for each in (rho.plan_convex, rho.plan))
+    horizon = rho.RecedingHorizon(scenario, planner=planner, fallback=fallback)
+    fleet = scenario.fleet
+    starts = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
+    first = horizon.step(starts, scenario.grid.start).plan
+    without = rho.plan(dataclasses.replace(scenario, disturbance=None))
+    return SetUp(scenario, first, without, planner, fallback)
+
+
+def drawn(kind: str, set_up: SetUp, rng: np.random.Generator) -> Wind:
+    """A wind of one of `WINDS`, at full strength whenever its kind can be."""
+    scenario, grid = set_up.scenario, set_up.scenario.grid
+    if kind == "random":
+        correlation = grid.duration * 10.0 ** rng.uniform(-2.0, 0.0)
+        return rho.winds.coloured_noise(
+            scenario, rng, correlation=correlation, intensity=rng.uniform(0.5, 3.0)
+        )
+    if kind == "gusts":
+        duration = grid.duration * rng.uniform(0.05, 0.7)
+        begin = grid.start + rng.uniform(0.0, grid.duration - duration)
+        return rho.winds.gust(scenario, rng.normal(size=3), begin=begin, duration=duration)
+    if kind == "worst case":
+        return WorstAtClosest.drawn(scenario, set_up.first, rng)
+    return Chaser(scenario, *rng.uniform([0.0, 0.0], [0.8, 2.0 * np.pi]))
+
+
+_ABOUT = f"""\
+In each the fleet plans anew every five steps from the states it estimates, with `rho.plan_convex`
+and `rho.plan` where that has no plan, and a sampled feedback holds it to the plan in between. Winds
+are of up to the W of the world. Random: coloured noise of any correlation up to the whole flight,
+clipped to W. Gusts: one minus a cosine from any direction, up to W, at any time. Worst case: what
+`rho.worst_case` gives for each vehicle towards what it comes near to, at a random one of the
+instants at which it is near, with the errors of the estimate that belong to it. Chasing: at every
+instant W towards what is nearest to each vehicle just then, or at an angle to it that is drawn.
+Errors of the estimate are drawn evenly from their balls otherwise. A flight is judged by samples of
+its true motion twice between any two steps of the simulation, apart from the package's verifier
+(`benchmarks/flown.py`): obstacles, separation, boxes of position, velocity and command, speed and
+size of the command, as a part of their scale; more than {BROKEN:g} is broken. A window is without a
+plan if it has no new one and does not fly on along the previous one's. Without margins: the plan of
+the same scenario without a disturbance, held by the same feedback in the same wind."""
+
+_WORLDS = """\
+Example 4: the paper's, safe at every instant, W = 2 m/s², a tenth of its acceleration limit; errors
+of the estimate, a delay of one sample. Gate: two vehicles through a gap of 0.5 m between two boxes,
+in a narrow room, with a speed limit. Crossing: one vehicle among two spheres and one that crosses
+its way; errors of the estimate, a delay of one sample. Swap: four vehicles on a circle, 0.5 m
+apart, with limits on speed and acceleration; errors of the estimate. Transitions: four vehicles as
+in `fleet_b1`, in a room that is wider by 0.1 m."""
+
+_LIMITATIONS = """\
+Limitations. Five worlds, of point masses. All flights of a world begin with the same first window,
+which is planned once. Samples can miss what lies between them."""

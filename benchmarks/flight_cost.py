@@ -1,0 +1,177 @@
+"""What margins cost: the index and the time of windows, with a disturbance and without."""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+import time
+
+import numpy as np
+from rich.progress import track
+
+import drake_rho as rho
+from benchmarks.fleet_b1 import DURATIONS, STEP
+from benchmarks.tables import Cell, Goal, Table
+
+WIND = 0.2
+"""W in Example 4 [m/s²]."""
+
+VEHICLES, DRAWS = 8, 10
+"""Of the fleets of B1."""
+
+TUBE = 0.02
+"""The radius that the tube of these has [m]."""
+
+FEEDBACK = rho.Disturbance(0.0, feedback_every=0.1, share=0.2)
+"""Theirs, but for the wind that leads to this radius."""
+
+ROUNDS = 15
+"""In which windows are timed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Pair:
+    """A scenario with a disturbance and the same without."""
+
+    name: str
+    """what it is"""
+    robust: rho.Scenario
+    """with a disturbance"""
+
+    @property
+    def plain(self) -> rho.Scenario:
+        """Without."""
+        return dataclasses.replace(self.robust, disturbance=None)
+
+    @property
+    def tube(self) -> float:
+        """The largest radius [m]."""
+        grid = self.robust.grid
+        return float(rho.error_tube(self.robust).position_over(grid.start, grid.end)[0])
+
+
+def run() -> Table:
+    """Plan with margins and without, and time the windows of both."""
+    pairs = [example_4(), *(fleet(seed) for seed in range(DRAWS))]
+    indices = [costs(pair) for pair in track(pairs, "plans")]
+    ratios = [robust / plain for plain, robust in indices]
+    windows = [window_seconds(pair) for pair in track((pairs[0], pairs[1]), "windows")]
+    rows: list[tuple[Cell, ...]] = []
+    for pair, (plain, robust), ratio in zip(pairs, indices, ratios, strict=True):
+        W = 0.0 if pair.robust.disturbance is None else pair.robust.disturbance.acceleration
+        rows.append((pair.name, W, pair.tube, plain, robust, f"{ratio:.6f}", None, None))
+    for k, (plain, robust) in enumerate(windows):
+        rows[k] = (*rows[k][:6], 1e3 * plain, 1e3 * robust)
+    slower = max(robust / plain for plain, robust in windows)
+    return Table(
+        name="flight_cost",
+        title="What margins cost",
+        columns=COLUMNS,
+        rows=tuple(rows),
+        notes=(_ABOUT, _LIMITATIONS),
+        goals=(
+            Goal(f"index of Example 4, W = {WIND:g} m/s², over that without", 1.001, ratios[0]),
+            Goal(
+                f"index of {VEHICLES} vehicles, tube of {TUBE:g} m, mean of {DRAWS} draws",
+                1.1,
+                statistics.fmean(ratios[1:]),
+            ),
+            Goal("time of a window, with margins over without", 1.3, slower),
+        ),
+    )
+
+
+COLUMNS = (
+    "scenario",
+    "wind_m_s2",
+    "tube_m",
+    "index_without",
+    "index_with",
+    "ratio",
+    "window_ms_without",
+    "window_ms_with",
+)
+
+
+def example_4() -> Pair:
+    """The paper's, with feedback at every knot."""
+    paper = rho.load_scenario("paper")
+    return Pair("Example 4", dataclasses.replace(paper, disturbance=rho.Disturbance(WIND)))
+
+
+def fleet(seed: int) -> Pair:
+    """A draw of B1 with room for the tube at starts and goals: between them, and to the walls."""
+    apart = rho.Separation(0.35, downwash=2.0)
+    wider = rho.Separation(apart.distance + 2.5 * TUBE, downwash=2.0)
+    drawn = rho.random_transitions(
+        VEHICLES,
+        np.random.default_rng(seed),
+        duration=DURATIONS[VEHICLES],
+        step=STEP,
+        separation=wider,
+        name=f"{VEHICLES} vehicles, seed {seed}",
+    )
+    room = drawn.limits.position or rho.flight_cube(4.0)
+    limits = dataclasses.replace(
+        drawn.limits, position=rho.Box(room.lower - 2.0 * TUBE, room.upper + 2.0 * TUBE)
+    )
+    asked = dataclasses.replace(drawn, limits=limits, separation=apart, disturbance=FEEDBACK)
+    W = rho.largest_disturbance(asked, TUBE)
+    around = dataclasses.replace(FEEDBACK, acceleration=W)
+    return Pair(drawn.name, dataclasses.replace(asked, disturbance=around))
+
+
+def costs(pair: Pair) -> tuple[float, float]:
+    """The index without margins and with them [m²/s⁴]: of the flight, or of the fleet's plan.
+
+    Raises:
+        RuntimeError: a plan breaks something.
+    """
+    found = []
+    for scenario in (pair.plain, pair.robust):
+        flown = rho.plan_rho(scenario) if scenario.separation is None else rho.plan(scenario)
+        if not rho.verify(flown).ok:
+            raise RuntimeError(f"{scenario.name}: the plan does not hold")
+        found.append(flown.cost)
+    return found[0], found[1]
+
+
+def window_seconds(pair: Pair) -> tuple[float, float]:
+    """Median times of windows after the first, without margins and with them [s].
+
+    Both fly as planned, in turns; of each window the least time of all rounds but the first counts.
+    """
+    each: tuple[list[list[float]], list[list[float]]] = ([], [])
+    for _ in range(ROUNDS + 1):
+        for scenario, seconds in zip((pair.plain, pair.robust), each, strict=True):
+            seconds.append(_fly(scenario))
+    plain, robust = (np.min(seconds[1:], axis=0) for seconds in each)
+    return float(np.median(plain)), float(np.median(robust))
+
+
+def _fly(scenario: rho.Scenario) -> list[float]:
+    """Times of the windows after the first, in each of which the fleet is as planned [s]."""
+    horizon, fleet, seconds = rho.RecedingHorizon(scenario), scenario.fleet, []
+    states = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
+    for knot in horizon.knots:
+        if horizon.windows:
+            last = horizon.windows[-1]
+            k = knot - last.first_knot
+            states = np.concatenate([last.plan.positions[:, k], last.plan.velocities[:, k]], axis=1)
+        began = time.perf_counter()
+        horizon.step(states, scenario.grid.times[knot])
+        seconds.append(time.perf_counter() - began)
+    return seconds[1:]
+
+
+_ABOUT = f"""\
+Example 4 as the paper has it, flown by `plan_rho` as planned, with feedback at every knot. Fleets
+of {VEHICLES} are draws of `fleet_b1` in its published flight time, by `rho.plan`, with the wind
+that leads to a tube of {TUBE:g} m at a feedback of a fifth of the acceleration limit every 0.1 s.
+Starts and goals are drawn {2.5 * TUBE:g} m further apart than the separation asked, and the room is
+wider by {2.0 * TUBE:g} m, with a disturbance and without: where vehicles begin or end at a distance
+that has no room for the tube there is no plan. All plans are verified. Windows are those after the
+first, from states to a plan; median of all windows, of each the least of {ROUNDS} rounds."""
+
+_LIMITATIONS = """\
+Limitations. Windows are timed where the fleet is as planned, with tubes that begin anew."""

@@ -1,0 +1,188 @@
+"""Plans flown by simulated Crazyflies: does the tube hold what another simulator does to a plan."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from rich.progress import track
+
+import drake_rho as rho
+from benchmarks.apart import run_apart, version
+from benchmarks.race import Skipped
+from benchmarks.sampling import least_distance
+from benchmarks.tables import Cell, Goal, Table
+from drake_rho.scenario.fields import FloatArray
+
+VEHICLES = (10, 30, 60)
+"""Of the missions, the first of each size."""
+
+DURATION, STEP, RATE = 10.0, 0.2, 100
+"""T and h [s], and references in a second."""
+
+MODEL = rho.Disturbance(0.3, share=0.6)
+"""What the Crazyflies and their controller may do to a plan."""
+
+COLUMNS = (
+    "vehicles",
+    "plan",
+    "index",
+    "planning_seconds",
+    "tube_m",
+    "least_distance_m",
+    "fleet_offset_m",
+    "largest_off_offset_m",
+    "largest_over_tube",
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """A plan that was flown."""
+
+    plan: rho.Plan
+    """what was to be flown"""
+    seconds: float
+    """to plan it [s]"""
+    least: float
+    """distance of any two that were flown, with the separation's downwash [m]"""
+    offset: float
+    """largest mean error of the fleet at any time [m]"""
+    off: float
+    """largest error of any vehicle less that mean [m]"""
+    over: float
+    """the same over the radius of the tube then, at most; infinite without a tube"""
+
+    def row(self, name: str) -> tuple[Cell, ...]:
+        """In the order of `COLUMNS`."""
+        scenario = self.plan.scenario
+        tube = rho.error_tube(scenario).position_over(scenario.grid.start, scenario.grid.end)
+        tells = scenario.disturbance is not None
+        return (
+            len(scenario.vehicles),
+            name,
+            self.plan.cost,
+            self.seconds,
+            float(tube[0]) if tells else None,
+            f"{self.least:.4f}",
+            self.offset,
+            self.off,
+            self.over if tells else None,
+        )
+
+
+def run(folder: Path | None = None) -> Table:
+    """Plan and fly the first mission of each size in `folder`, without and with margins.
+
+    Raises:
+        Skipped: there are no missions, or no environment with Crazyflow.
+    """
+    paths = [(folder or Path()) / f"random_{count}_1.json" for count in VEHICLES]
+    if folder is None or not all(path.exists() for path in paths):
+        missions = ", ".join(path.name for path in paths)
+        raise Skipped(
+            f"no {missions}; they are `missions/empty` of github.com/qwerty35/lsc_planner"
+        )
+    rows: list[tuple[Cell, ...]] = []
+    least, over = [], []
+    for path in track(paths, "missions"):
+        mission = with_room(path)
+        without = fly(mission)
+        margins = fly(dataclasses.replace(mission, disturbance=MODEL))
+        rows += [without.row("without margins"), margins.row("with margins")]
+        asked = mission.separation
+        least.append((0.0 if asked is None else asked.distance) - margins.least)
+        over.append(margins.over)
+    return Table(
+        name="flight_crazyflow",
+        title="Plans flown by simulated Crazyflies",
+        columns=COLUMNS,
+        rows=tuple(rows),
+        notes=(f"Crazyflow {version('crazyflow')}. {_ABOUT}", _MODEL, _LIMITATIONS),
+        goals=(
+            Goal("separation asked less flown, with margins [m]", 0.0, max(least)),
+            Goal("error less the fleet's mean, over the tube", 1.0, max(over)),
+        ),
+    )
+
+
+def with_room(path: Path) -> rho.Scenario:
+    """A mission whose room is wider by the tube, as starts and goals lie at its walls."""
+    mission = rho.load_lsc_mission(path, grid=rho.Grid.lasting(DURATION, step=STEP))
+    tube = rho.error_tube(dataclasses.replace(mission, disturbance=MODEL))
+    wider = float(tube.position_over(mission.grid.start, mission.grid.end)[0])
+    room = mission.limits.position
+    if room is None:
+        return mission
+    limits = dataclasses.replace(
+        mission.limits, position=rho.Box(room.lower - wider, room.upper + wider)
+    )
+    return dataclasses.replace(mission, limits=limits)
+
+
+def fly(scenario: rho.Scenario) -> Judged:
+    """Plan, let Crazyflies fly the plan, and measure."""
+    began = time.perf_counter()
+    plan = rho.plan(scenario)
+    seconds = time.perf_counter() - began
+    times = scenario.grid.start + np.arange(round(DURATION * RATE) + 1) / RATE
+    reference = plan.motion().at("position", times - scenario.grid.start)
+    flown = _flown(plan, times, reference)
+    errors = flown - reference
+    mean = errors.mean(axis=0)
+    off = np.linalg.norm(errors - mean, axis=-1).max(axis=0)
+    radii = rho.error_tube(scenario).position(times)
+    with np.errstate(divide="ignore"):
+        over = np.max(off[1:] / radii[1:])
+    return Judged(
+        plan,
+        seconds,
+        least_distance(np.moveaxis(flown, 0, 1), scenario.separation),
+        float(np.linalg.norm(mean, axis=-1).max()),
+        float(off.max()),
+        float(over),
+    )
+
+
+def _flown(plan: rho.Plan, times: FloatArray, positions: FloatArray) -> FloatArray:
+    """Positions of Crazyflies that are given a plan as their reference [m], shape (N, M, 3)."""
+    motion, elapsed = plan.motion(), times - plan.scenario.grid.start
+    with tempfile.TemporaryDirectory() as folder:
+        asked, found = Path(folder) / "references.npz", Path(folder) / "flown.npz"
+        np.savez(
+            asked,
+            times=times,
+            positions=positions,
+            velocities=motion.at("velocity", elapsed),
+            accelerations=motion.at("acceleration", elapsed),
+        )
+        run_apart("crazyflow", "crazyflow_flight.py", asked, found)
+        with np.load(found) as file:
+            return np.asarray(file["positions"], dtype=np.float64)
+
+
+_ABOUT = f"""\
+The first missions of qwerty35/lsc_planner with ten, thirty and sixty vehicles, T = {DURATION:g} s,
+h = {STEP:g} s, 0.3 m apart side by side and twice that above each other. Crazyflow simulates
+Crazyflies from first principles at 500 Hz, with the Mellinger controller of their firmware at
+{RATE} Hz, which is given position, velocity and acceleration of the plan. The least distance is
+that of the flown positions at {RATE} Hz. Most of the error is a height offset that all vehicles
+share, whatever they fly. So the fleet's mean error at each time, of which `fleet_offset_m` is the
+largest, is taken off before an error is compared with the tube at that time; two vehicles are no
+closer for it."""
+
+_MODEL = f"""\
+The model: W = {MODEL.acceleration:g} m/s², corrected every {STEP:g} s, with a feedback of at most
+{MODEL.share:g} of the acceleration limit (1 m/s² upwards, 2 m/s² sideways). W is what the first
+tenth of a second needs, before any feedback: there errors without margins grew like those of an
+acceleration of up to 0.255 m/s². The radius that it leads to, 0.02 m, holds the 0.014 m reached
+later. The room is wider by the radius, with and without margins, since starts and goals lie at its
+walls."""
+
+_LIMITATIONS = """\
+Limitations. The tube is that of the package's own feedback, while the Crazyflies are held by that
+of their firmware: the tube is a model of their errors, fitted to these very missions, and no proof
+for them. One run of each mission, as nothing in the simulation is random. It is a simulation."""

@@ -1,0 +1,111 @@
+"""Whether the worst case reaches the tube, and nothing more: random cases, flown."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+import drake_rho as rho
+from benchmarks.error_loop import fly, random_tube, scenario_with
+from benchmarks.tables import Cell, Goal, Table
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import Quantity
+
+CASES = 50
+
+QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
+"""Whose radii are reached in turn; of the acceleration it is that of the feedback."""
+
+
+class Found(NamedTuple):
+    """One case, flown."""
+
+    quantity: Quantity
+    """that was to reach its radius"""
+    delay: int
+    """in samples"""
+    reached: float
+    """the part of its radius that it reached, in the direction and at the time asked"""
+    largest: float
+    """any error at any time over its radius, at most"""
+
+
+def run() -> Table:
+    """Fly all cases."""
+    rng = np.random.default_rng(0)
+    found = [fly_case(rng, QUANTITIES[number % len(QUANTITIES)]) for number in range(CASES)]
+    least = min(each.reached for each in found)
+    largest = max(each.largest for each in found)
+    return Table(
+        name="flight_worst_case",
+        title="The worst case: does it reach the tube",
+        columns=("quantity", "cases", "delays", "least_reached", "largest_error_over_radius"),
+        rows=tuple(_row(found, quantity) for quantity in QUANTITIES),
+        notes=(_ABOUT,),
+        goals=(
+            Goal("part of a radius that is not reached", 1e-3, 1.0 - least),
+            Goal("part of its radius by which an error is above it", 1e-9, max(0.0, largest - 1.0)),
+        ),
+    )
+
+
+def fly_case(rng: np.random.Generator, quantity: Quantity) -> Found:
+    """Draw a tube, a time and a direction, and fly the worst case for them."""
+    tube = random_tube(rng)
+    grid, around, sample = tube.grid, tube.disturbance, tube.sample
+    silent = around.delay * sample if quantity == "acceleration" else 0.0  # no feedback acts yet
+    time = grid.start + rng.uniform(min(silent, 0.9 * grid.duration), grid.duration)
+    direction = rng.normal(size=3)
+    case = rho.worst_case(scenario_with(around, grid), direction, time, quantity, tube=tube)
+    flown = fly(tube, case, time)
+    samples = grid.start + sample * np.arange(tube.samples)
+    at = int(np.argmin(np.abs(flown.times - time)))
+    values = {
+        "position": flown.positions[at],
+        "velocity": flown.velocities[at],
+        "acceleration": flown.feedback[np.searchsorted(samples, time, side="right") - 1],
+    }
+    reached = values[quantity] @ direction / np.linalg.norm(direction)
+    largest = max(
+        _largest(flown.positions, tube.position(flown.times)),
+        _largest(flown.velocities, tube.velocity(flown.times)),
+        _largest(flown.feedback, tube.acceleration(samples)),
+    )
+    return Found(quantity, around.delay, _part(reached, case.radius), largest)
+
+
+def _part(reached: float, radius: float) -> float:
+    """What was reached over the radius; all of it where that is 0."""
+    return float(reached / radius) if radius > 0.0 else 1.0
+
+
+def _largest(errors: FloatArray, radii: FloatArray) -> float:
+    """The largest error over its radius; infinite for one where there can be none."""
+    sizes = np.linalg.norm(errors, axis=1)
+    possible = radii > 0.0
+    if np.any(sizes[~possible] > 0.0):
+        return np.inf
+    return float(np.max(sizes[possible] / radii[possible], initial=0.0))
+
+
+def _row(found: list[Found], quantity: Quantity) -> tuple[Cell, ...]:
+    """Of all cases of a quantity."""
+    these = [each for each in found if each.quantity == quantity]
+    delays = sorted({each.delay for each in these})
+    return (
+        quantity,
+        len(these),
+        f"{delays[0]} to {delays[-1]} samples",
+        f"{min(each.reached for each in these):.9f}",
+        f"{max(each.largest for each in these):.12f}",
+    )
+
+
+_ABOUT = """\
+Gains are drawn among the stable ones, samples from 0.01 to 3 s, wind, errors of the estimate and of
+the first state, times and directions at random. `rho.worst_case` gives the wind, the errors of the
+estimate and the first errors, and a loop that knows nothing of the tube flies them: p'' = u + w
+exactly from one change to the next (`benchmarks/error_loop.py`). Reached is the error in the
+direction and at the time asked, over its radius. The largest error is that of any of the three
+quantities at any step of any flight, over its radius then."""

@@ -1,0 +1,103 @@
+"""A flight in wind as many positions: what dense samples of the true motion say of it.
+
+Only the record's states and commands are looked at, and the scenario; nothing of the package's
+verifier. Between two times of the record the acceleration of a point mass is constant, so that
+samples in between are exact. Jerk, which is of the plan, thrust, tilt and waypoints are not looked
+at.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+import drake_rho as rho
+from benchmarks.clearance import clearance
+from benchmarks.sampling import least_distance
+from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.fields import FloatArray
+
+PARTS = 2
+"""Samples between two times of a record, of which there are ten or more a sample of feedback."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Breaches:
+    """By how much limits are broken at most; negative for what is left of them."""
+
+    obstacles: float
+    """depth inside any obstacle beyond what is to be kept [m]"""
+    pairs: float
+    """how much closer than their separation any two are [m]"""
+    boxes: float
+    """distance beyond any side of a box of position, velocity or command, over the side"""
+    norms: float
+    """speed or size of a command beyond its limit, over the limit"""
+    scale: float
+    """the longest side of what is flown in [m]"""
+
+    @property
+    def worst(self) -> float:
+        """The largest of all as a part: of the scale, of a side, of a limit."""
+        lengths = max(self.obstacles, self.pairs) / self.scale
+        return max(lengths, self.boxes, self.norms)
+
+
+def breaches(simulation: Simulation) -> Breaches:
+    """Look at a flight of point masses."""
+    scenario = simulation.scenario
+    times, positions, velocities = _finer(simulation)
+    boxes, norms = -np.inf, -np.inf
+    for i, vehicle in enumerate(scenario.vehicles):
+        limits = scenario.limits_of(vehicle)
+        commands = simulation.commands[:-1, i]
+        boxes = max(
+            boxes,
+            _beyond(limits.position, positions[:, i]),
+            _beyond(limits.velocity, velocities[:, i]),
+            _beyond(limits.acceleration, commands),
+        )
+        norms = max(
+            norms,
+            _above(limits.max_speed, velocities[:, i]),
+            _above(limits.max_acceleration, commands),
+        )
+    pairs = -np.inf
+    if scenario.separation is not None and len(scenario.vehicles) > 1:
+        asked = scenario.separation
+        pairs = asked.distance - least_distance(positions, asked)
+    return Breaches(
+        -clearance(scenario, times, positions),
+        pairs,
+        boxes,
+        norms,
+        float(np.ptp(positions, axis=(0, 1)).max()),
+    )
+
+
+def _finer(simulation: Simulation) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times (S,), positions (S, N, 3) and velocities (S, N, 3), the record's and between them."""
+    t, p, v = simulation.times, simulation.positions, simulation.velocities
+    passed = np.diff(t)[:, None, None]
+    a = np.diff(v, axis=0) / passed
+    times, positions, velocities = [t[:1]], [p[:1]], [v[:1]]
+    for part in np.arange(1, PARTS + 1) / PARTS:
+        s = part * passed
+        times.append(t[:-1] + part * np.diff(t))
+        positions.append(p[:-1] + s * (v[:-1] + s / 2.0 * a))
+        velocities.append(v[:-1] + s * a)
+    return np.concatenate(times), np.concatenate(positions), np.concatenate(velocities)
+
+
+def _beyond(box: rho.Box | None, values: FloatArray) -> float:
+    """How far values, shape (S, 3), are beyond a box, over its side."""
+    if box is None:
+        return -np.inf
+    beyond = np.maximum(box.lower - values, values - box.upper)
+    return float(np.max(beyond / np.maximum(box.upper - box.lower, 1e-9)))
+
+
+def _above(most: float | None, values: FloatArray) -> float:
+    """How far norms of values, shape (S, 3), are above a limit, over it."""
+    return -np.inf if most is None else float(np.linalg.norm(values, axis=1).max() / most - 1.0)

@@ -1,0 +1,146 @@
+"""The tube against an independent computation: supports of reachable sets by adjoint matrices.
+
+The vehicle, the feedback in force and those on their way are one linear system, moved through short
+pieces of time by matrix exponentials. From a quantity at a time, the row of what each cause adds to
+it is carried back to the beginning; the sum of the sizes of all of it is the support of the
+reachable set. Wind that is constant in each piece can do no more than any wind, and less by the
+square of the length of a piece where it should change its sign within one: so the sums are at most
+the radii, and nearly as large.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+import drake_rho as rho
+from tests.scenarios import single
+from tests.tolerances import ROUNDING
+
+Array = NDArray[np.float64]
+
+PIECES = 20
+"""Of a sample."""
+
+AGREES = 0.01
+"""Relative, of the oracle with so many pieces and the tube."""
+
+POSITION, VELOCITY, FEEDBACK = 0, 1, 2
+"""Of a state: error of the position and of the velocity, feedback in force; then those to come."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Oracle:
+    """The system of one axis in pieces of a sample, and the sizes of what disturbs it, SI."""
+
+    gains: tuple[float, float]
+    sample: float
+    delay: int
+    sizes: tuple[float, float, float, float, float]
+    pieces: int
+
+    def supports(self, sample: int, piece: int) -> Array:
+        """The largest position, velocity and feedback after so many pieces of a sample, (3,)."""
+        W, E_p, E_v, r_p, r_v = self.sizes
+        through, wind = self._through_a_piece
+        at_sample, n_p, n_v = self._at_a_sample
+        rows = np.eye(3, 3 + self.delay)
+        total = np.zeros(3)
+        for j in range(sample, -1, -1):
+            for _ in range(piece if j == sample else self.pieces):
+                total += W * np.abs(rows @ wind)
+                rows = rows @ through
+            total += E_p * np.abs(rows @ n_p) + E_v * np.abs(rows @ n_v)
+            rows = rows @ at_sample
+        return np.asarray(total + np.abs(rows[:, :2]) @ (r_p, r_v))
+
+    @cached_property
+    def _through_a_piece(self) -> tuple[Array, Array]:
+        """What a piece of a sample makes of a state, and what a wind of 1 in it adds."""
+        size = 3 + self.delay
+        rate = np.zeros((size + 1, size + 1))  # the last state is a constant wind
+        rate[POSITION, VELOCITY] = rate[VELOCITY, FEEDBACK] = rate[VELOCITY, size] = 1.0
+        whole = expm(rate * self.sample / self.pieces)
+        return whole[:size, :size], whole[:size, size]
+
+    @cached_property
+    def _at_a_sample(self) -> tuple[Array, Array, Array]:
+        """What a sample makes of a state, and what the errors of the estimate then add.
+
+        The feedback just decided on is the last in the queue, or with no delay in force at once.
+        """
+        size = 3 + self.delay
+        jump, newest = np.eye(size), size - 1
+        jump[FEEDBACK:] = 0.0
+        jump[FEEDBACK : size - 1, FEEDBACK + 1 :] = np.eye(self.delay)  # all move up
+        jump[newest, [POSITION, VELOCITY]] = -self.gains[0], -self.gains[1]
+        unit = np.eye(size)[newest]
+        return jump, -self.gains[0] * unit, -self.gains[1] * unit
+
+
+def _drawn(seed: int) -> tuple[rho.ErrorTube, Oracle]:
+    """A tube of random gains, sample, delay, errors and first errors, and its oracle."""
+    rng = np.random.default_rng(seed)
+    sample, delay = 10 ** rng.uniform(-2.0, 0.5), seed % 6
+    knots, parts = int(rng.integers(3, 6)), int(rng.integers(1, 9))
+    while True:
+        alpha, beta = rng.uniform([0.0, 0.0], [2.0, 2.0]) / (1 + delay) ** np.array([2, 1])
+        roots = np.concatenate([[1.0, -2.0, 1.0], np.zeros(delay)])
+        roots[-2:] += alpha / 2.0 + beta, alpha / 2.0 - beta
+        if np.abs(np.roots(roots)).max() < 1.0:
+            break
+    gains = alpha / sample**2, beta / sample
+    W = 10 ** rng.uniform(-2.0, 1.0)
+    errors = W * rng.uniform(0.0, 1.5, 4) * (rng.random(4) < 0.75)
+    E_p, E_v, r_p, r_v = errors * np.array([sample**2, sample, sample**2, sample])
+    grid = rho.Grid(sample * parts, knots, rng.uniform(-3.0, 3.0))
+    around = rho.Disturbance(W, E_p, E_v, sample, delay)
+    scenario = dataclasses.replace(single(grid=grid), disturbance=around)
+    tube = rho.error_tube(scenario, (r_p, r_v), gains=gains)
+    return tube, Oracle(gains, sample, delay, (W, E_p, E_v, r_p, r_v), PIECES)
+
+
+@pytest.mark.parametrize("seed", range(36))
+def test_radii_agree_with_supports_of_the_reachable_sets(seed: int) -> None:
+    tube, oracle = _drawn(seed)
+    rng = np.random.default_rng(seed)
+    samples = {0, oracle.delay, tube.samples - 1, *rng.integers(0, tube.samples, 4)}
+    rounded = 1e-14 * tube.sizes.sum() * np.array([tube.sample**2, tube.sample, 1.0])
+    for sample in samples & set(range(tube.samples)):
+        for piece in (0, 1, int(rng.integers(2, PIECES)), PIECES):
+            time = tube.grid.start + (sample + piece / PIECES) * tube.sample
+            radii = np.array([tube.position(time), tube.velocity(time), tube.acceleration(time)])
+            found = oracle.supports(sample, piece)
+            if piece == PIECES:  # at that time the next sample's feedback begins
+                radii[FEEDBACK], found[FEEDBACK] = 0.0, 0.0
+            assert np.all((1.0 - AGREES) * radii <= found + rounded)
+            assert np.all(found <= (1.0 + ROUNDING) * radii + rounded)
+
+
+@pytest.mark.parametrize("pieces", [8, 32, 128])
+def test_finer_pieces_come_nearer_by_the_square_of_their_length(pieces: int) -> None:
+    """And so the oracle's rest is that of its pieces, and no difference of the two models."""
+    for seed in range(12):
+        tube, oracle = _drawn(seed)
+        finer = dataclasses.replace(oracle, pieces=pieces)
+        found = finer.supports(tube.samples - 1, pieces)[:2]
+        radii = np.array([tube.position(tube.grid.end), tube.velocity(tube.grid.end)])
+        assert np.all(np.abs(1.0 - found / radii) <= 1.0 / pieces**2)
+
+
+def test_a_wrong_delay_or_gain_is_seen() -> None:
+    """The comparison has an effect: models that are a little different do not agree."""
+    for seed in range(12):
+        tube, oracle = _drawn(seed)
+        last, radius = tube.samples - 1, float(tube.position(tube.grid.end))
+        for other in (
+            dataclasses.replace(oracle, delay=oracle.delay + 1),
+            dataclasses.replace(oracle, gains=(0.7 * oracle.gains[0], 0.7 * oracle.gains[1])),
+        ):
+            if tube.samples > oracle.delay + 2:
+                assert abs(other.supports(last, PIECES)[POSITION] / radius - 1.0) > AGREES
