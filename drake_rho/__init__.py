@@ -6,7 +6,8 @@ The method of Zhou et al., ASCC 2017, on Drake's `MathematicalProgram`. SI units
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from drake_rho.assurance.feasibility import Diagnosis, diagnose, shortest_plan
+from drake_rho.assurance.diagnosis import Diagnosis
+from drake_rho.assurance.feasibility import diagnose, shortest_plan
 from drake_rho.assurance.infeasible_subset import infeasible_subset
 from drake_rho.assurance.optimality import Certificate, VehicleCertificate, certify
 from drake_rho.assurance.verification import Check, Report, verify

@@ -150,7 +150,7 @@ def test_a_quadrotor_is_judged_by_its_record() -> None:
     wind = rho.winds.constant(scenario, [1, -1, 0.3])
     simulation = rho.simulate(scenario, plant="quadrotor", wind=wind)
     report = rho.verify(simulation)
-    assert "quadrotor: judged by its record, every 0.001 s" in str(report)
+    assert "quadrotor: judged by its record, every 0.000998 s" in str(report)
     assert not any(each.constraint == "dynamics" for each in report.checks)
     told, seen = least_told(report), least_margin(simulation)
     assert seen - 1e-2 <= told <= seen + 1e-9

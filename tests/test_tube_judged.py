@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ from drake_rho.motion.tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.parts import GRAVITY
-from tests.scenarios import box
-from tests.shapes import KINDS
+from tests.scenarios import box, single
+from tests.shapes import KINDS, random_shape
 from tests.test_obstacles_judged import by_hand, places, random_case
 
 PER_STEP = 200
@@ -255,3 +256,169 @@ def test_no_point_of_the_tube_is_worse_than_what_is_told_and_one_is_as_bad(
         assert check.excess == pytest.approx(max(at), abs=rounding), check
         limit = abs(check.value - check.limit)
         assert abs(check.excess) == pytest.approx(limit, abs=rounding)
+
+
+TOUCHED = (
+    "position box",
+    "velocity box",
+    "acceleration box",
+    "maximum speed",
+    "maximum acceleration",
+    "maximum thrust",
+    "maximum tilt",
+    "waypoint 1",
+    "obstacle 1",
+    "separation",
+)
+"""Constraints that can be brought to where nothing is left."""
+
+
+def tightened(scenario: rho.Scenario, check: rho.Check, by: float) -> rho.Scenario:
+    """The scenario with one constraint tighter by something in its unit."""
+    limits, name = scenario.limits, check.constraint
+    (first, *others), changes = scenario.vehicles, dict[str, Any]()
+    if name.endswith("box"):
+        quantity = name.split()[0]
+        old = getattr(limits, quantity)
+        changes[quantity] = rho.Box(old.lower + by, old.upper - by)
+    elif name == "maximum tilt":  # the closest thrust to the cone is as far from its apex
+        thrust = check.value / np.sin((limits.max_tilt or 0.0) - _tilt(scenario, check))
+        angle = np.arcsin(min((check.value - by) / thrust, 1.0))
+        changes["max_tilt"] = _tilt(scenario, check) + float(angle)
+    elif name.startswith("maximum"):
+        field = name.replace("imum ", "_")
+        changes[field] = getattr(limits, field) - by
+    elif name.startswith("waypoint"):
+        (waypoint,) = first.waypoints
+        waypoint = unchecked(waypoint, within=waypoint.within - by)
+        first = unchecked(first, waypoints=(waypoint,))
+    elif name.startswith("obstacle"):
+        first = unchecked(first, radius=first.radius + by)
+    else:
+        assert scenario.separation is not None
+        apart = rho.Separation(scenario.separation.distance + by)
+        scenario = unchecked(scenario, separation=apart)
+    limits = dataclasses.replace(limits, **changes)
+    changed = unchecked(scenario, vehicles=(first, *others), limits=limits)
+    return changed.of_vehicles(range(len(scenario.vehicles)))
+
+
+def _tilt(scenario: rho.Scenario, check: rho.Check) -> float:
+    k = round((check.time - scenario.grid.start) / scenario.grid.step)
+    x, y, z = FLOWN[k] + np.array([0.0, 0.0, GRAVITY])
+    return float(np.arctan2(np.hypot(x, y), z))
+
+
+FLOWN = 1.5 * np.random.default_rng(8).normal(size=(8, 3))
+"""Accelerations of the first of two vehicles [m/s²]."""
+
+
+@pytest.mark.parametrize("name", TOUCHED)
+def test_a_hundredth_of_the_radius_less_room_than_the_tube_takes_is_broken(name: str) -> None:
+    scenario = unchecked(
+        single(
+            grid=rho.Grid(0.5, 9),
+            limits=rho.Limits(
+                box(40),
+                box(30),
+                box(20),
+                None,
+                40.0,
+                20.0,
+                30.0,
+                1.4,  # all of them wide
+            ),
+            obstacles=(rho.Ellipsoid([3.0, -9.0, 1.0], [1.0, 2.0, 0.5]),),
+            waypoints=(rho.Waypoint(2.3, [1.0, 1.0, 0.0], 9.0),),
+            between_knots=True,
+        ),
+        separation=rho.Separation(0.5),
+        disturbance=rho.Disturbance(
+            0.4, 0.01, 0.02, 0.1, 1, tracking=Tracking(0.0, (7.0, 4.0), 0.05, 0.03)
+        ),
+    )
+    (first,) = scenario.vehicles
+    second = rho.Vehicle("v1", rho.State([0.0, 4.0, 0.0]), rho.State([9.0, 9.0, 9.0]))
+    scenario = unchecked(scenario, vehicles=(first, second)).of_vehicles([0, 1])
+    a = np.stack([FLOWN, np.zeros((8, 3))])
+
+    def judge(asked: rho.Scenario) -> rho.Check:
+        report = rho.verify(rho.Plan.from_accelerations(asked, a))
+        own = [each for each in report.checks if each.vehicle == "solo"]
+        return [each for each in own if each.constraint == name][-1]  # at all times
+
+    wide = judge(scenario)
+    assert wide.errors > 1e3 * wide.tolerance
+    touching = tightened(scenario, wide, -wide.excess)
+    there = judge(touching)
+    assert there.holds
+    assert there.excess == pytest.approx(0.0, abs=0.1 * there.tolerance)
+    cut = judge(tightened(touching, there, 0.01 * there.errors + there.tolerance))
+    assert not cut.holds
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_planners_make_holds_wherever_in_the_tube_vehicles_are(kind: str) -> None:
+    """The judge says so, and so do points of the tube, for which limits are as they are asked."""
+    rng, planned = np.random.default_rng(17), 0
+    for seed in range(8):
+        try:
+            scenario = _asked(np.random.default_rng(seed), kind)
+            plan = rho.plan_rho(scenario, replan_every=3) if seed % 2 else rho.plan(scenario)
+        except (rho.InfeasibleError, rho.ScenarioError):  # a start may be in the shape
+            continue
+        planned += 1
+        assert rho.verify(plan).ok
+        for stretch in stretches(plan):
+            _check_points(plan if isinstance(plan, rho.Plan) else plan.plan, stretch, rng)
+    assert planned >= 4
+
+
+def _asked(rng: np.random.Generator, kind: str) -> rho.Scenario:
+    """Two vehicles past an obstacle of a kind, of which some move."""
+    shape = random_shape(rng, kind, np.array([5.0, 0.7, 0.3]), 1.2)
+    moving = rho.Obstacle(shape, velocity=rng.uniform(-0.3, 0.3, 3)) if rng.integers(2) else shape
+    scenario = single(
+        limits=rho.Limits(
+            box(20), box(4.0), box(4.0), max_speed=3.5, max_acceleration=4.5, max_tilt=0.6
+        ),
+        obstacles=(moving,),
+        goal=rho.State([10.0, 1.0, 0.0]),
+        between_knots=True,
+    )
+    (first,) = scenario.vehicles
+    second = rho.Vehicle("v1", rho.State([10.0, -2.0, 0.0]), rho.State([0.0, 3.0, 1.0]))
+    around = rho.Disturbance(
+        rng.uniform(0.05, 0.4), 0.01, 0.02, 0.5 / int(rng.integers(2, 7)), int(rng.integers(2))
+    )
+    return dataclasses.replace(
+        scenario,
+        vehicles=(first, second),
+        separation=rho.Separation(0.6, float(rng.choice([1.0, 2.0]))),
+        disturbance=around,
+    )
+
+
+def _check_points(plan: rho.Plan, stretch: Stretch, rng: np.random.Generator) -> None:
+    """See that random points on the balls keep what is asked, each in its time."""
+    scenario, tube = plan.scenario, stretch.tube
+    limits, slack = scenario.limits, 2e-5
+    times = rng.uniform(stretch.begin, stretch.end, 400)
+    n = rng.normal(size=(5, 2, 400, 3))
+    n /= np.linalg.norm(n, axis=-1, keepdims=True)
+    motion, elapsed = plan.motion(), times - scenario.grid.start
+    p = motion.at("position", elapsed) + tube.position(times)[:, None] * n[0]
+    v = motion.at("velocity", elapsed) + tube.velocity(times)[:, None] * n[1]
+    a = motion.at("acceleration", elapsed) + tube.acceleration(times)[:, None] * n[2]
+    for values, bounds in ((p, limits.position), (v, limits.velocity), (a, limits.acceleration)):
+        assert bounds is not None
+        assert np.all((values <= bounds.upper + slack) & (values >= bounds.lower - slack))
+    assert np.linalg.norm(v, axis=-1).max() <= (limits.max_speed or 0.0) + slack
+    assert np.linalg.norm(a, axis=-1).max() <= (limits.max_acceleration or 0.0) + slack
+    tilts = np.arctan2(np.linalg.norm(a[..., :2], axis=-1), a[..., 2] + GRAVITY)
+    assert tilts.max() <= (limits.max_tilt or 0.0) + slack
+    (obstacle,) = scenario.bodies
+    assert obstacle.distances(p, times).min() >= -slack
+    assert scenario.separation is not None
+    apart = np.linalg.norm(scenario.separation.scaled(p[0] - p[1]), axis=-1)
+    assert apart.min() >= scenario.separation.distance - slack

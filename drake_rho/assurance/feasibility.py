@@ -8,8 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.solvers import SolverInterface
 
+from drake_rho.assurance.diagnosis import Diagnosis
 from drake_rho.assurance.infeasible_subset import infeasible_subset
-from drake_rho.assurance.verification import Check, verify
+from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.best import first_plan, plan_scp
 from drake_rho.planning.errors import InfeasibleError, SolverError
@@ -28,107 +29,6 @@ BISECTED_APART = 1e-2
 
 LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""
-
-_SHOWN = 5
-"""Breaches that a printed diagnosis shows."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Diagnosis:
-    """Why there is no plan, and what would mend it; prints in at most twelve lines."""
-
-    scenario: Scenario
-    """what was asked"""
-    conflicts: dict[str, tuple[str, ...]]
-    """for each vehicle without a plan, constraints that cannot be met together; empty if there is
-    a plan"""
-    violations: tuple[Check, ...]
-    """what the motion breaks that breaks the constraints least in total, the worst first"""
-    shortest_duration: float | None
-    """least T for which a plan was found with everything else unchanged [s]; None if there is none
-    up to `LARGEST_FACTOR` times the scenario's"""
-    is_monotone: bool
-    """whether a plan for one duration means a plan for every longer one, so that the shortest is
-    exact to `BISECTED`; else shorter ones may have been passed over"""
-    acceleration_factor: float | None
-    """least factor on every acceleration box and every maximum acceleration for which a plan was
-    found, thrust and tilt unchanged; None if there is no such limit, or no factor up to
-    `LARGEST_FACTOR` helps"""
-    bearable_wind: float | None = None
-    """where there is a plan if nothing disturbs it, the largest wind for which one was found, with
-    the feedback that is best for it and all else unchanged [m/s²]; 0 if errors of the estimate are
-    too much already; None where there is no plan without a disturbance either, or none is asked"""
-
-    @property
-    def feasible(self) -> bool:
-        """Whether a plan was found after all."""
-        return not self.conflicts
-
-    def __str__(self) -> str:
-        if self.feasible:
-            return f"{self.scenario.name}: there is a plan"
-        shown = list(self.conflicts.items())[:3]
-        reasons = [f"  {vehicle}: {', '.join(names)}" for vehicle, names in shown]
-        breaches = [
-            f"  {one.vehicle}: {one.what} by {one.excess:.3g} {one.unit} at {one.time:.4g} s"
-            for one in self.violations[:_SHOWN]
-        ]
-        more, disturbed = len(self.conflicts) - len(reasons), self._disturbed()
-        return "\n".join(
-            [
-                f"{self.scenario.name}: no plan was found; these cannot be met together:",
-                *reasons,
-                *([f"  and {more} more vehicles"] if more > 0 else []),
-                *(["the least breach of them is"] if breaches else []),
-                *breaches[: 12 - 4 - len(reasons) - (more > 0) - (disturbed != "")],
-                *([disturbed] if disturbed else []),
-                self._repairs(),
-            ]
-        )
-
-    def _repairs(self) -> str:
-        ways = []
-        if self.shortest_duration is not None:
-            steps = self.scenario.grid.knots - 1
-            note = "" if self.is_monotone else " or perhaps less"
-            ways.append(
-                f"a duration of {_rounded_up(self.shortest_duration)} s{note} instead of "
-                f"{self.scenario.grid.duration:.5g} s (a step of "
-                f"{_rounded_up(self.shortest_duration / steps)} s)"
-            )
-        if self.acceleration_factor is not None:
-            ways.append(
-                f"acceleration limits {_rounded_up(self.acceleration_factor)} times as wide"
-            )
-        around = self.scenario.disturbance
-        if around is not None and self.bearable_wind:
-            ways.append(
-                f"wind up to {_rounded_down(self.bearable_wind)} m/s² instead of "
-                f"{around.acceleration:.5g} m/s²"
-            )
-        if not ways:
-            return "neither more time nor stronger vehicles were found to help"
-        return f"there is one with {', or with '.join(ways)}"
-
-    def _disturbed(self) -> str:
-        """A line, or none, on what the disturbance has to do with it."""
-        if self.bearable_wind is None:
-            return ""
-        if self.bearable_wind == 0.0:
-            return "without a disturbance there is a plan; with errors of the estimate alone, none"
-        return "without a disturbance there is a plan"
-
-
-def _rounded_up(value: float) -> str:
-    """Five digits, none of which promises more than was found."""
-    unit = 10.0 ** (np.floor(np.log10(value)) - 4)
-    return f"{np.ceil(value / unit * (1 - 1e-12)) * unit:.5g}"
-
-
-def _rounded_down(value: float) -> str:
-    """Five digits, none of which promises more than was found."""
-    unit = 10.0 ** (np.floor(np.log10(value)) - 4)
-    return f"{np.floor(value / unit * (1 + 1e-12)) * unit:.5g}"
 
 
 def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Diagnosis:
