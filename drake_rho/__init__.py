@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from drake_rho.display.figures import (
         accelerations_figure,
         distances_figure,
+        errors_figure,
         paths_figure,
         separation_figure,
         velocities_figure,
@@ -111,6 +112,7 @@ __all__ = [
     "diagnose",
     "distances_figure",
     "error_tube",
+    "errors_figure",
     "flight_cube",
     "free_reference",
     "infeasible_subset",
@@ -147,6 +149,7 @@ _LATER = {
     "animate": "drake_rho.display.animation",
     "accelerations_figure": "drake_rho.display.figures",
     "distances_figure": "drake_rho.display.figures",
+    "errors_figure": "drake_rho.display.figures",
     "paths_figure": "drake_rho.display.figures",
     "separation_figure": "drake_rho.display.figures",
     "velocities_figure": "drake_rho.display.figures",

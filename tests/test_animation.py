@@ -17,7 +17,8 @@ from matplotlib.textpath import TextPath
 from playwright.sync_api import Page
 
 import drake_rho as rho
-from drake_rho.display.animation import _headings, _poses, start_meshcat
+from drake_rho.display.animation import start_meshcat
+from drake_rho.display.poses import headings, poses
 from drake_rho.display.scene import Scene
 from drake_rho.display.shapes import (
     aircraft,
@@ -303,9 +304,9 @@ def test_show_serves_on_this_machine_alone_and_ends_on_interrupt() -> None:
 def test_headings_are_kept_where_a_vehicle_stands_still() -> None:
     velocities = np.zeros((2, 5, 3))
     velocities[0, 2] = [0.0, 2.0, 0.0]
-    headings = _headings(velocities)
-    np.testing.assert_array_equal(headings[0], [[0.0, 1.0, 0.0]] * 5)
-    np.testing.assert_array_equal(headings[1], [[1.0, 0.0, 0.0]] * 5)
+    found = headings(velocities)
+    np.testing.assert_array_equal(found[0], [[0.0, 1.0, 0.0]] * 5)
+    np.testing.assert_array_equal(found[1], [[1.0, 0.0, 0.0]] * 5)
 
 
 def test_shapes_have_the_sizes_asked_for() -> None:
@@ -335,7 +336,7 @@ def test_octahedra_are_scattered_as_one_mesh() -> None:
 @pytest.mark.parametrize("heading", [[1.0, 0, 0], [0, 0, 1.0], [0.6, 0, -0.8], [0, -1.0, 0]])
 def test_poses_have_the_nose_ahead_and_level_wings(heading: list[float]) -> None:
     (((nose, left, above, place),),) = np.moveaxis(
-        _poses(np.array([[[1.0, 2, 3]]]), np.array([[heading]])), 3, 2
+        poses(np.array([[[1.0, 2, 3]]]), np.array([[heading]])), 3, 2
     )
     np.testing.assert_allclose(nose, heading)
     np.testing.assert_allclose(place, [1.0, 2.0, 3.0])

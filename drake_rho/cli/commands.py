@@ -41,6 +41,7 @@ from drake_rho.cli.options import (
     MethodOption,
     OutputOption,
     Reference,
+    ReplanEveryOption,
     ScenarioArgument,
     Solver,
     SolverOption,
@@ -49,10 +50,11 @@ from drake_rho.cli.options import (
     read,
     refuse_options,
 )
+from drake_rho.cli.simulation import simulate
 from drake_rho.cli.streams import pipe_safe
-from drake_rho.motion.files import PlanFileError, load
-from drake_rho.motion.plan import Flight, Plan
-from drake_rho.motion.simulation import Simulation
+from drake_rho.display.flown import Flown
+from drake_rho.motion.files import load
+from drake_rho.motion.plan import Plan
 from drake_rho.paper.study import REPEATS, run_study
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
@@ -133,7 +135,7 @@ def plan(
 def fly(
     scenario: ScenarioArgument,
     output: OutputOption = None,
-    replan_every: Annotated[int, typer.Option(help="Steps flown of each window.")] = 5,
+    replan_every: ReplanEveryOption = 5,
     method: MethodOption = Method.AUTO,
     reference: Annotated[
         Reference | None,
@@ -165,11 +167,14 @@ def fly(
     return finish(flight, output, figures)
 
 
+app.command()(simulate)
+
+
 @app.command("verify")
 def verify_file(
-    file: Annotated[Path, typer.Argument(help="A plan, flight or simulation kept in a file.")],
+    file: Annotated[Path, typer.Argument(help="A file kept by 'plan', 'fly' or 'simulate'.")],
 ) -> int:
-    """Judge every constraint of a plan, flight or simulation anew and print the report."""
+    """Judge every constraint of a plan, a flight or a simulation anew and print the report."""
     return report(load(file))
 
 
@@ -186,7 +191,8 @@ def show(
         str,
         typer.Argument(
             metavar="SCENARIO|FILE",
-            help="A scenario, which is then flown first, or a plan or flight kept in a file.",
+            help="A scenario, which is then flown first, or a plan, flight or simulation kept in a "
+            "file.",
         ),
     ],
     html: Annotated[
@@ -256,20 +262,13 @@ def _plan(
     )
 
 
-def _loaded(source: str | Path) -> Plan | Flight:
-    """The plan or flight in a file."""
-    if isinstance(loaded := load(source), Simulation):
-        raise PlanFileError(f"{source}: got a simulation, expected a plan or a flight")
-    return loaded
-
-
 def _load_or_fly(
     source: str, duration: float | None, step: float | None, world: str | None
-) -> Plan | Flight:
-    """The plan or flight in a file, or else a scenario's flight; of a fleet, its plan."""
+) -> Flown:
+    """What is in a file, or else a scenario's flight; of a fleet, its plan."""
     if source.endswith(".npz") or zipfile.is_zipfile(source):
         refuse_options(source, duration, step, world)
-        return _loaded(source)
+        return load(source)
     scenario = read(source, duration, step, world)
     if scenario.separation is not None:  # ten windows of sixty vehicles are long to wait for
         return best_plan(scenario)

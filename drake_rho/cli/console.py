@@ -10,8 +10,10 @@ from rich.console import Console
 
 from drake_rho.assurance.feasibility import diagnose
 from drake_rho.assurance.verification import verify
+from drake_rho.cli.summary import simulation_table
+from drake_rho.display.flown import Flown
 from drake_rho.motion.files import save
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.plan import Flight
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.scenario.errors import DrakeRhoError
@@ -26,10 +28,14 @@ def say(text: str, console: Console = out) -> None:
     console.file.flush()
 
 
-def finish(planned: Plan | Flight, output: str | None, figures: str | None = None) -> int:
+def finish(
+    planned: Flown, output: str | None, figures: str | None = None, heading: str | None = None
+) -> int:
     """Report on what was planned, keep it and draw it, whether or not it holds."""
     if output is not None:  # before anything is said: a closed pipe must not lose the work
         save(planned, output)
+    if heading is not None:
+        say(heading)
     status = report(planned)
     if output is not None:
         say(f"kept in {output}")
@@ -43,12 +49,12 @@ def finish(planned: Plan | Flight, output: str | None, figures: str | None = Non
     return status
 
 
-def report(planned: Plan | Flight | Simulation) -> int:
+def report(planned: Flown) -> int:
     """Judge what was planned and say how it came about; the status is 0 if all of it holds."""
+    if isinstance(planned, Simulation):
+        return _report_simulation(planned)
     judged = verify(planned)
     say(str(judged))
-    if isinstance(planned, Simulation):
-        return 0 if judged.ok else 1
     whole = planned.plan if isinstance(planned, Flight) else planned
     numbers = whole.statistics
     say(
@@ -56,15 +62,35 @@ def report(planned: Plan | Flight | Simulation) -> int:
         f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver or 'no solver'}"
     )
     if isinstance(planned, Flight):
-        kept = [window for window in planned.windows if window.infeasible]
-        say(f"{len(planned.windows)} windows, {len(kept)} of them without a plan of their own")
-        for window in kept:
-            say(f"  from knot {window.first_knot + 1}, along the previous: {window.infeasible}")
+        _say_windows(planned)
     if numbers.tolerance is not None and numbers.converged:
         say(f"converged: the last linearisation saved less than {100 * numbers.tolerance:g} %")
     if not numbers.converged:
         say("not converged: the iteration was stopped before the cost settled")
     return 0 if judged.ok else 1
+
+
+def _report_simulation(simulation: Simulation) -> int:
+    """Judge the true motion, and say how far it was off its plans."""
+    judged = verify(simulation)
+    say(str(judged))
+    _say_why(simulation.flight)
+    out.print(simulation_table(simulation))
+    return 0 if judged.ok else 1
+
+
+def _say_windows(flight: Flight) -> None:
+    """How many windows there were, and why some had no plan of their own."""
+    kept = sum(bool(window.infeasible) for window in flight.windows)
+    say(f"{len(flight.windows)} windows, {kept} of them without a plan of their own")
+    _say_why(flight)
+
+
+def _say_why(flight: Flight) -> None:
+    """Why windows had no plan of their own."""
+    for window in flight.windows:
+        if window.infeasible:
+            say(f"  from knot {window.first_knot + 1}, along the previous: {window.infeasible}")
 
 
 def wait_for_interrupt() -> None:

@@ -80,6 +80,7 @@ FiguresOption = Annotated[
         metavar="FOLDER", help="Folder for figures of the result, made if it is not there."
     ),
 ]
+ReplanEveryOption = Annotated[int, typer.Option(help="Steps flown of each window.")]
 MethodOption = Annotated[
     Method,
     typer.Option(

@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 from pydrake.geometry import Sphere as Ball
-from pydrake.math import RigidTransform
 
 from drake_rho.display.bodies import add_obstacles, record_obstacles
+from drake_rho.display.disturbed import add_disturbed, record_disturbed
+from drake_rho.display.flown import Drawn, Flown, drawn, windows_of
 from drake_rho.display.names import as_path
 from drake_rho.display.pace import Pace
+from drake_rho.display.poses import headings, poses, record_poses
 from drake_rho.display.scene import (
     ROOT,
     Scene,
@@ -25,15 +27,16 @@ from drake_rho.display.scene import (
 )
 from drake_rho.display.shapes import aircraft
 from drake_rho.display.trails import record_light_trails, record_predictions, record_trails
-from drake_rho.motion.plan import Flight, Plan
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.motion.simulation import Simulation
 
+_OF_EACH = 4
+"""What moves of each vehicle of a simulation: itself, its ghost, its ball, its wind."""
 _MOST_TRAILS = 100
 """Most vehicles whose trails are drawn without being asked for: more would hide the vehicles."""
 
 
 def animate(
-    flown: Plan | Flight,
+    flown: Flown,
     *,
     meshcat: Meshcat | None = None,
     host: str = "localhost",
@@ -41,7 +44,7 @@ def animate(
     rate: float | None = None,
     trails: bool | None = None,
 ) -> Meshcat:
-    """Show a plan or a flight in the browser, with Meshcat's time slider.
+    """Show a plan, a flight or a simulation in the browser, with Meshcat's time slider.
 
     Obstacles are translucent, and fainter until they are known; those that move do so. Trails grow
     as they are flown, starts are small balls and goals larger ones; with a `Flight`, each window's
@@ -50,8 +53,14 @@ def animate(
     position, so that what is apart does not touch, unless that would be too small to be seen in the
     scene. A faint ball around a vehicle is its radius, which it keeps from obstacles.
 
+    With a `Simulation` the vehicles are where they truly were. A ghost of each is where the plan in
+    force had it, in a ball of the radius that its tube has then: while the disturbance is as the
+    scenario says, the vehicle is in it. An arrow is the wind on the vehicle; its key says how
+    strong.
+
     More than 24 vehicles make a light scene, in which little but the vehicles is an object: goals
-    are small, trails thin, and starts, names and predictions are left out.
+    are small, trails thin, and starts, names, predictions, ghosts and the wind are
+    left out.
 
     Args:
         flown: what to show.
@@ -71,8 +80,7 @@ def animate(
     """
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
         raise ValueError(f"rate: got {rate}, expected a positive number")
-    plan = flown.plan if isinstance(flown, Flight) else flown
-    windows = flown.windows if isinstance(flown, Flight) else ()
+    plan, windows = drawn(flown), windows_of(flown)
     meshcat = start_meshcat(host, port) if meshcat is None else meshcat
     scene = Scene.of(plan)
     meshcat.Delete(ROOT)
@@ -85,7 +93,8 @@ def animate(
     else:
         add_ends(meshcat, scene, plan.scenario)
     _add_vehicles(meshcat, scene, plan)
-    pace = Pace.of(plan, rate)
+    disturbed = isinstance(flown, Simulation) and not scene.light
+    pace = Pace.of(plan, rate, _OF_EACH if disturbed else 1)
     meshcat.StartRecording(
         frames_per_second=pace.frames_per_second, set_visualizations_while_recording=False
     )
@@ -95,6 +104,9 @@ def animate(
         (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, pace)
     if not scene.light:
         record_predictions(meshcat, windows, pace)
+        if isinstance(flown, Simulation):
+            add_disturbed(meshcat, scene, flown)
+            record_disturbed(meshcat, flown, pace)
     meshcat.StopRecording()
     meshcat.PublishRecording()
     return meshcat
@@ -122,7 +134,7 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
     raise OSError(f"no free port from {first} on {host}")
 
 
-def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
+def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
     mesh = aircraft(scene.vehicle_length)
     for vehicle, colour in coloured(plan.scenario):
         path = _vehicle_path(vehicle.name)
@@ -132,40 +144,13 @@ def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
             meshcat.SetObject(f"{path}/radius", Ball(vehicle.radius), faint)
 
 
-def _record_motion(meshcat: Meshcat, plan: Plan, pace: Pace) -> None:
+def _record_motion(meshcat: Meshcat, plan: Drawn, pace: Pace) -> None:
     motion = plan.motion()
     positions = motion.at("position", pace.times)
-    headings = _headings(motion.at("velocity", pace.times))
-    playback = [pace.playback(time) for time in pace.times]
-    for vehicle, poses in zip(plan.scenario.vehicles, _poses(positions, headings), strict=True):
-        path = _vehicle_path(vehicle.name)
-        meshcat.SetTransform(path, RigidTransform(poses[0]))
-        for time, pose in zip(playback, poses, strict=True):
-            meshcat.SetTransform(path, RigidTransform(pose), time)
+    ahead = headings(motion.at("velocity", pace.times))
+    for vehicle, each in zip(plan.scenario.vehicles, poses(positions, ahead), strict=True):
+        record_poses(meshcat, _vehicle_path(vehicle.name), each, pace)
 
 
 def _vehicle_path(name: str) -> str:
     return f"{ROOT}/vehicles/{as_path(name)}"
-
-
-def _headings(velocities: FloatArray) -> FloatArray:
-    """Directions of flight, shape (N, M, 3): the last one kept where a vehicle stands still."""
-    speeds = np.linalg.norm(velocities, axis=2)
-    still = speeds <= 1e-3 * speeds.max(axis=1, keepdims=True)
-    latest = np.where(still, -1, np.arange(speeds.shape[1]))
-    latest = np.maximum.accumulate(latest, axis=1)
-    earliest = np.argmin(still, axis=1)  # for a vehicle that has not moved yet
-    latest = np.where(latest < 0, earliest[:, None], latest)
-    headings = np.take_along_axis(velocities, latest[:, :, None], axis=1)
-    lengths = np.linalg.norm(headings, axis=2, keepdims=True)
-    return np.where(lengths > 0, headings / np.where(lengths > 0, lengths, 1.0), [1.0, 0.0, 0.0])
-
-
-def _poses(positions: FloatArray, headings: FloatArray) -> FloatArray:
-    """Nose along the heading, wings level: arrays of shape (N, M, 3) give (N, M, 3, 4)."""
-    left = np.cross([0.0, 0.0, 1.0], headings)
-    lengths = np.linalg.norm(left, axis=2, keepdims=True)
-    steep = lengths <= 1e-6
-    left = np.where(steep, [0.0, 1.0, 0.0], left / np.where(steep, 1.0, lengths))
-    above = np.cross(headings, left)
-    return np.stack([headings, left, above, positions], axis=3)

@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
 
+from drake_rho.display.flown import Drawn
 from drake_rho.display.names import brief
 from drake_rho.display.pace import Pace
 from drake_rho.display.scene import MOST_NAMES, ROOT, Scene
@@ -19,7 +20,6 @@ from drake_rho.display.solids import put
 from drake_rho.display.style import view
 from drake_rho.display.surfaces import surface
 from drake_rho.display.trails import segments, show_between
-from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 
@@ -30,7 +30,7 @@ _LETTERS = Rgba(0.25, 0.25, 0.28)
 _WAY = Rgba(0.6, 0.6, 0.65)
 
 
-def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
+def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
     """Put all obstacles where they are at the first knot, the ways of a few that move as lines."""
     start, bodies = plan.scenario.grid.start, plan.scenario.bodies
     named = [obstacle for obstacle in bodies if obstacle.name is not None]
@@ -54,7 +54,7 @@ def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Plan) -> None:
         meshcat.SetLineSegments(path, *segments([way]), rgba=_WAY)
 
 
-def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> None:
+def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
     """Record how obstacles move, and from when on they are known."""
     start = plan.scenario.grid.start
     for number, obstacle in enumerate(plan.scenario.bodies, start=1):
@@ -75,7 +75,7 @@ def _path(number: int) -> str:
     return f"{ROOT}/obstacles/{number}"
 
 
-def _known_late(plan: Plan, obstacle: Obstacle) -> bool:
+def _known_late(plan: Drawn, obstacle: Obstacle) -> bool:
     return obstacle.known_from > max(plan.scenario.grid.start, 0.0)
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drake_rho.display.flown import Drawn
 from drake_rho.display.style import dense_times
-from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 
@@ -54,7 +54,7 @@ class Clearances:
     """index of the obstacle, shape (N, M)"""
 
 
-def distances(plan: Plan, obstacle: Obstacle, times: FloatArray) -> FloatArray:
+def distances(plan: Drawn, obstacle: Obstacle, times: FloatArray) -> FloatArray:
     """Distances of all vehicles from the surface of an obstacle, negative inside.
 
     Args:
@@ -69,27 +69,27 @@ def distances(plan: Plan, obstacle: Obstacle, times: FloatArray) -> FloatArray:
     return obstacle.shape.signed_distance(plan.motion().at("position", times) - centers)
 
 
-def kept(plan: Plan, obstacle: Obstacle) -> FloatArray:
+def kept(plan: Drawn, obstacle: Obstacle) -> FloatArray:
     """Least distances from an obstacle's surface that the vehicles keep [m], shape (N,)."""
     least: FloatArray = plan.scenario.fleet.radii + obstacle.deviation
     return least
 
 
-def closest(plan: Plan, obstacle: Obstacle) -> Closest:
+def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
     """The closest approaches, looked for ever closer around the nearest of many instants."""
     times = dense_times(plan)
     nearest = np.argmin(distances(plan, obstacle, times), axis=1)
     return _refined(plan, obstacle, np.arange(len(nearest)), _around(times, nearest))
 
 
-def nearest(plan: Plan, obstacle: Obstacle) -> Approach:
+def nearest(plan: Drawn, obstacle: Obstacle) -> Approach:
     """The approach that leaves least room beside an obstacle."""
     found = closest(plan, obstacle)
     vehicle = int(np.argmin(found.distances - kept(plan, obstacle)))
     return Approach(vehicle, float(found.times[vehicle]))
 
 
-def least_clearances(plan: Plan, obstacles: Sequence[Obstacle]) -> Clearances:
+def least_clearances(plan: Drawn, obstacles: Sequence[Obstacle]) -> Clearances:
     """The clearances over time that are least of all obstacles, of which there is at least one."""
     times = dense_times(plan)
     least = np.full((len(plan.positions), len(times)), np.inf)
@@ -102,7 +102,7 @@ def least_clearances(plan: Plan, obstacles: Sequence[Obstacle]) -> Clearances:
     return _with_least(plan, obstacles, Clearances(whole, least, numbers))
 
 
-def _with_least(plan: Plan, obstacles: Sequence[Obstacle], sampled: Clearances) -> Clearances:
+def _with_least(plan: Drawn, obstacles: Sequence[Obstacle], sampled: Clearances) -> Clearances:
     """Clearances at many instants, and each vehicle's least near the least of these."""
     rows = []
     for i, moment in enumerate(np.argmin(sampled.clearances, axis=1)):
@@ -127,7 +127,7 @@ def _around(times: FloatArray, moments: IntArray) -> tuple[FloatArray, FloatArra
 
 
 def _refined(
-    plan: Plan, obstacle: Obstacle, vehicles: IntArray, bracket: tuple[FloatArray, FloatArray]
+    plan: Drawn, obstacle: Obstacle, vehicles: IntArray, bracket: tuple[FloatArray, FloatArray]
 ) -> Closest:
     """The closest approaches of some vehicles, each between two times [s], shape (V,)."""
     motion, start = plan.motion(), plan.scenario.grid.start

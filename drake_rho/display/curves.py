@@ -13,19 +13,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from drake_rho.display.flown import Drawn, Planned, closest_two, commands, planned
 from drake_rho.display.names import as_text, brief
 from drake_rho.display.style import (
     COLOURS,
     FORBIDDEN,
     LIMIT_STYLE,
     MOST_NAMED,
-    PER_STEP,
+    PLANNED_STYLE,
     dense_times,
     vehicle_colours,
     vehicle_marker,
 )
-from drake_rho.motion.clearance import closest_over_time
-from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.norms import Norm
 
@@ -40,9 +39,11 @@ _NO_CHANGE = 1e-6
 """Range of a component, in parts of the largest of all, that is put down to rounding."""
 _LEVEL = 0.05
 """Half the range of the axes of such a component, in parts of the largest of all."""
+_LETTER = 0.08
+"""Room that a name below a line needs, in parts of the axes' height."""
 
 
-def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
+def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     """The least distance of any two vehicles over time, exact, with the separation.
 
     Distances are those of the separation: z divided by its downwash.
@@ -61,10 +62,12 @@ def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
     if separation is None or len(vehicles) < 2:
         got = "none" if separation is None else "one for a single vehicle"
         raise ValueError(f"separation: got {got}, expected one, and two vehicles to keep apart")
-    found = closest_over_time(plan.motion(), separation, per_step=PER_STEP)
-    draw_limit(ax, separation.distance, f"separation {separation.distance:g} m")
+    found = closest_two(plan, separation)
     times = plan.scenario.grid.start + found.times
     (curve,) = ax.plot(times, found.distances, color=COLOURS[0], linewidth=1.2)
+    for piece in planned(plan):
+        near = closest_two(piece.plan, separation)
+        draw_planned(ax, piece, near.times, near.distances[None])
     m = int(np.argmin(found.distances))
     closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
     names = " and ".join(as_text(brief(name)) for name in closest)
@@ -84,13 +87,17 @@ def draw_separation(ax: Axes, plan: Plan) -> list[Line2D]:
     # A dense fleet is never far from its limit: seen from zero the curve would be a line.
     low, high = min(separation.distance, found.distances[m]), float(found.distances.max())
     span = max(high - low, 0.02 * separation.distance)
-    ax.set_ylim(max(0.0, low - 0.5 * span), high + 0.1 * span)
+    bottom, top = max(0.0, low - 0.5 * span), high + 0.1 * span
+    ax.set_ylim(bottom, top)
+    has_room = separation.distance - bottom > _LETTER * (top - bottom)
+    words = f"separation {separation.distance:g} m"
+    draw_limit(ax, separation.distance, words, above=not has_room)
     ax.grid(alpha=0.25, linewidth=0.5)
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     return [curve, ring]
 
 
-def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
+def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
     """Velocity components over time with their bounds; one axes for each of x, y and z."""
     times = dense_times(plan)
     exact, drawn = plan.motion().at("velocity", times), plan.scenario.grid.start + times
@@ -108,21 +115,19 @@ def draw_velocities(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
     return lines
 
 
-def draw_accelerations(axes: Sequence[Axes], plan: Plan) -> list[Line2D]:
+def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
     """Acceleration components, constant in each step, with their bounds; one axes an axis."""
     lines = []
+    times, values = commands(plan)
     for axis, ax in enumerate(axes):
-        lines += [
-            _draw_steps(ax, plan, i, plan.accelerations[i, :, axis])
-            for i in range(len(plan.accelerations))
-        ]
+        lines += [_draw_steps(ax, plan, i, times, values[i, :, axis]) for i in range(len(values))]
         _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
-        _show_no_rounding(ax, plan.accelerations)
+        _show_no_rounding(ax, values)
     axes[-1].set_xlabel("time [s]")
     return lines
 
 
-def draw_norm(ax: Axes, plan: Plan, norm: Norm) -> list[Line2D]:
+def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
     """What a limit on a norm is about, of each vehicle over time, with the limits.
 
     Args:
@@ -142,38 +147,46 @@ def draw_norm(ax: Axes, plan: Plan, norm: Norm) -> list[Line2D]:
             for index in range(len(exact))
         ]
     else:
-        steps = limit.kind.measured(plan.accelerations)
-        lines = [_draw_steps(ax, plan, index, steps[index]) for index in range(len(steps))]
+        ends, values = commands(plan)
+        steps = limit.kind.measured(values)
+        lines = [_draw_steps(ax, plan, index, ends, steps[index]) for index in range(len(steps))]
     ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     ax.grid(alpha=0.25, linewidth=0.5)
     return lines
 
 
-def _draw_steps(ax: Axes, plan: Plan, index: int, values: FloatArray) -> Line2D:
-    """Values that are constant in each step, shape (K-1,), of one vehicle."""
-    steps = (np.repeat(plan.times, 2)[1:-1], np.repeat(values, 2))
-    return draw_curve(ax, plan, index, steps, (plan.times[:-1], values))
+def _draw_steps(ax: Axes, plan: Drawn, index: int, times: FloatArray, values: FloatArray) -> Line2D:
+    """Values of one vehicle, shape (S,), each constant between two times, shape (S + 1,)."""
+    steps = (np.repeat(times, 2)[1:-1], np.repeat(values, 2))
+    begins = plan.times[:-1]
+    at_knots = values[np.searchsorted(times[1:-1], begins + 1e-9, side="right")]
+    return draw_curve(ax, plan, index, steps, (begins, at_knots))
 
 
-def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:
-    """The least distance that is allowed [m], with its name, and grey from there to `bottom`."""
+def draw_limit(
+    ax: Axes, least: float, name: str, bottom: float = 0.0, *, above: bool = False
+) -> None:
+    """The least distance that is allowed [m], with its name, and grey from there to `bottom`.
+
+    The name is below the line, or `above` it.
+    """
     ax.axhspan(bottom, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
     ax.axhline(least, **LIMIT_STYLE)
     ax.annotate(
         name,
         (0.01, least),
         xycoords=("axes fraction", "data"),
-        xytext=(0, -4),
+        xytext=(0, 3 if above else -4),
         textcoords="offset points",
         fontsize=8,
-        va="top",
+        va="bottom" if above else "top",
     )
 
 
 def draw_curve(
     ax: Axes,
-    plan: Plan,
+    plan: Drawn,
     index: int,
     exact: tuple[FloatArray, FloatArray],
     knots: tuple[FloatArray, FloatArray],
@@ -186,6 +199,23 @@ def draw_curve(
         marker = vehicle_marker(index)
         ax.plot(*knots, color=colour, linestyle="none", marker=marker, markersize=2.6)
     return line
+
+
+def draw_planned(ax: Axes, piece: Planned, times: FloatArray, values: FloatArray) -> list[Line2D]:
+    """What a window planned for each vehicle, dotted, beside what truly was.
+
+    Args:
+        ax: where to draw.
+        piece: what was planned, and how long it was in force.
+        times: since its first knot [s], shape (M,) or (N, M).
+        values: of all vehicles then, shape (N, M).
+    """
+    start, colours = piece.plan.scenario.grid.start, vehicle_colours(len(values))
+    lines = []
+    for each, at, colour in zip(values, np.broadcast_to(times, values.shape), colours, strict=True):
+        flown = piece.flown(at)
+        lines += ax.plot(start + at[flown], each[flown], color=colour, **PLANNED_STYLE)
+    return lines
 
 
 def _show_no_rounding(ax: Axes, values: FloatArray) -> None:
@@ -203,7 +233,7 @@ def _show_no_rounding(ax: Axes, values: FloatArray) -> None:
 
 
 def _finish_component(
-    ax: Axes, plan: Plan, quantity: str, letter: str, unit: str, axis: int
+    ax: Axes, plan: Drawn, quantity: str, letter: str, unit: str, axis: int
 ) -> None:
     for vehicle in plan.scenario.vehicles:
         box = getattr(plan.scenario.limits_of(vehicle), quantity)

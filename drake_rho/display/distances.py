@@ -14,11 +14,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from drake_rho.display.clearances import Clearances, distances, kept, least_clearances
-from drake_rho.display.curves import draw_curve, draw_limit
+from drake_rho.display.curves import draw_curve, draw_limit, draw_planned
+from drake_rho.display.flown import Drawn, planned
 from drake_rho.display.names import as_text, brief
 from drake_rho.display.snapshots import called
 from drake_rho.display.style import dense_times, vehicle_colours, vehicle_marker
-from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.quadrics import Sphere
@@ -32,9 +32,9 @@ _MOST_DISCOVERIES = 6
 """Most times at which an obstacle becomes known that are named."""
 
 
-def draw_distances(ax: Axes, plan: Plan, obstacle: Obstacle) -> list[Line2D]:
+def draw_distances(ax: Axes, plan: Drawn, obstacle: Obstacle) -> list[Line2D]:
     """Distance of each vehicle from an obstacle's surface over time, with what is kept."""
-    lines = _draw_distances(ax, plan, obstacle, lambda times: distances(plan, obstacle, times))
+    lines = _draw_distances(ax, plan, obstacle, lambda each, at: distances(each, obstacle, at))
     least = sorted(set(kept(plan, obstacle).tolist()))
     values = [np.asarray(line.get_ydata()) for line in lines]
     bottom = min(0.0, *(float(each.min()) for each in values))
@@ -48,7 +48,7 @@ def draw_distances(ax: Axes, plan: Plan, obstacle: Obstacle) -> list[Line2D]:
 
 
 def draw_distances_from_centre(
-    ax: Axes, plan: Plan, obstacle: Obstacle, sphere: Sphere
+    ax: Axes, plan: Drawn, obstacle: Obstacle, sphere: Sphere
 ) -> list[Line2D]:
     """Distance of each vehicle from the centre of a sphere over time, with the radius.
 
@@ -59,9 +59,9 @@ def draw_distances_from_centre(
         sphere: its shape.
     """
 
-    def from_centre(times: FloatArray) -> FloatArray:
-        centers = obstacle.centers(plan.scenario.grid.start + times)
-        offsets: FloatArray = np.linalg.norm(plan.motion().at("position", times) - centers, axis=2)
+    def from_centre(each: Drawn, times: FloatArray) -> FloatArray:
+        centers = obstacle.centers(each.scenario.grid.start + times)
+        offsets: FloatArray = np.linalg.norm(each.motion().at("position", times) - centers, axis=2)
         return offsets
 
     for least in sorted(set(kept(plan, obstacle).tolist())):
@@ -73,20 +73,26 @@ def draw_distances_from_centre(
 
 
 def _draw_distances(
-    ax: Axes, plan: Plan, obstacle: Obstacle, measured: Callable[[FloatArray], FloatArray]
+    ax: Axes,
+    plan: Drawn,
+    obstacle: Obstacle,
+    measured: Callable[[Drawn, FloatArray], FloatArray],
 ) -> list[Line2D]:
     grid, times = plan.scenario.grid, dense_times(plan)
-    exact, knots = measured(times), measured(grid.elapsed)
+    exact, knots = measured(plan, times), measured(plan, grid.elapsed)
     lines = [
         draw_curve(ax, plan, index, (grid.start + times, exact[index]), (plan.times, knots[index]))
         for index in range(len(exact))
     ]
+    for piece in planned(plan):
+        times = dense_times(piece.plan)
+        draw_planned(ax, piece, times, measured(piece.plan, times))
     _finish(ax, plan)
     _draw_discoveries(ax, plan, {obstacle.known_from: "known"})
     return lines
 
 
-def draw_least_clearances(ax: Axes, plan: Plan, obstacles: Sequence[Obstacle]) -> list[Line2D]:
+def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Line2D]:
     """Each vehicle's least clearance from all obstacles over time.
 
     Where it is least of all, the number of the obstacle stands beside a mark.
@@ -120,6 +126,9 @@ def draw_least_clearances(ax: Axes, plan: Plan, obstacles: Sequence[Obstacle]) -
                 va="top",
             )
             text.set_path_effects([withStroke(linewidth=2, foreground="white")])
+    for piece in planned(plan):
+        near = least_clearances(piece.plan, obstacles)
+        draw_planned(ax, piece, near.times, near.clearances)
     lines.append(_draw_closest(ax, plan, obstacles, found))
     _finish(ax, plan)
     known = {each.known_from: f"{called(n, each)} known" for n, each in enumerate(obstacles, 1)}
@@ -132,7 +141,9 @@ def draw_least_clearances(ax: Axes, plan: Plan, obstacles: Sequence[Obstacle]) -
     return lines
 
 
-def _draw_closest(ax: Axes, plan: Plan, obstacles: Sequence[Obstacle], found: Clearances) -> Line2D:
+def _draw_closest(
+    ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle], found: Clearances
+) -> Line2D:
     """A ring at the least clearance of all, and above the axes what it is of whom."""
     i, m = np.unravel_index(np.argmin(found.clearances), found.clearances.shape)
     time, least = plan.scenario.grid.start + found.times[i, m], found.clearances[i, m]
@@ -155,7 +166,7 @@ def _draw_closest(ax: Axes, plan: Plan, obstacles: Sequence[Obstacle], found: Cl
     return ring
 
 
-def _draw_discoveries(ax: Axes, plan: Plan, known: dict[float, str]) -> None:
+def _draw_discoveries(ax: Axes, plan: Drawn, known: dict[float, str]) -> None:
     """Lines at the times from which obstacles are known, where these are in the flight."""
     grid = plan.scenario.grid
     later = {time: words for time, words in known.items() if time > max(grid.start, 0.0)}
@@ -173,7 +184,7 @@ def _draw_discoveries(ax: Axes, plan: Plan, known: dict[float, str]) -> None:
             )
 
 
-def _finish(ax: Axes, plan: Plan) -> None:
+def _finish(ax: Axes, plan: Drawn) -> None:
     ax.set_xlabel("time [s]")
     ax.grid(alpha=0.25, linewidth=0.5)
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
+from drake_rho.display.flown import Drawn
 from drake_rho.display.shapes import nice_step
-from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 
 _FRAMES = 32.0
@@ -27,14 +27,17 @@ class Pace:
     times: FloatArray  # of the recorded poses, since the first knot [s]
 
     @classmethod
-    def of(cls, plan: Plan, rate: float | None) -> Pace:
-        """The pace of a plan at `rate` seconds of flight a second; see `animate`."""
+    def of(cls, plan: Drawn, rate: float | None, of_each: int = 1) -> Pace:
+        """The pace of a plan at `rate` seconds of flight a second; see `animate`.
+
+        So many objects of each vehicle move.
+        """
         duration = plan.scenario.grid.duration
         if rate is None:
             rate = 1.0 if duration <= _LONGEST else nice_step(duration / _LONGEST)
         playback = duration / rate
         moving = sum(obstacle.moves for obstacle in plan.scenario.bodies)
-        most = _MOST_POSES / (len(plan.positions) + moving)
+        most = _MOST_POSES / (of_each * len(plan.positions) + moving)
         frames_per_second = min(_FRAMES, max(4.0, most / playback))
         frames = int(np.ceil(playback * frames_per_second))
         times = np.minimum(np.arange(frames + 1) * rate / frames_per_second, duration)

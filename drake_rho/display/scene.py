@@ -16,11 +16,11 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
+from drake_rho.display.flown import Drawn
 from drake_rho.display.names import as_path, brief
 from drake_rho.display.shapes import box_edges, ground_grid, octahedron, scattered, words
 from drake_rho.display.snapshots import snapshots
 from drake_rho.display.style import palette, vehicle_colours, view
-from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Scenario, Separation, Vehicle
 
@@ -55,7 +55,7 @@ class Scene:
     """the least of how far each keeps from obstacles [m]"""
 
     @classmethod
-    def of(cls, plan: Plan) -> Scene:
+    def of(cls, plan: Drawn) -> Scene:
         """The scene of a plan: its positions, obstacles, and the flyable boxes."""
         scenario = plan.scenario
         bounds = [(plan.positions.min(axis=(0, 1)), plan.positions.max(axis=(0, 1)))]

@@ -49,6 +49,21 @@ def aircraft(length: float) -> Mesh:
     return _columns(length * vertices, faces)
 
 
+def arrow(length: float) -> Mesh:
+    """An arrow along +x that begins at the origin, square in section, `length` [m] long."""
+    shaft, neck, head = 0.03, 0.68, 0.09
+    around = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
+    sections = ((0.0, shaft), (neck, shaft), (neck, head))
+    rings = [(x, *(size * y)) for x, size in sections for y in around]
+    vertices = np.array([*rings, (1.0, 0.0, 0.0)])
+    faces = [(0, 2, 1), (0, 3, 2)]
+    for ring, corner in product(range(2), range(4)):
+        a, b = 4 * ring + corner, 4 * ring + (corner + 1) % 4
+        faces += [(a, b, b + 4), (a, b + 4, a + 4)]
+    faces += [(8 + corner, 8 + (corner + 1) % 4, 12) for corner in range(4)]
+    return _columns(length * vertices, faces)
+
+
 def octahedron(radius: float) -> Mesh:
     """A ball of eight faces around the origin, its corners `radius` [m] from it."""
     corners = radius * np.concatenate([np.eye(3), -np.eye(3)])
@@ -68,12 +83,13 @@ def scattered(mesh: Mesh, places: FloatArray) -> Mesh:
     return _columns(copies, shifted)
 
 
-def tube(points: FloatArray, radius: float) -> Mesh:
-    """A thin three-sided tube along a line; WebGL draws lines one pixel wide whatever is asked.
+def tube(points: FloatArray, radius: float | FloatArray, sides: int = 3) -> Mesh:
+    """A tube along a line; WebGL draws lines one pixel wide whatever is asked.
 
     Args:
         points: along the line [m], shape (M, 3), M >= 2.
-        radius: of the tube [m].
+        radius: of the tube [m], one or one for each point, shape (M,).
+        sides: of its section, three for a thin one.
     """
     ahead = np.gradient(points, axis=0)
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-300)
@@ -81,15 +97,16 @@ def tube(points: FloatArray, radius: float) -> Mesh:
     side = np.cross(ahead, least)
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-300)
     up = np.cross(side, ahead)
+    radii = np.broadcast_to(radius, len(points))[:, None]
     corners = [
-        points + radius * (np.cos(angle) * side + np.sin(angle) * up)
-        for angle in 2 * np.pi / 3 * np.arange(3)
+        points + radii * (np.cos(angle) * side + np.sin(angle) * up)
+        for angle in 2 * np.pi / sides * np.arange(sides)
     ]
     vertices = np.stack(corners, axis=1).reshape(-1, 3)
     faces = []
-    for ring, corner in product(range(len(points) - 1), range(3)):
-        a, b = 3 * ring + corner, 3 * ring + (corner + 1) % 3
-        faces += [(a, b, a + 3), (b, b + 3, a + 3)]
+    for ring, corner in product(range(len(points) - 1), range(sides)):
+        a, b = sides * ring + corner, sides * ring + (corner + 1) % sides
+        faces += [(a, b, a + sides), (b, b + sides, a + sides)]
     return _columns(vertices, faces)
 
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_rho.display.clearances import nearest
+from drake_rho.display.flown import Drawn
 from drake_rho.display.names import as_text, brief
 from drake_rho.display.style import dense_times
-from drake_rho.motion.plan import Plan
 from drake_rho.scenario.cylinders import Cylinder
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.obstacles import Obstacle
@@ -77,7 +77,7 @@ def called(number: int, obstacle: Obstacle) -> str:
     return f"{number} {name}".strip()
 
 
-def snapshots(plan: Plan, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
+def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
     """What a still picture shows of the obstacles.
 
     Those at rest as they are. A moving one as it is when a vehicle comes closest to it, and if
@@ -111,7 +111,7 @@ def snapshots(plan: Plan, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
     return shown
 
 
-def approaches(plan: Plan, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
+def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     """From vehicles to the nearest points of moving obstacles when these are nearest to any.
 
     Returns:
@@ -130,7 +130,7 @@ def approaches(plan: Plan, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     return found
 
 
-def ways(plan: Plan, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
+def ways(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     """The ways of moving obstacles near what else is shown [m], each of shape (M, 3)."""
     moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
@@ -146,7 +146,7 @@ def ways(plan: Plan, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     return found
 
 
-def obstacle_notes(plan: Plan, obstacles: Sequence[Obstacle]) -> list[str]:
+def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
     """What has to be said of how obstacles are drawn, one line each."""
     notes = []
     radii = plan.scenario.fleet.radii
@@ -173,7 +173,7 @@ def obstacle_notes(plan: Plan, obstacles: Sequence[Obstacle]) -> list[str]:
 
 
 def _near(
-    plan: Plan, obstacle: Obstacle, obstacles: Sequence[Obstacle]
+    plan: Drawn, obstacle: Obstacle, obstacles: Sequence[Obstacle]
 ) -> tuple[FloatArray, np.ndarray]:
     """Times of the flight on the clock [s], and whether an obstacle is near the scene then.
 

@@ -17,18 +17,19 @@ from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollectio
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.depth import draw_line, layers, ranks
+from drake_rho.display.flown import Drawn, Flown, drawn, planned, windows_of
 from drake_rho.display.names import as_text, brief
 from drake_rho.display.snapshots import Snapshot
 from drake_rho.display.style import (
     FORBIDDEN,
     MOST_NAMED,
+    PLANNED_STYLE,
     dense_times,
     vehicle_colours,
     vehicle_marker,
     window_colours,
 )
 from drake_rho.display.surfaces import surface
-from drake_rho.motion.plan import Flight, Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
@@ -51,9 +52,9 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
     bodies = []
     for each, rank in zip(shown, ranks(shown), strict=True):
         cut = each.between(lower, upper)
-        drawn, layer = surface(cut.shape), 2 * rank + 2
+        skin, layer = surface(cut.shape), 2 * rank + 2
         body = Poly3DCollection(
-            [cut.center + face for face in drawn.faces],
+            [cut.center + face for face in skin.faces],
             facecolors=to_rgba(FORBIDDEN),
             shade=True,
             alpha=0.1 if each.faint else 0.25,
@@ -63,8 +64,8 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
         )
         ax.add_collection3d(body)
         bodies.append(body)
-        if drawn.edges:
-            edges = [cut.center + edge for edge in drawn.edges]
+        if skin.edges:
+            edges = [cut.center + edge for edge in skin.edges]
             alpha = 0.3 if each.faint else 0.7
             lines = Line3DCollection(
                 edges, colors=FORBIDDEN, linewidths=0.6, alpha=alpha, zorder=layer
@@ -116,7 +117,7 @@ def draw_ways(
     return [line for way in ways for line in draw_line(ax, way, shown, **style)]
 
 
-def draw_paths(ax: Axes3D, plan: Plan, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
+def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
     """Each vehicle's path, its knots, its start (ring) and its goal (star).
 
     With more than `MOST_NAMED` vehicles there are no knots, and starts and goals are smaller.
@@ -144,33 +145,48 @@ def draw_paths(ax: Axes3D, plan: Plan, shown: Sequence[Snapshot] = ()) -> list[L
     return lines
 
 
-def draw_windows(ax: Axes3D, flight: Flight, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
+def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
+    """What was planned, dotted, where that is not what is drawn already; see `draw_paths`."""
+    colours = vehicle_colours(len(plan.positions))
+    lines = []
+    for piece in planned(plan):
+        times = dense_times(piece.plan)
+        paths = piece.plan.motion().at("position", times[piece.flown(times)])
+        for path, colour in zip(paths, colours, strict=True):
+            lines += draw_line(ax, path, shown, color=colour, **PLANNED_STYLE)
+    return lines
+
+
+def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
     """What was flown of each window in the window's colour, and the rest of it as a thin line.
 
     Args:
         ax: where to draw.
-        flight: what to draw.
+        flown: what to draw, a flight or a simulation.
         shown: the obstacles drawn by `draw_obstacles`; what is in front of them is drawn over them.
 
     Returns:
         For each window, the pieces of what was flown of it.
     """
     lines: list[list[Line3D]] = []
-    colours = window_colours(len(flight.windows))
-    for window, colour in zip(flight.windows, colours, strict=True):
-        flown = _flown_steps(flight, window.first_knot)
-        times = dense_times(window.plan)
-        paths = window.plan.motion().at("position", times)
-        part = times <= window.plan.scenario.grid.elapsed[flown] + 1e-9
+    whole, windows = drawn(flown), windows_of(flown)
+    grid, times = whole.scenario.grid, dense_times(whole)
+    true = whole.motion().at("position", times)
+    ends = [*(window.first_knot for window in windows[1:]), grid.knots - 1]
+    for window, last, colour in zip(windows, ends, window_colours(len(windows)), strict=True):
+        first = window.first_knot
+        paths = window.plan.motion().at("position", dense_times(window.plan))
+        begin, end = grid.elapsed[[first, last]]
+        part = (times >= begin - 1e-9) & (times <= end + 1e-9)
         lines.append([])
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
-            lines[-1] += draw_line(ax, paths[index, part], shown, color=colour, linewidth=1.6)
+            lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=1.6)
             if len(paths) <= MOST_NAMED:
-                knots = window.plan.positions[index, : flown + 1]
+                knots = whole.positions[index, first : last + 1]
                 _draw_knots(ax, knots, index, shown, color=colour, markersize=3.2)
-    named = len(flight.plan.positions) <= MOST_LABELLED
-    draw_ends(ax, flight.plan.scenario, ["black"] * len(flight.plan.positions) if named else None)
+    named = len(true) <= MOST_LABELLED
+    draw_ends(ax, whole.scenario, ["black"] * len(true) if named else None)
     return lines
 
 
@@ -229,8 +245,3 @@ def _draw_name(ax: Axes3D, position: FloatArray, name: str) -> Artist:
     )
     text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     return text
-
-
-def _flown_steps(flight: Flight, first_knot: int) -> int:
-    later = [window.first_knot for window in flight.windows if window.first_knot > first_knot]
-    return min(later, default=flight.plan.scenario.grid.knots - 1) - first_knot

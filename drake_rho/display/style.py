@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from drake_rho.motion.plan import Plan
+from drake_rho.display.flown import Drawn
 from drake_rho.scenario.fields import FloatArray
 
 # The first six are Okabe and Ito's, which the colour-blind can tell apart, without their yellow
@@ -26,10 +26,12 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 FORBIDDEN = "#888888"
 """Colour of where no vehicle may be."""
 LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.9}
+PLANNED_STYLE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.0, "alpha": 0.8}
+"""Of what was planned, beside the true motion."""
 VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
 """Where a scene is seen from, above the horizon and around the vertical axis [deg]."""
 PER_STEP = 12
-"""Points drawn of the exact motion in each step."""
+"""Fewest points drawn of the exact motion in each step."""
 MOST_NAMED = len(COLOURS)
 """Most vehicles that are told apart: named in a legend, with colours of their own and marked
 knots. More are drawn as a swarm, in which nothing but lines can be seen."""
@@ -70,7 +72,8 @@ def view() -> tuple[FloatArray, FloatArray, FloatArray]:
     return right, np.cross(towards, right), towards
 
 
-def dense_times(plan: Plan) -> FloatArray:
+def dense_times(plan: Drawn) -> FloatArray:
     """Times since the first knot at which the exact motion is drawn, the knots among them [s]."""
     grid = plan.scenario.grid
-    return np.linspace(0.0, grid.duration, PER_STEP * (grid.knots - 1) + 1)
+    per_step = max(PER_STEP, round(grid.step / plan.motion().step))
+    return np.linspace(0.0, grid.duration, per_step * (grid.knots - 1) + 1)

@@ -13,12 +13,13 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from pydrake.geometry import Meshcat, Rgba
 
+from drake_rho.display.flown import Drawn
 from drake_rho.display.names import as_path
 from drake_rho.display.pace import Pace
 from drake_rho.display.scene import ROOT, Scene, coloured
 from drake_rho.display.shapes import tube
 from drake_rho.display.style import palette, window_colours
-from drake_rho.motion.plan import Plan, Window
+from drake_rho.motion.plan import Window
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _MOST_PIECES = 1200
@@ -27,7 +28,7 @@ _PER_STEP = 4
 """Straight parts of a curve in each step."""
 
 
-def record_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> None:
+def record_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
     """A tube for every few steps of every vehicle, to be seen from when it has been flown."""
     for first, last in _pieces(plan, len(plan.positions)):
         for (vehicle, colour), path in zip(
@@ -38,7 +39,7 @@ def record_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> Non
             show_between(meshcat, name, _middle(plan, pace, first, last), None)
 
 
-def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) -> None:
+def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
     """Trails as lines, all of one colour in one object: few objects, however many vehicles fly."""
     colours = palette(len(plan.positions))
     for first, last in _pieces(plan, len(colours)):
@@ -52,18 +53,24 @@ def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Plan, pace: Pace) 
 
 def record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: Pace) -> None:
     """Each window's whole prediction, while it is the one that is flown, as lines."""
-    starts = [window.plan.scenario.grid.step * window.first_knot for window in windows]
     for number, (window, colour) in enumerate(
         zip(windows, window_colours(len(windows)), strict=True), start=1
     ):
         paths = _paths(window.plan, 0, window.plan.scenario.grid.knots - 1, _PER_STEP)
         name = f"{ROOT}/predictions/{number}"
         meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(colour)))
+    record_windows(meshcat, f"{ROOT}/predictions", windows, pace)
+
+
+def record_windows(meshcat: Meshcat, path: str, windows: Sequence[Window], pace: Pace) -> None:
+    """Record that what is at `path`/<number> is seen while that window, from 1, is flown."""
+    starts = [window.plan.scenario.grid.step * window.first_knot for window in windows]
+    for number in range(1, len(windows) + 1):
         until = pace.playback(starts[number]) if number < len(windows) else None
-        show_between(meshcat, name, pace.playback(starts[number - 1]), until)
+        show_between(meshcat, f"{path}/{number}", pace.playback(starts[number - 1]), until)
 
 
-def _pieces(plan: Plan, trails: int) -> list[tuple[int, int]]:
+def _pieces(plan: Drawn, trails: int) -> list[tuple[int, int]]:
     """First and last knot of every piece of a trail: a step each, or more if they are many."""
     steps = plan.scenario.grid.knots - 1
     count = max(1, min(steps, _MOST_PIECES // trails))
@@ -71,7 +78,7 @@ def _pieces(plan: Plan, trails: int) -> list[tuple[int, int]]:
     return list(pairwise(knots.tolist()))
 
 
-def _paths(plan: Plan, first: int, last: int, per_step: int) -> FloatArray:
+def _paths(plan: Drawn, first: int, last: int, per_step: int) -> FloatArray:
     """Points along all ways between two knots [m], shape (N, M, 3)."""
     elapsed = plan.scenario.grid.elapsed
     times = np.linspace(elapsed[first], elapsed[last], per_step * (last - first) + 1)
@@ -85,7 +92,7 @@ def segments(paths: Sequence[FloatArray] | FloatArray) -> tuple[FloatArray, Floa
     return np.asfortranarray(begins.T), np.asfortranarray(ends.T)
 
 
-def _middle(plan: Plan, pace: Pace, first: int, last: int) -> float:
+def _middle(plan: Drawn, pace: Pace, first: int, last: int) -> float:
     elapsed = plan.scenario.grid.elapsed
     return pace.playback((elapsed[first] + elapsed[last]) / 2)
 

@@ -1,0 +1,183 @@
+"""Simulations in Meshcat, seen by a real browser: true motion, ghosts, tubes and the wind."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page
+
+import drake_rho as rho
+from drake_rho.display.disturbed import strongest
+from drake_rho.display.shapes import arrow, tube
+from drake_rho.simulation.closed_loop import fly
+from tests.browser import open_page
+from tests.test_display_flight import NAMES, in_noise, mission
+
+SCREENSHOTS = Path(__file__).parent / "screenshots"
+TIMES = (0.5, 3.25, 4.0, 9.5)
+"""Of frames [s]: 32 in a second."""
+
+
+@pytest.fixture(scope="module")
+def simulation() -> rho.Simulation:
+    """The mission in noise."""
+    return in_noise()
+
+
+def _seek(page: Page, time: float) -> None:
+    page.evaluate("time => { viewer.animator.pause(); viewer.animator.seek(time); }", time)
+
+
+def _matrix(page: Page, *path: str) -> np.ndarray:
+    """The pose and scale of an object, shape (4, 4)."""
+    elements = page.evaluate(
+        """path => {
+            const found = viewer.scene_tree.find(path).object;
+            found.updateMatrix();
+            return found.matrix.elements;
+        }""",
+        ["flight", *path],
+    )
+    return np.array(elements).reshape(4, 4).T
+
+
+def _children(page: Page, *path: str) -> list[str]:
+    names: list[str] = page.evaluate(
+        "path => Object.keys(viewer.scene_tree.find(path).children)", ["flight", *path]
+    )
+    return names
+
+
+def _visible(page: Page, *path: str) -> bool:
+    seen: bool = page.evaluate(
+        "path => viewer.scene_tree.find(path).object.visible", ["flight", *path]
+    )
+    return seen
+
+
+def _at(simulation: rho.Simulation, time: float) -> int:
+    return int(np.searchsorted(simulation.times, time - 1e-9))
+
+
+def _look(page: Page, simulation: rho.Simulation, picture: str) -> None:
+    """The checks that hold of the live page and of the page in a file."""
+    page.wait_for_function(
+        "typeof viewer !== 'undefined' && viewer.animator.duration > 0", timeout=60_000
+    )
+    for time in TIMES:
+        _seek(page, time)
+        m = _at(simulation, time)
+        assert simulation.times[m] == pytest.approx(time)
+        nominal = simulation.nominal("position", [time])[0]
+        for index, name in enumerate(NAMES):
+            true = simulation.positions[m, index]
+            np.testing.assert_allclose(_matrix(page, "vehicles", name)[:3, 3], true, atol=1e-3)
+            ghost = _matrix(page, "planned", name)
+            np.testing.assert_allclose(ghost[:3, 3], nominal[index], atol=1e-3)
+            ball = _matrix(page, "tube", name)
+            np.testing.assert_allclose(ball[:3, 3], nominal[index], atol=1e-3)
+            sizes = np.linalg.norm(ball[:3, :3], axis=0)
+            np.testing.assert_allclose(sizes, simulation.radii()[m], atol=1e-3)
+            blown = _matrix(page, "wind", name)
+            np.testing.assert_allclose(blown[:3, 3], true, atol=1e-3)
+            part = simulation.wind[m, index] / 0.6
+            np.testing.assert_allclose(blown[:3, 0], part, atol=0.05)  # it turns within a frame
+        for kind in ("predictions", "tubes"):
+            seen = [number for number in _children(page, kind) if _visible(page, kind, number)]
+            assert seen == [str(min(int(time / 1.25), 7) + 1)]
+    assert sorted(_children(page, "key")) == ["planned", "tube", "wind"]
+    _seek(page, 4.0)
+    page.wait_for_timeout(500)
+    SCREENSHOTS.mkdir(exist_ok=True)
+    page.screenshot(path=SCREENSHOTS / picture)
+
+
+def test_the_live_page_shows_the_true_motion_and_the_tube(simulation: rho.Simulation) -> None:
+    meshcat = rho.animate(simulation)
+    with open_page() as (page, errors):
+        page.goto(meshcat.web_url())
+        _look(page, simulation, "simulation.png")
+        assert errors == []
+
+
+def test_one_page_in_a_file_does_the_same_without_a_network(
+    simulation: rho.Simulation, tmp_path: Path
+) -> None:
+    page_file = tmp_path / "simulation.html"
+    page_file.write_text(rho.animate(simulation).StaticHtml())
+    assert page_file.stat().st_size < 6e6
+    with open_page(offline=True) as (page, errors):
+        page.goto(page_file.as_uri())
+        _look(page, simulation, "simulation_file.png")
+        assert errors == []
+
+
+def test_what_there_is_not_is_not_shown() -> None:
+    """Without a disturbance no tube, without wind no arrows."""
+    still = fly(dataclasses.replace(mission(), disturbance=None))
+    meshcat = rho.animate(still)
+    assert meshcat.HasPath("/flight/planned/scout")
+    for part in ("tube", "tubes", "wind", "key/wind", "key/tube"):
+        assert not meshcat.HasPath(f"/flight/{part}")
+    calm = rho.animate(fly(mission()))
+    assert calm.HasPath("/flight/tube/scout")
+    assert not calm.HasPath("/flight/wind")
+
+
+def test_an_arrow_of_full_length_is_the_strongest_wind() -> None:
+    scenario = mission()
+    blown = {factor: winds_times(scenario, factor) for factor in (0.0, 0.5, 1.0, 2.0)}
+    expected = {0.0: 0.0, 0.5: 0.6, 1.0: 0.6, 2.0: 1.2}
+    for factor, simulation in blown.items():
+        assert strongest(simulation) == pytest.approx(expected[factor])
+
+
+def winds_times(scenario: rho.Scenario, factor: float) -> rho.Simulation:
+    """The mission in a constant wind of so many times its strongest."""
+    still = fly(scenario)
+    wind = np.broadcast_to([0.0, 0.6 * factor, 0.0], still.wind.shape)
+    return dataclasses.replace(still, wind=wind)
+
+
+def test_a_light_scene_of_a_simulation_has_little_but_the_vehicles() -> None:
+    rng = np.random.default_rng(1)
+    asked = rho.random_transitions(30, rng, duration=8.0, step=0.4)
+    around = rho.Disturbance(0.01, feedback_every=0.1)
+    simulation = fly(dataclasses.replace(asked, disturbance=around), replan_every=40)
+    meshcat = rho.animate(simulation)
+    assert meshcat.HasPath("/flight/vehicles")
+    for part in ("planned", "tube", "tubes", "wind", "predictions", "key"):
+        assert not meshcat.HasPath(f"/flight/{part}")
+
+
+def test_many_windows_of_long_flights_make_no_large_page() -> None:
+    scenario = mission()
+    longer = dataclasses.replace(scenario, grid=rho.Grid(0.25, 161))
+    page = rho.animate(fly(longer, replan_every=2)).StaticHtml()
+    assert len(page) < 25e6
+
+
+def test_an_arrow_has_the_length_asked_for() -> None:
+    vertices, faces = arrow(2.0)
+    assert vertices[0].min() == 0.0
+    assert vertices[0].max() == 2.0
+    corners = vertices.T[faces.T]
+    assert np.linalg.norm(np.cross(*np.diff(corners, axis=1).transpose(1, 0, 2)), axis=1).min() > 0
+    # closed: the volume by the divergence theorem is that of shaft and head
+    volume = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    shaft, head = 0.68 * 0.06**2, 0.32 * 0.18**2 / 3.0
+    assert volume == pytest.approx(8.0 * (shaft + head))
+
+
+def test_a_tube_is_as_wide_as_asked_everywhere() -> None:
+    line = np.column_stack([np.linspace(0.0, 4.0, 9), np.zeros(9), np.zeros(9)])
+    radii = np.linspace(0.1, 0.5, 9)
+    vertices, faces = tube(line, radii, 12)
+    rings = vertices.T.reshape(9, 12, 3)
+    np.testing.assert_allclose(
+        np.linalg.norm(rings - line[:, None], axis=2), np.repeat(radii[:, None], 12, axis=1)
+    )
+    assert faces.shape == (3, 8 * 12 * 2)
