@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 Names = tuple[str, ...]
 
+_NAMED = 4
+"""Vehicles without room that a message names one by one."""
+
 
 class InfeasibleError(DrakeRhoError):
     """The constraints cannot be met together, obstacles and pairs as they were linearised.
@@ -77,10 +80,12 @@ class InfeasibleError(DrakeRhoError):
         steps = ", ".join(f"{step:g} s" for step in self.steps_tried)
         tried = f" (steps tried: {steps})" if steps else ""
         if self.bearable is not None:
+            told = [f"{name}: {', '.join(why)}" for name, why in self.conflicts.items()]
+            if len(told) > _NAMED:
+                told[_NAMED:] = [f"and {len(told) - _NAMED} vehicles more"]
             return (
                 f"no plan{tried}: no room for the errors that the disturbance leads to: "
-                + "; ".join(f"{name}: {', '.join(why)}" for name, why in self.conflicts.items())
-                + f" (room for {self.bearable:.3g} m/s² with this feedback)"
+                f"{'; '.join(told)} (room for {self.bearable:.3g} m/s² with this feedback)"
             )
         if not self.about_linearisation:
             return f"no plan{tried}: {reasons}"
