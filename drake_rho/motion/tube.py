@@ -152,14 +152,15 @@ class ErrorTube:
         The end of the flight is that of its last sample.
         """
         passed = self._passed(times)
-        j = np.minimum(np.floor(passed + _SAMPLE).astype(np.int64), self.samples - 1)
+        j = np.minimum(np.floor(passed + self._slack).astype(np.int64), self.samples - 1)
         return j, _part(passed - j)
 
     def _passed(self, times: npt.ArrayLike) -> FloatArray:
         """Times since the first knot, in samples."""
         times = np.asarray(times, dtype=np.float64)
         passed = (times - self.grid.start) / self.sample
-        outside = ~((passed >= -_SAMPLE) & (passed <= self.samples + _SAMPLE))  # so is a NaN
+        slack = self._slack
+        outside = ~((passed >= -slack) & (passed <= self.samples + slack))  # so is a NaN
         if np.any(outside):
             expected = f"a time from {self.grid.start:g} to {self.grid.end:g} s"
             raise ValueError(f"times: got {times[outside][0]}, expected {expected}")
@@ -173,9 +174,15 @@ class ErrorTube:
         if np.any(ends < begins):
             i = int(np.argmax(ends < begins))
             raise ValueError(f"ends: got {ends[i]} for {begins[i]}, expected no earlier time")
-        last = np.maximum(np.ceil(passed - _SAMPLE).astype(np.int64) - 1, first)
+        last = np.maximum(np.ceil(passed - self._slack).astype(np.int64) - 1, first)
         b = _part(passed - last)
         return Pieces(first, a, last, np.where(first == last, np.maximum(a, b), b))
+
+    @cached_property
+    def _slack(self) -> float:
+        """Part of a sample that counts as none: what a clock far from zero is rounded to."""
+        largest = max(abs(self.grid.start), abs(self.grid.end))
+        return max(_SAMPLE, 8.0 * np.finfo(np.float64).eps * largest / self.sample)
 
     @cached_property
     def _radii(self) -> Radii:

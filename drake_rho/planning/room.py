@@ -21,9 +21,9 @@ _UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 _WHERE = {0: "start", -1: "goal"}
 """Knots that are given, and what they are called."""
 
-_TOLERANCES = 10.0
-"""Tolerances by which there may be less room than is needed. What a plan keeps to one tolerance is
-where the next window begins, and that may be a few away after some windows."""
+_UNDER_WAY = 10.0
+"""Tolerances by which there may be less room than is needed where a window begins. What a plan
+keeps to one tolerance is where the next begins, and that may be a few away after some windows."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,9 +44,9 @@ class Room:
     tolerances: FloatArray
     """one for all or shape (N,), in the quantity's unit"""
 
-    def lacking(self) -> FloatArray:
+    def lacking(self, tolerances: float) -> FloatArray:
         """By how much there is too little, at most zero where there is enough, shape (N,)."""
-        lacking: FloatArray = self.needed - self.room - _TOLERANCES * self.tolerances
+        lacking: FloatArray = self.needed - self.room - tolerances * self.tolerances
         return lacking
 
     def reason(self, vehicle: int) -> str:
@@ -74,18 +74,19 @@ def check_room(scenario: Scenario) -> None:
 
 
 def lacks(
-    scenario: Scenario, margins: Margins, *, ends: Iterable[int] = tuple(_WHERE)
+    scenario: Scenario, margins: Margins, *, under_way: bool = False
 ) -> dict[str, tuple[str, ...]]:
     """For each vehicle without room, what leaves it none.
 
     Args:
         scenario: what is asked.
         margins: what is kept.
-        ends: knots that are given: the start, the goal, or both.
+        under_way: whether it begins with a measured state; what it goes to is then not looked at.
     """
     found: dict[str, tuple[str, ...]] = {}
-    for each in _rooms(scenario, margins, ends):
-        for vehicle in np.flatnonzero(each.lacking() > 0.0).tolist():
+    tolerances = _UNDER_WAY if under_way else 1.0
+    for each in _rooms(scenario, margins, (0,) if under_way else _WHERE):
+        for vehicle in np.flatnonzero(each.lacking(tolerances) > 0.0).tolist():
             name = scenario.vehicles[vehicle].name
             found[name] = (*found.get(name, ()), each.reason(vehicle))
     return found
@@ -94,7 +95,7 @@ def lacks(
 def starts_beyond_limits(scenario: Scenario) -> bool:
     """Whether a vehicle begins where its limits of position or velocity leave no room."""
     rooms = _of_state(scenario, margins_of(scenario), 0)
-    return any(np.any(each.lacking() > 0.0) for each in rooms)
+    return any(np.any(each.lacking(_UNDER_WAY) > 0.0) for each in rooms)
 
 
 def _bearable(scenario: Scenario, margins: Margins) -> float:

@@ -102,7 +102,7 @@ class WindowPlanner:
             on_plan: whether the vehicles are in the tail's tube, so that it is valid as it is.
         """
         followed = _moved(tail, scenario)
-        reasons = lacks(scenario, margins_of(scenario), ends=(0,))
+        reasons = lacks(scenario, margins_of(scenario), under_way=True)
         window = (
             InfeasibleError(reasons) if reasons else self._planned(scenario, first_knot, followed)
         )
