@@ -60,6 +60,8 @@ class Outcome:
     """largest error over the tube's radius then, less 1"""
     off_goal: float
     """distance from the goal at the end, over the tube's radius there, at most"""
+    verified: bool
+    """whether `rho.verify` finds nothing wrong with the flight with margins either"""
     seconds: float
     """of the flight with margins [s]"""
 
@@ -92,6 +94,7 @@ def run(flights: int = FLIGHTS) -> Table:
         notes=(f"{len(found)} flights. {_ABOUT}", _WORLDS, _LIMITATIONS),
         goals=(
             Goal("flights that break a limit", 0.0, sum(each.worst > BROKEN for each in found)),
+            Goal("flights that `verify` refuses", 0.0, sum(not each.verified for each in found)),
             Goal("windows without a plan", 0.0, sum(each.without_plan for each in found)),
             Goal("error above the tube's radius, over it", 1e-6, _most(found, "beyond_tube")),
             Goal(
@@ -169,6 +172,7 @@ def outcome(world: str, kind: str, number: int) -> Outcome:
         without_plan,
         float(np.max(flown.errors() / np.maximum(radii, 1e-9)[:, None])) - 1.0,
         float(off / radii[-1]),
+        rho.verify(flown).ok,
         seconds,
     )
 
@@ -263,8 +267,8 @@ instant W towards what is nearest to each vehicle just then, or at an angle to i
 Errors of the estimate are drawn evenly from their balls otherwise. A flight is judged by samples of
 its true motion twice between any two steps of the simulation, apart from the package's verifier
 (`benchmarks/flown.py`): obstacles, separation, boxes of position, velocity and command, speed and
-size of the command, as a part of their scale; more than {BROKEN:g} is broken. A window is without a
-plan if it has no new one and does not fly on along the previous one's. Without margins: the plan of
+size of the command, as a part of their scale; more than {BROKEN:g} is broken. The verifier judges
+it too. A window is without a plan if it has no new one and does not fly on along the previous one's. Without margins: the plan of
 the same scenario without a disturbance, held by the same feedback in the same wind."""
 
 _WORLDS = """\

@@ -27,6 +27,9 @@ from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import BoolArray, FloatArray, unchecked
 from drake_rho.scenario.records import TOLERANCE, Scenario
 
+_CLOCK = 1e-4
+"""Part of a step by which a time may miss its knot: what clocks far from zero are rounded to."""
+
 _ROUNDING = 1e-9
 """Part of a motion's scale by which a state may differ from that of the plan and still count as the
 same: what integration adds to it by rounding."""
@@ -153,7 +156,7 @@ class RecedingHorizon:
         steps = (time - grid.start) / grid.step
         knot = round(steps) if np.isfinite(steps) else -1
         most = grid.knots - 2 if self.windows else 0
-        if not last < knot <= most or abs(steps - knot) > 1e-6:
+        if not last < knot <= most or abs(steps - knot) > _CLOCK:
             first, end = (grid.times[min(k, grid.knots - 1)] for k in (last + 1, most))
             expected = f"the time of a knot from {first:g} to {end:g} s"
             raise ValueError(f"time: got {time!r}, expected {expected}")

@@ -81,7 +81,7 @@ class Disturbance:
         """
         if self.tracking is not None:
             steps = (grid.start - self.tracking.since) / grid.step
-            if round(steps) < 0 or abs(steps - round(steps)) > 1e-6:
+            if round(steps) < 0 or abs(steps - round(steps)) > 1e-4:
                 expected = f"a whole number of steps of {grid.step:g} s before {grid.start:g} s"
                 raise ScenarioError("disturbance.tracking.since", self.tracking.since, expected)
         if self.feedback_every is None:
