@@ -19,6 +19,7 @@ from benchmarks.adversaries import Chaser, WorstAtClosest
 from benchmarks.flown import breaches
 from benchmarks.tables import Cell, Goal, Table
 from benchmarks.windy_worlds import WORLDS
+from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.windows import Planner
 from drake_rho.simulation.closed_loop import fly, fly_plan
@@ -26,6 +27,9 @@ from drake_rho.simulation.winds import Wind
 
 FLIGHTS = 10_000
 """Altogether, as many in each world as in the others."""
+
+COMPARED = 200
+"""Of them are flown in Drake's simulator too."""
 
 WINDS = ("random", "gusts", "worst case", "chasing")
 
@@ -62,6 +66,9 @@ class Outcome:
     """distance from the goal at the end, over the tube's radius there, at most"""
     verified: bool
     """whether `rho.verify` finds nothing wrong with the flight with margins either"""
+    apart: float
+    """largest distance from the same flight in Drake's simulator, over what is flown in; NaN where
+    that was not flown"""
     seconds: float
     """of the flight with margins [s]"""
 
@@ -75,10 +82,11 @@ def run(flights: int = FLIGHTS) -> Table:
         for world in WORLDS
         for place, wind in enumerate(_MIX)
     ][:flights]
+    compared = [place % max(1, len(tasks) // COMPARED) == 0 for place in range(len(tasks))]
     found: list[Outcome] = []
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
-        done = processes.map(outcome, *zip(*tasks, strict=True), chunksize=_ONCE)
+        done = processes.map(outcome, *zip(*tasks, strict=True), compared, chunksize=_ONCE)
         found.extend(track(done, "flights", total=len(tasks)))
     rows = [
         _row([each for each in found if (each.world, each.wind) == (world, wind)])
@@ -95,6 +103,7 @@ def run(flights: int = FLIGHTS) -> Table:
         goals=(
             Goal("flights that break a limit", 0.0, sum(each.worst > BROKEN for each in found)),
             Goal("flights that `verify` refuses", 0.0, sum(not each.verified for each in found)),
+            Goal("distance from the flight in Drake's simulator", 1e-9, _most_apart(found)),
             Goal("windows without a plan", 0.0, sum(each.without_plan for each in found)),
             Goal("error above the tube's radius, over it", 1e-6, _most(found, "beyond_tube")),
             Goal(
@@ -139,8 +148,19 @@ def _most(found: list[Outcome], field: str) -> float:
     return float(max(getattr(each, field) for each in found))
 
 
-def outcome(world: str, kind: str, number: int) -> Outcome:
-    """Fly once in a wind that depends on the three arguments alone."""
+def _most_apart(found: list[Outcome]) -> float:
+    return max(each.apart for each in found if not np.isnan(each.apart))
+
+
+def outcome(world: str, kind: str, number: int, compared: bool) -> Outcome:
+    """Fly once in a wind that depends on the first three arguments alone.
+
+    Args:
+        world: where.
+        kind: of wind.
+        number: of the flight.
+        compared: whether it is flown in Drake's simulator too.
+    """
     set_up = prepared(world)
     scenario = set_up.scenario
     seed = (list(WORLDS).index(world), WINDS.index(kind), number)
@@ -173,8 +193,23 @@ def outcome(world: str, kind: str, number: int) -> Outcome:
         float(np.max(flown.errors() / np.maximum(radii, 1e-9)[:, None])) - 1.0,
         float(off / radii[-1]),
         rho.verify(flown).ok,
+        _apart(set_up, flown, kind, seed) if compared else np.nan,
         seconds,
     )
+
+
+def _apart(set_up: SetUp, flown: Simulation, kind: str, seed: tuple[int, ...]) -> float:
+    """How far the flight in Drake's simulator is from one without, over what is flown in."""
+    again = rho.simulate(
+        set_up.scenario,
+        replan_every=5,
+        planner=set_up.planner,
+        fallback=set_up.fallback,
+        wind=drawn(kind, set_up, np.random.default_rng(seed)),
+        rng=np.random.default_rng((*seed, 1)),
+    )
+    away = np.linalg.norm(again.positions - flown.positions, axis=2).max()
+    return float(away / set_up.scenario.fleet.lengths.max())
 
 
 def _continues(before: rho.Window, now: rho.Window) -> bool:
@@ -268,8 +303,9 @@ Errors of the estimate are drawn evenly from their balls otherwise. A flight is 
 its true motion twice between any two steps of the simulation, apart from the package's verifier
 (`benchmarks/flown.py`): obstacles, separation, boxes of position, velocity and command, speed and
 size of the command, as a part of their scale; more than {BROKEN:g} is broken. The verifier judges
-it too. A window is without a plan if it has no new one and does not fly on along the previous one's. Without margins: the plan of
-the same scenario without a disturbance, held by the same feedback in the same wind."""
+it too. Every fiftieth is flown in Drake's simulator as well, and the two are compared. A window is
+without a plan if it has no new one and does not fly on along the previous one's. Without margins:
+the plan of the same scenario without a disturbance, held by the same feedback in the same wind."""
 
 _WORLDS = """\
 Example 4: the paper's, safe at every instant, W = 2 m/s², a tenth of its acceleration limit; errors
