@@ -262,3 +262,33 @@ def test_ways_are_looked_for_with_room_for_errors() -> None:
     assert larger.separation.distance == pytest.approx(1.0 + 2.0 * r)
     assert larger.disturbance is None
     assert with_room(asked) is asked
+
+
+def test_margins_cost_little(paper: rho.Scenario) -> None:
+    windy = dataclasses.replace(paper, disturbance=rho.Disturbance(0.2))
+    assert rho.plan_rho(windy).cost <= 1.001 * rho.plan_rho(paper).cost
+    tube, ratios = 0.02, []
+    for seed in range(3):
+        drawn = rho.random_transitions(
+            8,
+            np.random.default_rng(seed),
+            duration=10.0,
+            separation=rho.Separation(0.35 + 2.5 * tube, downwash=2.0),
+        )
+        room = drawn.limits.position
+        assert room is not None
+        wider = rho.Box(room.lower - 2.0 * tube, room.upper + 2.0 * tube)
+        asked = dataclasses.replace(
+            drawn,
+            limits=dataclasses.replace(drawn.limits, position=wider),
+            separation=rho.Separation(0.35, downwash=2.0),
+            disturbance=rho.Disturbance(0.0, feedback_every=0.1, share=0.2),
+        )
+        W = rho.largest_disturbance(asked, tube)
+        around = rho.Disturbance(W, feedback_every=0.1, share=0.2)
+        windy = dataclasses.replace(asked, disturbance=around)
+        assert margins_of(windy).most == pytest.approx(tube, rel=0.02)
+        robust = rho.plan(windy)
+        assert least_margin(robust) > -1e-6
+        ratios.append(robust.cost / rho.plan(dataclasses.replace(asked, disturbance=None)).cost)
+    assert np.mean(ratios) <= 1.10
