@@ -150,7 +150,8 @@ def test_more_of_anything_makes_no_radius_smaller(seed: int, field: str) -> None
     for quantity in ("position", "velocity", "acceleration"):
         was, now = getattr(tube, quantity)(times), getattr(more, quantity)(times)
         assert np.all(now >= was * (1.0 - ROUNDING))
-        assert now.max() > was.max()
+        if quantity != "acceleration" or tube.samples > around.delay + 1:  # else none acts in time
+            assert now.max() > was.max()
 
 
 @given(seed=seeds)

@@ -25,11 +25,11 @@ from drake_rho.cli.checks import (
 from drake_rho.cli.console import (
     err,
     finish,
+    on_interrupt,
     out,
     report,
     say,
     status_of,
-    wait_for_interrupt,
 )
 from drake_rho.cli.options import (
     PLANNERS,
@@ -234,11 +234,12 @@ def show(
             file.write(meshcat.StaticHtml().encode())
         say(f"one page in {html}")
         return 0
+    wait_for_the_end = on_interrupt()
     say(f"{meshcat.web_url()}  (Ctrl-C ends)")
     sys.stdout.flush()
     if browser and not webbrowser.open(meshcat.web_url()):
         say("no browser found here: open the address in one")
-    wait_for_interrupt()
+    wait_for_the_end()
     say("ended")
     return 0
 

@@ -90,16 +90,24 @@ def _say_why(flight: Flight) -> None:
     """Why windows had no plan of their own."""
     for window in flight.windows:
         if window.infeasible:
-            say(f"  from knot {window.first_knot + 1}, along the previous: {window.infeasible}")
+            flown = "along the previous" if window.kept else "breaking least"
+            say(f"  from knot {window.first_knot + 1}, {flown}: {window.infeasible}")
 
 
-def wait_for_interrupt() -> None:
-    """Until Ctrl-C or a request to end, also where a shell in the background has them ignored."""
+def on_interrupt() -> Callable[[], None]:
+    """From now on Ctrl-C, or a request to end, ends nothing but the wait that is returned.
+
+    Also where a shell in the background has them ignored.
+    """
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    while not ended.wait(3600.0):
-        pass
+
+    def wait() -> None:
+        while not ended.wait(3600.0):
+            pass
+
+    return wait
 
 
 def status_of(command: Callable[[], int | None]) -> int:
