@@ -89,6 +89,13 @@ class Statistics:
         )
 
 
+def told(scenario: Scenario) -> str:
+    """A scenario in a few words."""
+    count = len(scenario.vehicles)
+    vehicles = "1 vehicle" if count == 1 else f"{count} vehicles"
+    return f"{scenario.name}: {vehicles}, {scenario.grid.knots} knots"
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
     """One trajectory for every vehicle of a scenario.
@@ -126,6 +133,10 @@ class Plan:
                 value = array[vehicle, knot, axis]
                 raise ValueError(f"{name}: got {value} for {where}, expected finite numbers")
             object.__setattr__(self, name, array)
+
+    def __repr__(self) -> str:
+        """As in '<Plan of paper: 4 vehicles, 50 knots, cost 16741.4 m²/s⁴>': arrays are many."""
+        return f"<Plan of {told(self.scenario)}, cost {self.cost:.6g} m²/s⁴>"
 
     @classmethod
     def from_accelerations(
@@ -278,6 +289,12 @@ class Window:
     """names of the vehicles that were further from the previous plan than its tube reaches and
     estimates err, so that they are disturbed more than the scenario says"""
 
+    def __repr__(self) -> str:
+        """As in '<Window from knot 6: a new plan, cost 12.5 m²/s⁴>'."""
+        kind = "a new plan" if not self.infeasible else "what breaks least"
+        kind = "the rest of the previous plan" if self.kept else kind
+        return f"<Window from knot {self.first_knot + 1}: {kind}, cost {self.plan.cost:.6g} m²/s⁴>"
+
     @property
     def statistics(self) -> Statistics:
         """What it took, the reference included."""
@@ -306,6 +323,11 @@ class Flight:
     """the whole flight as flown"""
     windows: tuple[Window, ...]
     """the predictions it was flown by, in their order"""
+
+    def __repr__(self) -> str:
+        """As in '<Flight of paper: 4 vehicles, 50 knots, 10 windows, cost 17027.2 m²/s⁴>'."""
+        asked, windows = told(self.scenario), len(self.windows)
+        return f"<Flight of {asked}, {windows} windows, cost {self.cost:.6g} m²/s⁴>"
 
     @property
     def scenario(self) -> Scenario:

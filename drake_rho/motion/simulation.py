@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.plan import Flight, Statistics
+from drake_rho.motion.plan import Flight, Statistics, told
 from drake_rho.motion.tube import ErrorTube, error_tube, tube_of
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity
@@ -60,6 +60,10 @@ class Simulation:
             if not np.isfinite(array).all():
                 raise ValueError(f"{name}: got numbers that are not finite, expected finite ones")
             object.__setattr__(self, name, array)
+
+    def __repr__(self) -> str:
+        """As in '<Simulation of courier: 1 vehicle, 41 knots; point mass, 2003 times>'."""
+        return f"<Simulation of {told(self.scenario)}; {self.plant}, {len(self.times)} times>"
 
     @property
     def scenario(self) -> Scenario:

@@ -78,6 +78,12 @@ class Attack:
     simulation: Simulation
     """the flight in it"""
 
+    def __repr__(self) -> str:
+        """As in '<Attack: v1 is left 0.01 m of 0.2 m beyond what is kept, obstacle 1 at 6.4 s>'."""
+        who = " and ".join(self.vehicles)
+        left = f"{self.clearance:.3g} m of {self.planned:.3g} m beyond what is kept"
+        return f"<Attack: {who} is left {left}, {self.constraint} at {self.time:.4g} s>"
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Kept:

@@ -51,6 +51,13 @@ class WorstCase(WindOverTime):
     early: float
     """how much before a switching time still counts as it, for rounded times [s]"""
 
+    def __repr__(self) -> str:
+        """As in '<WorstCase: an error of 0.2413, winds from 0 s to 6 s>': arrays are many."""
+        first, last = self.switching_times[[0, -1]]
+        return (
+            f"<WorstCase: an error of {self.radius:.4g}, winds from {first:.4g} s to {last:.4g} s>"
+        )
+
     def over(self, times: FloatArray, vehicles: int) -> FloatArray:
         """The wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
         k = np.searchsorted(self.switching_times, times + self.early, side="right")
