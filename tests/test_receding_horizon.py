@@ -154,6 +154,19 @@ def test_outside_its_box_a_window_comes_back() -> None:
     np.testing.assert_allclose(window.plan.positions[:, -1], asked.fleet.goal_positions, atol=1e-6)
 
 
+def test_a_goal_out_of_reach_is_missed_and_limits_are_kept() -> None:
+    limits = rho.Limits(acceleration=box(1.2), jerk=box(4.0))
+    asked = single(limits=limits, obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True)
+    horizon = rho.RecedingHorizon(asked)
+    first = horizon.step(first_states(asked), 0.0)
+    window = horizon.step(states_of(first.plan, 13) + 0.5, 6.5)
+    assert not window.kept
+    assert "goal" in window.infeasible
+    report = rho.verify(window.plan)
+    assert {check.constraint for check in report.violations} == {"goal"}
+    assert np.abs(window.plan.accelerations).max() <= 1.2 + 1e-6
+
+
 def test_the_first_window_begins_at_the_starts_as_far_as_these_can_be_known() -> None:
     windy = dataclasses.replace(single(), disturbance=rho.Disturbance(0.1, 0.05, 0.05))
     near, far = first_states(windy) + 0.02, first_states(windy) + 0.5

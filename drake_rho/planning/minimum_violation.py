@@ -82,8 +82,16 @@ class LenientSubproblem(Subproblem):
         ]
 
     def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
-        """None: what comes least too close is the answer."""
-        return None
+        """Limits broken that may not be; what comes least too close is an answer."""
+        motion, everyone = plan.motion(), np.arange(len(plan.accelerations))
+        broken: dict[str, tuple[str, ...]] = {}
+        for limit in self._limits(1.0):
+            rows = limit.violated(motion, everyone)
+            rows = rows.select(rows.margins(motion) < -rows.tolerances)
+            for vehicle in np.unique(rows.vehicles) if np.isinf(limit.penalty) else ():
+                name = self.scenario.vehicles[vehicle].name
+                broken[name] = (*broken.get(name, ()), limit.name)
+        return InfeasibleError(broken, statistics=spent) if broken else None
 
 
 def minimum_breach(plan: Plan, solver: SolverInterface | None = None) -> Plan:
@@ -94,6 +102,9 @@ def minimum_breach(plan: Plan, solver: SolverInterface | None = None) -> Plan:
     Args:
         plan: a motion that keeps goals and limits.
         solver: a Drake solver; Clarabel if not given.
+
+    Raises:
+        InfeasibleError: the motion breaks limits, and no other was found.
     """
     subproblem = LenientSubproblem(plan.scenario, decoupled, solver)
     return restored(plan, subproblem, most=_PENALTIES)
