@@ -129,8 +129,9 @@ class KeepApart(KeepOut):
     def directions(self, places: Places) -> FloatArray:
         """Unit normals of rows, from S towards the way from the partner to the vehicle, (R, 3).
 
-        Where nothing is added to S, along that way in the space in which S is a ball; else from the
-        nearest point of S, so that a reference that keeps r keeps its rows.
+        Along that way in the space in which S is a ball. Where something is added to S, and the
+        reference would not keep such a row, from the nearest point of S, so that it does if it
+        keeps r.
 
         Where the two are in one place, across their relative way. Where they meet too closely for
         that to be a way past each other, it can be one direction all along an encounter instead:
@@ -156,8 +157,11 @@ class KeepApart(KeepOut):
         normals: FloatArray = directions * self.shape.scales
         normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
         if self.margins.most > 0.0 and not (self.kept.is_round or self.aside):
-            apart = distances > self.shape.radius
-            normals[apart] = self.shape.outward(self.offsets(self.reference, places)[apart])
+            offsets = self.offsets(self.reference, places)
+            reach = self.shape.support(normals) + self.radius(places.times)
+            short = np.einsum("ri,ri->r", normals, offsets) < reach
+            short &= distances > self.shape.radius
+            normals[short] = self.shape.outward(offsets[short])
         return normals
 
     def rows(self, places: Places) -> HalfSpaces:
