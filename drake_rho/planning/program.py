@@ -21,20 +21,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 
 import numpy as np
-from pydrake.solvers import (
-    Binding,
-    LinearConstraint,
-    MathematicalProgram,
-    MathematicalProgramResult,
-)
-from scipy.sparse import coo_array, csc_array, csc_matrix, hstack
+from pydrake.solvers import MathematicalProgram
+from scipy.sparse import coo_array, csc_array
 from scipy.sparse.csgraph import connected_components
 
+from drake_rho.planning.dense import DenseProgram, Program, add_cost, add_rows
 from drake_rho.planning.half_spaces import HalfSpaces
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.solution import Solution
 from drake_rho.planning.sparse import SparseRows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
@@ -44,9 +40,6 @@ _FEW = 32
 _SPARSE = 2000
 """Operations that each number of a sparse program costs, measured from 50 to 5000 knots within a
 factor of two. The reduced space of R rows costs about R² (3 K + 5 R)."""
-
-_BLOCK = 150
-"""Most variables in one quadratic cost: Drake takes a dense matrix for each."""
 
 Begun = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
 """Sparse programs before their rows, and their variables; by how many vehicles and variables."""
@@ -61,25 +54,23 @@ class Batch:
 
     groups: IntArray
     """indices of the vehicles in the scenario, shape (B, G)"""
-    programs: list[MathematicalProgram]
-    """one for each group"""
-    rows: list[Binding[LinearConstraint]]
-    """M and b, in the order the half-spaces were given in"""
+    programs: Sequence[Program]
+    """one for each group; its linear constraints are M and b, in the half-spaces' order"""
     basis: FloatArray | None
     """u = basis @ variables, shape (B, 3 G (K-1), V); None if u are the first of the variables"""
     lengths: FloatArray
     """factors that turn multipliers into those of rows of length one, shape (B, R)"""
 
-    def solutions(self, results: Sequence[MathematicalProgramResult], steps: int) -> FloatArray:
+    def accelerations(self, solutions: Sequence[Solution], steps: int) -> FloatArray:
         """The accelerations u, in units, shape (B, G, K-1, 3).
 
         Args:
-            results: one for each program.
+            solutions: one for each program.
             steps: K - 1.
         """
         (count, vehicles), basis = self.groups.shape, self.basis
         size = 3 * steps * vehicles if basis is None else basis.shape[2]
-        x = np.array([result.get_x_val()[:size] for result in results])
+        x = np.array([solution.x[:size] for solution in solutions])
         u = x if basis is None else np.matvec(basis, x)
         return u.reshape(count, vehicles, steps, 3)
 
@@ -250,17 +241,9 @@ def _in_span(
         linear: whether only slack costs anything.
     """
     basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
-    programs, rows = [], []
-    rows_of_each = np.swapaxes(triangles, 1, 2)
-    begun = MathematicalProgram()  # what all have in common is written once
-    x = begun.NewContinuousVariables(basis.shape[2])
-    if not linear:
-        add_cost(begun, x)
-    for triangle, least, costs, shared in zip(rows_of_each, needed, penalties, slacks, strict=True):
-        program = begun.Clone()
-        rows.append(add_rows(program, triangle, least, costs, shared, x))
-        programs.append(program)
-    return Batch(groups, programs, rows, basis, np.ones_like(needed))
+    rows = zip(np.swapaxes(triangles, 1, 2), needed, penalties, slacks, strict=True)
+    programs = [DenseProgram(*each, linear) for each in rows]
+    return Batch(groups, programs, basis, np.ones_like(needed))
 
 
 def _sparse(
@@ -278,8 +261,8 @@ def _sparse(
     common, x = begun[form]
     program = common.Clone()
     matrix, needed, penalties, lengths = sparse.matrix()
-    added = add_rows(program, matrix, needed, penalties, slacks_of(rows), x)
-    return Batch(sparse.group[None], [program], [added], None, lengths[None])
+    add_rows(program, matrix, needed, penalties, slacks_of(rows), x)
+    return Batch(sparse.group[None], [program], None, lengths[None])
 
 
 def _without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
@@ -296,20 +279,6 @@ def _without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram
     return program, x
 
 
-def add_cost(to: MathematicalProgram, x: np.ndarray) -> None:
-    """(13): f less that of minimum effort, in units squared: the sum of squares."""
-    for first in range(0, len(x), _BLOCK):
-        block = x[first : first + _BLOCK]
-        hessian, linear = _sum_of_squares(len(block))
-        to.AddQuadraticCost(hessian, linear, block, is_convex=True)
-
-
-@lru_cache(maxsize=_BLOCK)
-def _sum_of_squares(size: int) -> tuple[FloatArray, FloatArray]:
-    """Hessian and linear part of norm(x)² for so many variables."""
-    return 2.0 * np.eye(size), np.zeros(size)
-
-
 def add_goal(to: MathematicalProgram, effort: MinimumEffort, u: np.ndarray) -> None:
     """(12): position and velocity at the last knot stay those of minimum effort."""
     rows, steps = effort.goals.rows, effort.grid.knots - 1
@@ -317,46 +286,3 @@ def add_goal(to: MathematicalProgram, effort: MinimumEffort, u: np.ndarray) -> N
         for axis in range(3):
             own = u[first + axis : first + 3 * steps : 3]
             to.AddLinearEqualityConstraint(rows, np.zeros(len(rows)), own)
-
-
-def add_rows(
-    to: MathematicalProgram,
-    matrix: FloatArray | csc_array,
-    needed: FloatArray,
-    penalties: FloatArray,
-    slacks: IntArray,
-    x: np.ndarray,
-) -> Binding[LinearConstraint]:
-    """(4) to (8) and pairs, made linear: matrix @ x >= needed, or less at a cost."""
-    if np.any(np.isfinite(penalties)):
-        matrix, x = _with_slack(to, matrix, penalties, slacks, x)
-    if not isinstance(matrix, np.ndarray):
-        matrix = csc_matrix(matrix)  # what Drake knows
-    return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)
-
-
-def _with_slack(
-    to: MathematicalProgram,
-    matrix: FloatArray | csc_array,
-    penalties: FloatArray,
-    slacks: IntArray,
-    x: np.ndarray,
-) -> tuple[FloatArray | csc_array, np.ndarray]:
-    """Rows and variables with the slacks of the soft rows, at their penalty in the cost."""
-    rows = np.flatnonzero(np.isfinite(penalties))
-    _, first, columns = np.unique(slacks[rows], return_index=True, return_inverse=True)
-    slack = to.NewContinuousVariables(len(first))
-    to.AddBoundingBoxConstraint(np.zeros(len(first)), _infinite(len(first)), slack)
-    to.AddLinearCost(penalties[rows[first]], slack)
-    x = np.concatenate([x, slack])
-    if isinstance(matrix, np.ndarray) and len(penalties) <= _BLOCK:
-        ones = np.zeros((len(penalties), len(first)))
-        ones[rows, columns] = 1.0
-        return np.hstack([matrix, ones]), x
-    shape = len(penalties), len(first)
-    ones = coo_array((np.ones(len(rows)), (rows, columns)), shape=shape)
-    return hstack([csc_array(matrix), ones], format="csc"), x
-
-
-def _infinite(size: int) -> FloatArray:
-    return np.full(size, np.inf)
