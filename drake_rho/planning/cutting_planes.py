@@ -23,7 +23,7 @@ from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import SMALL_FLEET
 from drake_rho.planning.program import Batch, groups_of, programs_of
 from drake_rho.planning.solution import Solution
-from drake_rho.planning.solve import MAX_RETRIES, Solver, solve_side_by_side
+from drake_rho.planning.solve import MAX_RETRIES, Solver, is_dense, solve_side_by_side
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -198,8 +198,10 @@ class CuttingPlanes:
         about, self._lost = self._mask(self._planned[:0]), []
         for part in rows:
             new, lost = self.working.enter(part, self.motion)
-            lost = lost.select(self._inexact[lost.vehicles] == 0)
-            about[new.vehicles] = about[lost.vehicles] = True
+            about[new.vehicles] = True
+            if len(lost) > 0:
+                lost = lost.select(self._inexact[lost.vehicles] == 0)
+                about[lost.vehicles] = True
             if len(lost) > 0:
                 self._lost.append(lost)
         return about
@@ -221,10 +223,10 @@ class CuttingPlanes:
     def _solve(self, vehicles: IntArray) -> list[int]:
         """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
         rows = self.working.of(self._with_groups(vehicles), len(self.effort.units))
-        batches = list[Batch]()
+        batches, dense = list[Batch](), is_dense(self._solver)
 
         def written() -> Iterator[Sequence[Program]]:
-            for batch in programs_of(self.effort, rows, linear=self._linear):
+            for batch in programs_of(self.effort, rows, linear=self._linear, dense=dense):
                 batches.append(batch)
                 yield batch.programs
 
@@ -240,6 +242,8 @@ class CuttingPlanes:
         order = np.argsort(vehicles)
         self.motion = self.motion.with_some(vehicles[order], found[order])
         every = np.concatenate([batch.groups.reshape(-1) for batch in batches])
+        if len(every) == len(vehicles):
+            return []
         infeasible: list[int] = np.setdiff1d(every, vehicles).tolist()
         return infeasible
 

@@ -24,8 +24,16 @@ from drake_rho.scenario.fields import FloatArray
 
 NAME = "DAQP"
 
-_SETTINGS = {"primal_tol": 1e-10}
-"""By which a row of length one may be broken: two digits less than the loop adds a row for."""
+_HARD = {"primal_tol": 1e-10}
+"""By how much a row of length one may be broken: two digits less than the loop adds rows for."""
+
+_FLAT = {"primal_tol": 1e-12, "eps_prox": -1e-4, "eta_prox": 1e-14}
+"""For costs that are flat in some directions, as in slacks. Only these are made strictly convex,
+and solved again around the last solution until it stays. At DAQP's own values penalties from 1 to
+10 000 in one program come out wrong in the fourth digit."""
+
+_ZERO = 1e-11
+"""Length below which a row counts as zero, in DAQP as well."""
 
 _INFINITE = 1e30
 """What DAQP takes for it."""
@@ -105,11 +113,11 @@ def _solved_hard(program: DenseProgram) -> Solution | None:
     """The point of least norm that keeps all rows, which is DAQP's own form of a program."""
     matrix, needed = np.ascontiguousarray(program.matrix), np.ascontiguousarray(program.needed)
     upper, sense = np.full(len(needed), _INFINITE), np.zeros(len(needed), dtype=np.int32)
-    x, _, flag, info = _package().solve(None, None, matrix, upper, needed, sense, **_SETTINGS)
+    x, _, flag, info = _package().solve(None, None, matrix, upper, needed, sense, **_HARD)
     if flag == _INFEASIBLE:
         return _refuted(matrix, needed, matrix.shape[1], lambda weights: weights, info)
     y = -2.0 * info["lam"]
-    kept = flag == _OPTIMAL and bool(np.all(matrix @ x >= needed - 10 * _SETTINGS["primal_tol"]))
+    kept = flag == _OPTIMAL and bool(np.all(matrix @ x >= needed - 10 * _HARD["primal_tol"]))
     return _solution(x, lambda: y, info) if kept else None
 
 
@@ -119,7 +127,7 @@ def _solved_quadratic(program: Quadratic) -> Solution | None:
     upper = np.minimum(program.upper, _INFINITE)
     sense = np.where(lower == upper, _EQUATION, 0).astype(np.int32)
     x, _, flag, info = _package().solve(
-        program.hessian, program.linear, program.matrix, upper, lower, sense, **_SETTINGS
+        program.hessian, program.linear, program.matrix, upper, lower, sense, **_FLAT
     )
     if flag == _INFEASIBLE:
         matrix, needed, signs = program.one_sided()
@@ -154,10 +162,10 @@ def contradiction(matrix: FloatArray, needed: FloatArray) -> FloatArray | None:
     rows contradict each other; else what they leave over points to the x of least norm.
     """
     lengths = np.linalg.norm(matrix, axis=1)
-    alone = (lengths == 0.0) & (needed > 0.0)
+    alone = (lengths < _ZERO) & (needed > _ZERO)
     if alone.any():  # 0 x >= b > 0
-        return alone.astype(float)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
+        return np.where(alone, 1.0, 0.0)
+    lengths = np.where(lengths < _ZERO, np.inf, lengths)
     least = needed / lengths
     least /= max(np.abs(least).max(), np.finfo(float).tiny)
     rows = np.concatenate([(matrix / lengths[:, None]).T, least[None]])

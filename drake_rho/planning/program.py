@@ -41,6 +41,9 @@ _SPARSE = 2000
 """Operations that each number of a sparse program costs, measured from 50 to 5000 knots within a
 factor of two. The reduced space of R rows costs about R² (3 K + 5 R)."""
 
+_DENSE = 2.0
+"""How many of these operations a solver of dense programs does in the time of one."""
+
 Begun = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
 """Sparse programs before their rows, and their variables; by how many vehicles and variables."""
 
@@ -76,7 +79,11 @@ class Batch:
 
 
 def programs_of(
-    effort: MinimumEffort, rows: Sequence[HalfSpaces], *, linear: bool = False
+    effort: MinimumEffort,
+    rows: Sequence[HalfSpaces],
+    *,
+    linear: bool = False,
+    dense: bool = False,
 ) -> Iterator[Batch]:
     """The programs of all vehicles that have rows, the largest first, written one by one.
 
@@ -84,11 +91,13 @@ def programs_of(
         effort: of the scenario.
         rows: constraint by constraint; those of a group keep their order.
         linear: whether only slack costs anything.
+        dense: whether they are for a solver of dense programs, as `Daqp` is: it takes hard rows as
+            they are, and more of them before the sparse form is cheaper.
     """
     groups = groups_of(len(effort.units), rows)
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
     size = np.bincount(groups)[: len(count)]
-    in_sparse = _cheaper_sparse(effort.grid.knots - 1, size, count)
+    in_sparse = _cheaper_sparse(effort.grid.knots - 1, size, count, _DENSE if dense else 1.0)
     alone = ~in_sparse & (size == 1)
     begun: Begun = {}
     for group, own in _each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
@@ -96,9 +105,10 @@ def programs_of(
         if in_sparse[group]:
             yield _sparse(effort, vehicles, own, linear, begun)
         else:
-            yield _reduced_group(effort, vehicles, own, linear)
-    single = [part.select(alone[groups[part.vehicles]]) for part in rows]
-    yield from _reduced(effort, [part for part in single if len(part) > 0], linear)
+            yield _reduced_group(effort, vehicles, own, linear, dense)
+    if not alone.all():
+        rows = [part.select(alone[groups[part.vehicles]]) for part in rows]
+    yield from _reduced(effort, [part for part in rows if len(part) > 0], linear, dense)
 
 
 def _each_of(
@@ -114,11 +124,20 @@ def _each_of(
         yield group, [part.select(own) for part, own in zip(rows, ranges, strict=True)]
 
 
-def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray) -> BoolArray:
-    """For which groups, of so many vehicles and rows each, the sparse form is cheaper."""
+def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: float) -> BoolArray:
+    """For which groups, of so many vehicles and rows each, the sparse form is cheaper.
+
+    Args:
+        steps: K - 1.
+        vehicles: of each group.
+        rows: of each group.
+        operations: in the time of one of the reduced space's with Clarabel.
+    """
     width = 3 * vehicles * steps
     entries = 4 * rows + 9 * width  # of the rows, and of dynamics and accelerations
-    cheaper: BoolArray = (rows > _FEW) & (rows**2 * (width + 5 * rows) > _SPARSE * entries)
+    cheaper: BoolArray = (rows > _FEW) & (
+        rows**2 * (width + 5 * rows) > operations * _SPARSE * entries
+    )
     return cheaper
 
 
@@ -134,7 +153,9 @@ def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
     return labels
 
 
-def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) -> Iterator[Batch]:
+def _reduced(
+    effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool, dense: bool
+) -> Iterator[Batch]:
     """Programs of single vehicles in the reduced space; those of a size together.
 
     What is as wide as a row is made for one size after the other, which fits into caches.
@@ -165,19 +186,20 @@ def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) ->
             penalties[own].reshape(-1, size),
             slacks[own].reshape(-1, size),
             linear,
+            dense,
         )
 
 
 def _reduced_group(
-    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool
+    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool, dense: bool
 ) -> Batch:
     """One program, in the reduced space."""
     matrix, needed, penalties = rows_of(effort, group, rows)
-    dense = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
-    inside = np.stack([effort.goals.without(dense[:, :, axis]) for axis in range(3)], axis=2)
+    entries = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
+    inside = np.stack([effort.goals.without(entries[:, :, axis]) for axis in range(3)], axis=2)
     stack = inside.reshape(1, len(needed), -1)
     slacks = slacks_of(rows)[None]
-    return _in_span(group[None], stack, needed[None], penalties[None], slacks, linear)
+    return _in_span(group[None], stack, needed[None], penalties[None], slacks, linear, dense)
 
 
 def slacks_of(rows: Sequence[HalfSpaces]) -> IntArray:
@@ -229,8 +251,11 @@ def _in_span(
     penalties: FloatArray,
     slacks: IntArray,
     linear: bool,
+    dense: bool,
 ) -> Batch:
     """Programs in coordinates of an orthonormal basis of the span of their rows.
+
+    What DAQP does with hard rows takes less time than to make that basis.
 
     Args:
         groups: whose, shape (B, G).
@@ -239,9 +264,13 @@ def _in_span(
         penalties: what it costs to break a row by one, shape (B, R).
         slacks: the number of each row's slack, shape (B, R).
         linear: whether only slack costs anything.
+        dense: as in `programs_of`.
     """
-    basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
-    rows = zip(np.swapaxes(triangles, 1, 2), needed, penalties, slacks, strict=True)
+    basis: FloatArray | None = None
+    if not dense or np.isfinite(penalties).any():
+        basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
+        matrices = np.swapaxes(triangles, 1, 2)
+    rows = zip(matrices, needed, penalties, slacks, strict=True)
     programs = [DenseProgram(*each, linear) for each in rows]
     return Batch(groups, programs, basis, np.ones_like(needed))
 

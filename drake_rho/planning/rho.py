@@ -222,6 +222,8 @@ def _beyond(
     tolerance: float = TOLERANCE,
 ) -> BoolArray:
     """Which vehicles are further away than radii [m, m/s], but for a part of their scale, (N,)."""
+    if not (away[0].any() or away[1].any()):
+        return np.zeros(len(away[0]), dtype=bool)
     fleet = scenario.fleet
     far = np.linalg.norm(away[0], axis=1) > position + tolerance * fleet.scale("position")
     fast = np.linalg.norm(away[1], axis=1) > velocity + tolerance * fleet.scale("velocity")

@@ -142,13 +142,14 @@ def solve_side_by_side(
     Returns:
         The solutions, batch by batch.
     """
+    dense = is_dense(solver)
     task = partial(solve, solver=solver, retry=retry, quick=quick)
     sizes, tasks, chunk, work = list[int](), list[Future[list[Solution]]](), [], 0
     for programs in batches:
         sizes.append(len(programs))
         for program in programs:
             chunk.append(program)
-            work += _work(program)
+            work += _work(program, dense)
             if work > _CHUNK:
                 tasks.append(_threads().submit(task, chunk))
                 chunk, work = [], 0
@@ -162,12 +163,20 @@ def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count())
 
 
+def is_dense(solver: Solver | None) -> bool:
+    """Whether a solver is for small dense programs, which are written for it in another way."""
+    return isinstance(solver or DEFAULT(), Daqp)
+
+
 def _attempts(first: Solver, *, quick: bool) -> list[tuple[Solver, _Options]]:
     clarabel = [(ClarabelSolver(), _CLARABEL), (ClarabelSolver(), _CLARABEL_AGAIN)]
     if quick:
         clarabel.insert(0, (ClarabelSolver(), _CLARABEL_QUICK))
+    others = [*clarabel, (OsqpSolver(), _OSQP), (ClpSolver(), {})]
     if _name(first) == "Clarabel":
-        return [*clarabel, (OsqpSolver(), _OSQP), (ClpSolver(), {})]
+        return others
+    if isinstance(first, Daqp):
+        return [(first, {}), *others]
     return [(first, _OSQP if _name(first) == "OSQP" else {}), *clarabel]
 
 
@@ -180,11 +189,13 @@ def _knows(solver: Solver, program: Program) -> bool:
     return {"OSQP": not linear, "Clp": linear}.get(_name(solver), True)
 
 
-def _work(program: Program) -> int:
-    """The square of the number of variables."""
-    if isinstance(program, DenseProgram):
-        return sum(program.matrix.shape) ** 2 if program.soft else program.matrix.shape[1] ** 2
-    return int(program.num_vars()) ** 2
+def _work(program: Program, dense: bool) -> int:
+    """The square of the number of variables, or what takes a solver of dense programs as long."""
+    if not isinstance(program, DenseProgram):
+        return int(program.num_vars()) ** 2
+    if dense:
+        return int(program.matrix.size) // 4
+    return int(program.matrix.shape[1] + len(program.needed) * program.soft) ** 2
 
 
 def _solve_with(
