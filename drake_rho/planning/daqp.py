@@ -27,7 +27,7 @@ NAME = "DAQP"
 _HARD = {"primal_tol": 1e-10}
 """By how much a row of length one may be broken: two digits less than the loop adds rows for."""
 
-_FLAT = {"primal_tol": 1e-12, "eps_prox": -1e-4, "eta_prox": 1e-14}
+_FLAT = {"primal_tol": 1e-12, "eps_prox": -1e-4, "eta_prox": 1e-12}
 """For costs that are flat in some directions, as in slacks. Only these are made strictly convex,
 and solved again around the last solution until it stays. At DAQP's own values penalties from 1 to
 10 000 in one program come out wrong in the fourth digit."""
