@@ -18,6 +18,7 @@ from pydrake.solvers import SolverId
 from scipy.optimize import nnls
 
 from drake_rho.planning.dense import DenseProgram, Program
+from drake_rho.planning.errors import NotInstalledError
 from drake_rho.planning.quadratic import Quadratic
 from drake_rho.planning.solution import Solution
 from drake_rho.scenario.fields import FloatArray
@@ -59,7 +60,7 @@ class Daqp:
     to the package's tolerances are solved by Clarabel.
 
     Raises:
-        ImportError: the package daqp is not installed.
+        NotInstalledError: the package daqp is not there; it is an ImportError.
     """
 
     def __post_init__(self) -> None:
@@ -94,9 +95,8 @@ def _package() -> Any:
     try:
         return importlib.import_module("daqp")
     except ImportError as error:
-        raise ImportError(
-            "rho.Daqp(): the package daqp is not installed: pip install 'drake-rho[fast]'",
-            name="daqp",
+        raise NotInstalledError(
+            "rho.Daqp() needs the package daqp: pip install 'drake-rho[fast]'"
         ) from error
 
 
