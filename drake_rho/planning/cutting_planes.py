@@ -198,12 +198,10 @@ class CuttingPlanes:
         about, self._lost = self._mask(self._planned[:0]), []
         for part in rows:
             new, lost = self.working.enter(part, self.motion)
-            about[new.vehicles] = True
             if len(lost) > 0:
                 lost = lost.select(self._inexact[lost.vehicles] == 0)
-                about[lost.vehicles] = True
-            if len(lost) > 0:
-                self._lost.append(lost)
+                self._lost += [lost] * (len(lost) > 0)
+            about[new.vehicles] = about[lost.vehicles] = True
         return about
 
     def _of_planned(self, rows: HalfSpaces) -> HalfSpaces:

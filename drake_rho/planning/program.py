@@ -27,11 +27,11 @@ from pydrake.solvers import MathematicalProgram
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.csgraph import connected_components
 
-from drake_rho.planning.dense import DenseProgram, Program, add_cost, add_rows
+from drake_rho.planning.dense import DenseProgram, Program, add_rows
 from drake_rho.planning.half_spaces import HalfSpaces
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.solution import Solution
-from drake_rho.planning.sparse import SparseRows
+from drake_rho.planning.sparse import SparseRows, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _FEW = 32
@@ -286,32 +286,9 @@ def _sparse(
     sparse = SparseRows(effort, group, rows)
     form = len(group), sparse.columns
     if form not in begun:
-        begun[form] = _without_rows(sparse, linear)
+        begun[form] = without_rows(sparse, linear)
     common, x = begun[form]
     program = common.Clone()
     matrix, needed, penalties, lengths = sparse.matrix()
     add_rows(program, matrix, needed, penalties, slacks_of(rows), x)
     return Batch(sparse.group[None], [program], None, lengths[None])
-
-
-def _without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
-    """A sparse program with its cost, goal and dynamics only, and its variables."""
-    program = MathematicalProgram()
-    x = program.NewContinuousVariables(sparse.columns)
-    u = x[: 3 * sparse.steps * len(sparse.group)]
-    if not linear:
-        add_cost(program, u)
-    add_goal(program, sparse.effort, u)
-    for equations in sparse.dynamics():
-        zero = np.zeros(equations.shape[0])
-        program.AddLinearEqualityConstraint(equations, zero, x)
-    return program, x
-
-
-def add_goal(to: MathematicalProgram, effort: MinimumEffort, u: np.ndarray) -> None:
-    """(12): position and velocity at the last knot stay those of minimum effort."""
-    rows, steps = effort.goals.rows, effort.grid.knots - 1
-    for first in range(0, len(u) if len(rows) > 0 else 0, 3 * steps):
-        for axis in range(3):
-            own = u[first + axis : first + 3 * steps : 3]
-            to.AddLinearEqualityConstraint(rows, np.zeros(len(rows)), own)
