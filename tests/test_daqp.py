@@ -277,7 +277,16 @@ def _large() -> MathematicalProgram:
     return asked
 
 
-@pytest.mark.parametrize("made", [_linear, _conic, _large])
+def _with_states() -> MathematicalProgram:
+    asked = MathematicalProgram()
+    u, v = asked.NewContinuousVariables(3), asked.NewContinuousVariables(3)
+    asked.AddQuadraticCost(np.eye(3), np.zeros(3), u, is_convex=True)
+    asked.AddLinearEqualityConstraint(np.hstack([np.tri(3), -np.eye(3)]), np.zeros(3), [*u, *v])
+    asked.AddLinearConstraint(np.eye(1), [1.0], [np.inf], v[2:])
+    return asked
+
+
+@pytest.mark.parametrize("made", [_linear, _conic, _large, _with_states])
 def test_what_it_is_not_for_goes_on_to_clarabel(made: Callable[[], MathematicalProgram]) -> None:
     found = _one(made(), rho.Daqp())
     assert (found.solver, found.feasible) == ("Clarabel", True)

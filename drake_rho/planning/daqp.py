@@ -25,10 +25,11 @@ from drake_rho.scenario.fields import FloatArray
 
 NAME = "DAQP"
 
-_HARD = {"primal_tol": 1e-10}
-"""By how much a row of length one may be broken: two digits less than the loop adds rows for."""
+_HARD = {"primal_tol": 1e-10, "iter_limit": 2000}
+"""By how much a row of length one may be broken: two digits less than the loop adds rows for. Small
+programs take as many iterations as they have rows."""
 
-_FLAT = {"primal_tol": 1e-12, "eps_prox": -1e-4, "eta_prox": 1e-12}
+_FLAT = {**_HARD, "primal_tol": 1e-12, "eps_prox": -1e-4, "eta_prox": 1e-12}
 """For costs that are flat in some directions, as in slacks. Only these are made strictly convex,
 and solved again around the last solution until it stays. At DAQP's own values penalties from 1 to
 10 000 in one program come out wrong in the fourth digit."""
@@ -56,8 +57,9 @@ _FAR = 1e8
 class Daqp:
     """DAQP as `solver=`, beside Drake's solvers: fast where programs are small and dense.
 
-    Programs of more than 400 variables in Drake's form, linear ones, and what DAQP does not solve
-    to the package's tolerances are solved by Clarabel.
+    Linear programs, those with states (variables that equations tie to others and that cost
+    nothing, as in the sparse form), those of more than 400 variables in Drake's form, and what DAQP
+    does not solve to the package's tolerances are solved by Clarabel.
 
     Raises:
         NotInstalledError: the package daqp is not there; it is an ImportError.
@@ -82,7 +84,9 @@ class Daqp:
         """Whether it is for programs of this kind."""
         if isinstance(program, DenseProgram):
             return not program.linear
-        return bool(program.num_vars() <= _MOST and program.quadratic_costs())
+        curved = sum(len(cost.variables()) for cost in program.quadratic_costs())
+        states = curved < program.num_vars() and len(program.linear_equality_constraints()) > 0
+        return curved > 0 and program.num_vars() <= _MOST and not states
 
     def solve(self, programs: Sequence[Program]) -> list[Solution | None]:
         """The solution of each program, or the proof that there is none; None where it fails."""
