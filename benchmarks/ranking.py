@@ -34,13 +34,13 @@ def rows(benchmark: str, results: Sequence[Result]) -> tuple[tuple[Cell, ...], .
     return tuple(_row(benchmark, result, ours) for result in ranked)
 
 
-def ratio(results: Sequence[Result], *names: str) -> float | None:
-    """This package's median time over that of the fastest of `names`; None if there is none."""
+def ratio(results: Sequence[Result], *names: str, ours: str = THIS_PACKAGE) -> float | None:
+    """The median time of `ours` over that of the fastest of `names`; None if there is none."""
     by_name = {result.name: result for result in results if result.counts}
     peers = [by_name[name].median for name in names if name in by_name]
-    if THIS_PACKAGE not in by_name or not peers:
+    if ours not in by_name or not peers:
         return None
-    return by_name[THIS_PACKAGE].median / min(peers)
+    return by_name[ours].median / min(peers)
 
 
 def _row(benchmark: str, result: Result, ours: Result) -> tuple[Cell, ...]:

@@ -18,6 +18,7 @@ from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
 from drake_rho.planning.assignment import assign_goals
 from drake_rho.planning.best import plan, plan_scp
 from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.daqp import Daqp
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled, decoupled
 from drake_rho.planning.options import Options
@@ -69,6 +70,7 @@ __all__ = [
     "Certificate",
     "Check",
     "Cylinder",
+    "Daqp",
     "Diagnosis",
     "Disturbance",
     "DrakeRhoError",

@@ -1,11 +1,14 @@
 """What several test modules share."""
 
+from collections.abc import Iterator
+
 import pytest
 from hypothesis import HealthCheck, settings
 from pydrake.solvers import ClarabelSolver, OsqpSolver, SolverInterface
 
 import drake_rho as rho
 from drake_rho.paper.study import Study, run_study
+from drake_rho.planning import solve
 
 # No deadline: how long a program takes is no property to test. Fixtures that hypothesis reuses
 # are frozen records.
@@ -16,6 +19,20 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 settings.load_profile("drake_rho")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--solver daqp` runs the whole suite with another solver where a test asks for none."""
+    parser.addoption("--solver", choices=["clarabel", "daqp"], default="clarabel")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _default_solver(request: pytest.FixtureRequest) -> Iterator[None]:
+    """The solver that is taken where none is given."""
+    with pytest.MonkeyPatch.context() as patched:
+        if request.config.getoption("--solver") == "daqp":
+            patched.setattr(solve, "DEFAULT", rho.Daqp)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -30,8 +47,8 @@ def study() -> Study:
     return run_study()
 
 
-@pytest.fixture(params=[ClarabelSolver, OsqpSolver], ids=["Clarabel", "OSQP"])
+@pytest.fixture(params=[ClarabelSolver, OsqpSolver, rho.Daqp], ids=["Clarabel", "OSQP", "DAQP"])
 def solver(request: pytest.FixtureRequest) -> SolverInterface:
-    """Each of the two free solvers."""
+    """Each of the free solvers."""
     made: SolverInterface = request.param()
     return made

@@ -13,6 +13,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho import cli
+from drake_rho.planning import daqp
 from tests.scenarios import box, single
 
 Run = tuple[int, str, str]
@@ -75,6 +76,36 @@ def test_a_scenario_from_scratch_is_planned_kept_and_verified(
     status, out, _ = run(capsys, monkeypatch, "verify", str(kept))
     assert status == 0
     assert "obstacle 2" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "name"), [("clarabel", "Clarabel"), ("osqp", "OSQP"), ("daqp", "DAQP")]
+)
+def test_a_solver_is_chosen_by_its_name(
+    words: str,
+    name: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kept = tmp_path / "kept.npz"
+    asked = ["plan", "paper", "--solver", words, "-o", str(kept)]
+    status, out, _ = run(capsys, monkeypatch, *asked)
+    assert status == 0, out
+    plan = rho.load(kept)
+    assert isinstance(plan, rho.Plan)
+    assert plan.statistics.solver == name
+
+
+def test_a_solver_that_is_not_installed_is_bad_input(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "daqp", None)
+    daqp._package.cache_clear()
+    status, _, err = run(capsys, monkeypatch, "plan", "paper", "--solver", "daqp")
+    daqp._package.cache_clear()
+    assert status == 2
+    assert err == "drake-rho: rho.Daqp() needs the package daqp: pip install 'drake-rho[fast]'\n"
 
 
 def test_a_plan_that_breaks_a_constraint_exits_1(

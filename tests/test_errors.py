@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
 from drake_rho.planning import cutting_planes, solve
@@ -79,8 +80,9 @@ def _solver_error(monkeypatch: pytest.MonkeyPatch) -> rho.SolverError:
     """One from solvers that may not iterate."""
     for options in ("_CLARABEL", "_CLARABEL_AGAIN", "_OSQP"):
         monkeypatch.setattr(solve, options, {"max_iter": 1})
+    slow = single(limits=rho.Limits(velocity=box(1.5)))
     with pytest.raises(rho.SolverError) as caught:
-        rho.plan_convex(single(limits=rho.Limits(velocity=box(1.5))))
+        rho.plan_convex(slow, solver=ClarabelSolver())
     return caught.value
 
 

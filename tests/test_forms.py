@@ -83,7 +83,7 @@ def test_the_span_of_the_rows_loses_nothing(scenario: rho.Scenario) -> None:
         assert all((batch.basis is None) == ("_SPARSE" in form) for batch in batches)
         for batch in batches:
             vehicles = batch.groups[:, 0]
-            u = batch.solutions([each.result for each in solve(batch.programs)], steps)[:, 0]
+            u = batch.accelerations(solve(batch.programs), steps)[:, 0]
             found = effort.motion.accelerations[vehicles] + effort.units[vehicles, None, None] * u
             known = solved.motion.accelerations[vehicles]
             np.testing.assert_allclose(found, known, atol=MOTION * np.abs(known).max())

@@ -198,9 +198,9 @@ def test_a_window_that_fails_is_not_explained(
     """No program in which constraints may be broken is written unless an explanation is asked."""
     written: list[bool] = []
 
-    def counted(*args: Any, linear: bool) -> Iterator[Any]:
+    def counted(*args: Any, linear: bool, **options: Any) -> Iterator[Any]:
         written.append(linear)
-        return programs_of(*args, linear=linear)
+        return programs_of(*args, linear=linear, **options)
 
     monkeypatch.setattr(cutting_planes, "programs_of", counted)
     weak = dataclasses.replace(paper, limits=rho.Limits(acceleration=box(6.0)))

@@ -11,7 +11,8 @@ from pydrake.solvers import MathematicalProgram, SolverInterface
 
 import drake_rho as rho
 from drake_rho.planning import solve
-from drake_rho.planning.solve import Solution, solve_side_by_side
+from drake_rho.planning.solution import Solution
+from drake_rho.planning.solve import solve_side_by_side
 from tests.scenarios import box, single
 from tests.tolerances import INDEX
 
@@ -36,7 +37,7 @@ def empty() -> MathematicalProgram:
 
 def value_of(solution: Solution) -> float:
     """X."""
-    return float(solution.result.get_x_val()[0])
+    return float(solution.x[0])
 
 
 @pytest.mark.parametrize("chunk", [0, 4, 10**9])
@@ -103,8 +104,7 @@ def test_only_programs_on_which_a_solver_fails_go_to_the_next(
 
 def _off(answer: Solution) -> Solution:
     """A solution on the wrong side of its rows."""
-    answer.result.set_x_val(0.5 * answer.result.get_x_val())
-    return answer
+    return dataclasses.replace(answer, x=0.5 * answer.x)
 
 
 @pytest.mark.parametrize(

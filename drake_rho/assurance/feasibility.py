@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.solvers import SolverInterface
 
 from drake_rho.assurance.diagnosis import Diagnosis
 from drake_rho.assurance.infeasible_subset import infeasible_subset
@@ -15,6 +14,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.best import first_plan, plan_scp
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_violation import minimum_violation
+from drake_rho.planning.solve import Solver
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Grid, Limits, Obstacle, Scenario, Vehicle
 
@@ -31,7 +31,7 @@ LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""
 
 
-def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Diagnosis:
+def diagnose(scenario: Scenario, *, solver: Solver | None = None) -> Diagnosis:
     """Say why a scenario has no plan, by how much, and what would mend it.
 
     Obstacles are taken as in the first linearisation, around the plan without them; the repairs
@@ -39,7 +39,7 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
 
     Args:
         scenario: what is asked.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Raises:
         SolverError: the solvers fail numerically.
@@ -66,7 +66,7 @@ def diagnose(scenario: Scenario, *, solver: SolverInterface | None = None) -> Di
     )
 
 
-def shortest_plan(scenario: Scenario, *, solver: SolverInterface | None = None) -> Plan:
+def shortest_plan(scenario: Scenario, *, solver: Solver | None = None) -> Plan:
     """The plan of least duration, on as many knots, everything else unchanged.
 
     The flight begins at the same time, and obstacles move as they did. The duration is found by
@@ -75,7 +75,7 @@ def shortest_plan(scenario: Scenario, *, solver: SolverInterface | None = None) 
 
     Args:
         scenario: what is asked; its own duration need not be feasible.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Raises:
         InfeasibleError: no duration up to `LARGEST_FACTOR` times the scenario's has a plan.
@@ -128,7 +128,7 @@ def _lasting(scenario: Scenario, factor: float) -> Scenario:
 
 
 def _least(
-    make: Callable[[float], Scenario], solver: SolverInterface | None, scenario: Scenario
+    make: Callable[[float], Scenario], solver: Solver | None, scenario: Scenario
 ) -> float | None:
     """The least duration [s] with a plan, by doubling or halving and then bisection."""
     factor = _least_factor(make, solver, 1.0 / LARGEST_FACTOR)
@@ -136,7 +136,7 @@ def _least(
 
 
 def _least_factor(
-    make: Callable[[float], Scenario], solver: SolverInterface | None, smallest: float
+    make: Callable[[float], Scenario], solver: Solver | None, smallest: float
 ) -> float | None:
     """The least factor for which `make(factor)` has a plan; None if none up to the largest has."""
     high = 1.0
@@ -166,7 +166,7 @@ def _precision(scenario: Scenario) -> float:
     return BISECTED_APART if scenario.separation is not None else precision
 
 
-def _bearable_wind(scenario: Scenario, solver: SolverInterface | None) -> float | None:
+def _bearable_wind(scenario: Scenario, solver: Solver | None) -> float | None:
     """The largest wind with a plan [m/s²], of a scenario that has none; see `Diagnosis`."""
     around = scenario.disturbance
     if around is None:
@@ -188,9 +188,7 @@ def _bearable_wind(scenario: Scenario, solver: SolverInterface | None) -> float 
     return low * around.acceleration
 
 
-def _has_plan(
-    make: Callable[[float], Scenario], factor: float, solver: SolverInterface | None
-) -> bool:
+def _has_plan(make: Callable[[float], Scenario], factor: float, solver: Solver | None) -> bool:
     try:
         first_plan(make(factor), solver=solver)
     except (InfeasibleError, SolverError, ScenarioError):
@@ -198,7 +196,7 @@ def _has_plan(
     return True
 
 
-def _smallest_relaxation(scenario: Scenario, solver: SolverInterface | None) -> float | None:
+def _smallest_relaxation(scenario: Scenario, solver: Solver | None) -> float | None:
     limits = [scenario.limits_of(vehicle) for vehicle in scenario.vehicles]
     if not any(each.acceleration or each.max_acceleration for each in limits):
         return None

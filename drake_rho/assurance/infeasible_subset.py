@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from pydrake.solvers import SolverInterface
 
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, Names
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.minimum_violation import elastic, elastic_planes
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import constraints_around
 from drake_rho.scenario.records import Scenario
 
@@ -24,9 +24,7 @@ _NO_PART = 1e-6
 """Multipliers below this part of the largest one count as zero."""
 
 
-def infeasible_subset(
-    error: InfeasibleError, *, solver: SolverInterface | None = None
-) -> dict[str, Names]:
+def infeasible_subset(error: InfeasibleError, *, solver: Solver | None = None) -> dict[str, Names]:
     """Narrow an error's conflicts down to constraints none of which can be spared.
 
     It solves a program for each constraint in a conflict. Conflicts with other vehicles, those of a
@@ -34,7 +32,7 @@ def infeasible_subset(
 
     Args:
         error: as a planner raised it.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Returns:
         For each vehicle without a plan names of constraints, with axes and times, that cannot be
@@ -61,7 +59,7 @@ def _irreducible(
     scenario: Scenario,
     vehicle: int,
     constraints: Sequence[Constraint],
-    solver: SolverInterface | None,
+    solver: Solver | None,
 ) -> Names:
     """The subset of one vehicle, in words; empty if nothing is broken beyond its tolerance."""
 

@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
-from pydrake.solvers import SolverInterface
 
 from drake_rho.assurance.lagrangian import Lagrangian
 from drake_rho.assurance.verification import verify
@@ -31,6 +30,7 @@ from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.options import ALONE
 from drake_rho.planning.scp import iterate
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -156,7 +156,7 @@ class Certificate:
         return "\n".join(lines)
 
 
-def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> Certificate:
+def certify(flown: Plan | Flight, *, solver: Solver | None = None) -> Certificate:
     """Bound from below what any plan of the scenario costs, and compare.
 
     The multipliers come from plans iterated to convergence, from this one and from the plan
@@ -166,7 +166,7 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
     Args:
         flown: any plan or flight of a scenario; it need not be optimal, nor hold. A flight whose
             windows begin with thinner tubes than a plan has by then may cost less than any plan.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Raises:
         InfeasibleError: no plan was found to take multipliers from.
@@ -206,7 +206,7 @@ def certify(flown: Plan | Flight, *, solver: SolverInterface | None = None) -> C
     return Certificate(plan.scenario, tuple(certificates), verify(flown).ok, not_counted)
 
 
-def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:
+def _converged(plan: Plan, solver: Solver | None) -> list[Plan]:
     """Plans iterated to convergence: from this one, if it allows that, and from none."""
     found = []
     with suppress(InfeasibleError, SolverError):  # a plan that breaks its scenario may lead nowhere
@@ -219,7 +219,7 @@ def _converged(plan: Plan, solver: SolverInterface | None) -> list[Plan]:
     return found
 
 
-def _solved_around(plan: Plan, solver: SolverInterface | None) -> CuttingPlanes:
+def _solved_around(plan: Plan, solver: Solver | None) -> CuttingPlanes:
     """The programs around a plan iterated on to the precision that a certificate needs."""
     subproblem = Subproblem(plan.scenario, coupled, solver)
     subproblem.labels = np.zeros_like(subproblem.labels)  # the multipliers of all are wanted

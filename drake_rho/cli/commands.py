@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from pydrake.solvers import SolverInterface
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.status import Status
 
@@ -60,6 +59,7 @@ from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.rho import plan_rho
+from drake_rho.planning.solve import Solver as AnySolver
 from drake_rho.scenario.files import replacing, scenario_schema
 from drake_rho.scenario.missions import is_lsc_mission
 from drake_rho.scenario.records import Scenario
@@ -248,7 +248,7 @@ def _plan(
     scenario: Scenario,
     method: Method,
     further: list[float],
-    solver: SolverInterface,
+    solver: AnySolver,
     status: Status,
 ) -> Plan:
     """The plan of a method; further steps are tried by the convex one first."""

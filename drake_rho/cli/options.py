@@ -10,6 +10,8 @@ from pydrake.solvers import ClarabelSolver, OsqpSolver
 
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.daqp import Daqp
+from drake_rho.planning.solve import Solver as AnySolver
 from drake_rho.planning.windows import Planner, free_reference, tail_reference
 from drake_rho.scenario.files import library, load_scenario
 from drake_rho.scenario.missions import is_lsc_mission, load_lsc_mission
@@ -29,6 +31,7 @@ class Solver(StrEnum):
 
     CLARABEL = "clarabel"
     OSQP = "osqp"
+    DAQP = "daqp"
 
 
 class Reference(StrEnum):
@@ -45,7 +48,11 @@ PLANNERS: dict[Method, tuple[Planner, Planner | None]] = {
 }
 """Of a window, and where that has no solution."""
 
-SOLVERS = {Solver.CLARABEL: ClarabelSolver, Solver.OSQP: OsqpSolver}
+SOLVERS: dict[Solver, type[AnySolver]] = {
+    Solver.CLARABEL: ClarabelSolver,
+    Solver.OSQP: OsqpSolver,
+    Solver.DAQP: Daqp,
+}
 REFERENCES = {Reference.FREE: free_reference, Reference.TAIL: tail_reference}
 
 ScenarioArgument = Annotated[

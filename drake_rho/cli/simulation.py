@@ -9,7 +9,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from pydrake.solvers import SolverInterface
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -36,6 +35,7 @@ from drake_rho.cli.options import (
 )
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.rho import RecedingHorizon
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.windows import Planner
 from drake_rho.scenario.records import Grid, Scenario
 from drake_rho.simulation import winds
@@ -141,7 +141,7 @@ class _Counted:
     replan_every: int
 
     def __call__(
-        self, scenario: Scenario, *, reference: Plan | None, solver: SolverInterface | None
+        self, scenario: Scenario, *, reference: Plan | None, solver: Solver | None
     ) -> Plan:
         knot = round((scenario.grid.start - self.grid.start) / self.grid.step)
         self.progress.update(self.task, completed=ceil(knot / self.replan_every))

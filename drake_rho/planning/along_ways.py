@@ -11,8 +11,6 @@ import dataclasses
 import time
 from collections.abc import Sequence
 
-from pydrake.solvers import SolverInterface
-
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.bends import BENDS, bent_alone
 from drake_rho.planning.errors import InfeasibleError, Names, SolverError
@@ -20,6 +18,7 @@ from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.room import with_room
 from drake_rho.planning.scp import Progress, iterate, restored
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.towards import towards
@@ -55,7 +54,7 @@ class AlongWays:
 @one_for_arrays()
 def plan_along_ways(
     scenario: Scenario,
-    solver: SolverInterface | None = None,
+    solver: Solver | None = None,
     options: Options = DEFAULTS,
     progress: Progress | None = None,
 ) -> AlongWays:
@@ -63,7 +62,7 @@ def plan_along_ways(
 
     Args:
         scenario: what is asked.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
         options: `max_ways` bounds the ways that are tried.
         progress: called after each linearisation.
     """
@@ -97,7 +96,7 @@ def plan_along_ways(
 
 
 def _by_bends(
-    scenario: Scenario, solver: SolverInterface | None, progress: Progress | None
+    scenario: Scenario, solver: Solver | None, progress: Progress | None
 ) -> tuple[Plan | None, Statistics]:
     """A plan of one vehicle from its cheapest motion, bent in several ways; and what it took."""
     spent = Statistics()

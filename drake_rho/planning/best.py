@@ -9,7 +9,6 @@ from contextlib import suppress
 from itertools import repeat
 
 import numpy as np
-from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.along_ways import no_plan, plan_along_ways
@@ -20,6 +19,7 @@ from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.room import check_room
 from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, Progress, iterate, restored
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.records import Scenario
@@ -37,7 +37,7 @@ def plan(
     *,
     reference: Plan | None = None,
     coupling: Coupling | None = None,
-    solver: SolverInterface | None = None,
+    solver: Solver | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
     options: Options | None = None,
@@ -58,7 +58,7 @@ def plan(
         coupling: how pairs are kept apart: `decoupled`, every vehicle with a program of its own,
             or `coupled`, at the least cost. If not given, coupled as long as the fleet is small
             (`options.max_coupled`).
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
         executor: where ways round the obstacles are looked for, vehicle by vehicle; with
             processes, a solver cannot be given. If not given, here, one after the other.
         progress: called with a few words after each linearisation.
@@ -93,7 +93,7 @@ def plan_scp(
     *,
     reference: Plan | None = None,
     coupling: Coupling | None = None,
-    solver: SolverInterface | None = None,
+    solver: Solver | None = None,
 ) -> Plan:
     """Sequential convex programming to convergence: `plan`, by the name of its method.
 
@@ -106,7 +106,7 @@ def first_plan(
     scenario: Scenario,
     *,
     reference: Plan | None = None,
-    solver: SolverInterface | None = None,
+    solver: Solver | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
     options: Options = DEFAULTS,
@@ -134,7 +134,7 @@ def first_plan(
 def _first_apart(
     scenario: Scenario,
     reference: Plan | None,
-    solver: SolverInterface | None,
+    solver: Solver | None,
     executor: Executor | None,
     progress: Progress | None,
     options: Options,
@@ -169,7 +169,7 @@ def _first_apart(
         return _along_ways(scenario, error, solver, options, progress)
 
 
-def _brought_apart(start: Plan, solver: SolverInterface | None, progress: Progress | None) -> Plan:
+def _brought_apart(start: Plan, solver: Solver | None, progress: Progress | None) -> Plan:
     """A plan whose vehicles keep apart, from one in which they do not know of each other.
 
     Where restoration from there comes to no end, it begins with the vehicles spread, and at last
@@ -205,7 +205,7 @@ def _attempts(start: Plan) -> Iterator[tuple[Plan, float, int]]:
 def _along_ways(
     scenario: Scenario,
     failure: InfeasibleError | None,
-    solver: SolverInterface | None,
+    solver: Solver | None,
     options: Options,
     progress: Progress | None,
 ) -> Plan:
@@ -218,7 +218,7 @@ def _along_ways(
 
 
 def _around_if_apart(
-    scenario: Scenario, reference: Plan | None, solver: SolverInterface | None
+    scenario: Scenario, reference: Plan | None, solver: Solver | None
 ) -> Plan | None:
     """A fleet's plan around a reference whose vehicles keep apart; None if there is none."""
     subproblem = Subproblem(scenario, decoupled, solver)
@@ -232,7 +232,7 @@ def _ways_round(
     scenario: Scenario,
     stuck: Sequence[str],
     failure: InfeasibleError | None,
-    solver: SolverInterface | None,
+    solver: Solver | None,
     executor: Executor | None,
     options: Options,
 ) -> Plan:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 
-from pydrake.solvers import SolverInterface
-
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.room import check_room
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
@@ -23,7 +22,7 @@ def plan_convex(
     *,
     reference: Plan | None = None,
     steps: Iterable[float] = (),
-    solver: SolverInterface | None = None,
+    solver: Solver | None = None,
 ) -> Plan:
     """Plan by the paper's convex method.
 
@@ -39,7 +38,7 @@ def plan_convex(
         steps: further steps h [s] to try in this order, if the scenario's own has no solution.
             Which one was taken stands in the plan's `scenario.grid`, and all that were tried in
             its `statistics.steps_tried`.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Returns:
         A plan that meets every constraint of the scenario.
@@ -73,7 +72,7 @@ def plan_convex(
     )
 
 
-def _plan(scenario: Scenario, reference: Plan | None, solver: SolverInterface | None) -> Plan:
+def _plan(scenario: Scenario, reference: Plan | None, solver: Solver | None) -> Plan:
     """Steps 1 and 2 for one h."""
     if reference is not None:
         return Subproblem(scenario, coupling_for(scenario), solver).around(reference)

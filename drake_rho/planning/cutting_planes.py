@@ -12,17 +12,18 @@ import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from pydrake.solvers import MathematicalProgram, SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.conflicts import conflict_of, in_the_way
+from drake_rho.planning.dense import Program
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.keep_waypoints import first_number
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import SMALL_FLEET
 from drake_rho.planning.program import Batch, groups_of, programs_of
-from drake_rho.planning.solve import MAX_RETRIES, Solution, solve_side_by_side
+from drake_rho.planning.solution import Solution
+from drake_rho.planning.solve import MAX_RETRIES, Solver, is_dense, solve_side_by_side
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -49,7 +50,7 @@ class CuttingPlanes:
 
     Args:
         scenario: what is asked.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
         effort: minimum effort of the scenario, if it is at hand.
         vehicles: which of them are planned, rising indices; all if not given.
         accelerations: what the others fly [m/s²], shape (N, K-1, 3).
@@ -64,7 +65,7 @@ class CuttingPlanes:
     def __init__(
         self,
         scenario: Scenario,
-        solver: SolverInterface | None = None,
+        solver: Solver | None = None,
         *,
         effort: MinimumEffort | None = None,
         vehicles: IntArray | None = None,
@@ -197,10 +198,10 @@ class CuttingPlanes:
         about, self._lost = self._mask(self._planned[:0]), []
         for part in rows:
             new, lost = self.working.enter(part, self.motion)
-            lost = lost.select(self._inexact[lost.vehicles] == 0)
-            about[new.vehicles] = about[lost.vehicles] = True
             if len(lost) > 0:
-                self._lost.append(lost)
+                lost = lost.select(self._inexact[lost.vehicles] == 0)
+                self._lost += [lost] * (len(lost) > 0)
+            about[new.vehicles] = about[lost.vehicles] = True
         return about
 
     def _of_planned(self, rows: HalfSpaces) -> HalfSpaces:
@@ -220,10 +221,10 @@ class CuttingPlanes:
     def _solve(self, vehicles: IntArray) -> list[int]:
         """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
         rows = self.working.of(self._with_groups(vehicles), len(self.effort.units))
-        batches = list[Batch]()
+        batches, dense = list[Batch](), is_dense(self._solver)
 
-        def written() -> Iterator[list[MathematicalProgram]]:
-            for batch in programs_of(self.effort, rows, linear=self._linear):
+        def written() -> Iterator[Sequence[Program]]:
+            for batch in programs_of(self.effort, rows, linear=self._linear, dense=dense):
                 batches.append(batch)
                 yield batch.programs
 
@@ -239,6 +240,8 @@ class CuttingPlanes:
         order = np.argsort(vehicles)
         self.motion = self.motion.with_some(vehicles[order], found[order])
         every = np.concatenate([batch.groups.reshape(-1) for batch in batches])
+        if len(every) == len(vehicles):
+            return []
         infeasible: list[int] = np.setdiff1d(every, vehicles).tolist()
         return infeasible
 
@@ -267,7 +270,7 @@ class CuttingPlanes:
         feasible = np.array([solution.feasible for solution in solutions])
         for group, solution in zip(batch.groups, solutions, strict=True):
             self._inexact[group] = 0 if solution.exact else self._inexact[group] + 1
-        u = batch.solutions([each.result for each in solutions], self.effort.grid.knots - 1)
+        u = batch.accelerations(solutions, self.effort.grid.knots - 1)
         u, groups = u[feasible], batch.groups[feasible]
         units = self.effort.units[groups].max(axis=1)
         vehicles = groups.reshape(-1)

@@ -111,3 +111,7 @@ class SolverError(DrakeRhoError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+class NotInstalledError(DrakeRhoError, ImportError):
+    """What was asked for needs a package that is not installed."""

@@ -53,9 +53,12 @@ class KeepInBox(Constraint):
         if len(vehicles) < len(values):
             values, lower, upper = values[vehicles], lower[vehicles], upper[vehicles]
             tolerances, before = tolerances[vehicles], before[vehicles]
-        room, inside = BROKEN * tolerances, self._margins[:, None]
-        low = values < (lower - room)[:, None] + inside
-        high = values > (upper + room)[:, None] - inside
+        room = BROKEN * tolerances
+        least, most = (lower - room)[:, None], (upper + room)[:, None]
+        if self.margins.tube is not None:
+            inside = self._margins[:, None]
+            least, most = least + inside, most - inside
+        low, high = values < least, values > most
         if not (low.any() or high.any()):
             return self.none
         broken = np.concatenate([low, high], axis=2)

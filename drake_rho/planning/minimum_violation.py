@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from itertools import repeat
 
 import numpy as np
-from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
@@ -19,6 +18,7 @@ from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.room import starts_beyond_limits
 from drake_rho.planning.scp import iterate, restored
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem, constraints_around
 from drake_rho.scenario.records import Scenario
 
@@ -27,7 +27,7 @@ _PENALTIES = 8
 constraints less exact."""
 
 
-def minimum_violation(scenario: Scenario, solver: SolverInterface | None = None) -> Plan:
+def minimum_violation(scenario: Scenario, solver: Solver | None = None) -> Plan:
     """The plan that breaks goals and constraints least in total, each in its own scale.
 
     Acceleration boxes are kept, since they can always be met by themselves, and pairs are not
@@ -35,7 +35,7 @@ def minimum_violation(scenario: Scenario, solver: SolverInterface | None = None)
 
     Args:
         scenario: what is asked.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Raises:
         SolverError: the solvers fail numerically.
@@ -94,14 +94,14 @@ class LenientSubproblem(Subproblem):
         return InfeasibleError(broken, statistics=spent) if broken else None
 
 
-def minimum_breach(plan: Plan, solver: SolverInterface | None = None) -> Plan:
+def minimum_breach(plan: Plan, solver: Solver | None = None) -> Plan:
     """A plan that keeps goals and limits, and comes as little as can be too close to the rest.
 
     The total over obstacles, pairs and instants is made small, linearised again and again.
 
     Args:
         plan: a motion that keeps goals and limits.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Raises:
         InfeasibleError: the motion breaks limits, and no other was found.
@@ -131,7 +131,7 @@ def elastic(
 
 def elastic_planes(
     scenario: Scenario,
-    solver: SolverInterface | None = None,
+    solver: Solver | None = None,
     vehicles: Sequence[int] | None = None,
 ) -> CuttingPlanes:
     """Programs in which only violations cost anything, and goals may be missed."""

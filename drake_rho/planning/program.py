@@ -21,21 +21,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 
 import numpy as np
-from pydrake.solvers import (
-    Binding,
-    LinearConstraint,
-    MathematicalProgram,
-    MathematicalProgramResult,
-)
-from scipy.sparse import coo_array, csc_array, csc_matrix, hstack
+from pydrake.solvers import MathematicalProgram
+from scipy.sparse import coo_array, csc_array
 from scipy.sparse.csgraph import connected_components
 
+from drake_rho.planning.dense import DenseProgram, Program, add_rows
 from drake_rho.planning.half_spaces import HalfSpaces
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.sparse import SparseRows
+from drake_rho.planning.solution import Solution
+from drake_rho.planning.sparse import SparseRows, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _FEW = 32
@@ -45,8 +41,8 @@ _SPARSE = 2000
 """Operations that each number of a sparse program costs, measured from 50 to 5000 knots within a
 factor of two. The reduced space of R rows costs about R² (3 K + 5 R)."""
 
-_BLOCK = 150
-"""Most variables in one quadratic cost: Drake takes a dense matrix for each."""
+_DENSE = 2.0
+"""How many of these operations a solver of dense programs does in the time of one."""
 
 Begun = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
 """Sparse programs before their rows, and their variables; by how many vehicles and variables."""
@@ -61,31 +57,33 @@ class Batch:
 
     groups: IntArray
     """indices of the vehicles in the scenario, shape (B, G)"""
-    programs: list[MathematicalProgram]
-    """one for each group"""
-    rows: list[Binding[LinearConstraint]]
-    """M and b, in the order the half-spaces were given in"""
+    programs: Sequence[Program]
+    """one for each group; its linear constraints are M and b, in the half-spaces' order"""
     basis: FloatArray | None
     """u = basis @ variables, shape (B, 3 G (K-1), V); None if u are the first of the variables"""
     lengths: FloatArray
     """factors that turn multipliers into those of rows of length one, shape (B, R)"""
 
-    def solutions(self, results: Sequence[MathematicalProgramResult], steps: int) -> FloatArray:
+    def accelerations(self, solutions: Sequence[Solution], steps: int) -> FloatArray:
         """The accelerations u, in units, shape (B, G, K-1, 3).
 
         Args:
-            results: one for each program.
+            solutions: one for each program.
             steps: K - 1.
         """
         (count, vehicles), basis = self.groups.shape, self.basis
         size = 3 * steps * vehicles if basis is None else basis.shape[2]
-        x = np.array([result.get_x_val()[:size] for result in results])
+        x = np.array([solution.x[:size] for solution in solutions])
         u = x if basis is None else np.matvec(basis, x)
         return u.reshape(count, vehicles, steps, 3)
 
 
 def programs_of(
-    effort: MinimumEffort, rows: Sequence[HalfSpaces], *, linear: bool = False
+    effort: MinimumEffort,
+    rows: Sequence[HalfSpaces],
+    *,
+    linear: bool = False,
+    dense: bool = False,
 ) -> Iterator[Batch]:
     """The programs of all vehicles that have rows, the largest first, written one by one.
 
@@ -93,11 +91,13 @@ def programs_of(
         effort: of the scenario.
         rows: constraint by constraint; those of a group keep their order.
         linear: whether only slack costs anything.
+        dense: whether they are for a solver of dense programs, as `Daqp` is: it takes hard rows as
+            they are, and more of them before the sparse form is cheaper.
     """
     groups = groups_of(len(effort.units), rows)
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
     size = np.bincount(groups)[: len(count)]
-    in_sparse = _cheaper_sparse(effort.grid.knots - 1, size, count)
+    in_sparse = _cheaper_sparse(effort.grid.knots - 1, size, count, _DENSE if dense else 1.0)
     alone = ~in_sparse & (size == 1)
     begun: Begun = {}
     for group, own in _each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
@@ -105,9 +105,10 @@ def programs_of(
         if in_sparse[group]:
             yield _sparse(effort, vehicles, own, linear, begun)
         else:
-            yield _reduced_group(effort, vehicles, own, linear)
-    single = [part.select(alone[groups[part.vehicles]]) for part in rows]
-    yield from _reduced(effort, [part for part in single if len(part) > 0], linear)
+            yield _reduced_group(effort, vehicles, own, linear, dense)
+    if not alone.all():
+        rows = [part.select(alone[groups[part.vehicles]]) for part in rows]
+    yield from _reduced(effort, [part for part in rows if len(part) > 0], linear, dense)
 
 
 def _each_of(
@@ -123,11 +124,20 @@ def _each_of(
         yield group, [part.select(own) for part, own in zip(rows, ranges, strict=True)]
 
 
-def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray) -> BoolArray:
-    """For which groups, of so many vehicles and rows each, the sparse form is cheaper."""
+def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: float) -> BoolArray:
+    """For which groups, of so many vehicles and rows each, the sparse form is cheaper.
+
+    Args:
+        steps: K - 1.
+        vehicles: of each group.
+        rows: of each group.
+        operations: in the time of one of the reduced space's with Clarabel.
+    """
     width = 3 * vehicles * steps
     entries = 4 * rows + 9 * width  # of the rows, and of dynamics and accelerations
-    cheaper: BoolArray = (rows > _FEW) & (rows**2 * (width + 5 * rows) > _SPARSE * entries)
+    cheaper: BoolArray = (rows > _FEW) & (
+        rows**2 * (width + 5 * rows) > operations * _SPARSE * entries
+    )
     return cheaper
 
 
@@ -143,7 +153,9 @@ def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
     return labels
 
 
-def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) -> Iterator[Batch]:
+def _reduced(
+    effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool, dense: bool
+) -> Iterator[Batch]:
     """Programs of single vehicles in the reduced space; those of a size together.
 
     What is as wide as a row is made for one size after the other, which fits into caches.
@@ -174,19 +186,20 @@ def _reduced(effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool) ->
             penalties[own].reshape(-1, size),
             slacks[own].reshape(-1, size),
             linear,
+            dense,
         )
 
 
 def _reduced_group(
-    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool
+    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool, dense: bool
 ) -> Batch:
     """One program, in the reduced space."""
     matrix, needed, penalties = rows_of(effort, group, rows)
-    dense = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
-    inside = np.stack([effort.goals.without(dense[:, :, axis]) for axis in range(3)], axis=2)
+    entries = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
+    inside = np.stack([effort.goals.without(entries[:, :, axis]) for axis in range(3)], axis=2)
     stack = inside.reshape(1, len(needed), -1)
     slacks = slacks_of(rows)[None]
-    return _in_span(group[None], stack, needed[None], penalties[None], slacks, linear)
+    return _in_span(group[None], stack, needed[None], penalties[None], slacks, linear, dense)
 
 
 def slacks_of(rows: Sequence[HalfSpaces]) -> IntArray:
@@ -238,8 +251,11 @@ def _in_span(
     penalties: FloatArray,
     slacks: IntArray,
     linear: bool,
+    dense: bool,
 ) -> Batch:
     """Programs in coordinates of an orthonormal basis of the span of their rows.
+
+    What DAQP does with hard rows takes less time than to make that basis.
 
     Args:
         groups: whose, shape (B, G).
@@ -248,19 +264,15 @@ def _in_span(
         penalties: what it costs to break a row by one, shape (B, R).
         slacks: the number of each row's slack, shape (B, R).
         linear: whether only slack costs anything.
+        dense: as in `programs_of`.
     """
-    basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
-    programs, rows = [], []
-    rows_of_each = np.swapaxes(triangles, 1, 2)
-    begun = MathematicalProgram()  # what all have in common is written once
-    x = begun.NewContinuousVariables(basis.shape[2])
-    if not linear:
-        add_cost(begun, x)
-    for triangle, least, costs, shared in zip(rows_of_each, needed, penalties, slacks, strict=True):
-        program = begun.Clone()
-        rows.append(add_rows(program, triangle, least, costs, shared, x))
-        programs.append(program)
-    return Batch(groups, programs, rows, basis, np.ones_like(needed))
+    basis: FloatArray | None = None
+    if not dense or np.isfinite(penalties).any():
+        basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
+        matrices = np.swapaxes(triangles, 1, 2)
+    rows = zip(matrices, needed, penalties, slacks, strict=True)
+    programs = [DenseProgram(*each, linear) for each in rows]
+    return Batch(groups, programs, basis, np.ones_like(needed))
 
 
 def _sparse(
@@ -274,89 +286,9 @@ def _sparse(
     sparse = SparseRows(effort, group, rows)
     form = len(group), sparse.columns
     if form not in begun:
-        begun[form] = _without_rows(sparse, linear)
+        begun[form] = without_rows(sparse, linear)
     common, x = begun[form]
     program = common.Clone()
     matrix, needed, penalties, lengths = sparse.matrix()
-    added = add_rows(program, matrix, needed, penalties, slacks_of(rows), x)
-    return Batch(sparse.group[None], [program], [added], None, lengths[None])
-
-
-def _without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
-    """A sparse program with its cost, goal and dynamics only, and its variables."""
-    program = MathematicalProgram()
-    x = program.NewContinuousVariables(sparse.columns)
-    u = x[: 3 * sparse.steps * len(sparse.group)]
-    if not linear:
-        add_cost(program, u)
-    add_goal(program, sparse.effort, u)
-    for equations in sparse.dynamics():
-        zero = np.zeros(equations.shape[0])
-        program.AddLinearEqualityConstraint(equations, zero, x)
-    return program, x
-
-
-def add_cost(to: MathematicalProgram, x: np.ndarray) -> None:
-    """(13): f less that of minimum effort, in units squared: the sum of squares."""
-    for first in range(0, len(x), _BLOCK):
-        block = x[first : first + _BLOCK]
-        hessian, linear = _sum_of_squares(len(block))
-        to.AddQuadraticCost(hessian, linear, block, is_convex=True)
-
-
-@lru_cache(maxsize=_BLOCK)
-def _sum_of_squares(size: int) -> tuple[FloatArray, FloatArray]:
-    """Hessian and linear part of norm(x)² for so many variables."""
-    return 2.0 * np.eye(size), np.zeros(size)
-
-
-def add_goal(to: MathematicalProgram, effort: MinimumEffort, u: np.ndarray) -> None:
-    """(12): position and velocity at the last knot stay those of minimum effort."""
-    rows, steps = effort.goals.rows, effort.grid.knots - 1
-    for first in range(0, len(u) if len(rows) > 0 else 0, 3 * steps):
-        for axis in range(3):
-            own = u[first + axis : first + 3 * steps : 3]
-            to.AddLinearEqualityConstraint(rows, np.zeros(len(rows)), own)
-
-
-def add_rows(
-    to: MathematicalProgram,
-    matrix: FloatArray | csc_array,
-    needed: FloatArray,
-    penalties: FloatArray,
-    slacks: IntArray,
-    x: np.ndarray,
-) -> Binding[LinearConstraint]:
-    """(4) to (8) and pairs, made linear: matrix @ x >= needed, or less at a cost."""
-    if np.any(np.isfinite(penalties)):
-        matrix, x = _with_slack(to, matrix, penalties, slacks, x)
-    if not isinstance(matrix, np.ndarray):
-        matrix = csc_matrix(matrix)  # what Drake knows
-    return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)
-
-
-def _with_slack(
-    to: MathematicalProgram,
-    matrix: FloatArray | csc_array,
-    penalties: FloatArray,
-    slacks: IntArray,
-    x: np.ndarray,
-) -> tuple[FloatArray | csc_array, np.ndarray]:
-    """Rows and variables with the slacks of the soft rows, at their penalty in the cost."""
-    rows = np.flatnonzero(np.isfinite(penalties))
-    _, first, columns = np.unique(slacks[rows], return_index=True, return_inverse=True)
-    slack = to.NewContinuousVariables(len(first))
-    to.AddBoundingBoxConstraint(np.zeros(len(first)), _infinite(len(first)), slack)
-    to.AddLinearCost(penalties[rows[first]], slack)
-    x = np.concatenate([x, slack])
-    if isinstance(matrix, np.ndarray) and len(penalties) <= _BLOCK:
-        ones = np.zeros((len(penalties), len(first)))
-        ones[rows, columns] = 1.0
-        return np.hstack([matrix, ones]), x
-    shape = len(penalties), len(first)
-    ones = coo_array((np.ones(len(rows)), (rows, columns)), shape=shape)
-    return hstack([csc_array(matrix), ones], format="csc"), x
-
-
-def _infinite(size: int) -> FloatArray:
-    return np.full(size, np.inf)
+    add_rows(program, matrix, needed, penalties, slacks_of(rows), x)
+    return Batch(sparse.group[None], [program], None, lengths[None])

@@ -8,13 +8,13 @@ from numbers import Integral
 
 import numpy as np
 import numpy.typing as npt
-from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Flight, Plan, Statistics, Window
 from drake_rho.motion.tube import tube_of
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.windows import (
     Planner,
@@ -52,7 +52,7 @@ class RecedingHorizon:
         reference: what a window is linearised around, `free_reference` (the paper's),
             `tail_reference`, or another function of this form. If not given, the paper's and, for
             fleets that keep apart, the tail, which is a plan for the next window already.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Attributes:
         scenario: as given.
@@ -71,7 +71,7 @@ class RecedingHorizon:
         planner: Planner = plan_convex,
         fallback: Planner | None = best_plan,
         reference: Reference | None = None,
-        solver: SolverInterface | None = None,
+        solver: Solver | None = None,
     ) -> None:
         whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
         if not whole or replan_every < 1:
@@ -225,6 +225,8 @@ def _beyond(
     tolerance: float = TOLERANCE,
 ) -> BoolArray:
     """Which vehicles are further away than radii [m, m/s], but for a part of their scale, (N,)."""
+    if not (away[0].any() or away[1].any()):
+        return np.zeros(len(away[0]), dtype=bool)
     fleet = scenario.fleet
     far = np.linalg.norm(away[0], axis=1) > position + tolerance * fleet.scale("position")
     fast = np.linalg.norm(away[1], axis=1) > velocity + tolerance * fleet.scale("velocity")
@@ -240,7 +242,7 @@ def plan_rho(
     planner: Planner = plan_convex,
     fallback: Planner | None = best_plan,
     reference: Reference | None = None,
-    solver: SolverInterface | None = None,
+    solver: Solver | None = None,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
 
@@ -266,7 +268,7 @@ def plan_rho(
         reference: what a window is linearised around, `free_reference` (the paper's),
             `tail_reference`, or another function of this form. If not given, the paper's and, for
             fleets that keep apart, the tail, which is a plan for the next window already.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Returns:
         The flight; `flight.plan` meets every constraint of the scenario, but for obstacles that

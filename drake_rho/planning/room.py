@@ -119,7 +119,8 @@ def _bearable(scenario: Scenario, margins: Margins) -> float:
 
 def _rooms(scenario: Scenario, margins: Margins, ends: Iterable[int]) -> Iterator[Room]:
     """The room of every constraint, at ends and of limits as a whole."""
-    yield from _of_limits(scenario, margins)
+    if scenario.disturbance is not None:  # else there are no errors to fill them
+        yield from _of_limits(scenario, margins)
     for end in ends:
         yield from _of_state(scenario, margins, end)
         yield from _of_obstacles(scenario, margins, end)

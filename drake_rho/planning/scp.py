@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable
 from itertools import islice, repeat
 
 import numpy as np
-from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.options import DEFAULTS
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 
@@ -143,7 +143,7 @@ def restored(
     return iterate(subproblem, plan, 1.0, penalties, progress=progress, follow=follow)
 
 
-def scp_step(plan: Plan, *, solver: SolverInterface | None = None) -> Plan:
+def scp_step(plan: Plan, *, solver: Solver | None = None) -> Plan:
     """One iteration: the plan of least cost with obstacles linearised around `plan`.
 
     Pairs, if there is a separation, are linearised too, and coupled.

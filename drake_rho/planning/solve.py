@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache, partial
 from itertools import chain, islice
+from typing import TypeAlias
 
+import numpy as np
 from pydrake.common import Parallelism
 from pydrake.solvers import (
     ClarabelSolver,
@@ -22,7 +23,17 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
+from drake_rho.planning.daqp import Daqp
+from drake_rho.planning.dense import DenseProgram, Program
 from drake_rho.planning.errors import SolverError
+from drake_rho.planning.solution import Solution
+from drake_rho.scenario.fields import FloatArray
+
+Solver: TypeAlias = SolverInterface | Daqp
+"""What a planner takes as `solver=`."""
+
+DEFAULT: Callable[[], Solver] = ClarabelSolver
+"""What solves where nothing is asked."""
 
 _Options = dict[str, float | int]
 
@@ -59,26 +70,9 @@ MAX_RETRIES = 1
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
 
 
-@dataclasses.dataclass(frozen=True)
-class Solution:
-    """What a solver says of one program."""
-
-    result: MathematicalProgramResult
-    """Drake's own result; its numbers mean nothing unless `feasible`"""
-    feasible: bool
-    """whether there is a solution; if not, the solver has proved that there is none"""
-    solver: str
-    """which solver said so"""
-    seconds: float
-    """time the solver reports for itself [s]"""
-    exact: bool = True
-    """whether it is one to the solver's tolerances; else it shows no more than where rows may be
-    missing"""
-
-
 def solve(
-    programs: Sequence[MathematicalProgram],
-    solver: SolverInterface | None = None,
+    programs: Sequence[Program],
+    solver: Solver | None = None,
     *,
     retry: int = 0,
     quick: bool = False,
@@ -91,7 +85,7 @@ def solve(
 
     Args:
         programs: convex quadratic programs, or linear ones.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
         retry: how often these were solved and their solutions did not keep their rows; then
             others are asked before `solver`.
         quick: whether to try Clarabel without refining its linear systems first.
@@ -100,7 +94,7 @@ def solve(
         SolverError: no solver found a solution, almost one, or a proof that there is none.
         ValueError: the solver is not available.
     """
-    first = solver or ClarabelSolver()
+    first = solver or DEFAULT()
     if not (first.available() and first.enabled()):
         raise ValueError(f"solver: got {_name(first)}, expected one available and enabled here")
     solutions: dict[int, Solution] = {}
@@ -129,8 +123,8 @@ def solve(
 
 
 def solve_side_by_side(
-    batches: Iterable[Sequence[MathematicalProgram]],
-    solver: SolverInterface | None = None,
+    batches: Iterable[Sequence[Program]],
+    solver: Solver | None = None,
     *,
     retry: int = 0,
     quick: bool = False,
@@ -148,13 +142,14 @@ def solve_side_by_side(
     Returns:
         The solutions, batch by batch.
     """
+    dense = is_dense(solver)
     task = partial(solve, solver=solver, retry=retry, quick=quick)
     sizes, tasks, chunk, work = list[int](), list[Future[list[Solution]]](), [], 0
     for programs in batches:
         sizes.append(len(programs))
         for program in programs:
             chunk.append(program)
-            work += program.num_vars() ** 2
+            work += _work(program, dense)
             if work > _CHUNK:
                 tasks.append(_threads().submit(task, chunk))
                 chunk, work = [], 0
@@ -168,38 +163,63 @@ def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count())
 
 
-def _attempts(first: SolverInterface, *, quick: bool) -> list[tuple[SolverInterface, _Options]]:
+def is_dense(solver: Solver | None) -> bool:
+    """Whether a solver is for small dense programs, which are written for it in another way."""
+    return isinstance(solver or DEFAULT(), Daqp)
+
+
+def _attempts(first: Solver, *, quick: bool) -> list[tuple[Solver, _Options]]:
     clarabel = [(ClarabelSolver(), _CLARABEL), (ClarabelSolver(), _CLARABEL_AGAIN)]
     if quick:
         clarabel.insert(0, (ClarabelSolver(), _CLARABEL_QUICK))
+    others = [*clarabel, (OsqpSolver(), _OSQP), (ClpSolver(), {})]
     if _name(first) == "Clarabel":
-        return [*clarabel, (OsqpSolver(), _OSQP), (ClpSolver(), {})]
+        return others
+    if isinstance(first, Daqp):
+        return [(first, {}), *others]
     return [(first, _OSQP if _name(first) == "OSQP" else {}), *clarabel]
 
 
-def _knows(solver: SolverInterface, program: MathematicalProgram) -> bool:
+def _knows(solver: Solver, program: Program) -> bool:
     """Whether the solver takes a program of this kind: OSQP no linear ones, CLP no others."""
-    linear = not program.quadratic_costs()
+    if isinstance(solver, Daqp):
+        return solver.knows(program)
+    dense = isinstance(program, DenseProgram)
+    linear = program.linear if dense else not program.quadratic_costs()
     return {"OSQP": not linear, "Clp": linear}.get(_name(solver), True)
 
 
+def _work(program: Program, dense: bool) -> int:
+    """The square of the number of variables, or what takes a solver of dense programs as long."""
+    if not isinstance(program, DenseProgram):
+        return int(program.num_vars()) ** 2
+    if dense:
+        return int(program.matrix.size) // 4
+    return int(program.matrix.shape[1] + len(program.needed) * program.soft) ** 2
+
+
 def _solve_with(
-    solver: SolverInterface, values: _Options, programs: Sequence[MathematicalProgram]
+    solver: Solver, values: _Options, programs: Sequence[Program]
 ) -> list[Solution | None]:
+    if isinstance(solver, Daqp):
+        return solver.solve(programs)
     options = SolverOptions()
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
+    written = [each.written if isinstance(each, DenseProgram) else each for each in programs]
     results = SolveInParallel(
-        progs=list(programs),
+        progs=written,
         solver_options=options,
         solver_id=solver.solver_id(),
         parallelism=Parallelism(1),
     )
     name = _name(solver)
-    return [_judge(name, result) for result in results]
+    return [_judge(name, *each) for each in zip(written, results, strict=True)]
 
 
-def _judge(name: str, result: MathematicalProgramResult) -> Solution | None:
+def _judge(
+    name: str, program: MathematicalProgram, result: MathematicalProgramResult
+) -> Solution | None:
     """The solution, or None if the solver failed."""
     feasible = bool(result.is_success())
     if not feasible and result.get_solution_result() not in _INFEASIBLE:
@@ -209,8 +229,14 @@ def _judge(name: str, result: MathematicalProgramResult) -> Solution | None:
     seconds = 0.0
     for field in ("solve_time", "run_time"):  # Clarabel's and OSQP's names for it
         seconds = float(getattr(details, field, seconds))
-    return Solution(result, feasible, name, seconds, exact)
+    multipliers = partial(_multipliers, program, result)
+    return Solution(result.get_x_val(), feasible, name, seconds, multipliers, exact)
 
 
-def _name(solver: SolverInterface) -> str:
+def _multipliers(program: MathematicalProgram, result: MathematicalProgramResult) -> FloatArray:
+    rows = program.linear_constraints()
+    return np.concatenate([np.zeros(0), *(result.GetDualSolution(each) for each in rows)])
+
+
+def _name(solver: Solver) -> str:
     return str(solver.solver_id().name())

@@ -14,9 +14,11 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
+from pydrake.solvers import MathematicalProgram
 from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array, eye_array, hstack, kron
 
 from drake_rho.motion.dynamics import step_at
+from drake_rho.planning.dense import add_cost
 from drake_rho.planning.half_spaces import HalfSpaces
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -106,6 +108,29 @@ class SparseRows:
             return h, [(velocities, one), (u + k, s)]
         positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
         return h**2, [(positions, one), (velocities, s), (u + k, s**2 / 2)]
+
+
+def without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
+    """A sparse program with its cost, goal and dynamics only, and its variables."""
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(sparse.columns)
+    u = x[: 3 * sparse.steps * len(sparse.group)]
+    if not linear:
+        add_cost(program, u)
+    add_goal(program, sparse.effort, u)
+    for equations in sparse.dynamics():
+        zero = np.zeros(equations.shape[0])
+        program.AddLinearEqualityConstraint(equations, zero, x)
+    return program, x
+
+
+def add_goal(to: MathematicalProgram, effort: MinimumEffort, u: np.ndarray) -> None:
+    """(12): position and velocity at the last knot stay those of minimum effort."""
+    rows, steps = effort.goals.rows, effort.grid.knots - 1
+    for first in range(0, len(u) if len(rows) > 0 else 0, 3 * steps):
+        for axis in range(3):
+            own = u[first + axis : first + 3 * steps : 3]
+            to.AddLinearEqualityConstraint(rows, np.zeros(len(rows)), own)
 
 
 @lru_cache(maxsize=16)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.plan import Plan, Statistics
 from drake_rho.planning.breaches import Breaches, breaches_of
@@ -17,6 +16,7 @@ from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
+from drake_rho.planning.solve import Solver
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 
@@ -38,15 +38,13 @@ def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Const
     return constraints
 
 
-def plan_around(
-    scenario: Scenario, reference: Plan | None, solver: SolverInterface | None = None
-) -> Plan:
+def plan_around(scenario: Scenario, reference: Plan | None, solver: Solver | None = None) -> Plan:
     """The plan of least cost with obstacles linearised (15) around `reference`.
 
     Args:
         scenario: what is asked; its separation is not looked at.
         reference: a motion of the same vehicles on the same grid; None ignores the obstacles.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Raises:
         InfeasibleError: the linearised program of a vehicle has no solution.
@@ -69,7 +67,7 @@ class Subproblem:
     Args:
         scenario: what is asked.
         coupling: how pairs are kept apart, if the scenario asks for it.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
 
     Attributes:
         scenario: as given.
@@ -81,7 +79,7 @@ class Subproblem:
         self,
         scenario: Scenario,
         coupling: Coupling = coupled,
-        solver: SolverInterface | None = None,
+        solver: Solver | None = None,
     ) -> None:
         count = len(scenario.vehicles)
         self.scenario = scenario

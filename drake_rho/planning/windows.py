@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from pydrake.solvers import SolverInterface
 
 from drake_rho.motion.margins import margins_of
 from drake_rho.motion.plan import Plan, Statistics, Window
@@ -22,6 +21,7 @@ from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.minimum_violation import minimum_breach, minimum_violation
 from drake_rho.planning.room import lacks
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.records import Scenario
 
@@ -30,28 +30,26 @@ class Planner(Protocol):
     """What `plan_rho` asks of a planner: `plan_convex`, `plan_scp`, or another of this form."""
 
     def __call__(
-        self, scenario: Scenario, *, reference: Plan | None, solver: SolverInterface | None
+        self, scenario: Scenario, *, reference: Plan | None, solver: Solver | None
     ) -> Plan:
         """A plan for `scenario`, found from `reference`."""
         ...
 
 
-Reference = Callable[[Scenario, Plan | None, SolverInterface | None], Plan | None]
+Reference = Callable[[Scenario, Plan | None, Solver | None], Plan | None]
 """What a window is linearised around: (its scenario, the rest of the previous prediction or None in
 the first window, the solver) -> a motion of the same vehicles on the same grid, or None for the one
 that planners make by themselves."""
 
 
-def free_reference(scenario: Scenario, tail: Plan | None, solver: SolverInterface | None) -> None:
+def free_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> None:
     """The paper's reference: each window's own solution without the obstacles.
 
     Planners begin with that one when they are given none.
     """
 
 
-def tail_reference(
-    scenario: Scenario, tail: Plan | None, solver: SolverInterface | None
-) -> Plan | None:
+def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> Plan | None:
     """What is left of the previous prediction; in the first window, the paper's reference.
 
     The tail meets every constraint of the window, so there is always a plan, up to rounding.
@@ -72,8 +70,8 @@ class WindowPlanner:
     """plans a window for which `planner` has no solution; None for nothing but the tail"""
     reference: Reference
     """what `planner` linearises around"""
-    solver: SolverInterface | None
-    """a Drake solver; Clarabel if None"""
+    solver: Solver | None
+    """a Drake solver or `Daqp()`; Clarabel if None"""
 
     def first(self, scenario: Scenario) -> Window:
         """The first window, which begins at the start of a scenario.
@@ -153,7 +151,7 @@ class WindowPlanner:
         return Window(first_knot, plan, plan.reference or plan)
 
 
-def least_breach(reference: Plan, solver: SolverInterface | None = None) -> Plan:
+def least_breach(reference: Plan, solver: Solver | None = None) -> Plan:
     """The plan that breaks least of its scenario, from wherever that begins.
 
     Goals and limits are kept if they can be, and then what is too close to something is so as
@@ -162,7 +160,7 @@ def least_breach(reference: Plan, solver: SolverInterface | None = None) -> Plan
 
     Args:
         reference: a motion of the scenario's vehicles from its start to its goals.
-        solver: a Drake solver; Clarabel if not given.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
     """
     scenario, spent = reference.scenario, Statistics()
     if scenario.known or scenario.separation is not None:  # else nothing can be too close

@@ -9,7 +9,7 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.half_spaces import HalfSpaces
 from drake_rho.planning.program import Batch
-from drake_rho.planning.solve import Solution
+from drake_rho.planning.solution import Solution
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
 
@@ -193,6 +193,6 @@ class WorkingSet:
         group = self.group(vehicle)
         every = (part.select(np.isin(part.vehicles, group)) for part in self.rows.values())
         rows = [part for part in every if len(part) > 0]
-        y = np.maximum(solution.result.GetDualSolution(batch.rows[index]), 0.0)
+        y = np.maximum(solution.multipliers(), 0.0)
         y *= batch.lengths[index]
         return list(zip(rows, np.split(y, np.cumsum(list(map(len, rows)))[:-1]), strict=True))

@@ -1,0 +1,188 @@
+"""DAQP, an active-set solver for small dense programs, beside Drake's solvers.
+
+What it says is not taken on trust: a solution has to meet the conditions of an optimum, and a
+program counts as one without a solution only with weights that prove it. What does not pass, is
+linear, or is larger than this solver is for, goes on to Drake's (`drake_rho.planning.solve`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from pydrake.solvers import SolverId
+from scipy.optimize import nnls
+
+from drake_rho.planning.dense import DenseProgram, Program
+from drake_rho.planning.errors import NotInstalledError
+from drake_rho.planning.quadratic import Quadratic
+from drake_rho.planning.solution import Solution
+from drake_rho.scenario.fields import FloatArray
+
+NAME = "DAQP"
+
+_HARD = {"primal_tol": 1e-10, "iter_limit": 2000}
+"""By how much a row of length one may be broken: two digits less than the loop adds rows for. Small
+programs take as many iterations as they have rows."""
+
+_FLAT = {**_HARD, "primal_tol": 1e-12, "eps_prox": -1e-4, "eta_prox": 1e-12}
+"""For costs that are flat in some directions, as in slacks. Only these are made strictly convex,
+and solved again around the last solution until it stays. At DAQP's own values penalties from 1 to
+10 000 in one program come out wrong in the fourth digit."""
+
+_ZERO = 1e-11
+"""Length below which a row counts as zero, in DAQP as well."""
+
+_INFINITE = 1e30
+"""What DAQP takes for it."""
+
+_OPTIMAL, _INFEASIBLE = 1, -1
+"""Exit flags."""
+
+_EQUATION = 5
+"""Its code for a row that is one."""
+
+_MOST = 400
+"""Variables up to which a program of Drake's is read: beyond, its zeros cost more than its rows."""
+
+_FAR = 1e8
+"""Norm of x, in units of the bounds, beyond which there is no solution."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Daqp:
+    """DAQP as `solver=`, beside Drake's solvers: fast where programs are small and dense.
+
+    Linear programs, those with states (variables that equations tie to others and that cost
+    nothing, as in the sparse form), those of more than 400 variables in Drake's form, and what DAQP
+    does not solve to the package's tolerances are solved by Clarabel.
+
+    Raises:
+        NotInstalledError: the package daqp is not there; it is an ImportError.
+    """
+
+    def __post_init__(self) -> None:
+        _package()
+
+    def available(self) -> bool:
+        """True: else it could not have been made."""
+        return True
+
+    def enabled(self) -> bool:
+        """True: it needs no licence."""
+        return True
+
+    def solver_id(self) -> SolverId:
+        """Its name, as Drake's solvers have one."""
+        return SolverId(NAME)
+
+    def knows(self, program: Program) -> bool:
+        """Whether it is for programs of this kind."""
+        if isinstance(program, DenseProgram):
+            return not program.linear
+        curved = sum(len(cost.variables()) for cost in program.quadratic_costs())
+        states = curved < program.num_vars() and len(program.linear_equality_constraints()) > 0
+        return curved > 0 and program.num_vars() <= _MOST and not states
+
+    def solve(self, programs: Sequence[Program]) -> list[Solution | None]:
+        """The solution of each program, or the proof that there is none; None where it fails."""
+        return [_solved(program) for program in programs]
+
+
+@cache
+def _package() -> Any:
+    """The package, which is not needed where this solver is not asked for."""
+    try:
+        return importlib.import_module("daqp")
+    except ImportError as error:
+        raise NotInstalledError(
+            "rho.Daqp() needs the package daqp: pip install 'drake-rho[fast]'"
+        ) from error
+
+
+def _solved(program: Program) -> Solution | None:
+    if not isinstance(program, DenseProgram):
+        quadratic = Quadratic.read(program)
+        return None if quadratic is None else _solved_quadratic(quadratic)
+    if program.soft:
+        return _solved_quadratic(Quadratic.of_dense(program))
+    return _solved_hard(program)
+
+
+def _solved_hard(program: DenseProgram) -> Solution | None:
+    """The point of least norm that keeps all rows, which is DAQP's own form of a program."""
+    matrix, needed = np.ascontiguousarray(program.matrix), np.ascontiguousarray(program.needed)
+    upper, sense = np.full(len(needed), _INFINITE), np.zeros(len(needed), dtype=np.int32)
+    x, _, flag, info = _package().solve(None, None, matrix, upper, needed, sense, **_HARD)
+    if flag == _INFEASIBLE:
+        return _refuted(matrix, needed, matrix.shape[1], lambda weights: weights, info)
+    y = -2.0 * info["lam"]
+    kept = flag == _OPTIMAL and bool(np.all(matrix @ x >= needed - 10 * _HARD["primal_tol"]))
+    return _solution(x, lambda: y, info) if kept else None
+
+
+def _solved_quadratic(program: Quadratic) -> Solution | None:
+    """Any cost: where it is flat, as in slacks, by DAQP's proximal-point iterations."""
+    lower = np.maximum(program.lower, -_INFINITE)
+    upper = np.minimum(program.upper, _INFINITE)
+    sense = np.where(lower == upper, _EQUATION, 0).astype(np.int32)
+    x, _, flag, info = _package().solve(
+        program.hessian, program.linear, program.matrix, upper, lower, sense, **_FLAT
+    )
+    if flag == _INFEASIBLE:
+        matrix, needed, signs = program.one_sided()
+        return _refuted(
+            matrix, needed, len(x), lambda weights: program.of_rows(signs @ weights), info
+        )
+    if flag != _OPTIMAL or not program.is_solved_by(x, -info["lam"]):
+        return None
+    y = program.of_rows(-info["lam"])
+    return _solution(x, lambda: y, info)
+
+
+def _refuted(
+    matrix: FloatArray,
+    needed: FloatArray,
+    size: int,
+    of_rows: Callable[[FloatArray], FloatArray],
+    info: dict[str, Any],
+) -> Solution | None:
+    """That there is no solution, with weights that prove it; None if they do not."""
+    weights = contradiction(matrix, needed)
+    if weights is None:
+        return None
+    y = of_rows(weights)
+    return dataclasses.replace(_solution(np.zeros(size), lambda: y, info), feasible=False)
+
+
+def contradiction(matrix: FloatArray, needed: FloatArray) -> FloatArray | None:
+    """Weights y >= 0 with matrix.T @ y = 0 and needed · y > 0; None if there are none (Farkas).
+
+    By Lawson and Hanson: y >= 0 that bring (matrix.T @ y, needed · y) closest to (0, 1) reach it if
+    rows contradict each other; else what they leave over points to the x of least norm.
+    """
+    lengths = np.linalg.norm(matrix, axis=1)
+    alone = (lengths < _ZERO) & (needed > _ZERO)
+    if alone.any():  # 0 x >= b > 0
+        return np.where(alone, 1.0, 0.0)
+    lengths = np.where(lengths < _ZERO, np.inf, lengths)
+    least = needed / lengths
+    least /= max(np.abs(least).max(), np.finfo(float).tiny)
+    rows = np.concatenate([(matrix / lengths[:, None]).T, least[None]])
+    try:
+        weights, left = nnls(rows, np.append(np.zeros(len(rows) - 1), 1.0))
+    except RuntimeError:  # it did not come to an end
+        return None
+    found: FloatArray = weights / lengths
+    return found if left < 1.0 / _FAR else None
+
+
+def _solution(
+    x: FloatArray, multipliers: Callable[[], FloatArray], info: dict[str, Any]
+) -> Solution:
+    seconds = float(info["setup_time"] + info["solve_time"])
+    return Solution(x, True, NAME, seconds, multipliers)

@@ -1,0 +1,124 @@
+"""Small dense programs as plain arrays, from which Drake's are written where Drake solves them."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property, lru_cache
+
+import numpy as np
+from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
+from scipy.sparse import coo_array, csc_array, csc_matrix, hstack
+
+from drake_rho.scenario.fields import FloatArray, IntArray
+
+_BLOCK = 150
+"""Most variables in one quadratic cost: Drake takes a dense matrix for each."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DenseProgram:
+    """Minimise norm(x)² + penalties · slacks, subject to matrix @ x + slack >= needed, slack >= 0.
+
+    Rows with an infinite penalty have no slack.
+    """
+
+    matrix: FloatArray
+    """shape (R, V)"""
+    needed: FloatArray
+    """shape (R,)"""
+    penalties: FloatArray
+    """what it costs to break a row by one, shape (R,)"""
+    slacks: IntArray
+    """the number of each row's slack: soft rows with the same number share it, shape (R,)"""
+    linear: bool = False
+    """whether only slack costs anything"""
+
+    @property
+    def soft(self) -> bool:
+        """Whether any row may be broken."""
+        return bool(np.isfinite(self.penalties).any())
+
+    @cached_property
+    def written(self) -> MathematicalProgram:
+        """The same for Drake: its variables are x, then the slacks."""
+        common, x = _common(self.matrix.shape[1], self.linear)
+        program = common.Clone()
+        add_rows(program, self.matrix, self.needed, self.penalties, self.slacks, x)
+        return program
+
+
+Program = MathematicalProgram | DenseProgram
+"""What solvers take."""
+
+
+@lru_cache(maxsize=64)
+def _common(size: int, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
+    """What all programs of so many variables have in common, and the variables."""
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(size)
+    if not linear:
+        add_cost(program, x)
+    return program, x
+
+
+def add_cost(to: MathematicalProgram, x: np.ndarray) -> None:
+    """(13): f less that of minimum effort, in units squared: the sum of squares."""
+    for first in range(0, len(x), _BLOCK):
+        block = x[first : first + _BLOCK]
+        hessian, linear = _sum_of_squares(len(block))
+        to.AddQuadraticCost(hessian, linear, block, is_convex=True)
+
+
+@lru_cache(maxsize=_BLOCK)
+def _sum_of_squares(size: int) -> tuple[FloatArray, FloatArray]:
+    """Hessian and linear part of norm(x)² for so many variables."""
+    return 2.0 * np.eye(size), np.zeros(size)
+
+
+def add_rows(
+    to: MathematicalProgram,
+    matrix: FloatArray | csc_array,
+    needed: FloatArray,
+    penalties: FloatArray,
+    slacks: IntArray,
+    x: np.ndarray,
+) -> Binding[LinearConstraint]:
+    """(4) to (8) and pairs, made linear: matrix @ x >= needed, or less at a cost."""
+    if np.any(np.isfinite(penalties)):
+        matrix, x = _with_slack(to, matrix, penalties, slacks, x)
+    if not isinstance(matrix, np.ndarray):
+        matrix = csc_matrix(matrix)  # what Drake knows
+    return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)
+
+
+def slack_columns(penalties: FloatArray, slacks: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """The soft rows, for each of them the place of its slack, and the penalty of each slack."""
+    rows = np.flatnonzero(np.isfinite(penalties))
+    _, first, columns = np.unique(slacks[rows], return_index=True, return_inverse=True)
+    return rows, columns, penalties[rows[first]]
+
+
+def _with_slack(
+    to: MathematicalProgram,
+    matrix: FloatArray | csc_array,
+    penalties: FloatArray,
+    slacks: IntArray,
+    x: np.ndarray,
+) -> tuple[FloatArray | csc_array, np.ndarray]:
+    """Rows and variables with the slacks of the soft rows, at their penalty in the cost."""
+    rows, columns, costs = slack_columns(penalties, slacks)
+    slack = to.NewContinuousVariables(len(costs))
+    to.AddBoundingBoxConstraint(np.zeros(len(costs)), _infinite(len(costs)), slack)
+    to.AddLinearCost(costs, slack)
+    x = np.concatenate([x, slack])
+    if isinstance(matrix, np.ndarray) and len(penalties) <= _BLOCK:
+        ones = np.zeros((len(penalties), len(costs)))
+        ones[rows, columns] = 1.0
+        return np.hstack([matrix, ones]), x
+    shape = len(penalties), len(costs)
+    ones = coo_array((np.ones(len(rows)), (rows, columns)), shape=shape)
+    return hstack([csc_array(matrix), ones], format="csc"), x
+
+
+def _infinite(size: int) -> FloatArray:
+    return np.full(size, np.inf)

@@ -1,0 +1,444 @@
+"""DAQP beside Drake's solvers: the same programs, the same answers, the same proofs."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from scipy.optimize import nnls
+
+import drake_rho as rho
+from drake_rho.planning import daqp, program
+from drake_rho.planning.dense import DenseProgram
+from drake_rho.planning.quadratic import Quadratic
+from drake_rho.planning.solution import Solution
+from drake_rho.planning.solve import solve
+from drake_rho.scenario.fields import FloatArray
+from tests.scenarios import box, random_fleet, random_scenario, single, through_the_middle
+from tests.tolerances import MOTION, ROUNDING
+
+COST = 1e-8
+"""Relative, for costs by DAQP and by Clarabel."""
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def _rows(rng: np.random.Generator, count: int, size: int) -> FloatArray:
+    """Random rows of length one."""
+    rows = rng.normal(size=(count, size))
+    unit: FloatArray = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return unit
+
+
+def _plain(rng: np.random.Generator) -> DenseProgram:
+    """Hard rows that some point keeps."""
+    matrix = _rows(rng, int(rng.integers(1, 40)), int(rng.integers(2, 25)))
+    inside = rng.normal(size=matrix.shape[1])
+    needed = matrix @ inside - rng.exponential(0.3, len(matrix))
+    return DenseProgram(matrix, needed, np.full(len(needed), np.inf), np.zeros(len(needed), int))
+
+
+def _degenerate(rng: np.random.Generator) -> DenseProgram:
+    """More rows than variables meet in the solution, some twice, some almost parallel."""
+    start = _plain(rng)
+    size = start.matrix.shape[1]
+    apex, normals = 2.0 * _rows(rng, 1, size)[0], _rows(rng, 2 * size, size)
+    normals[normals @ apex < 0.0] *= -1.0
+    near = normals[:3] + 1e-7 * _rows(rng, 3, size)
+    matrix = np.concatenate([normals, normals[:4], near, start.matrix])
+    touching = matrix[: -len(start.matrix)] @ apex
+    needed = np.concatenate([touching, np.minimum(start.needed, start.matrix @ apex)])
+    return DenseProgram(matrix, needed, np.full(len(needed), np.inf), np.zeros(len(needed), int))
+
+
+def _soft(rng: np.random.Generator) -> DenseProgram:
+    """Rows that contradict each other, most of them soft, each with its own slack."""
+    start = _plain(rng)
+    count, size = start.matrix.shape
+    matrix = np.concatenate([start.matrix, _rows(rng, count, size)])
+    needed = np.concatenate([start.needed, rng.normal(0.5, 0.5, count)])
+    soft = np.repeat([False, True], count)
+    penalties = np.where(soft, 10.0 ** rng.uniform(-2.0, 3.0, 2 * count), np.inf)
+    return DenseProgram(matrix, needed, penalties, np.arange(2 * count))
+
+
+def _shared(rng: np.random.Generator) -> DenseProgram:
+    """The same with slacks that several rows share."""
+    own = _soft(rng)
+    soft = np.isfinite(own.penalties)
+    slacks = rng.integers(0, max(1, int(soft.sum()) // 3), len(soft))
+    common = 10.0 ** rng.uniform(-2.0, 3.0, len(soft))
+    return DenseProgram(own.matrix, own.needed, np.where(soft, common[slacks], np.inf), slacks)
+
+
+FAMILIES = {"plain": _plain, "degenerate": _degenerate, "soft": _soft, "shared": _shared}
+
+
+def _cost(asked: DenseProgram, x: FloatArray) -> float:
+    """What x costs: its square, and of each slack the worst of its rows."""
+    missing = np.maximum(asked.needed - asked.matrix @ x, 0.0)
+    worst: dict[int, float] = {}
+    for row in np.flatnonzero(np.isfinite(asked.penalties)).tolist():
+        slack = int(asked.slacks[row])
+        worst[slack] = max(worst.get(slack, 0.0), float(asked.penalties[row] * missing[row]))
+    return float(x @ x) + sum(worst.values())
+
+
+def _bound(asked: DenseProgram, y: FloatArray) -> float:
+    """What any x costs at least, by weak duality, if y >= 0 and no slack's weights exceed it."""
+    return float(y @ asked.needed - 0.25 * np.sum((asked.matrix.T @ y) ** 2))
+
+
+def _one(asked: Any, solver: Any = None) -> Solution:
+    (found,) = solve([asked], solver)
+    return found
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@given(seed=seeds)
+@settings(max_examples=60)
+def test_a_solution_meets_the_bound_that_its_multipliers_prove(family: str, seed: int) -> None:
+    """Feasible, and as cheap as anything can be: no other solver is needed to see that."""
+    asked = FAMILIES[family](np.random.default_rng(seed))
+    found = _one(asked, rho.Daqp())
+    x, y = found.x[: asked.matrix.shape[1]], found.multipliers()
+    assert found.feasible
+    hard = np.isinf(asked.penalties)
+    assert np.all((asked.matrix @ x - asked.needed)[hard] >= -ROUNDING * (1 + np.abs(x).max()))
+    assert np.all(y >= -ROUNDING * np.abs(y).max())
+    for slack in np.unique(asked.slacks[~hard]):
+        own = ~hard & (asked.slacks == slack)
+        assert y[own].sum() <= asked.penalties[own][0] * (1 + COST)
+    cost = _cost(asked, x)
+    assert cost == pytest.approx(_bound(asked, y), rel=COST, abs=COST)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@given(seed=seeds)
+@settings(max_examples=40)
+def test_clarabel_finds_the_same_for_the_same_program(family: str, seed: int) -> None:
+    asked = FAMILIES[family](np.random.default_rng(seed))
+    ours, theirs = _one(asked, rho.Daqp()), _one(asked, ClarabelSolver())
+    size = asked.matrix.shape[1]
+    assert theirs.solver == "Clarabel"
+    x, known = ours.x[:size], theirs.x[:size]
+    np.testing.assert_allclose(x, known, atol=10 * MOTION * max(1.0, np.abs(known).max()))
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_it_is_daqp_that_solves_them(family: str) -> None:
+    """What goes on to Clarabel is the exception: near-parallel rows at most."""
+    rngs = map(np.random.default_rng, range(100))
+    by = [_one(FAMILIES[family](rng), rho.Daqp()).solver for rng in rngs]
+    assert by.count("DAQP") >= 95
+
+
+@given(seed=seeds)
+@settings(max_examples=40)
+def test_hard_rows_are_solved_as_lawson_and_hanson_do(seed: int) -> None:
+    asked = _plain(np.random.default_rng(seed))
+    found = _one(asked, rho.Daqp())
+    stacked = np.concatenate([asked.matrix.T, asked.needed[None]])
+    weights, _ = nnls(stacked, np.append(np.zeros(len(stacked) - 1), 1.0))
+    left = stacked @ weights - np.append(np.zeros(len(stacked) - 1), 1.0)
+    np.testing.assert_allclose(found.x, -left[:-1] / left[-1], atol=1e-7)
+
+
+@pytest.mark.parametrize("softened", [False, True])
+@given(seed=seeds)
+@settings(max_examples=40)
+def test_a_program_without_a_solution_comes_with_the_proof(softened: bool, seed: int) -> None:
+    """Weights y >= 0 with M' y = 0 and b · y > 0; soft rows have none."""
+    rng = np.random.default_rng(seed)
+    start = (_soft if softened else _plain)(rng)
+    hard = np.isinf(start.penalties)
+    mixed = rng.exponential(size=hard.sum()) @ start.matrix[hard]
+    length = float(np.linalg.norm(mixed))
+    against = -mixed[None] / length
+    some = np.linalg.lstsq(start.matrix[hard], start.needed[hard])[0]
+    needed = float((against @ some)[0]) + 10.0 + 10.0 * np.abs(some).max()
+    asked = DenseProgram(
+        np.concatenate([start.matrix, against]),
+        np.append(start.needed, needed),
+        np.append(start.penalties, np.inf),
+        np.append(start.slacks, len(hard)),
+    )
+    ours, theirs = _one(asked, rho.Daqp()), _one(asked)
+    assert ours.feasible == theirs.feasible
+    if ours.feasible:  # no weights make up that row: there is a point far away
+        return
+    y = ours.multipliers()
+    assert ours.solver == "DAQP"
+    assert np.all(y >= 0.0)
+    assert np.all(y[np.isfinite(asked.penalties)] <= ROUNDING * y.max())
+    assert np.abs(asked.matrix.T @ y).max() < 1e-7 * y.max()
+    assert asked.needed @ y > 0.0
+
+
+@pytest.mark.parametrize(
+    ("matrix", "needed", "feasible"),
+    [
+        ([[0.0, 0.0], [1.0, 0.0]], [1.0, 1.0], False),  # 0 >= 1
+        ([[1e-30, 0.0], [1.0, 0.0]], [1.0, 1.0], False),
+        ([[0.0, 0.0], [1.0, 0.0]], [-1.0, 1.0], True),
+        ([[1.0, 0.0], [-1.0, 0.0]], [1.0, -1.0], True),  # an equation
+        ([[1.0, 0.0], [-1.0, 0.0]], [1.0, -1.0 + 1e-6], False),
+        ([[1.0, 0.0], [1.0, 0.0], [1.0, 1e-9]], [1.0, 1.0, 1.0], True),
+    ],
+)
+def test_what_is_hardly_a_row_is_told(
+    matrix: list[list[float]], needed: list[float], feasible: bool
+) -> None:
+    count = len(needed)
+    asked = DenseProgram(
+        np.array(matrix), np.array(needed), np.full(count, np.inf), np.zeros(count, dtype=int)
+    )
+    found = _one(asked, rho.Daqp())
+    assert found.feasible is feasible
+    if feasible:
+        np.testing.assert_allclose(found.x, [1.0, 0.0], atol=1e-8)
+
+
+def _written() -> tuple[MathematicalProgram, Any]:
+    """A program as a user writes it: symbolic, any cost, equations, bounds on both sides."""
+    asked = MathematicalProgram()
+    x = asked.NewContinuousVariables(4)
+    asked.AddQuadraticCost((x[0] - 3) ** 2 + (x[0] + x[1]) ** 2 + 2 * (x[2] - x[3]) ** 2)
+    asked.AddLinearCost(0.5 * x[3])
+    asked.AddLinearEqualityConstraint(x[0] + x[2] == 1.0)
+    between = asked.AddLinearConstraint(
+        np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 1.0, 1.0, 0.0]]), [-0.5, 2.0], [0.5, 9.0], x
+    )
+    asked.AddBoundingBoxConstraint(-2.0, 2.0, x)
+    return asked, between
+
+
+def test_a_program_of_drakes_is_read_as_it_is() -> None:
+    """The same x and the same multipliers, signs included, as Drake's own solver finds."""
+    asked, _ = _written()
+    ours, theirs = _one(asked, rho.Daqp()), _one(asked, ClarabelSolver())
+    assert (ours.solver, theirs.solver) == ("DAQP", "Clarabel")
+    np.testing.assert_allclose(ours.x, theirs.x, atol=1e-7)
+    np.testing.assert_allclose(ours.multipliers(), theirs.multipliers(), atol=1e-6)
+    assert np.abs(ours.multipliers()).min() > 0.1  # both rows bind, one from above
+    assert np.prod(np.sign(ours.multipliers())) == -1.0
+
+
+def test_a_program_of_drakes_without_a_solution_is_refuted_in_its_own_rows() -> None:
+    asked, _ = _written()
+    x = asked.decision_variables()
+    asked.AddLinearConstraint(np.ones((1, 4)), [8.5], [np.inf], x)
+    found = _one(asked, rho.Daqp())
+    assert not found.feasible
+    assert found.solver == "DAQP"
+    assert found.multipliers()[2] > 0.0  # without which there is a solution
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_what_is_written_for_drake_is_read_as_what_it_was_written_from(family: str) -> None:
+    for seed in range(10):
+        asked = FAMILIES[family](np.random.default_rng(seed))
+        ours, again = _one(asked, rho.Daqp()), _one(asked.written, rho.Daqp())
+        assert len(again.x) == asked.written.num_vars()
+        np.testing.assert_allclose(
+            again.x[: asked.matrix.shape[1]], ours.x[: asked.matrix.shape[1]], atol=1e-6
+        )
+
+
+def _linear() -> MathematicalProgram:
+    asked = MathematicalProgram()
+    x = asked.NewContinuousVariables(2)
+    asked.AddLinearCost(x[0] + x[1])
+    asked.AddBoundingBoxConstraint(1.0, 2.0, x)
+    return asked
+
+
+def _conic() -> MathematicalProgram:
+    asked = MathematicalProgram()
+    x = asked.NewContinuousVariables(2)
+    asked.AddQuadraticCost(np.eye(2), np.array([-3.0, 0.0]), x, is_convex=True)
+    asked.AddLorentzConeConstraint(np.array([1.0, x[0], x[1]]))
+    return asked
+
+
+def _large() -> MathematicalProgram:
+    asked = MathematicalProgram()
+    x = asked.NewContinuousVariables(401)
+    asked.AddQuadraticCost(np.eye(401), np.ones(401), x, is_convex=True)
+    asked.AddLinearConstraint(np.ones((1, 401)), [1.0], [np.inf], x)
+    return asked
+
+
+def _with_states() -> MathematicalProgram:
+    asked = MathematicalProgram()
+    u, v = asked.NewContinuousVariables(3), asked.NewContinuousVariables(3)
+    asked.AddQuadraticCost(np.eye(3), np.zeros(3), u, is_convex=True)
+    asked.AddLinearEqualityConstraint(np.hstack([np.tri(3), -np.eye(3)]), np.zeros(3), [*u, *v])
+    asked.AddLinearConstraint(np.eye(1), [1.0], [np.inf], v[2:])
+    return asked
+
+
+@pytest.mark.parametrize("made", [_linear, _conic, _large, _with_states])
+def test_what_it_is_not_for_goes_on_to_clarabel(made: Callable[[], MathematicalProgram]) -> None:
+    found = _one(made(), rho.Daqp())
+    assert (found.solver, found.feasible) == ("Clarabel", True)
+
+
+@pytest.mark.parametrize("family", ["plain", "soft"])
+@pytest.mark.parametrize("flag", [1, -1, -2, -4])
+def test_nothing_that_daqp_says_is_taken_on_trust(
+    family: str, flag: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wrong numbers, and a solution that is said not to be there, go on to Clarabel."""
+    asked = FAMILIES[family](np.random.default_rng(3))
+    known = _one(asked, rho.Daqp())
+    package = daqp._package()
+
+    def wrong(*args: Any, **settings: Any) -> Any:
+        x, cost, _, info = package.solve(*args, **settings)
+        return 0.9 * x, cost, flag, info
+
+    monkeypatch.setattr(daqp, "_package", lambda: SimpleNamespace(solve=wrong))
+    found = _one(asked, rho.Daqp())
+    assert (known.solver, found.solver) == ("DAQP", "Clarabel")
+    size = asked.matrix.shape[1]
+    np.testing.assert_allclose(found.x[:size], known.x[:size], atol=1e-4)
+
+
+@pytest.mark.parametrize("wrong", ["x", "multipliers", "sign"])
+def test_the_conditions_of_an_optimum_are_all_looked_at(wrong: str) -> None:
+    asked = Quadratic.of_dense(_soft(np.random.default_rng(1)))
+    found = daqp._solved_quadratic(asked)
+    assert found is not None
+    x, size = found.x, len(found.x)
+    y = np.concatenate([np.zeros(size), found.multipliers()])
+    y[:size] = asked.hessian @ x + asked.linear - asked.matrix.T @ y[size:]
+    y[np.abs(y) < 1e-9] = 0.0
+    assert asked.is_solved_by(x, y)
+    if wrong == "x":
+        assert not asked.is_solved_by(x - 1e-5, y)
+    elif wrong == "multipliers":
+        assert not asked.is_solved_by(x, 1.001 * y)
+    else:
+        assert not asked.is_solved_by(x, -y)
+
+
+def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "daqp", None)
+    daqp._package.cache_clear()
+    with pytest.raises(ImportError, match=r"pip install 'drake-rho\[fast\]'"):
+        rho.Daqp()
+    daqp._package.cache_clear()
+
+
+def test_it_can_be_sent_to_another_process() -> None:
+    assert pickle.loads(pickle.dumps(rho.Daqp())) == rho.Daqp()  # noqa: S301  # own
+
+
+# Plans: the same as Clarabel's.
+
+_CURVED = rho.Limits(max_speed=1.9, max_thrust=10.2, max_tilt=0.3)
+SCENARIOS: dict[str, Callable[[], rho.Scenario]] = {
+    "boxes": lambda: single(limits=rho.Limits(velocity=box(1.8), acceleration=box(1.2))),
+    "jerk": lambda: single(
+        limits=rho.Limits(velocity=box(1.8), jerk=box(1.0)),
+        start=rho.State([0, 0, 0], acceleration=[0, 0, 0]),
+        grid=rho.Grid(0.1, 81),
+    ),
+    "norms": lambda: single(limits=_CURVED, grid=rho.Grid(0.25, 33)),
+    "waypoint": lambda: single(waypoints=[rho.Waypoint(3.0, [2.0, 4.0, 1.0], 0.5)]),
+    "sphere": lambda: single(obstacles=[rho.Sphere([5, 2.2, -1], 1.5)], between_knots=True),
+    "solids": lambda: single(
+        obstacles=[rho.Box([2, 0, -2], [4, 1.2, 1]), rho.Cylinder([7, 3, 0], 1.0)],
+        between_knots=True,
+    ),
+    "fleet": lambda: through_the_middle(3),
+    "random": lambda: random_scenario(8, tight=True, between_knots=True),
+    "random fleet": lambda: random_fleet(2),
+}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_plans_cost_what_they_cost_with_clarabel(name: str) -> None:
+    scenario = SCENARIOS[name]()
+    ours, theirs = (rho.plan(scenario, solver=each) for each in (rho.Daqp(), ClarabelSolver()))
+    assert rho.verify(ours).ok
+    assert (ours.statistics.solver, theirs.statistics.solver) == ("DAQP", "Clarabel")
+    assert ours.statistics.programs > 0
+    # an iteration stops where the cost falls by less than its tolerance
+    tolerance = max(COST, 10.0 * (ours.statistics.tolerance or 0.0))
+    assert ours.cost == pytest.approx(theirs.cost, rel=tolerance)
+
+
+@pytest.mark.parametrize("name", ["boxes", "jerk", "norms", "waypoint", "sphere", "random"])
+def test_one_linearisation_costs_the_same_to_eight_digits(name: str) -> None:
+    scenario = SCENARIOS[name]()
+    around = rho.plan_convex(scenario.without_obstacles(), solver=ClarabelSolver())
+    ours, theirs = (
+        rho.plan_convex(scenario, reference=around, solver=each)
+        for each in (rho.Daqp(), ClarabelSolver())
+    )
+    assert ours.statistics.programs > 0
+    assert ours.cost == pytest.approx(theirs.cost, rel=COST)
+    largest = np.abs(theirs.accelerations).max()
+    np.testing.assert_allclose(ours.accelerations, theirs.accelerations, atol=MOTION * largest)
+
+
+def test_flights_and_their_windows_cost_the_same(paper: rho.Scenario) -> None:
+    ours, theirs = (rho.plan_rho(paper, solver=each) for each in (rho.Daqp(), ClarabelSolver()))
+    assert ours.statistics.solver == "DAQP"
+    for one, other in zip(ours.windows, theirs.windows, strict=True):
+        assert one.plan.cost == pytest.approx(other.plan.cost, rel=COST)
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        rho.Limits(velocity=box(1.2)),
+        rho.Limits(acceleration=box(0.5)),
+        rho.Limits(max_acceleration=0.3),
+        rho.Limits(max_speed=1.2),
+        rho.Limits(velocity=rho.Box([-1.2, -0.6, -9.0], [1.2, 0.6, 9.0])),
+    ],
+)
+def test_the_same_subset_is_told_where_there_is_no_plan(limits: rho.Limits) -> None:
+    told = []
+    for solver in (rho.Daqp(), ClarabelSolver()):
+        with pytest.raises(rho.InfeasibleError) as caught:
+            rho.plan_convex(single(limits=limits), solver=solver)
+        told.append(rho.infeasible_subset(caught.value, solver=solver))
+    assert told[0] == told[1]
+    assert told[0]["solo"]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_same_vehicles_are_without_a_plan(seed: int) -> None:
+    """Proofs may weigh other rows; whose they are, they may not."""
+    scenario, told = random_scenario(seed, tight=True), []
+    for solver in (rho.Daqp(), ClarabelSolver()):
+        try:
+            rho.plan_convex(scenario, solver=solver)
+        except rho.InfeasibleError as error:
+            told.append({name: len(names) > 1 for name, names in error.conflicts.items()})
+        else:
+            told.append({})
+    assert told[0] == told[1]
+    assert all(told[0].values())
+
+
+def test_the_form_for_dense_programs_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows as they are, in a basis, or sparse: DAQP solves each."""
+    scenario, costs = SCENARIOS["jerk"](), []
+    for few, operations in ((10_000, 1.0), (0, 1e-9), (0, 1e9)):
+        monkeypatch.setattr(program, "_FEW", few)
+        monkeypatch.setattr(program, "_DENSE", operations)
+        costs.append(rho.plan_convex(scenario, solver=rho.Daqp()).cost)
+    assert costs == pytest.approx([costs[0]] * 3, rel=COST)
