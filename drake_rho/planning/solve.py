@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache, partial
@@ -23,6 +22,7 @@ from pydrake.solvers import (
 )
 
 from drake_rho.planning.errors import SolverError
+from drake_rho.planning.threads import cores
 
 _Options = dict[str, float | int]
 
@@ -165,7 +165,7 @@ def solve_side_by_side(
 
 @lru_cache(maxsize=1)
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count())
+    return ThreadPoolExecutor(cores())
 
 
 def _attempts(first: SolverInterface, *, quick: bool) -> list[tuple[SolverInterface, _Options]]:
