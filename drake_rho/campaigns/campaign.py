@@ -66,7 +66,7 @@ def campaign(
         store: path of an SQLite file, made if it is not there. A study that has grown goes on in
             the store that it has.
         executor: where runs are done: any of PEP 3148 whose workers can import this package,
-            `drake_rho.campaigns.workers.Workers`, Dask's by `Client.get_executor(pure=False)`. If
+            `drake_rho.campaigns.workers.Workers`, Dask's by `Client.get_executor()`. If
             not given, here, one after another.
         progress: called with how far it is whenever runs were written.
 
@@ -146,7 +146,7 @@ class _Campaign:
 
     def _send(self, chunk: Chunk) -> None:
         try:
-            future = self.executor.submit(do_all, chunk)
+            future = self.executor.submit(do_all, chunk, self.deaths[chunk[0].key])
         except Exception as error:
             raise _failure(error) from error
         self.under_way.add(future)

@@ -152,7 +152,7 @@ def is_distribution(value: object) -> bool:
 
 
 if TYPE_CHECKING:
-    AnyDistribution = Draws | Mapping[str, Any]
+    AnyDistribution = Draws
 else:
     AnyDistribution = Annotated[
         Annotated[Uniform, Tag("Uniform")]

@@ -109,9 +109,7 @@ def _separation(simulation: Simulation) -> float | None:
     if separation is None or len(simulation.scenario.vehicles) < 2:
         return None
     scaled = separation.scaled(simulation.positions)
-    least = min(
-        _nearest(scaled[:, i], scaled[:, i + 1 :]) for i in range(scaled.shape[1] - 1)
-    )
+    least = min(_nearest(scaled[:, i], scaled[:, i + 1 :]) for i in range(scaled.shape[1] - 1))
     return least - separation.distance
 
 

@@ -15,8 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drake_rho.campaigns.statistics import Comparison, Proportion, Quantiles, compare
+from drake_rho.campaigns.statistics import (
+    Comparison,
+    Failure,
+    Group,
+    Proportion,
+    Quantiles,
+    compare,
+)
 from drake_rho.campaigns.store import COLUMNS, StoreError, reading
+from drake_rho.campaigns.tables import tables
 from drake_rho.motion.files import load
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.files import replacing
@@ -29,37 +37,6 @@ if TYPE_CHECKING:
 
 ENDINGS = (".csv", ".parquet")
 """Of the files that `Results.export` writes."""
-
-
-
-@dataclasses.dataclass(frozen=True)
-class Group:
-    """The runs of one method on one source of scenarios."""
-
-    scenario: str
-    """name of the source"""
-    method: str
-    """name of the method"""
-    success: Proportion
-    """runs whose plan holds"""
-    cost: Quantiles
-    """of these runs [m²/s⁴]"""
-    seconds: Quantiles
-    """to plan, of all runs that were solved [s]"""
-
-
-@dataclasses.dataclass(frozen=True)
-class Failure:
-    """Runs that ended in the same way."""
-
-    method: str
-    """name"""
-    status: str
-    """what became of them; solved, where a constraint is broken"""
-    reason: str
-    """the one given most often"""
-    runs: int
-    """how many"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,7 +147,8 @@ class Results:
     def failures(self) -> tuple[Failure, ...]:
         """Runs without a plan that holds, by method and status, the most frequent first."""
         found = dict[tuple[str, str], Counter[str]]()
-        query = "SELECT method, status, reason, count(*) FROM runs WHERE NOT verified GROUP BY 1, 2, 3"
+        columns = "method, status, reason"
+        query = f"SELECT {columns}, count(*) FROM runs WHERE NOT verified GROUP BY {columns}"  # noqa: S608
         with reading(self.path) as connection:
             for method, status, reason, count in connection.execute(query):
                 found.setdefault((method, status), Counter())[reason] += count
@@ -262,9 +240,8 @@ class Results:
         return int(self.runs)
 
     def __str__(self) -> str:
-        from drake_rho.campaigns.tables import tables
-
-        return tables(self)
+        title = f"{self.study}: {self.runs} runs"
+        return tables(title, self.groups, self.failures, self.comparisons)
 
     def _paired(self, method: str, base: str, scenario: str) -> tuple[IntArray, IntArray]:
         """Places of the runs of two methods on the same scenario and seed, shape (M,) each."""

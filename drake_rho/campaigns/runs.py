@@ -132,8 +132,13 @@ def generators(seed: tuple[int, int, int]) -> tuple[np.random.Generator, np.rand
     return np.random.default_rng(first), np.random.default_rng(second)
 
 
-def do_all(runs: Sequence[Run]) -> list[Done]:
-    """Do some runs one after another, with one thread for the arithmetic."""
+def do_all(runs: Sequence[Run], attempt: int = 0) -> list[Done]:
+    """Do some runs one after another, with one thread for the arithmetic.
+
+    Args:
+        runs: what is to be done.
+        attempt: how often it was tried before, so that no executor takes it for the same task.
+    """
     with one_for_arrays():
         return [do(run) for run in runs]
 
@@ -189,7 +194,7 @@ def package_version() -> str:
 def _drawn(run: Run, chance: np.random.Generator, told: dict[str, Any]) -> Scenario | None:
     """The scenario of a run; None, and why is told, if what was drawn makes none."""
     try:
-        scenario = _source(run.source_json).drawn(chance)
+        scenario: Scenario = _source(run.source_json).drawn(chance)
     except ScenarioError as error:
         told |= {"status": INVALID, "reason": _words(error)}
         return None

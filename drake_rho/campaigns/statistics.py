@@ -105,6 +105,36 @@ class Comparison:
         return sign_test(self.cheaper, self.dearer)
 
 
+@dataclasses.dataclass(frozen=True)
+class Group:
+    """The runs of one method on one source of scenarios."""
+
+    scenario: str
+    """name of the source"""
+    method: str
+    """name of the method"""
+    success: Proportion
+    """runs whose plan holds"""
+    cost: Quantiles
+    """of these runs [m²/s⁴]"""
+    seconds: Quantiles
+    """to plan, of all runs that were solved [s]"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Failure:
+    """Runs that ended in the same way."""
+
+    method: str
+    """name"""
+    status: str
+    """what became of them; solved, where a constraint is broken"""
+    reason: str
+    """the one given most often"""
+    runs: int
+    """how many"""
+
+
 def sign_test(one: int, other: int) -> float:
     """Two-sided probability of a split at least as uneven, if both sides are as likely."""
     if one + other == 0:

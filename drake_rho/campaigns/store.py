@@ -86,7 +86,7 @@ class Store:
         rows = [tuple(getattr(each.row, name) for name in COLUMNS) for each in done]
         plans = [(each.row.key, each.plan) for each in done if each.plan is not None]
         with _told(self.path), self._transaction():
-            self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
+            self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)  # noqa: S608
             self._connection.executemany("INSERT OR IGNORE INTO plans VALUES (?, ?)", plans)
 
     def _begin(self, study: str) -> None:
@@ -176,7 +176,7 @@ def check_format(connection: sqlite3.Connection, path: Path) -> None:
 def _is_empty(connection: sqlite3.Connection) -> bool:
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     (application,) = connection.execute("PRAGMA application_id").fetchone()
-    return tables == 0 and application == 0
+    return bool(tables == 0 and application == 0)
 
 
 @contextmanager

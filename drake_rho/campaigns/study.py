@@ -68,8 +68,7 @@ class Study:
         found = list[Any]()
         for index, source in enumerate(self.scenarios):
             try:
-                is_file = isinstance(source, FromFile)
-                found.append(source.given(Path(folder)) if is_file else source)
+                found.append(source.given(Path(folder)) if isinstance(source, FromFile) else source)
             except ScenarioError as error:
                 raise error.inside(f"scenarios[{index}]") from None
         return dataclasses.replace(self, scenarios=tuple(found))

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from drake_rho.campaigns.statistics import Quantiles
-
-if TYPE_CHECKING:
-    from drake_rho.campaigns.results import Results
+from drake_rho.campaigns.statistics import Comparison, Failure, Group, Quantiles
 
 _LONGEST = 12
 """Kinds of failure that are shown."""
@@ -18,20 +14,25 @@ _WORDS = 60
 """Characters of a reason that are shown."""
 
 
-def tables(results: Results) -> str:
+def tables(
+    title: str,
+    groups: Sequence[Group],
+    failures: Sequence[Failure],
+    comparisons: Sequence[Comparison],
+) -> str:
     """Success, costs and times; failures by reason; methods compared with the first."""
-    parts = [f"{results.study}: {results.runs} runs", _groups(results)]
-    if results.failures:
-        parts.append(_failures(results))
-    if results.comparisons:
-        parts.append(_comparisons(results))
+    parts = [title, _groups(groups)]
+    if failures:
+        parts.append(_failures(failures))
+    if comparisons:
+        parts.append(_comparisons(comparisons))
     return "\n\n".join(parts)
 
 
-def _groups(results: Results) -> str:
+def _groups(groups: Sequence[Group]) -> str:
     heads = ("scenario", "method", "runs", "success, 95 % [%]", "cost [m²/s⁴]", "time [s]")
     rows = []
-    for each in results.groups:
+    for each in groups:
         low, high = each.success.interval
         rate = f"{100 * each.success.rate:5.1f} ({100 * low:.1f} to {100 * high:.1f})"
         row = (each.scenario, each.method, str(each.success.runs), rate)
@@ -40,17 +41,17 @@ def _groups(results: Results) -> str:
     return f"{_grid(heads, rows)}\n{note}"
 
 
-def _failures(results: Results) -> str:
+def _failures(failures: Sequence[Failure]) -> str:
     rows = [
         (each.method, each.status, str(each.runs), each.reason[:_WORDS])
-        for each in results.failures[:_LONGEST]
+        for each in failures[:_LONGEST]
     ]
-    more = len(results.failures) - _LONGEST
+    more = len(failures) - _LONGEST
     rest = f"\n… and {more} more kinds" if more > 0 else ""
     return _grid(("failures of", "status", "runs", "most often because"), rows) + rest
 
 
-def _comparisons(results: Results) -> str:
+def _comparisons(comparisons: Sequence[Comparison]) -> str:
     heads = ("method / first", "scenario", "both", "only it", "only first", "p")
     rows = [
         (
@@ -65,7 +66,7 @@ def _comparisons(results: Results) -> str:
             f"{each.p_cost:.2g}",
             _spread(each.time_ratio),
         )
-        for each in results.comparisons
+        for each in comparisons
     ]
     return _grid((*heads, "cost ratio", "cheaper:dearer", "p", "time ratio"), rows)
 

@@ -44,9 +44,7 @@ class Workers(Executor):
                 'what begins them stands under: if __name__ == "__main__"'
             ) from None
 
-    def submit(
-        self, fn: Callable[..., _Result], /, *args: Any, **kwargs: Any
-    ) -> Future[_Result]:
+    def submit(self, fn: Callable[..., _Result], /, *args: Any, **kwargs: Any) -> Future[_Result]:
         """As `Executor.submit`, with new processes if the pool is broken."""
         try:
             return self._pool.submit(fn, *args, **kwargs)

@@ -170,7 +170,7 @@ def _dask_executor(address: str) -> Iterator[Executor]:
     with client:
         if not client.scheduler_info()["workers"]:
             say("the scheduler has no workers yet: waiting for them", err)
-        yield client.get_executor(pure=False)
+        yield client.get_executor()
 
 
 def _exported(export: Callable[[str], None], path: str) -> None:
