@@ -156,7 +156,8 @@ class _Campaign:
         """Write what has come back, or see to what has not."""
         self.under_way.discard(future)
         if future.cancelled():
-            raise CampaignError("the executor: got cancelled tasks, expected results")
+            expected = "results: has it ended? What was done before is kept"
+            raise CampaignError(f"the executor: got cancelled tasks, expected {expected}")
         if (error := future.exception()) is not None:
             if not _has_died(error):
                 raise _failure(error) from error

@@ -142,16 +142,26 @@ class FromFile:
         Raises:
             ScenarioError: there is no such file, or no scenario in it.
         """
+        scenario = self._read(folder)
+        _check_paths(scenario, self.vary)
+        return Given(self.name, scenario, self.vary, self.repetitions)
+
+    def _read(self, folder: Path) -> Scenario:
         path = folder / self.file
         if not is_lsc_mission(path):
-            source = path if path.exists() else self.file
-            return Given(self.name, load_scenario(source), self.vary, self.repetitions)
+            self._check_no_mission()
+            return load_scenario(path if path.exists() else self.file)
         if self.duration is None or self.step is None:
             raise ScenarioError("file", self.file, "a duration and a step beside a mission")
         world = None if self.world is None else folder / self.world
         grid = Grid.lasting(self.duration, step=self.step)
-        mission = load_lsc_mission(path, grid=grid, world=world)
-        return Given(self.name, mission, self.vary, self.repetitions)
+        return load_lsc_mission(path, grid=grid, world=world)
+
+    def _check_no_mission(self) -> None:
+        for name in ("duration", "step", "world"):
+            if getattr(self, name) is not None:
+                expected = f"a mission (.json) with it, not {self.file}"
+                raise ScenarioError(name, getattr(self, name), expected)
 
 
 _KINDS = {"generator": "Generated", "file": "FromFile", "scenario": "Given"}

@@ -16,6 +16,10 @@ from drake_rho.scenario.errors import DrakeRhoError
 _Result = TypeVar("_Result")
 
 
+_STARTS = 3
+"""How often the first processes are started before it is given up."""
+
+
 class Workers(Executor):
     """A `ProcessPoolExecutor` of fresh processes that is made anew when one of them has died.
 
@@ -36,13 +40,17 @@ class Workers(Executor):
         self.at_once = 2 * count  # so that none waits for the next
         self._count = count
         self._pool = self._started()
-        try:
-            self._pool.submit(_load).result()
-        except BrokenProcessPool:
+        for _ in range(_STARTS):
+            try:
+                self.submit(_load).result()
+                break
+            except BrokenProcessPool:
+                continue
+        else:
             raise DrakeRhoError(
                 "workers: got processes that end at once, expected ones that start; in a script, "
                 'what begins them stands under: if __name__ == "__main__"'
-            ) from None
+            )
 
     def submit(self, fn: Callable[..., _Result], /, *args: Any, **kwargs: Any) -> Future[_Result]:
         """As `Executor.submit`, with new processes if the pool is broken."""

@@ -161,7 +161,8 @@ def _dask_executor(address: str) -> Iterator[Executor]:
     except ImportError:
         expected = "the extra dask: pip install 'drake-rho[dask]'"
         raise ValueError(f"--scheduler: got no Dask here, expected {expected}") from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is wrong is said in a line
+    for name in [each for each in logging.root.manager.loggerDict if "distributed" in each]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what is wrong is said in a line
     try:
         client = Client(address, timeout=_ANSWER)
     except (OSError, ValueError, TypeError) as error:

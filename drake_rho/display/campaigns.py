@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from drake_rho.campaigns.results import Results
 from drake_rho.display.names import as_text
@@ -133,6 +134,8 @@ def draw_cost_ratios(ax: Axes, results: Results) -> None:
         ax.plot(parts[here], ratios[here], color=colour, label=as_text(method))
     ax.axhline(1.0, **LIMIT_STYLE)
     ax.set_yscale("log")
+    for axis_of in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
+        axis_of("{x:.3g}")
     ax.set_xlim(0.0, 100.0)
     ax.set_xlabel("runs that both solve, by ratio [%]")
     ax.set_ylabel(f"cost over that of {as_text(base)}")
@@ -145,12 +148,14 @@ def draw_failures(ax: Axes, results: Results) -> None:
     ax.barh(
         range(len(shown)),
         [each.runs for each in shown],
+        height=0.6,
         color=[colours.get(each.method, "black") for each in shown],
     )
     status = {"solved": "breaks a constraint"}
     names = [f"{as_text(each.method)}: {status.get(each.status, each.status)}" for each in shown]
     ax.set_yticks(range(len(shown)), names)
-    ax.invert_yaxis()
+    ax.set_ylim(len(shown) - 0.4, -0.6)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlabel("runs without a plan that holds")
 
 
