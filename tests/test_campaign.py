@@ -22,7 +22,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.campaigns import runs as runs_of_campaigns
 from drake_rho.campaigns.campaign import CampaignError, Progress
-from drake_rho.campaigns.runs import Run, do
+from drake_rho.campaigns.runs import Run, do, generators
 from drake_rho.campaigns.store import Store, StoreError
 from drake_rho.campaigns.study import study_to_json
 from drake_rho.campaigns.workers import Workers
@@ -47,9 +47,8 @@ def test_every_run_has_a_row_and_is_judged(expected: list[tuple[Any, ...]], tmp_
         key, status, verified, cost = row
         statuses.add(status)
         run = by_key.pop(key)
-        scenario = runs_of_campaigns._source(run.source_json).drawn(
-            np.random.default_rng(np.random.SeedSequence(7).spawn(2)[run.seed[1]].spawn(9)[run.seed[2]].spawn(2)[0])
-        )
+        chance, _ = generators(run.seed)
+        scenario = small().scenarios[run.seed[1]].drawn(chance)
         planner: Callable[..., rho.Plan] = {"best": rho.plan, "convex": rho.plan_convex}[run.method]
         try:
             plan = planner(scenario)
@@ -136,6 +135,7 @@ class Deadly(Executor):
         self.alone = list[int]()
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Hold tasks until as many are under way as there can be, or one that has to be alone."""
         future: Future[Any] = Future()
         self.waiting.append((future, fn, args))
         dies = {run.key for _, _, (chunk, _) in self.waiting for run in chunk} & self.deadly
@@ -174,7 +174,7 @@ def test_an_executor_that_fails_ends_the_campaign_and_nothing_is_lost(
         if now.done:
             pool.shutdown(cancel_futures=True)
 
-    with pytest.raises(CampaignError, match="executor: .*before is kept"):
+    with pytest.raises(CampaignError, match=r"executor: .*before is kept"):
         rho.campaign(small(), path, executor=pool, progress=stop)
     assert 0 < len(table(path)) < len(expected)
     rho.campaign(small(), path)
@@ -190,7 +190,9 @@ def test_a_run_that_raises_anything_is_a_row(
     monkeypatch.setattr("drake_rho.campaigns.methods.judge_plan", broken)
     rho.campaign(small(1), tmp_path / "runs.sqlite")
     found = table(tmp_path / "runs.sqlite", ("status", "reason"))
-    assert found.count(("error", "ZeroDivisionError: on use")) == 4
+    wrong = [words for words in found if words[0] != "infeasible"]
+    assert wrong == [("error", "ZeroDivisionError: on use")] * len(wrong)
+    assert len(wrong) >= 2
 
 
 def test_what_is_drawn_and_makes_no_scenario_is_a_row(tmp_path: Path) -> None:
@@ -233,7 +235,8 @@ def test_flights_in_wind_are_judged_by_how_they_went(tmp_path: Path) -> None:
         away = separation.scaled(flown.positions[:, 0] - flown.positions[:, 1])
         assert apart == pytest.approx(np.linalg.norm(away, axis=1).min() - separation.distance)
         errors, radii = flown.errors().max(axis=1), flown.radii()
-        assert share == pytest.approx(np.max(errors[1:] / radii[1:]), rel=1e-6)
+        assert share == errors.max() / radii.max()
+        assert np.all(errors <= radii + 1e-6 * np.abs(flown.positions).max())
         assert verified
         assert 0.0 < share <= 1.0
 
@@ -265,14 +268,13 @@ def test_what_is_no_store_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
     text, other = tmp_path / "text", tmp_path / "other.sqlite"
     text.write_text("no database" * 100)
     _set(other, "CREATE TABLE runs (a)")
-    contents = text.read_bytes(), other.read_bytes()
+    contents = [path.read_bytes() for path in (text, other)]
     for path, words in ((text, "not a database"), (other, "another SQLite file")):
         with pytest.raises(StoreError, match=words):
             rho.campaign(small(1), path)
         with pytest.raises(StoreError, match=words):
             rho.Results(path)
-    assert (text.read_bytes(), other.read_bytes()[:16]) == (contents[0], contents[1][:16])
-    assert table(other, ("a",)) == [] if False else True
+    assert [path.read_bytes() for path in (text, other)] == contents
     with pytest.raises(StoreError, match="no such file"):
         rho.Results(tmp_path / "none.sqlite")
     with pytest.raises(StoreError, match="unable to open"):
@@ -288,17 +290,17 @@ def test_a_full_disk_loses_nothing(
     def cramped(self: Store, path: Path, study: rho.Study) -> None:
         begin(self, path, study)
         (pages,) = self._connection.execute("PRAGMA page_count").fetchone()
-        self._connection.execute(f"PRAGMA max_page_count = {pages + 1}")
+        self._connection.execute(f"PRAGMA max_page_count = {pages}")
 
     with monkeypatch.context() as cramping:
         cramping.setattr(Store, "__init__", cramped)
         with pytest.raises(StoreError, match="is full"):
-            rho.campaign(small(), path)
-    rows = table(path)
-    assert set(rows) < set(expected)
-    assert rows
-    rho.campaign(small(), path)
-    assert table(path) == expected
+            rho.campaign(small(16), path)
+    rows = set(table(path))
+    assert 0 < len(rows) < len(small(16))
+    rho.campaign(small(16), path)
+    assert set(table(path)) >= rows | set(expected)
+    assert len(table(path)) == len(small(16))
 
 
 def test_a_store_is_read_while_it_is_written(tmp_path: Path) -> None:
@@ -312,9 +314,7 @@ def test_a_store_is_read_while_it_is_written(tmp_path: Path) -> None:
     assert seen == [0, 1, 2, 3, 4]
 
 
-def test_the_whole_killed_anywhere_goes_on(
-    expected: list[tuple[Any, ...]], tmp_path: Path
-) -> None:
+def test_the_whole_killed_anywhere_goes_on(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
     path, program = tmp_path / "runs.sqlite", tmp_path / "program.py"
     (tmp_path / "study.json").write_text(study_to_json(small()))
     program.write_text(_PROGRAM)

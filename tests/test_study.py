@@ -203,7 +203,11 @@ def test_a_file_is_looked_for_beside_the_study(tmp_path: Path) -> None:
             "knots, start; did you mean step?",
         ),
         (
-            {"scenarios": [{"name": "a", "file": "paper", "vary": {"vehicles[4]": {"choice": [1]}}}]},
+            {
+                "scenarios": [
+                    {"name": "a", "file": "paper", "vary": {"vehicles[4]": {"choice": [1]}}}
+                ]
+            },
             "vary: got 'vehicles[4]', expected a field that exists: vehicles has 4 entries",
         ),
         (

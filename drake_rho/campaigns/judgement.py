@@ -28,7 +28,8 @@ class Judgement:
     separation_clearance: float | None = None
     """how much further from each other than asked, at the least [m]; None if not asked"""
     tube_share: float | None = None
-    """the largest error of the position over the radius of its tube; None if nothing disturbs"""
+    """the largest error of the position over the largest radius of its tube; None if nothing
+    disturbs"""
     programs: int
     """quadratic programs that were solved"""
 
@@ -52,14 +53,15 @@ def judge_simulation(simulation: Simulation) -> Judgement:
     around the plan in force.
     """
     scenario = simulation.scenario
-    obstacles, apart, share = _clearance(simulation), _separation(simulation), _share(simulation)
+    obstacles, apart = _clearance(simulation), _separation(simulation)
+    share, inside = _share_of_tube(simulation)
     reports = (verify(window.plan) for window in simulation.flight.windows)
     broken = next((f"a window's {_worst(each)}" for each in reports if not each.ok), "")
     if obstacles is not None and obstacles < -_slack(simulation):
         broken = "obstacle, as flown"
     elif apart is not None and scenario.separation and apart < -scenario.separation.tolerance:
         broken = "separation, as flown"
-    elif share is not None and share > 1.0 + TOLERANCE:
+    elif not inside:
         broken = "tube, as flown"
     return Judgement(
         broken=broken,
@@ -117,11 +119,11 @@ def _nearest(one: FloatArray, others: FloatArray) -> float:
     return float(np.min(np.linalg.norm(others - one[:, None], axis=2)))
 
 
-def _share(simulation: Simulation) -> float | None:
-    """The largest error of the position over the radius of its tube there."""
+def _share_of_tube(simulation: Simulation) -> tuple[float | None, bool]:
+    """The largest error of the position over the largest radius; whether none is beyond its own."""
     if simulation.scenario.disturbance is None:
-        return None
+        return None, True
     errors, radii = simulation.errors().max(axis=1), simulation.radii()
-    scale = simulation.scenario.fleet.scale("position").max()
-    here = radii > TOLERANCE * scale
-    return float(np.max(errors[here] / radii[here], initial=0.0))
+    rounding = TOLERANCE * simulation.scenario.fleet.scale("position").max()
+    share = float(errors.max() / radii.max()) if radii.max() > 0.0 else None
+    return share, bool(np.all(errors <= radii + rounding))

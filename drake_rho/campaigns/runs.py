@@ -84,7 +84,7 @@ class Row:
     separation_clearance: float | None = None
     """how much further from each other than asked, at the least [m]"""
     tube_share: float | None = None
-    """of a simulation: the largest error of the position over the radius of its tube"""
+    """of a simulation: the largest error of the position over the largest radius of its tube"""
     programs: int | None = None
     """quadratic programs that were solved"""
     plan_seconds: float | None = None

@@ -91,12 +91,13 @@ class Store:
 
     def _begin(self, study: str) -> None:
         """Make the tables, or see that they are those of the study, which may have grown."""
+        if not _is_empty(self._connection):  # nothing is written to a file of others
+            check_format(self._connection, self.path)
         self._connection.execute("PRAGMA journal_mode = WAL")
         self._connection.execute("PRAGMA synchronous = NORMAL")
         with self._transaction():
             if _is_empty(self._connection):
                 self._make_tables()
-            check_format(self._connection, self.path)
             found = self._connection.execute("SELECT study, version FROM study").fetchone()
             if found is not None:
                 self._check_continues(study, *found)

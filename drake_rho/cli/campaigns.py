@@ -116,7 +116,9 @@ def _shown() -> Iterator[Callable[[SoFar], None]]:
         "{task.completed:.0f} of {task.total:.0f} done, {task.fields[failed]} failed, "
         "{task.fields[rate]:.1f} runs/s, left"
     )
-    with Progress(BarColumn(), words, TimeRemainingColumn(), console=err, transient=True) as bar:
+    columns = (BarColumn(), words, TimeRemainingColumn())
+    hidden = not err.is_terminal
+    with Progress(*columns, console=err, transient=True, disable=hidden) as bar:
         task = bar.add_task("", total=1, failed=0, rate=0.0)
         began, before = time.monotonic(), None
 
