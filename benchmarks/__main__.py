@@ -25,6 +25,9 @@ DRAWN = {"fleet_b1": 50, "fleet_joint": 5, "fleet_b2": 10, "world_b7": 20, "worl
 MISSIONS = ("fleet_b3", "world_b6")
 """Those of missions in files: `run(folder) -> Table`."""
 
+CAMPAIGNS = ("scale_campaigns",)
+"""Those of many runs: `run() -> Table`."""
+
 SWAPS = ("fleet_b4", "fleet_b5")
 """Those of given fleets: `run() -> Table`."""
 
@@ -36,7 +39,7 @@ def main() -> None:
     """Run the benchmarks named on the command line, by default all without fleets and worlds."""
     known = [
         name
-        for name in (*RACES, *STUDIES, *DRAWN, *MISSIONS, *SWAPS)
+        for name in (*RACES, *STUDIES, *DRAWN, *MISSIONS, *SWAPS, *CAMPAIGNS)
         if find_spec(f"benchmarks.{name}")
     ]
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
@@ -58,7 +61,8 @@ def main() -> None:
         parser.error("--seeds: at least 1")
     console = Console()
     alone, worlds = RACES + STUDIES, WORLDS
-    fleets = tuple(name for name in known if name not in alone + worlds)
+    others = alone + worlds + CAMPAIGNS
+    fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     by_default = chosen or alone
     for name in arguments.names or by_default:

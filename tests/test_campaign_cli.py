@@ -70,7 +70,10 @@ def test_a_campaign_and_its_results(
         (("campaign", "{broken}", "--store", "{store}"), "repetitons: got 3, expected no field of"),
         (("campaign", "{study}", "--store", "{study}"), "file is not a database"),
         (("campaign", "{study}", "--store", "{none}/runs"), "unable to open database file"),
-        (("campaign", "{study}", "--store", "{store}", "--workers", "0"), "Input should be greater than or equal to 1"),
+        (
+            ("campaign", "{study}", "--store", "{store}", "--workers", "0"),
+            "Input should be greater than or equal to 1",
+        ),
         (
             ("campaign", "{study}", "--store", "{store}", "--workers", "2", "--scheduler", "x"),
             "--scheduler: got it beside --workers",

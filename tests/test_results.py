@@ -7,6 +7,7 @@ import json
 import math
 from math import comb
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -156,9 +157,10 @@ def test_tables_name_what_there_is(results: rho.Results) -> None:
 
 def test_figures_show_the_numbers(results: rho.Results) -> None:
     (success,) = success_figure(results).axes
+    containers: Any = success.containers
     shown = {
         (container.get_label(), float(x))
-        for container in success.containers
+        for container in containers
         for x in container.lines[0].get_xdata()
     }
     assert shown == {(each.method, 100.0 * each.success.rate) for each in results.groups}
@@ -170,7 +172,8 @@ def test_figures_show_the_numbers(results: rho.Results) -> None:
     ratios = results.cost_ratios("convex", "best")
     np.testing.assert_array_equal(costs.lines[0].get_ydata(), ratios)
     (failures,) = failures_figure(results).axes
-    assert [bar.get_width() for bar in failures.patches] == [each.runs for each in results.failures]
+    bars: Any = failures.patches
+    assert [bar.get_width() for bar in bars] == [each.runs for each in results.failures]
 
 
 def test_figures_are_written(results: rho.Results, tmp_path: Path) -> None:

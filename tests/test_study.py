@@ -13,9 +13,10 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 
 import drake_rho as rho
-from drake_rho.campaigns.distributions import Choice, Integers, LogUniform, Normal, Uniform
+from drake_rho.campaigns.distributions import AnyDistribution
 from drake_rho.campaigns.runs import do, generators
 from drake_rho.campaigns.sources import FromFile, Generated, Given
 from drake_rho.campaigns.study import (
@@ -31,21 +32,22 @@ from tests.studies import small
 
 
 @pytest.mark.parametrize(
-    ("distribution", "mean", "deviation"),
+    ("described", "mean", "deviation"),
     [
-        (Uniform([2.0, 5.0]), 3.5, 3.0 / np.sqrt(12.0)),
-        (Uniform([[0.0, 2.0], [1.0, 2.0]]), [0.5, 2.0], [1.0 / np.sqrt(12.0), 0.0]),
-        (Normal([1.0, 0.5]), 1.0, 0.5),
-        (Normal([[1.0, -2.0], [0.0, 3.0]]), [1.0, -2.0], [0.0, 3.0]),
-        (LogUniform([1.0, np.e]), np.e - 1.0, np.sqrt((np.e**2 - 1) / 2 - (np.e - 1) ** 2)),
-        (Integers((1, 3)), 2.0, np.sqrt(2.0 / 3.0)),
-        (Choice((1.0, 5.0)), 3.0, 2.0),
+        ({"uniform": [2.0, 5.0]}, 3.5, 3.0 / np.sqrt(12.0)),
+        ({"uniform": [[0.0, 2.0], [1.0, 2.0]]}, [0.5, 2.0], [1.0 / np.sqrt(12.0), 0.0]),
+        ({"normal": [1.0, 0.5]}, 1.0, 0.5),
+        ({"normal": [[1.0, -2.0], [0.0, 3.0]]}, [1.0, -2.0], [0.0, 3.0]),
+        ({"log_uniform": [1.0, np.e]}, np.e - 1.0, np.sqrt((np.e**2 - 1) / 2 - (np.e - 1) ** 2)),
+        ({"integers": [1, 3]}, 2.0, np.sqrt(2.0 / 3.0)),
+        ({"choice": [1.0, 5.0]}, 3.0, 2.0),
     ],
 )
 def test_what_is_drawn_has_the_distributions_moments(
-    distribution: Any, mean: Any, deviation: Any
+    described: dict[str, Any], mean: Any, deviation: Any
 ) -> None:
-    rng = np.random.default_rng(0)
+    rng, kind = np.random.default_rng(0), TypeAdapter(AnyDistribution)
+    distribution = kind.validate_python(described)
     drawn = np.array([distribution.draw(rng) for _ in range(20_000)])
     np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=0.03)
     np.testing.assert_allclose(drawn.std(axis=0), deviation, atol=0.03)

@@ -8,12 +8,12 @@ from dataclasses import field
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, TypeAdapter, ValidationError
 
-from drake_rho.campaigns.distributions import AnyDistribution, Draws, is_distribution
+from drake_rho.campaigns.distributions import AnyDistribution, is_distribution
 from drake_rho.campaigns.paths import put
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import Count, Name, Positive, record, scenario_error
@@ -39,7 +39,10 @@ _DRAWS = 10
 """Draws of which one has to be a scenario, or the parameters are refused."""
 
 Repetitions = Annotated[Count, Field(ge=1, le=10_000_000)]
-Vary = dict[str, AnyDistribution]
+if TYPE_CHECKING:
+    Vary = Mapping[str, Any]  # mappings that describe distributions become them
+else:
+    Vary = dict[str, AnyDistribution]
 
 
 @record
@@ -186,7 +189,7 @@ AnySource = Annotated[
 """Where scenarios come from, told apart by its keys."""
 
 
-def varied(scenario: Scenario, vary: Mapping[str, Draws], rng: np.random.Generator) -> Scenario:
+def varied(scenario: Scenario, vary: Mapping[str, Any], rng: np.random.Generator) -> Scenario:
     """A scenario with values drawn for some of its fields.
 
     Raises:
