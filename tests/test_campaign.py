@@ -10,6 +10,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -129,29 +130,24 @@ def test_a_killed_worker_is_replaced(expected: list[tuple[Any, ...]], tmp_path: 
 
 
 class Deadly(Executor):
-    """Whose processes die of some runs, and of the tasks that are under way with them."""
+    """Whose processes die of some runs, each time; of others only so often."""
 
     at_once = 4
 
-    def __init__(self, deadly: set[str]) -> None:
-        self.deadly, self.waiting = deadly, list[tuple[Future[Any], Any, Any]]()
-        self.alone = list[int]()
+    def __init__(self, times: dict[str, float]) -> None:
+        self.times, self.attempts = times, defaultdict[str, int](int)
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Hold tasks until as many are under way as there can be, or one that has to be alone."""
+        """The result at once, or that the process died."""
         future: Future[Any] = Future()
-        self.waiting.append((future, fn, args))
-        dies = {run.key for _, _, (chunk, _) in self.waiting for run in chunk} & self.deadly
-        if len(self.waiting) == self.at_once or (dies and args[1] >= 2):
-            self.alone.append(len(self.waiting))
-            for waiting, work, given in self.waiting:
-                if dies:
-                    waiting.set_exception(BrokenProcessPool("died"))
-                else:
-                    waiting.set_result(work(*given))
-            self.waiting = []
-        elif args[1] >= 2:
-            self.waiting.pop()
+        chunk, attempt = args
+        for run in chunk:
+            assert self.attempts[run.key] == attempt
+            assert len(chunk) == 1 or attempt == 0
+            self.attempts[run.key] += 1
+        if any(attempt < self.times.get(run.key, 0) for run in chunk):
+            future.set_exception(BrokenProcessPool("died"))
+        else:
             future.set_result(fn(*args))
         return future
 
@@ -159,13 +155,15 @@ class Deadly(Executor):
 def test_only_the_run_that_kills_its_process_is_told_so(
     expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:
-    deadly = next(run.key for run in small().runs() if run.seed[2] == 1)
-    rho.campaign(small(), tmp_path / "runs.sqlite", executor=Deadly({deadly}))
+    first, second, third, deadly, *_ = (run.key for run in small().runs())
+    executor = Deadly({first: 1, second: 2, third: 3, deadly: np.inf})
+    rho.campaign(small(), tmp_path / "runs.sqlite", executor=executor)
     rows = table(tmp_path / "runs.sqlite")
     assert len(rows) == len(expected)
     (other,) = set(rows) - set(expected)
     assert other[0] == deadly
     assert other[5:8] == ("error", "its process died, 4 times", 0)
+    assert executor.attempts[deadly] == 4
 
 
 def test_an_executor_that_fails_ends_the_campaign_and_nothing_is_lost(

@@ -1,6 +1,6 @@
 """`campaign`: do the runs of a study that are not in its store yet.
 
-Runs are sent to an executor in chunks of some tens of milliseconds, so that sending costs little;
+Runs are sent to an executor in chunks of a tenth of a second, so that sending costs little;
 what comes back is written at once. Whenever it is ended, by whatever, the next call goes on.
 """
 
@@ -19,7 +19,7 @@ from drake_rho.campaigns.store import Store
 from drake_rho.campaigns.study import Study
 from drake_rho.scenario.errors import DrakeRhoError
 
-CHUNK = 0.05
+CHUNK = 0.1
 """How long the runs of a chunk take together, as far as runs of their kind tell [s]."""
 
 _MOST_IN_A_CHUNK = 100

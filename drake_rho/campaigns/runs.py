@@ -186,6 +186,7 @@ def versions() -> str:
     return ", ".join([*found, f"Python {platform.python_version()}"])
 
 
+@cache
 def package_version() -> str:
     """That of drake_rho."""
     return importlib.metadata.version("drake-rho")
