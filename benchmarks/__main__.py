@@ -25,6 +25,9 @@ DRAWN = {"fleet_b1": 50, "fleet_joint": 5, "fleet_b2": 10, "world_b7": 20, "worl
 MISSIONS = ("fleet_b3", "world_b6")
 """Those of missions in files: `run(folder) -> Table`."""
 
+CAMPAIGNS = ("scale_campaigns",)
+"""Those of many runs: `run() -> Table`."""
+
 SWAPS = ("fleet_b4", "fleet_b5")
 """Those of given fleets: `run() -> Table`."""
 
@@ -50,7 +53,16 @@ def main() -> None:
     """Run those named on the command line, by default all but fleets, worlds and flight."""
     known = [
         name
-        for name in (*RACES, *STUDIES, *DRAWN, *MISSIONS, *SWAPS, *FLIGHT, *FLOWN_MISSIONS)
+        for name in (
+            *RACES,
+            *STUDIES,
+            *DRAWN,
+            *MISSIONS,
+            *SWAPS,
+            *FLIGHT,
+            *FLOWN_MISSIONS,
+            *CAMPAIGNS,
+        )
         if find_spec(f"benchmarks.{name}")
     ]
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
@@ -73,7 +85,8 @@ def main() -> None:
         parser.error("--seeds: at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    fleets = tuple(name for name in known if name not in alone + worlds + flight)
+    others = alone + worlds + flight + CAMPAIGNS
+    fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
     by_default = chosen or alone

@@ -51,6 +51,9 @@ from drake_rho.simulation import winds
 from drake_rho.simulation.worst_case import WorstCase, worst_case
 
 if TYPE_CHECKING:
+    from drake_rho.campaigns.campaign import campaign
+    from drake_rho.campaigns.results import Results
+    from drake_rho.campaigns.study import Study, load_study
     from drake_rho.display.animation import animate
     from drake_rho.display.figures import (
         accelerations_figure,
@@ -88,6 +91,7 @@ __all__ = [
     "RecedingHorizon",
     "RecedingHorizonController",
     "Report",
+    "Results",
     "Scenario",
     "ScenarioError",
     "Separation",
@@ -96,6 +100,7 @@ __all__ = [
     "Sphere",
     "State",
     "Statistics",
+    "Study",
     "Track",
     "Vehicle",
     "VehicleCertificate",
@@ -107,6 +112,7 @@ __all__ = [
     "animate",
     "assign_goals",
     "attack",
+    "campaign",
     "certify",
     "circle_swap",
     "coupled",
@@ -123,6 +129,7 @@ __all__ = [
     "load",
     "load_lsc_mission",
     "load_scenario",
+    "load_study",
     "paths_figure",
     "plan",
     "plan_convex",
@@ -146,7 +153,7 @@ __all__ = [
 ]
 
 # What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
-# So is what flies, in Drake's simulator or without.
+# So are what flies, in Drake's simulator or without, and what does many runs.
 _LATER = {
     "animate": "drake_rho.display.animation",
     "accelerations_figure": "drake_rho.display.figures",
@@ -160,6 +167,10 @@ _LATER = {
     "WindyPointMass": "drake_rho.simulation.systems",
     "attack": "drake_rho.simulation.attack",
     "simulate": "drake_rho.simulation.simulate",
+    "Results": "drake_rho.campaigns.results",
+    "Study": "drake_rho.campaigns.study",
+    "campaign": "drake_rho.campaigns.campaign",
+    "load_study": "drake_rho.campaigns.study",
 }
 
 

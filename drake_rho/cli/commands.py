@@ -14,6 +14,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.status import Status
 
+from drake_rho.cli.campaigns import campaign, results
 from drake_rho.cli.checks import (
     check_folder,
     check_interface,
@@ -183,6 +184,10 @@ def schema() -> int:
     """Print the JSON schema of scenario files."""
     say(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
     return 0
+
+
+app.command()(campaign)
+app.command()(results)
 
 
 @app.command()

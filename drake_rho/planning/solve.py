@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache, partial
@@ -27,6 +26,7 @@ from drake_rho.planning.daqp import Daqp
 from drake_rho.planning.dense import DenseProgram, Program
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.solution import Solution
+from drake_rho.planning.threads import cores
 from drake_rho.scenario.fields import FloatArray
 
 Solver: TypeAlias = SolverInterface | Daqp
@@ -160,7 +160,7 @@ def solve_side_by_side(
 
 @lru_cache(maxsize=1)
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count())
+    return ThreadPoolExecutor(cores())
 
 
 def is_dense(solver: Solver | None) -> bool:

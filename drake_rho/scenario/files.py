@@ -71,9 +71,36 @@ def scenario_from_yaml(text: str) -> Scenario:
     Raises:
         ScenarioError: the text is not YAML, or not a valid scenario.
     """
+    return scenario_from_content(yaml_content(text))
+
+
+def scenario_from_content(content: object) -> Scenario:
+    """The scenario that mappings, lists and values describe, as they stand in a file.
+
+    Raises:
+        ScenarioError: they describe no valid one.
+    """
+    try:
+        return _adapter().validate_python(content)
+    except ValidationError as error:
+        raise scenario_error(error, Scenario) from None
+
+
+def scenario_to_content(scenario: Scenario) -> dict[str, Any]:
+    """`scenario` as mappings, lists and values; every field is in it, absent ones as None."""
+    content: dict[str, Any] = _adapter().dump_python(scenario, mode="json")
+    return content
+
+
+def yaml_content(text: str) -> object:
+    """What YAML text holds, as mappings, lists and values.
+
+    Raises:
+        ScenarioError: the text is not YAML, or has a key twice.
+    """
     try:
         # A SafeLoader, given by name because it also refuses doubled keys.
-        content = yaml.load(text, Loader=_Loader)  # noqa: S506
+        return yaml.load(text, Loader=_Loader)  # noqa: S506
     except RecursionError:
         raise ScenarioError("", Words("broken YAML"), "YAML that is less deep") from None
     except (TypeError, AttributeError, LookupError):  # as PyYAML does with `!!bool perhaps`
@@ -82,10 +109,6 @@ def scenario_from_yaml(text: str) -> Scenario:
     except (yaml.YAMLError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise ScenarioError("", Words("broken YAML"), f"YAML; {reason}") from None
-    try:
-        return _adapter().validate_python(content)
-    except ValidationError as error:
-        raise scenario_error(error, Scenario) from None
 
 
 def scenario_to_yaml(scenario: Scenario) -> str:

@@ -1,0 +1,1 @@
+"""Many runs: studies, the store of what they found, and what it says."""

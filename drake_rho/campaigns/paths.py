@@ -1,0 +1,63 @@
+"""Fields of a scenario by their paths, written as errors name them: `vehicles[0].start.position`.
+
+A path may end inside a vector, as in `vehicles[0].start.position[2]`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Any
+
+from drake_rho.scenario.errors import ScenarioError
+
+_PATH = re.compile(r"\w+(\[\d+\])*(\.\w+(\[\d+\])*)*")
+_PART = re.compile(r"\[(\d+)\]|(\w+)")
+
+
+def put(content: Any, path: str, value: object) -> None:
+    """Put a value into nested mappings and lists, where there is one already.
+
+    Args:
+        content: a scenario as mappings and lists, every field in it, absent ones as None.
+        path: of the field.
+        value: as it may stand in a file.
+
+    Raises:
+        ScenarioError: there is no such field.
+    """
+    if not _PATH.fullmatch(path):
+        expected = "the path of a field, as vehicles[0].start.position"
+        raise ScenarioError("", path, expected)
+    *parts, last = [int(index) if index else name for index, name in _PART.findall(path)]
+    walked = ""
+    for part in parts:
+        content = _at(content, part, path, walked)[part]
+        walked += f"[{part}]" if isinstance(part, int) else f".{part}" if walked else part
+    _at(content, last, path, walked)[last] = value
+
+
+def _at(content: Any, part: str | int, path: str, walked: str) -> Any:
+    """The content, which has such a part.
+
+    Raises:
+        ScenarioError: it does not.
+    """
+    where = walked or "the scenario"
+    if isinstance(part, str) and isinstance(content, Mapping):
+        if part in content:
+            return content
+        close = get_close_matches(part, content, 1)
+        meant = "".join(f"; did you mean {each}?" for each in close)
+        expected = f"a field that exists: {where} has {', '.join(content)}{meant}"
+    elif isinstance(part, int) and isinstance(content, list):
+        if part < len(content):
+            return content
+        expected = f"a field that exists: {where} has {len(content)} entries, counted from 0"
+    elif content is None:
+        expected = f"a field that exists: {where} is not given"
+    else:
+        kind = "list" if isinstance(content, list) else "single value"
+        expected = f"a field that exists: {where} is a {kind}"
+    raise ScenarioError("", path, expected)

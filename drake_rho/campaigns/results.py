@@ -1,0 +1,291 @@
+"""`Results`: what a store says, as a frame, as a file, and in short."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+import tempfile
+from collections import Counter
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drake_rho.campaigns.statistics import (
+    Comparison,
+    Failure,
+    Group,
+    Proportion,
+    Quantiles,
+    compare,
+)
+from drake_rho.campaigns.store import COLUMNS, StoreError, reading
+from drake_rho.campaigns.tables import tables
+from drake_rho.motion.files import load
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.files import replacing
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from drake_rho.motion.plan import Flight, Plan
+    from drake_rho.motion.simulation import Simulation
+
+ENDINGS = (".csv", ".parquet")
+"""Of the files that `Results.export` writes."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Columns:
+    """What the summary is made of, run by run."""
+
+    pair: IntArray  # number of the scenario's source times methods, plus that of the method
+    repetition: IntArray
+    verified: BoolArray
+    cost: FloatArray
+    seconds: FloatArray
+
+
+class Results:
+    """What a store holds; prints as tables.
+
+    Args:
+        path: of the store.
+
+    Raises:
+        StoreError: there is no such file, or it is no store.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        with reading(self.path) as connection:
+            (study,) = connection.execute("SELECT study FROM study").fetchone()
+            (self.runs,) = connection.execute("SELECT count(*) FROM runs").fetchone()
+        content = json.loads(study)
+        self.study: str = content["name"]
+        self.scenarios: tuple[str, ...] = tuple(each["name"] for each in content["scenarios"])
+        self.methods: tuple[str, ...] = tuple(each["name"] for each in content["methods"])
+
+    def frame(self) -> pd.DataFrame:
+        """All rows as a pandas frame, one a run (extra `results`).
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        import pandas as pd
+
+        with reading(self.path) as connection:
+            frame = pd.read_sql_query(f"SELECT {', '.join(COLUMNS)} FROM runs", connection)  # noqa: S608
+        return frame.astype({"verified": bool, "vehicles": "Int64", "programs": "Int64"})
+
+    def export(self, path: str | Path) -> None:
+        """Write all rows, one a run, whole or not at all.
+
+        Args:
+            path: of the file; its ending says the format: `.csv`, or `.parquet` (extra `results`).
+
+        Raises:
+            ValueError: the ending is another one.
+            OSError: the file cannot be written.
+            ImportError: for Parquet, pandas or pyarrow is not installed.
+        """
+        ending = Path(path).suffix.lower()
+        if ending not in ENDINGS:
+            raise ValueError(f"{path}: got {ending!r}, expected the ending {' or '.join(ENDINGS)}")
+        with replacing(path) as file:
+            if ending == ".parquet":
+                self.frame().to_parquet(file, index=False)
+                return
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="", write_through=True)
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            with reading(self.path) as connection:
+                writer.writerows(connection.execute(f"SELECT {', '.join(COLUMNS)} FROM runs"))  # noqa: S608
+            text.detach()
+
+    def plan(self, key: str) -> Plan | Flight | Simulation:
+        """What a run has planned or flown, if the study keeps plans.
+
+        Raises:
+            StoreError: it was not kept, or there is none.
+        """
+        with reading(self.path) as connection:
+            found = connection.execute("SELECT content FROM plans WHERE key = ?", (key,)).fetchone()
+        if found is None:
+            raise StoreError(f"{self.path}: got no plan of run {key}, expected one that was kept")
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "plan.npz"
+            path.write_bytes(found[0])
+            return load(path)
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """Each method on each source of scenarios, as far as there are runs."""
+        columns, found = self._columns, list[Group]()
+        for number in range(len(self.scenarios) * len(self.methods)):
+            here = columns.pair == number
+            if not np.any(here):
+                continue
+            i, j = divmod(number, len(self.methods))
+            good = here & columns.verified
+            found.append(
+                Group(
+                    self.scenarios[i],
+                    self.methods[j],
+                    Proportion(int(np.sum(good)), int(np.sum(here))),
+                    Quantiles.of(columns.cost[good]),
+                    Quantiles.of(columns.seconds[here]),
+                )
+            )
+        return tuple(found)
+
+    @cached_property
+    def failures(self) -> tuple[Failure, ...]:
+        """Runs without a plan that holds, by method and status, the most frequent first."""
+        found = dict[tuple[str, str], Counter[str]]()
+        columns = "method, status, reason"
+        query = f"SELECT {columns}, count(*) FROM runs WHERE NOT verified GROUP BY {columns}"  # noqa: S608
+        with reading(self.path) as connection:
+            for method, status, reason, count in connection.execute(query):
+                found.setdefault((method, status), Counter())[reason] += count
+        failures = [
+            Failure(method, status, reasons.most_common(1)[0][0], reasons.total())
+            for (method, status), reasons in found.items()
+        ]
+        return tuple(sorted(failures, key=lambda each: (-each.runs, each.method, each.status)))
+
+    @cached_property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """Every other method compared with the first, on each source and on all of them."""
+        others = [each for each in self.methods if each != self.methods[0]]
+        sources = [*self.scenarios, ""] if len(self.scenarios) > 1 else self.scenarios
+        found = [
+            self.compare(method, self.methods[0], scenario)
+            for method in others
+            for scenario in sources
+        ]
+        return tuple(each for each in found if each is not None)
+
+    def compare(self, method: str, base: str, scenario: str = "") -> Comparison | None:
+        """Two methods on the runs that both have done; None if there are none.
+
+        Args:
+            method: name of one.
+            base: name of the other.
+            scenario: name of a source; all if not given.
+
+        Raises:
+            ValueError: there is no such name.
+        """
+        for field, name, known in (
+            ("method", method, self.methods),
+            ("base", base, self.methods),
+            ("scenario", scenario or self.scenarios[0], self.scenarios),
+        ):
+            if name not in known:
+                raise ValueError(f"{field}: got {name!r}, expected one of {', '.join(known)}")
+        ones, others = self._paired(method, base, scenario)
+        if not len(ones):
+            return None
+        columns = self._columns
+        return compare(
+            (scenario, method, base),
+            (columns.verified[ones], columns.verified[others]),
+            (columns.cost[ones], columns.cost[others]),
+            (columns.seconds[ones], columns.seconds[others]),
+        )
+
+    def seconds_of(self, method: str) -> FloatArray:
+        """Planning times of the runs of a method whose plan holds, ascending [s], shape (M,)."""
+        columns, j = self._columns, self.methods.index(method)
+        here = (columns.pair % len(self.methods) == j) & columns.verified
+        return np.sort(columns.seconds[here])
+
+    def cost_ratios(self, method: str, base: str) -> FloatArray:
+        """Costs over those of a base where both hold, ascending, shape (M,)."""
+        ones, others = self._paired(method, base, "")
+        columns = self._columns
+        both = columns.verified[ones] & columns.verified[others] & (columns.cost[others] > 0.0)
+        return np.sort(columns.cost[ones][both] / columns.cost[others][both])
+
+    def runs_of(self, method: str) -> int:
+        """How many runs of a method there are."""
+        return int(np.sum(self._columns.pair % len(self.methods) == self.methods.index(method)))
+
+    def to_json(self) -> dict[str, Any]:
+        """The summary as mappings, lists and values; what is not known is None."""
+        groups = [
+            dataclasses.asdict(each)
+            | {"rate": each.success.rate, "interval_95": list(each.success.interval)}
+            for each in self.groups
+        ]
+        comparisons = [
+            dataclasses.asdict(each) | {"p_success": each.p_success, "p_cost": each.p_cost}
+            for each in self.comparisons
+        ]
+        content = {
+            "study": self.study,
+            "runs": self.runs,
+            "groups": groups,
+            "failures": [dataclasses.asdict(each) for each in self.failures],
+            "comparisons": comparisons,
+        }
+        return {name: _without_nan(value) for name, value in content.items()}
+
+    def __len__(self) -> int:
+        return int(self.runs)
+
+    def __str__(self) -> str:
+        title = f"{self.study}: {self.runs} runs"
+        return tables(title, self.groups, self.failures, self.comparisons)
+
+    def _paired(self, method: str, base: str, scenario: str) -> tuple[IntArray, IntArray]:
+        """Places of the runs of two methods on the same scenario and seed, shape (M,) each."""
+        columns, count = self._columns, len(self.methods)
+        source, j = np.divmod(columns.pair, count)
+        place = source * (columns.repetition.max(initial=0) + 1) + columns.repetition
+        asked = np.full(len(place), True)
+        if scenario:
+            asked = source == self.scenarios.index(scenario)
+        ones, others = (
+            np.flatnonzero(asked & (j == self.methods.index(name))) for name in (method, base)
+        )
+        _, first, second = np.intersect1d(place[ones], place[others], return_indices=True)
+        return ones[first], others[second]
+
+    @cached_property
+    def _columns(self) -> _Columns:
+        sources = {name: number for number, name in enumerate(self.scenarios)}
+        methods = {name: number for number, name in enumerate(self.methods)}
+        names = "scenario, method, repetition, verified, cost, plan_seconds"
+        with reading(self.path) as connection:
+            rows = connection.execute(f"SELECT {names} FROM runs").fetchall()  # noqa: S608
+        table = np.array(
+            [
+                (
+                    sources[scenario] * len(methods) + methods[method],
+                    repetition,
+                    verified,
+                    math.nan if cost is None else cost,
+                    math.nan if seconds is None else seconds,
+                )
+                for scenario, method, repetition, verified, cost, seconds in rows
+            ],
+            dtype=np.float64,
+        ).reshape(-1, 5)
+        pair, repetition, verified, cost, seconds = table.T
+        return _Columns(
+            pair.astype(np.int64), repetition.astype(np.int64), verified > 0.0, cost, seconds
+        )
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _without_nan(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

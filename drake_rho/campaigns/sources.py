@@ -1,0 +1,260 @@
+"""Where the scenarios of a study come from: generators, files, a scenario with varied fields."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import field
+from difflib import get_close_matches
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag, TypeAdapter, ValidationError
+
+from drake_rho.campaigns.distributions import AnyDistribution, is_distribution
+from drake_rho.campaigns.paths import put
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import Count, Name, Positive, record, scenario_error
+from drake_rho.scenario.files import (
+    load_scenario,
+    scenario_from_content,
+    scenario_to_content,
+)
+from drake_rho.scenario.generators import circle_swap, random_transitions
+from drake_rho.scenario.missions import is_lsc_mission, load_lsc_mission
+from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.worlds import random_field, trefoil_swap
+
+GENERATORS: dict[str, Callable[..., Scenario]] = {
+    "random_transitions": random_transitions,
+    "circle_swap": circle_swap,
+    "trefoil_swap": trefoil_swap,
+    "random_field": random_field,
+}
+"""By the names that a study gives them."""
+
+_DRAWS = 10
+"""Draws of which one has to be a scenario, or the parameters are refused."""
+
+Repetitions = Annotated[Count, Field(ge=1, le=10_000_000)]
+if TYPE_CHECKING:
+    Vary = Mapping[str, Any]  # mappings that describe distributions become them
+else:
+    Vary = dict[str, AnyDistribution]
+
+
+@record
+class Generated:
+    """Scenarios of a generator."""
+
+    name: Name
+    """of these scenarios in tables and figures"""
+    generator: Literal["random_transitions", "circle_swap", "trefoil_swap", "random_field"]
+    """the function of this package that makes them"""
+    parameters: dict[str, Any] = field(default_factory=dict)
+    """its arguments by name, without `rng`; each may be a distribution"""
+    vary: Vary = field(default_factory=dict)
+    """distributions of fields of what is generated, by their paths, drawn in this order"""
+    repetitions: Repetitions | None = None
+    """how many are drawn; as many as the study says if not given"""
+
+    def __post_init__(self) -> None:
+        _check_parameters(self.generator, self.parameters)
+        for seed in range(_DRAWS):
+            try:
+                made = self._generated(np.random.default_rng(seed))
+                break
+            except ScenarioError as error:
+                refused = error
+        else:
+            raise refused.inside("parameters")
+        _check_paths(made, self.vary)
+
+    def drawn(self, rng: np.random.Generator) -> Scenario:
+        """One of them.
+
+        Raises:
+            ScenarioError: what was drawn makes no scenario.
+        """
+        return varied(self._generated(rng), self.vary, rng)
+
+    def _generated(self, rng: np.random.Generator) -> Scenario:
+        generator = GENERATORS[self.generator]
+        drawn: dict[str, Any] = {
+            name: _parameter(self.generator, name, _drawn(value, rng))
+            for name, value in self.parameters.items()
+        }
+        if "rng" in inspect.signature(generator).parameters:
+            drawn["rng"] = rng
+        try:
+            return generator(**drawn)
+        except TypeError as error:  # a parameter without default is missing
+            raise ScenarioError("", dict(self.parameters), str(error)) from None
+
+
+@record
+class Given:
+    """One scenario, with distributions on any of its fields."""
+
+    name: Name
+    """of these scenarios in tables and figures"""
+    scenario: Scenario
+    """what is drawn around"""
+    vary: Vary = field(default_factory=dict)
+    """distributions of its fields, by their paths, drawn in this order"""
+    repetitions: Repetitions | None = None
+    """how many are drawn; as many as the study says if not given"""
+
+    def __post_init__(self) -> None:
+        _check_paths(self.scenario, self.vary)
+
+    def drawn(self, rng: np.random.Generator) -> Scenario:
+        """One of them.
+
+        Raises:
+            ScenarioError: what was drawn makes no scenario.
+        """
+        return varied(self.scenario, self.vary, rng)
+
+
+@record
+class FromFile:
+    """A scenario of a file or of the library, or a mission of the LSC planner."""
+
+    name: Name
+    """of these scenarios in tables and figures"""
+    file: str
+    """name of a library scenario, or path of a YAML file or of a mission (.json), from the folder
+    of the study's file"""
+    duration: Positive | None = None
+    """of a mission's flight [s]"""
+    step: Positive | None = None
+    """of a mission's flight, which divides the duration [s]"""
+    world: str | None = None
+    """path of a CSV file with boxes in the way of a mission"""
+    vary: Vary = field(default_factory=dict)
+    """distributions of its fields, by their paths, drawn in this order"""
+    repetitions: Repetitions | None = None
+    """how many are drawn; as many as the study says if not given"""
+
+    def given(self, folder: Path) -> Given:
+        """The same with the content of the file.
+
+        Raises:
+            ScenarioError: there is no such file, or no scenario in it.
+        """
+        scenario = self._read(folder)
+        _check_paths(scenario, self.vary)
+        return Given(self.name, scenario, self.vary, self.repetitions)
+
+    def _read(self, folder: Path) -> Scenario:
+        path = folder / self.file
+        if not is_lsc_mission(path):
+            self._check_no_mission()
+            return load_scenario(path if path.exists() else self.file)
+        if self.duration is None or self.step is None:
+            raise ScenarioError("file", self.file, "a duration and a step beside a mission")
+        world = None if self.world is None else folder / self.world
+        grid = Grid.lasting(self.duration, step=self.step)
+        return load_lsc_mission(path, grid=grid, world=world)
+
+    def _check_no_mission(self) -> None:
+        for name in ("duration", "step", "world"):
+            if getattr(self, name) is not None:
+                expected = f"a mission (.json) with it, not {self.file}"
+                raise ScenarioError(name, getattr(self, name), expected)
+
+
+_KINDS = {"generator": "Generated", "file": "FromFile", "scenario": "Given"}
+
+
+def _kind(value: object) -> str:
+    """The name of the record that a value is, or that a mapping describes, mistyped keys too."""
+    if not isinstance(value, Mapping):
+        return type(value).__name__
+    for key in value:
+        if close := get_close_matches(str(key), _KINDS, 1, 0.75):
+            return _KINDS[close[0]]
+    raise ScenarioError("", dict(value), "a mapping with generator, file or scenario")
+
+
+AnySource = Annotated[
+    Annotated[Generated, Tag("Generated")]
+    | Annotated[FromFile, Tag("FromFile")]
+    | Annotated[Given, Tag("Given")],
+    Discriminator(_kind),
+]
+"""Where scenarios come from, told apart by its keys."""
+
+
+def varied(scenario: Scenario, vary: Mapping[str, Any], rng: np.random.Generator) -> Scenario:
+    """A scenario with values drawn for some of its fields.
+
+    Raises:
+        ScenarioError: there is no such field, or what comes of it is no scenario.
+    """
+    if not vary:
+        return scenario
+    content = scenario_to_content(scenario)
+    for path, distribution in vary.items():
+        put(content, path, distribution.draw(rng))
+    return scenario_from_content(content)
+
+
+def _check_paths(scenario: Scenario, vary: Mapping[str, object]) -> None:
+    content = scenario_to_content(scenario)
+    for path in vary:
+        try:
+            put(content, path, None)
+        except ScenarioError as error:
+            raise error.inside("vary") from None
+        content = scenario_to_content(scenario)
+
+
+def _check_parameters(generator: str, parameters: Mapping[str, object]) -> None:
+    known = _kinds_of(generator)
+    for name in parameters:
+        if name not in known:
+            close = get_close_matches(name, known, 1)
+            meant = "".join(f"; did you mean {each}?" for each in close)
+            expected = f"no parameter of this name for {generator}{meant}"
+            raise ScenarioError(f"parameters.{name}", parameters[name], expected)
+
+
+def _drawn(value: object, rng: np.random.Generator) -> object:
+    """A value, or one drawn from it if it is a distribution."""
+    if not is_distribution(value):
+        return value
+    return _distributions().validate_python(value).draw(rng)
+
+
+def _parameter(generator: str, name: str, value: object) -> object:
+    """A parameter of a generator as it takes it, records made of mappings.
+
+    Raises:
+        ScenarioError: it does not fit.
+    """
+    kind = _kinds_of(generator)[name]
+    try:
+        return _adapter(generator, name).validate_python(value)
+    except ValidationError as error:
+        raise scenario_error(error, kind if isinstance(kind, type) else object, name) from None
+
+
+@cache
+def _kinds_of(generator: str) -> dict[str, Any]:
+    """Names and types of a generator's parameters, `rng` left out."""
+    hints = get_type_hints(GENERATORS[generator])
+    return {name: kind for name, kind in hints.items() if name not in ("rng", "return")}
+
+
+@cache
+def _adapter(generator: str, name: str) -> TypeAdapter[Any]:
+    return TypeAdapter(_kinds_of(generator)[name])
+
+
+@cache
+def _distributions() -> TypeAdapter[Any]:
+    return TypeAdapter(AnyDistribution)

@@ -1,0 +1,190 @@
+"""The store: an SQLite file with a row for every run that is done, each written whole.
+
+Only the process that runs a campaign writes. With write-ahead logging a row is there once its
+transaction has ended, whatever ends the process then, and others may read meanwhile.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Self
+
+from drake_rho.campaigns.runs import Done, Row, package_version
+from drake_rho.campaigns.study import Study, continues, study_to_json
+from drake_rho.scenario.errors import DrakeRhoError
+
+_APPLICATION = 0x72686F31
+"""By which an SQLite file says whose it is: 'rho1'."""
+
+FORMAT = 1
+"""Of the tables, in the file's `user_version`."""
+
+_PATIENCE = 30.0
+"""How long to wait for another process that writes [s]."""
+
+COLUMNS = tuple(field.name for field in dataclasses.fields(Row))
+"""Of the table `runs`."""
+
+_SQL_TYPES = {"str": "TEXT", "int": "INTEGER", "bool": "INTEGER", "float": "REAL"}
+
+
+class StoreError(DrakeRhoError, ValueError):
+    """A file is no store, or that of another study or version, or cannot be read or written."""
+
+
+class Store:
+    """What a campaign has found so far. Closed by its `with` block.
+
+    Args:
+        path: of the file, made if it is not there.
+        study: whose it is, scenarios of files included.
+
+    Raises:
+        StoreError: it is no store, or not that of the study, or of another version of the package.
+    """
+
+    def __init__(self, path: str | Path, study: Study) -> None:
+        self.path = Path(path)
+        with _told(self.path):
+            self._connection = sqlite3.connect(self.path, _PATIENCE, isolation_level=None)
+            try:
+                self._begin(study_to_json(study))
+            except BaseException:
+                self._connection.close()
+                raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._connection.close()
+
+    def keys(self) -> set[str]:
+        """The keys of the runs that are done."""
+        with _told(self.path):
+            return {key for (key,) in self._connection.execute("SELECT key FROM runs")}
+
+    def failures(self) -> int:
+        """How many runs were not solved, or break a constraint."""
+        with _told(self.path):
+            (count,) = self._connection.execute(
+                "SELECT count(*) FROM runs WHERE NOT verified"
+            ).fetchone()
+        return int(count)
+
+    def write(self, done: Sequence[Done]) -> None:
+        """Add what has been done, all of it or nothing; what is there already stays as it is.
+
+        Raises:
+            StoreError: it cannot be written, as on a full disk.
+        """
+        marks = ", ".join("?" * len(COLUMNS))
+        rows = [tuple(getattr(each.row, name) for name in COLUMNS) for each in done]
+        plans = [(each.row.key, each.plan) for each in done if each.plan is not None]
+        with _told(self.path), self._transaction():
+            self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)  # noqa: S608
+            self._connection.executemany("INSERT OR IGNORE INTO plans VALUES (?, ?)", plans)
+
+    def _begin(self, study: str) -> None:
+        """Make the tables, or see that they are those of the study, which may have grown."""
+        if not _is_empty(self._connection):  # nothing is written to a file of others
+            check_format(self._connection, self.path)
+        self._connection.execute("PRAGMA journal_mode = WAL")
+        self._connection.execute("PRAGMA synchronous = NORMAL")
+        with self._transaction():
+            if _is_empty(self._connection):
+                self._make_tables()
+            found = self._connection.execute("SELECT study, version FROM study").fetchone()
+            if found is not None:
+                self._check_continues(study, *found)
+            self._connection.execute("DELETE FROM study")
+            self._connection.execute("INSERT INTO study VALUES (?, ?)", (study, package_version()))
+
+    def _make_tables(self) -> None:
+        columns = ", ".join(
+            f"{field.name} {_SQL_TYPES[str(field.type).removesuffix(' | None')]}"
+            + ("" if str(field.type).endswith("| None") else " NOT NULL")
+            + (" PRIMARY KEY" if field.name == "key" else "")
+            for field in dataclasses.fields(Row)
+        )
+        self._connection.execute(f"CREATE TABLE runs ({columns})")
+        self._connection.execute("CREATE TABLE plans (key TEXT PRIMARY KEY, content BLOB NOT NULL)")
+        self._connection.execute("CREATE TABLE study (study TEXT NOT NULL, version TEXT NOT NULL)")
+        self._connection.execute(f"PRAGMA application_id = {_APPLICATION}")
+        self._connection.execute(f"PRAGMA user_version = {FORMAT}")
+
+    def _check_continues(self, study: str, kept: str, version: str) -> None:
+        if version != package_version():
+            raise StoreError(
+                f"{self.path}: got a store of drake_rho {version}, expected one of "
+                f"{package_version()}: what other versions find is not comparable"
+            )
+        if not continues(study, kept):
+            raise StoreError(
+                f"{self.path}: got the store of another study, expected one of this study, or of "
+                "it with fewer repetitions, scenarios or methods"
+            )
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._connection.execute("COMMIT")
+        except BaseException:
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            raise
+
+
+@contextmanager
+def reading(path: str | Path) -> Iterator[sqlite3.Connection]:
+    """A store that is only read, also while a campaign writes to it.
+
+    Raises:
+        StoreError: there is no such file, or it is no store.
+    """
+    path = Path(path)
+    with _told(path):
+        if not path.is_file():
+            raise StoreError(f"{path}: got no such file, expected the store of a campaign")
+        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", _PATIENCE, uri=True)
+        try:
+            check_format(connection, path)
+            yield connection
+        finally:
+            connection.close()
+
+
+def check_format(connection: sqlite3.Connection, path: Path) -> None:
+    """See that a file is a store of this version's format.
+
+    Raises:
+        StoreError: it is not.
+    """
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (number,) = connection.execute("PRAGMA user_version").fetchone()
+    if application != _APPLICATION:
+        raise StoreError(f"{path}: got another SQLite file, expected the store of a campaign")
+    if number != FORMAT:
+        raise StoreError(f"{path}: got a store of format {number}, expected format {FORMAT}")
+
+
+def _is_empty(connection: sqlite3.Connection) -> bool:
+    (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    return bool(tables == 0 and application == 0)
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Errors of SQLite as those of the package."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        expected = "a file that SQLite can read and write; all runs before are kept"
+        raise StoreError(f"{path}: {error}; expected {expected}") from None

@@ -1,0 +1,86 @@
+"""Results as text, for a terminal of a hundred columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from drake_rho.campaigns.statistics import Comparison, Failure, Group, Quantiles
+
+_LONGEST = 12
+"""Kinds of failure that are shown."""
+
+_WORDS = 60
+"""Characters of a reason that are shown."""
+
+
+def tables(
+    title: str,
+    groups: Sequence[Group],
+    failures: Sequence[Failure],
+    comparisons: Sequence[Comparison],
+) -> str:
+    """Success, costs and times; failures by reason; methods compared with the first."""
+    parts = [title, _groups(groups)]
+    if failures:
+        parts.append(_failures(failures))
+    if comparisons:
+        parts.append(_comparisons(comparisons))
+    return "\n\n".join(parts)
+
+
+def _groups(groups: Sequence[Group]) -> str:
+    heads = ("scenario", "method", "runs", "success, 95 % [%]", "cost [m²/s⁴]", "time [s]")
+    rows = []
+    for each in groups:
+        low, high = each.success.interval
+        rate = f"{100 * each.success.rate:5.1f} ({100 * low:.1f} to {100 * high:.1f})"
+        row = (each.scenario, each.method, str(each.success.runs), rate)
+        rows.append((*row, _spread(each.cost), _spread(each.seconds)))
+    note = "cost and time: median (a tenth is below, a tenth above)"
+    return f"{_grid(heads, rows)}\n{note}"
+
+
+def _failures(failures: Sequence[Failure]) -> str:
+    rows = [
+        (each.method, each.status, str(each.runs), each.reason[:_WORDS])
+        for each in failures[:_LONGEST]
+    ]
+    more = len(failures) - _LONGEST
+    rest = f"\n… and {more} more kinds" if more > 0 else ""
+    return _grid(("failures of", "status", "runs", "most often because"), rows) + rest
+
+
+def _comparisons(comparisons: Sequence[Comparison]) -> str:
+    heads = ("method / first", "scenario", "both", "only it", "only first", "p")
+    rows = [
+        (
+            f"{each.method} / {each.base}",
+            each.scenario or "all",
+            str(each.both),
+            str(each.only_method),
+            str(each.only_base),
+            f"{each.p_success:.2g}",
+            _spread(each.cost_ratio),
+            f"{each.cheaper}:{each.dearer}",
+            f"{each.p_cost:.2g}",
+            _spread(each.time_ratio),
+        )
+        for each in comparisons
+    ]
+    return _grid((*heads, "cost ratio", "cheaper:dearer", "p", "time ratio"), rows)
+
+
+def _spread(values: Quantiles) -> str:
+    if math.isnan(values.median):
+        return "-"
+    return f"{values.median:.4g} ({values.lower:.3g} to {values.upper:.3g})"
+
+
+def _grid(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [heads, *rows]
+    wide = [max(len(line[place]) for line in lines) for place in range(len(heads))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, wide, strict=True)).rstrip()
+        for line in lines
+    )

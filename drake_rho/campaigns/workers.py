@@ -1,0 +1,108 @@
+"""Processes of this machine for a campaign; one that dies is replaced, and the others go on."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from drake_rho.scenario.errors import DrakeRhoError
+
+_Result = TypeVar("_Result")
+
+
+_STARTS = 3
+"""How often the first processes are started before it is given up."""
+
+
+class Workers(Executor):
+    """A `ProcessPoolExecutor` of fresh processes that is made anew when one of them has died.
+
+    Tasks that were under way then fail with `BrokenProcessPool`, and may be submitted again. Each
+    process uses one core, leaves Ctrl-C to its parent, and ends when that has ended.
+
+    Args:
+        count: how many processes.
+
+    Raises:
+        ValueError: the count is below 1.
+        DrakeRhoError: the processes do not start.
+    """
+
+    def __init__(self, count: int) -> None:
+        if count < 1:
+            raise ValueError(f"workers: got {count}, expected at least 1")
+        self.at_once = 2 * count  # so that none waits for the next
+        self._count = count
+        self._pool = self._started()
+        for _ in range(_STARTS):
+            try:
+                self.submit(_load).result()
+                break
+            except BrokenProcessPool:
+                continue
+        else:
+            raise DrakeRhoError(
+                "workers: got processes that end at once, expected ones that start; in a script, "
+                'what begins them stands under: if __name__ == "__main__"'
+            )
+
+    def submit(self, fn: Callable[..., _Result], /, *args: Any, **kwargs: Any) -> Future[_Result]:
+        """As `Executor.submit`, with new processes if the pool is broken."""
+        with _interrupts_blocked():
+            try:
+                return self._pool.submit(fn, *args, **kwargs)
+            except BrokenProcessPool:
+                self._pool.shutdown(wait=False)
+                self._pool = self._started()
+                return self._pool.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """As `Executor.shutdown`; with `cancel_futures` what is under way is ended too."""
+        processes = list((getattr(self._pool, "_processes", None) or {}).values())
+        self._pool.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
+        if cancel_futures:
+            for process in processes:
+                process.kill()
+
+    def _started(self) -> ProcessPoolExecutor:
+        # A fork of a process that has solved programs hangs: it has their locks, not their threads.
+        fresh = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self._count, fresh, initializer=_begin)
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Processes that are started in it have Ctrl-C blocked until they have begun to ignore it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin() -> None:
+    """What a process does first."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ["OMP_NUM_THREADS"] = "1"
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _load()
+
+
+def _load() -> None:
+    """Load what runs need, which takes longer than many a run."""
+    import drake_rho.campaigns.runs  # noqa: F401
+
+
+def _end_with_parent() -> None:
+    """A pool's processes would wait for work for ever if their parent is killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,193 @@
+"""The commands for many runs: `campaign` and `results`."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from drake_rho.cli.checks import check_folder, check_writable
+from drake_rho.cli.console import err, say
+
+if TYPE_CHECKING:
+    from drake_rho.campaigns.campaign import Progress as SoFar
+
+_ANSWER = 10.0
+"""How long to wait for a scheduler [s]."""
+
+
+def campaign(
+    study: Annotated[
+        str | None, typer.Argument(metavar="STUDY", help="A study in YAML; see --example.")
+    ] = None,
+    store: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Where rows are kept, one a run (SQLite)."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Processes of this machine; if not given, this one."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Of a Dask scheduler, as tcp://host:8786, whose workers do the runs (extra dask).",
+        ),
+    ] = None,
+    example: Annotated[
+        bool, typer.Option("--example", help="Print a complete study and end.")
+    ] = False,
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Print the JSON schema of studies and end.")
+    ] = False,
+) -> int:
+    """Do the runs of a study that are not in the store yet; ended by anything, it goes on."""
+    from drake_rho.campaigns.campaign import campaign as run_campaign
+    from drake_rho.campaigns.study import example_study, load_study, study_schema
+
+    if example or schema:
+        text = example_study() if example else json.dumps(study_schema(), indent=2) + "\n"
+        say(text.rstrip("\n"))
+        return 0
+    if study is None or store is None:
+        missing = "STUDY" if study is None else "--store"
+        raise ValueError(f"campaign: got no {missing}, expected STUDY and --store FILE")
+    if workers is not None and scheduler is not None:
+        raise ValueError("--scheduler: got it beside --workers, expected one of them")
+    asked = load_study(study)
+    began = time.monotonic()
+    try:
+        with _shown() as watch, _executor(workers, scheduler) as executor:
+            results = run_campaign(asked, store, executor=executor, progress=watch)
+    except KeyboardInterrupt:
+        say(f"interrupted: what was done is in {store}, and the same command goes on", err)
+        return 130
+    failed = sum(each.runs for each in results.failures)
+    say(f"{len(results)} runs in {store}, {failed} failed; {time.monotonic() - began:.1f} s")
+    return 0
+
+
+def results(
+    store: Annotated[str, typer.Argument(metavar="FILE", help="The store of a campaign.")],
+    figures: Annotated[
+        str | None, typer.Option(metavar="FOLDER", help="Folder for figures, made if needed.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON in place of tables.")] = False,
+    export: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Write all rows to this file (.csv or .parquet)."),
+    ] = None,
+) -> int:
+    """Print what a campaign has found: success, costs, times, failures, methods compared."""
+    from drake_rho.campaigns.results import ENDINGS, Results
+
+    check_folder(figures)
+    check_writable(export, ENDINGS, "--export")
+    found = Results(store)
+    text = json.dumps(found.to_json(), indent=2, ensure_ascii=False) if as_json else str(found)
+    if export is not None:
+        _exported(found.export, export)
+    if figures is not None:
+        # matplotlib takes longer to load than the tables take to make
+        from drake_rho.display.campaigns import write_campaign_figures
+
+        with err.status("drawing"):
+            drawn = write_campaign_figures(found, figures)
+    say(text)
+    if export is not None and not as_json:
+        say(f"{len(found)} rows in {export}")
+    if figures is not None and not as_json:
+        say(f"{', '.join(path.name for path in drawn)} in {figures}")
+    return 0
+
+
+@contextmanager
+def _shown() -> Iterator[Callable[[SoFar], None]]:
+    """A line on standard error, if it is a terminal: done, failed, rate, time left."""
+    words = TextColumn(
+        "{task.completed:.0f} of {task.total:.0f} done, {task.fields[failed]} failed, "
+        "{task.fields[rate]:.1f} runs/s, left"
+    )
+    columns = (BarColumn(), words, TimeRemainingColumn())
+    hidden = not err.is_terminal
+    with Progress(*columns, console=err, transient=True, disable=hidden) as bar:
+        task = bar.add_task("", total=1, failed=0, rate=0.0)
+        began, before = time.monotonic(), None
+
+        def watch(now: SoFar) -> None:
+            nonlocal before
+            before = now.done if before is None else before
+            rate = (now.done - before) / max(time.monotonic() - began, 1e-9)
+            bar.update(task, total=now.total, completed=now.done, failed=now.failed, rate=rate)
+
+        yield watch
+
+
+@contextmanager
+def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor | None]:
+    """Where runs are done; ended with what is under way if the block ends with an error."""
+    from drake_rho.campaigns.workers import Workers
+
+    if scheduler is not None:
+        with _dask_executor(scheduler) as executor:
+            yield executor
+    elif workers is not None:
+        pool = Workers(workers)
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+        pool.shutdown()
+    else:
+        yield None
+
+
+@contextmanager
+def _dask_executor(address: str) -> Iterator[Executor]:
+    """The workers of a Dask scheduler.
+
+    Raises:
+        ValueError: Dask is not installed, or nobody answers there.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        expected = "the extra dask: pip install 'drake-rho[dask]'"
+        raise ValueError(f"--scheduler: got no Dask here, expected {expected}") from None
+    for name in [each for each in logging.root.manager.loggerDict if "distributed" in each]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what is wrong is said in a line
+    try:
+        client = Client(address, timeout=_ANSWER)
+    except (OSError, ValueError, TypeError) as error:
+        expected = f"the address of a Dask scheduler, as tcp://host:8786 ({_first_line(error)})"
+        raise ValueError(f"--scheduler: got {address!r}, expected {expected}") from None
+    with client:
+        if not client.scheduler_info()["workers"]:
+            say("the scheduler has no workers yet: waiting for them", err)
+        yield client.get_executor()
+
+
+def _exported(export: Callable[[str], None], path: str) -> None:
+    """Write an export.
+
+    Raises:
+        ValueError: what that needs is not installed.
+    """
+    try:
+        export(path)
+    except ImportError as error:
+        expected = f"the extra results: pip install 'drake-rho[results]' ({_first_line(error)})"
+        raise ValueError(f"--export: got {path!r}, expected {expected}") from None
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)

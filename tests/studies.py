@@ -1,0 +1,63 @@
+"""Studies for tests: small ones, whose runs take a few milliseconds, and what a store holds."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import drake_rho as rho
+from drake_rho.campaigns.runs import TIMES
+from drake_rho.campaigns.store import COLUMNS
+
+SAME = tuple(name for name in COLUMNS if name not in TIMES)
+"""The columns that do not tell times."""
+
+
+def small(repetitions: int = 4, **changes: Any) -> rho.Study:
+    """Two methods on two sources: a fleet of two, and one vehicle on its way past a sphere.
+
+    In half of the times that are drawn for the latter there is no plan.
+    """
+    vehicle = {"name": "solo", "start": {"position": [0, 0, 0]}, "goal": {"position": [8, 0, 0]}}
+    past = {
+        "name": "past",
+        "grid": {"step": 0.5, "knots": 13},
+        "vehicles": [vehicle],
+        "limits": {"acceleration": {"lower": [-3, -3, -3], "upper": [3, 3, 3]}},
+        "obstacles": [{"center": [4, 0.5, 0], "radius": 1.0}],
+    }
+    fields: dict[str, Any] = {
+        "name": "small",
+        "scenarios": [
+            {
+                "name": "pair",
+                "generator": "random_transitions",
+                "parameters": {"n": 2, "duration": {"choice": [4.0, 5.0]}},
+            },
+            {
+                "name": "past",
+                "scenario": past,
+                "vary": {
+                    "grid.step": {"choice": [0.5, 0.25]},
+                    "obstacles[0].center[1]": {"uniform": [-3.0, 3.0]},
+                },
+            },
+        ],
+        "methods": [
+            {"name": "best", "planner": "plan"},
+            {"name": "convex", "planner": "plan_convex"},
+        ],
+        "repetitions": repetitions,
+        "seed": 7,
+    }
+    return rho.Study(**(fields | changes))
+
+
+def table(path: Path, columns: tuple[str, ...] = SAME) -> list[tuple[Any, ...]]:
+    """The rows of a store, ordered by key, without the columns that tell times."""
+    connection = sqlite3.connect(path)
+    query = f"SELECT {', '.join(columns)} FROM runs ORDER BY key"  # noqa: S608
+    rows = connection.execute(query).fetchall()
+    connection.close()
+    return rows

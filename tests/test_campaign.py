@@ -1,0 +1,354 @@
+"""Campaigns: every run once, whatever ends them or breaks, and the store that says so."""
+
+from __future__ import annotations
+
+import dataclasses
+import multiprocessing
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.campaigns import runs as runs_of_campaigns
+from drake_rho.campaigns.campaign import CampaignError, Progress
+from drake_rho.campaigns.distributions import Choice
+from drake_rho.campaigns.runs import Run, do, generators
+from drake_rho.campaigns.sources import FromFile
+from drake_rho.campaigns.store import Store, StoreError
+from drake_rho.campaigns.study import study_to_json
+from drake_rho.campaigns.workers import Workers
+from tests.studies import small, table
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Any, ...]]:
+    """The rows of a campaign that nothing disturbs."""
+    path = tmp_path_factory.mktemp("undisturbed") / "runs.sqlite"
+    rho.campaign(small(), path)
+    return table(path)
+
+
+def test_every_run_has_a_row_and_is_judged(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
+    results = rho.campaign(small(), tmp_path / "runs.sqlite")
+    assert table(tmp_path / "runs.sqlite") == expected
+    assert len(results) == len(small()) == len(expected)
+    by_key = {run.key: run for run in small().runs()}
+    statuses = set()
+    for row in table(tmp_path / "runs.sqlite", ("key", "status", "verified", "cost")):
+        key, status, verified, cost = row
+        statuses.add(status)
+        run = by_key.pop(key)
+        chance, _ = generators(run.seed)
+        source = small().scenarios[run.seed[1]]
+        assert not isinstance(source, FromFile)
+        scenario = source.drawn(chance)
+        try:
+            best = run.method == "best"
+            plan = rho.plan(scenario) if best else rho.plan_convex(scenario)
+        except rho.InfeasibleError:
+            assert (status, verified, cost) == ("infeasible", 0, None)
+        else:
+            assert (status, cost, bool(verified)) == ("solved", plan.cost, rho.verify(plan).ok)
+    assert statuses == {"solved", "infeasible"}
+    assert not by_key
+
+
+def test_what_was_done_is_not_done_again(
+    expected: list[tuple[Any, ...]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "runs.sqlite"
+    rho.campaign(small(2), path)
+    done = list[str]()
+
+    def counted(run: Run) -> runs_of_campaigns.Done:
+        done.append(run.key)
+        return do(run)
+
+    monkeypatch.setattr(runs_of_campaigns, "do", counted)
+    before = {key for (key,) in table(path, ("key",))}
+    rho.campaign(small(4), path)
+    assert table(path) == expected
+    assert set(done) == {row[0] for row in expected} - before
+    assert len(done) == len(set(done)) == len(small(4)) - len(small(2))
+
+
+@pytest.mark.parametrize("after", [0, 1, 5])
+def test_an_interrupted_campaign_goes_on(
+    after: int, expected: list[tuple[Any, ...]], tmp_path: Path
+) -> None:
+    path = tmp_path / "runs.sqlite"
+
+    def interrupt(now: Progress) -> None:
+        if now.done >= after:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        rho.campaign(small(), path, progress=interrupt)
+    rows = table(path)
+    assert after <= len(rows) < len(expected)
+    assert set(rows) <= set(expected)
+    seen = list[Progress]()
+    rho.campaign(small(), path, progress=seen.append)
+    assert table(path) == expected
+    assert seen[0].done == len(rows)
+    failed = sum(row[0] for row in table(path, ("NOT verified",)))
+    assert seen[-1] == Progress(len(expected), failed, len(expected))
+
+
+def test_any_executor_finds_the_same(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
+    with ThreadPoolExecutor(2) as threads:
+        rho.campaign(small(), tmp_path / "threads.sqlite", executor=threads)
+    assert table(tmp_path / "threads.sqlite") == expected
+
+
+def test_a_killed_worker_is_replaced(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
+    killed = list[int]()
+
+    def kill(now: Progress) -> None:
+        if now.done and not killed:
+            killed.append(int(multiprocessing.active_children()[0].pid or 0))
+            os.kill(killed[0], signal.SIGKILL)
+
+    with Workers(2) as workers:
+        rho.campaign(small(8), tmp_path / "runs.sqlite", executor=workers, progress=kill)
+    assert killed
+    rows = table(tmp_path / "runs.sqlite")
+    assert set(expected) <= set(rows)
+    assert len(rows) == len(small(8))
+    assert {row[5] for row in rows} == {"solved", "infeasible"}
+
+
+class Deadly(Executor):
+    """Whose processes die of some runs, each time; of others only so often."""
+
+    at_once = 4
+
+    def __init__(self, times: dict[str, float]) -> None:
+        self.times, self.attempts = times, defaultdict[str, int](int)
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """The result at once, or that the process died."""
+        future: Future[Any] = Future()
+        chunk, attempt = args
+        for run in chunk:
+            assert self.attempts[run.key] == attempt
+            assert len(chunk) == 1 or attempt == 0
+            self.attempts[run.key] += 1
+        if any(attempt < self.times.get(run.key, 0) for run in chunk):
+            future.set_exception(BrokenProcessPool("died"))
+        else:
+            future.set_result(fn(*args))
+        return future
+
+
+def test_only_the_run_that_kills_its_process_is_told_so(
+    expected: list[tuple[Any, ...]], tmp_path: Path
+) -> None:
+    first, second, third, deadly, *_ = (run.key for run in small().runs())
+    executor = Deadly({first: 1, second: 2, third: 3, deadly: np.inf})
+    rho.campaign(small(), tmp_path / "runs.sqlite", executor=executor)
+    rows = table(tmp_path / "runs.sqlite")
+    assert len(rows) == len(expected)
+    (other,) = set(rows) - set(expected)
+    assert other[0] == deadly
+    assert other[5:8] == ("error", "its process died, 4 times", 0)
+    assert executor.attempts[deadly] == 4
+
+
+def test_an_executor_that_fails_ends_the_campaign_and_nothing_is_lost(
+    expected: list[tuple[Any, ...]], tmp_path: Path
+) -> None:
+    path, pool = tmp_path / "runs.sqlite", ThreadPoolExecutor(1)
+
+    def stop(now: Progress) -> None:
+        if now.done:
+            pool.shutdown(cancel_futures=True)
+
+    with pytest.raises(CampaignError, match=r"executor: .*before is kept"):
+        rho.campaign(small(), path, executor=pool, progress=stop)
+    assert 0 < len(table(path)) < len(expected)
+    rho.campaign(small(), path)
+    assert table(path) == expected
+
+
+def test_a_run_that_raises_anything_is_a_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("on\nuse")
+
+    monkeypatch.setattr("drake_rho.campaigns.methods.judge_plan", broken)
+    rho.campaign(small(1), tmp_path / "runs.sqlite")
+    found = table(tmp_path / "runs.sqlite", ("status", "reason"))
+    wrong = [words for words in found if words[0] != "infeasible"]
+    assert wrong == [("error", "ZeroDivisionError: on use")] * len(wrong)
+    assert len(wrong) >= 2
+
+
+def test_what_is_drawn_and_makes_no_scenario_is_a_row(tmp_path: Path) -> None:
+    vary = {"vehicles[0].start.position": Choice(([4.0, 0.5, 0.0],))}
+    source = dataclasses.replace(small().scenarios[1], vary=vary)
+    rho.campaign(small(1, scenarios=[source]), tmp_path / "runs.sqlite")
+    for status, reason in table(tmp_path / "runs.sqlite", ("status", "reason")):
+        assert status == "invalid"
+        assert "start.position" in reason
+
+
+def test_flights_in_wind_are_judged_by_how_they_went(tmp_path: Path) -> None:
+    source = {
+        "name": "pair",
+        "generator": "random_transitions",
+        "parameters": {"n": 2, "duration": 5.0},
+        "vary": {"disturbance": {"choice": [{"acceleration": 0.1, "feedback_every": 0.1}]}},
+    }
+    winds = [
+        {"wind": "gust", "duration": 2.0},
+        {"wind": "constant"},
+        {"wind": "coloured_noise"},
+        {"wind": "constant", "direction": [1, 0, 0]},
+    ]
+    methods = [
+        {"name": str(number), "planner": "simulate", "wind": wind}
+        for number, wind in enumerate(winds)
+    ]
+    study = small(3, scenarios=[source], methods=methods, plans=True)
+    results = rho.campaign(study, tmp_path / "runs.sqlite")
+    names = ("key", "verified", "tube_share", "separation_clearance")
+    rows = table(tmp_path / "runs.sqlite", names)
+    assert len(rows) == 12
+    for key, verified, share, apart in rows:
+        flown = results.plan(key)
+        assert isinstance(flown, rho.Simulation)
+        separation = flown.scenario.separation
+        assert separation is not None
+        away = separation.scaled(flown.positions[:, 0] - flown.positions[:, 1])
+        assert apart == pytest.approx(np.linalg.norm(away, axis=1).min() - separation.distance)
+        errors, radii = flown.errors().max(axis=1), flown.radii()
+        assert share == errors.max() / radii.max()
+        assert np.all(errors <= radii + 1e-6 * np.abs(flown.positions).max())
+        assert verified
+        assert 0.0 < share <= 1.0
+
+
+def test_stores_of_others_are_refused_and_left_as_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "runs.sqlite"
+    rho.campaign(small(1), path)
+    before = table(path)
+    with pytest.raises(StoreError, match="another study"):
+        rho.campaign(small(1, seed=8), path)
+    _set(path, "UPDATE study SET version = '0.0.1'")
+    with pytest.raises(StoreError, match=r"a store of drake_rho 0\.0\.1"):
+        rho.campaign(small(1), path)
+    _set(path, "PRAGMA user_version = 99")
+    with pytest.raises(StoreError, match="format 99"):
+        rho.campaign(small(1), path)
+    with pytest.raises(StoreError, match="format 99"):
+        rho.Results(path)
+    assert table(path) == before
+
+
+def _set(path: Path, statement: str) -> None:
+    connection = sqlite3.connect(path)
+    connection.execute(statement)
+    connection.commit()
+    connection.close()
+
+
+def test_what_is_no_store_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    text, other = tmp_path / "text", tmp_path / "other.sqlite"
+    text.write_text("no database" * 100)
+    _set(other, "CREATE TABLE runs (a)")
+    contents = [path.read_bytes() for path in (text, other)]
+    for path, words in ((text, "not a database"), (other, "another SQLite file")):
+        with pytest.raises(StoreError, match=words):
+            rho.campaign(small(1), path)
+        with pytest.raises(StoreError, match=words):
+            rho.Results(path)
+    assert [path.read_bytes() for path in (text, other)] == contents
+    with pytest.raises(StoreError, match="no such file"):
+        rho.Results(tmp_path / "none.sqlite")
+    with pytest.raises(StoreError, match="unable to open"):
+        rho.campaign(small(1), tmp_path / "no folder" / "runs.sqlite")
+
+
+def test_a_full_disk_loses_nothing(
+    expected: list[tuple[Any, ...]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "runs.sqlite"
+    begin = Store.__init__
+
+    def cramped(self: Store, path: Path, study: rho.Study) -> None:
+        begin(self, path, study)
+        (pages,) = self._connection.execute("PRAGMA page_count").fetchone()
+        self._connection.execute(f"PRAGMA max_page_count = {pages}")
+
+    with monkeypatch.context() as cramping:
+        cramping.setattr(Store, "__init__", cramped)
+        with pytest.raises(StoreError, match="is full"):
+            rho.campaign(small(16), path)
+    rows = set(table(path))
+    assert 0 < len(rows) < len(small(16))
+    rho.campaign(small(16), path)
+    assert set(table(path)) >= rows | set(expected)
+    assert len(table(path)) == len(small(16))
+
+
+def test_a_store_is_read_while_it_is_written(tmp_path: Path) -> None:
+    path, seen = tmp_path / "runs.sqlite", list[int]()
+
+    def look(now: Progress) -> None:
+        seen.append(len(rho.Results(path)))
+        assert seen[-1] == now.done
+
+    rho.campaign(small(1), path, progress=look)
+    assert seen == [0, 1, 2, 3, 4]
+
+
+def test_the_whole_killed_anywhere_goes_on(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
+    path, program = tmp_path / "runs.sqlite", tmp_path / "program.py"
+    (tmp_path / "study.json").write_text(study_to_json(small()))
+    program.write_text(_PROGRAM)
+    command = [sys.executable, str(program), str(tmp_path)]
+    for rows in (1, 6):  # with so many rows there, in the middle of what follows
+        process = subprocess.Popen(command)
+        while process.poll() is None and _count(path) < rows:
+            time.sleep(0.005)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert set(table(path)) <= set(expected)
+        assert len(table(path)) >= rows
+    subprocess.run(command, check=True)
+    assert table(path) == expected
+
+
+_PROGRAM = """
+import sys
+from pathlib import Path
+import drake_rho as rho
+from drake_rho.campaigns.study import study_from_yaml
+from drake_rho.campaigns.workers import Workers
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    study = study_from_yaml((folder / "study.json").read_text())
+    with Workers(1) as workers:
+        rho.campaign(study, folder / "runs.sqlite", executor=workers)
+"""
+
+
+def _count(path: Path) -> int:
+    try:
+        return len(rho.Results(path))
+    except StoreError:  # not made yet
+        return 0

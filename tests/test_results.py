@@ -1,0 +1,195 @@
+"""Results: intervals that are known, summaries that rows bear out, files, figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from math import comb
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import drake_rho as rho
+from drake_rho.campaigns.statistics import Proportion, Quantiles, sign_test
+from drake_rho.campaigns.store import COLUMNS, StoreError
+from drake_rho.display.campaigns import (
+    costs_figure,
+    failures_figure,
+    success_figure,
+    times_figure,
+    write_campaign_figures,
+)
+from tests.studies import small, table
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> rho.Results:
+    """Of a small study, of which some runs have no plan."""
+    return rho.campaign(small(5, plans=True), tmp_path_factory.mktemp("store") / "runs.sqlite")
+
+
+@pytest.mark.parametrize(  # Newcombe, Statistics in Medicine 17 (1998), table I, method 3
+    ("successes", "runs", "low", "high"),
+    [
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ],
+)
+def test_wilsons_interval_is_the_published_one(
+    successes: int, runs: int, low: float, high: float
+) -> None:
+    found = Proportion(successes, runs).interval
+    assert found == pytest.approx((low, high), abs=5e-5)
+
+
+@given(st.integers(1, 10_000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_wilsons_interval_solves_the_score_equation(counts: tuple[int, int]) -> None:
+    found = Proportion(*counts)
+    mirrored = Proportion(found.runs - found.successes, found.runs).interval
+    assert found.interval == pytest.approx((1.0 - mirrored[1], 1.0 - mirrored[0]))
+    for p in found.interval:
+        if 0.0 < p < 1.0:
+            z = (found.rate - p) / math.sqrt(p * (1.0 - p) / found.runs)
+            assert abs(z) == pytest.approx(1.959964, rel=1e-5)
+    assert found.interval[0] <= found.rate <= found.interval[1]
+
+
+@given(st.integers(0, 40), st.integers(0, 40))
+def test_the_sign_tests_probability_is_that_of_counting(one: int, other: int) -> None:
+    n = one + other
+    uneven = [k for k in range(n + 1) if abs(2 * k - n) >= abs(one - other)]
+    assert sign_test(one, other) == pytest.approx(sum(comb(n, k) for k in uneven) / 2**n)
+
+
+def test_quantiles_leave_out_what_is_not_known() -> None:
+    values = np.array([math.nan, *range(11), math.nan], dtype=float)
+    assert Quantiles.of(values) == Quantiles(0.0, 1.0, 5.0, 9.0, 10.0)
+    assert math.isnan(Quantiles.of(np.array([math.nan])).median)
+
+
+def test_the_summary_is_what_the_rows_say(results: rho.Results) -> None:
+    frame = results.frame()
+    assert len(frame) == len(results) == len(small(5))
+    assert not frame["verified"].all()
+    for group in results.groups:
+        rows = frame[(frame["scenario"] == group.scenario) & (frame["method"] == group.method)]
+        good = rows[rows["verified"]]
+        assert (group.success.successes, group.success.runs) == (len(good), len(rows))
+        assert group.cost.median == pytest.approx(good["cost"].median())
+        assert group.seconds.greatest == rows["plan_seconds"].max()
+    bad = frame[~frame["verified"]]
+    assert sum(each.runs for each in results.failures) == len(bad) > 0
+    assert {each.status for each in results.failures} == {"infeasible"}
+
+
+def test_methods_are_compared_on_the_same_runs(results: rho.Results) -> None:
+    frame = results.frame().set_index(["scenario", "repetition"]).sort_index()
+    one, base = (frame[frame["method"] == name] for name in ("convex", "best"))
+    both = one["verified"] & base["verified"]
+    ratios = (one["cost"] / base["cost"])[both]
+    (*_, found) = results.comparisons
+    assert (found.scenario, found.method, found.base) == ("", "convex", "best")
+    assert found.both == both.sum() > 0
+    assert found.both + found.only_method + found.only_base + found.neither == len(one)
+    assert found.cost_ratio.median == pytest.approx(ratios.median())
+    assert found.dearer == (ratios > 1.0 + 1e-6).sum() > 0
+    back = results.compare("best", "convex")
+    assert back is not None
+    assert (back.cheaper, back.dearer) == (found.dearer, found.cheaper)
+    assert back.cost_ratio.least == pytest.approx(1.0 / found.cost_ratio.greatest)
+    with pytest.raises(ValueError, match="method: got 'worst', expected one of best, convex"):
+        results.compare("worst", "best")
+
+
+def test_exports_hold_every_row(results: rho.Results, tmp_path: Path) -> None:
+    import pandas as pd
+
+    results.export(tmp_path / "runs.csv")
+    results.export(tmp_path / "runs.parquet")
+    with (tmp_path / "runs.csv").open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file)
+    kept = table(results.path, COLUMNS)
+    assert tuple(head) == COLUMNS
+    assert sorted(rows) == sorted(["" if v is None else str(v) for v in row] for row in kept)
+    frame = pd.read_parquet(tmp_path / "runs.parquet")
+    pd.testing.assert_frame_equal(frame, results.frame())
+    with pytest.raises(ValueError, match=r"expected the ending \.csv or \.parquet"):
+        results.export(tmp_path / "runs.xlsx")
+    assert not (tmp_path / "runs.xlsx").exists()
+
+
+def test_plans_come_back(results: rho.Results) -> None:
+    for key, status, cost in table(results.path, ("key", "status", "cost")):
+        if status == "solved":
+            plan = results.plan(key)
+            assert isinstance(plan, rho.Plan)
+            assert plan.cost == cost
+        else:
+            with pytest.raises(StoreError, match="no plan of run"):
+                results.plan(key)
+
+
+def test_the_summary_is_json_without_anything_lost(results: rho.Results) -> None:
+    text = json.dumps(results.to_json(), allow_nan=False)
+    content = json.loads(text)
+    assert content["runs"] == len(results)
+    for told, group in zip(content["groups"], results.groups, strict=True):
+        assert told["success"] == {
+            "successes": group.success.successes,
+            "runs": group.success.runs,
+        }
+        assert told["interval_95"] == list(group.success.interval)
+
+
+def test_tables_name_what_there_is(results: rho.Results) -> None:
+    text = str(results)
+    for word in ("pair", "past", "best", "convex", "infeasible", "convex / best"):
+        assert word in text
+    assert all(line == line.rstrip() for line in text.splitlines())
+
+
+def test_figures_show_the_numbers(results: rho.Results) -> None:
+    (success,) = success_figure(results).axes
+    containers: Any = success.containers
+    shown = {
+        (container.get_label(), float(x))
+        for container in containers
+        for x in container.lines[0].get_xdata()
+    }
+    assert shown == {(each.method, 100.0 * each.success.rate) for each in results.groups}
+    (times,) = times_figure(results).axes
+    for line, method in zip(times.lines, results.methods, strict=True):
+        rate = 100.0 * len(results.seconds_of(method)) / results.runs_of(method)
+        assert float(np.max(np.asarray(line.get_ydata()))) == pytest.approx(rate)
+    (costs,) = costs_figure(results).axes
+    ratios = results.cost_ratios("convex", "best")
+    np.testing.assert_array_equal(costs.lines[0].get_ydata(), ratios)
+    (failures,) = failures_figure(results).axes
+    bars: Any = failures.patches
+    assert [bar.get_width() for bar in bars] == [each.runs for each in results.failures]
+
+
+def test_figures_are_written(results: rho.Results, tmp_path: Path) -> None:
+    paths = write_campaign_figures(results, tmp_path / "new")
+    assert [path.stem for path in paths] == ["success", "times", "costs", "failures"]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
+
+
+def test_a_store_without_runs_has_results(tmp_path: Path) -> None:
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        rho.campaign(small(), tmp_path / "runs.sqlite", progress=interrupt)
+    results = rho.Results(tmp_path / "runs.sqlite")
+    assert "0 runs" in str(results)
+    assert results.to_json()["groups"] == []
+    assert len(results.frame()) == 0
+    write_campaign_figures(results, tmp_path / "figures")
