@@ -133,6 +133,7 @@ def _raise(error: Exception) -> None:
 def test_failures_come_back_from_another_process_as_they_were(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(solve, "DEFAULT", ClarabelSolver)  # as in the other process
     errors = [_error(name, monkeypatch) for name in ("limits", "obstacle", "solver")]
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         for error in errors:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from pydrake.solvers import MathematicalProgram, SolverInterface
+from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverInterface
 
 import drake_rho as rho
 from drake_rho.planning import solve
@@ -17,6 +17,12 @@ from tests.scenarios import box, single
 from tests.tolerances import INDEX
 
 SLOW = rho.Limits(velocity=box(1.5))
+
+
+@pytest.fixture(autouse=True)
+def _clarabel_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the suite runs with, this is about who follows whom after the usual default."""
+    monkeypatch.setattr(solve, "DEFAULT", ClarabelSolver)
 
 
 def nearest(value: float) -> MathematicalProgram:
