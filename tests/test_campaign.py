@@ -158,6 +158,7 @@ def test_only_the_run_that_kills_its_process_is_told_so(
     first, second, third, deadly, *_ = (run.key for run in small().runs())
     executor = Deadly({first: 1, second: 2, third: 3, deadly: np.inf})
     rho.campaign(small(), tmp_path / "runs.sqlite", executor=executor)
+    assert [path.name for path in tmp_path.iterdir()] == ["runs.sqlite"]
     rows = table(tmp_path / "runs.sqlite")
     assert len(rows) == len(expected)
     (other,) = set(rows) - set(expected)

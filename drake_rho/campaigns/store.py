@@ -152,8 +152,10 @@ def reading(path: str | Path) -> Iterator[sqlite3.Connection]:
     with _told(path):
         if not path.is_file():
             raise StoreError(f"{path}: got no such file, expected the store of a campaign")
-        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", _PATIENCE, uri=True)
+        # Not mode=ro, which leaves files of the log behind; what is write-protected opens too.
+        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", _PATIENCE, uri=True)
         try:
+            connection.execute("PRAGMA query_only = 1")
             check_format(connection, path)
             yield connection
         finally:
