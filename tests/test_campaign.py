@@ -189,7 +189,7 @@ def test_a_run_that_raises_anything_is_a_row(
     def broken(*_: object) -> None:
         raise ZeroDivisionError("on\nuse")
 
-    monkeypatch.setattr("drake_rho.campaigns.methods.judge_plan", broken)
+    monkeypatch.setattr("drake_rho.campaigns.methods.judge", broken)
     rho.campaign(small(1), tmp_path / "runs.sqlite")
     found = table(tmp_path / "runs.sqlite", ("status", "reason"))
     wrong = [words for words in found if words[0] != "infeasible"]
@@ -234,9 +234,11 @@ def test_flights_in_wind_are_judged_by_how_they_went(tmp_path: Path) -> None:
         separation = flown.scenario.separation
         assert separation is not None
         away = separation.scaled(flown.positions[:, 0] - flown.positions[:, 1])
-        assert apart == pytest.approx(np.linalg.norm(away, axis=1).min() - separation.distance)
+        at_samples = np.linalg.norm(away, axis=1).min() - separation.distance
+        assert at_samples - 1e-3 < apart <= at_samples + 1e-9
         errors, radii = flown.errors().max(axis=1), flown.radii()
-        assert share == errors.max() / radii.max()
+        wide = radii > 0.0
+        assert share == pytest.approx(np.max(errors[wide] / radii[wide]))
         assert np.all(errors <= radii + 1e-6 * np.abs(flown.positions).max())
         assert verified
         assert 0.0 < share <= 1.0

@@ -15,7 +15,7 @@ from pydrake.solvers import ClarabelSolver, OsqpSolver, SolverInterface
 
 from drake_rho.assurance.optimality import certify
 from drake_rho.campaigns.blowing import AnyWind
-from drake_rho.campaigns.judgement import Judgement, judge_plan, judge_simulation
+from drake_rho.campaigns.judgement import Judgement, judge
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.best import plan as best_plan
@@ -186,7 +186,7 @@ class BySimulate(Runs):
             rng=estimate_rng if self.estimates else None,
         )
         seconds = time.perf_counter() - began
-        return Found(simulation, judge_simulation(simulation), seconds)
+        return Found(simulation, judge(simulation), seconds)
 
 
 AnyMethod = Annotated[
@@ -201,4 +201,4 @@ def _found(work: Callable[..., Plan | Flight], solver: SolverName, bounded: bool
     planned = work(solver=_SOLVERS[solver]())
     seconds = time.perf_counter() - began
     bound = certify(planned).lower_bound if bounded else None
-    return Found(planned, judge_plan(planned), seconds, bound)
+    return Found(planned, judge(planned), seconds, bound)

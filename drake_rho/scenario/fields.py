@@ -179,8 +179,10 @@ def record(cls: type[_Record]) -> type[_Record]:
             raise TypeError(f"{made.__name__} takes these fields, each once: {', '.join(names)}")
         try:  # every field by its name, so that a complaint names it too
             validate(self, **by_place, **kwargs)
+            return
         except ValidationError as error:
-            raise scenario_error(error, made, made.__name__.lower()) from None
+            refusal = scenario_error(error, made, made.__name__.lower())
+        raise refusal  # out here it has no context, whose values may not get to another process
 
     made.__init__ = init
     made.__eq__ = _equal
