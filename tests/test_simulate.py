@@ -155,6 +155,14 @@ def test_a_diagram_of_ones_own_flies_as_simulate_does() -> None:
     assert len(controller.flight.windows) == len(expected.flight.windows)
 
 
+def test_a_controller_of_a_scenario_has_a_horizon_of_its_own() -> None:
+    scenario = disturbed(12)
+    own = rho.RecedingHorizonController(scenario)
+    given = rho.RecedingHorizonController(rho.RecedingHorizon(scenario))
+    ours, theirs = own.flight.plan.accelerations, given.flight.plan.accelerations
+    np.testing.assert_array_equal(ours, theirs)
+
+
 def test_nominal_is_the_plan_of_the_window_in_force_at_every_time() -> None:
     scenario = disturbed(12)
     horizon = rho.RecedingHorizon(scenario, replan_every=3)

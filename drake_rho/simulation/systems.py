@@ -22,6 +22,7 @@ from pydrake.systems.framework import (
 )
 
 from drake_rho.motion.plan import Flight
+from drake_rho.planning.rho import RecedingHorizon
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.estimates import EstimationErrors
@@ -46,15 +47,17 @@ class RecedingHorizonController(LeafSystem):
     feedback, constant between samples where the plan's is).
 
     Args:
-        horizon: a `rho.RecedingHorizon` that has not begun.
+        horizon: a `rho.RecedingHorizon` that has not begun, or a scenario for one of its own.
 
     Raises:
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
     """
 
-    def __init__(self, horizon: Horizon) -> None:
+    def __init__(self, horizon: Horizon | Scenario) -> None:
         super().__init__()
+        if isinstance(horizon, Scenario):
+            horizon = RecedingHorizon(horizon)
         self._feedback = Feedback(horizon)
         count = len(horizon.scenario.vehicles)
         self._states = self.DeclareVectorInputPort("states", 6 * count)
