@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help reproduce animate notebooks pictures bench bench-fleet bench-world bench-flight test lint format clean
+.PHONY: help reproduce animate notebooks pictures bench bench-fleet bench-world bench-flight bench-scale test lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -33,6 +33,9 @@ bench-world: $(VENV)/.bench ## The same for worlds (forty minutes); WORLDS=folde
 
 bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The same for wind (thirty minutes); MISSIONS as above
 	$(BIN)/python -m benchmarks --flight $(if $(MISSIONS),--missions "$(MISSIONS)")
+
+bench-scale: $(VENV)/.bench ## The same for large fleets and campaigns
+	$(BIN)/python -m benchmarks --scale
 
 test: $(READY) ## Run the tests, the notebooks among them
 	@sh tools/setup-browser $(VENV)

@@ -25,7 +25,7 @@ DRAWN = {"fleet_b1": 50, "fleet_joint": 5, "fleet_b2": 10, "world_b7": 20, "worl
 MISSIONS = ("fleet_b3", "world_b6")
 """Those of missions in files: `run(folder) -> Table`."""
 
-CAMPAIGNS = ("scale_campaigns",)
+SCALE = ("scale_campaigns", "scale_fleets")
 """Those of many runs: `run() -> Table`."""
 
 SWAPS = ("fleet_b4", "fleet_b5")
@@ -61,7 +61,7 @@ def main() -> None:
             *SWAPS,
             *FLIGHT,
             *FLOWN_MISSIONS,
-            *CAMPAIGNS,
+            *SCALE,
         )
         if find_spec(f"benchmarks.{name}")
     ]
@@ -70,6 +70,7 @@ def main() -> None:
     parser.add_argument("--fleets", action="store_true", help="all those of fleets")
     parser.add_argument("--worlds", action="store_true", help="all those of worlds")
     parser.add_argument("--flight", action="store_true", help="all those of wind and margins")
+    parser.add_argument("--scale", action="store_true", help="large fleets and campaigns")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
     parser.add_argument("--seeds", type=int, help="random fleets or worlds of each size")
     parser.add_argument(
@@ -85,10 +86,11 @@ def main() -> None:
         parser.error("--seeds: at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + worlds + flight + CAMPAIGNS
+    others = alone + worlds + flight + SCALE
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
+    chosen += SCALE if arguments.scale else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)
