@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -81,11 +81,12 @@ def lacks(
     Args:
         scenario: what is asked.
         margins: what is kept.
-        under_way: whether it begins with a measured state; what it goes to is then not looked at.
+        under_way: whether it begins with a measured state; that alone is then looked at.
     """
     found: dict[str, tuple[str, ...]] = {}
     tolerances = _UNDER_WAY if under_way else 1.0
-    for each in _rooms(scenario, margins, (0,) if under_way else _WHERE):
+    rooms = _of_end(scenario, margins, 0) if under_way else _rooms(scenario, margins)
+    for each in rooms:
         for vehicle in np.flatnonzero(each.lacking(tolerances) > 0.0).tolist():
             name = scenario.vehicles[vehicle].name
             found[name] = (*found.get(name, ()), each.reason(vehicle))
@@ -107,9 +108,7 @@ def _bearable(scenario: Scenario, margins: Margins) -> float:
     calm = unchecked(tube.disturbance, acceleration=0.0, tracking=tube.tracking)
     without = margins_of(unchecked(scenario, disturbance=calm))
     part = 1.0
-    for windy, still in zip(
-        _rooms(scenario, margins, _WHERE), _rooms(scenario, without, _WHERE), strict=True
-    ):
+    for windy, still in zip(_rooms(scenario, margins), _rooms(scenario, without), strict=True):
         more = windy.needed - still.needed
         left = windy.room + windy.tolerances - still.needed
         share = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
@@ -117,14 +116,18 @@ def _bearable(scenario: Scenario, margins: Margins) -> float:
     return max(0.0, part) * tube.disturbance.acceleration
 
 
-def _rooms(scenario: Scenario, margins: Margins, ends: Iterable[int]) -> Iterator[Room]:
-    """The room of every constraint, at ends and of limits as a whole."""
-    if scenario.disturbance is not None:  # else there are no errors to fill them
-        yield from _of_limits(scenario, margins)
-    for end in ends:
-        yield from _of_state(scenario, margins, end)
-        yield from _of_obstacles(scenario, margins, end)
-        yield from _of_pairs(scenario, margins, end)
+def _rooms(scenario: Scenario, margins: Margins) -> Iterator[Room]:
+    """The room of every constraint, of limits as a whole and at both ends."""
+    yield from _of_limits(scenario, margins)
+    for end in _WHERE:
+        yield from _of_end(scenario, margins, end)
+
+
+def _of_end(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
+    """The room of every constraint at one end."""
+    yield from _of_state(scenario, margins, end)
+    yield from _of_obstacles(scenario, margins, end)
+    yield from _of_pairs(scenario, margins, end)
 
 
 def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[Room]:
