@@ -267,9 +267,7 @@ def prepared(world: str) -> SetUp:
     scenario = WORLDS[world]()
     planner, fallback = (FirstOnce(each, scenario, []) for each in (rho.plan_convex, rho.plan))
     horizon = rho.RecedingHorizon(scenario, planner=planner, fallback=fallback)
-    fleet = scenario.fleet
-    starts = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
-    first = horizon.step(starts, scenario.grid.start).plan
+    first = horizon.step(scenario.fleet.start_states, scenario.grid.start).plan
     without = rho.plan(dataclasses.replace(scenario, disturbance=None))
     return SetUp(scenario, first, without, planner, fallback)
 

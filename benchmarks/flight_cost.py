@@ -151,13 +151,9 @@ def window_seconds(pair: Pair) -> tuple[float, float]:
 
 def _fly(scenario: rho.Scenario) -> list[float]:
     """Times of the windows after the first, in each of which the fleet is as planned [s]."""
-    horizon, fleet, seconds = rho.RecedingHorizon(scenario), scenario.fleet, []
-    states = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
+    horizon, seconds = rho.RecedingHorizon(scenario), []
     for knot in horizon.knots:
-        if horizon.windows:
-            last = horizon.windows[-1]
-            k = knot - last.first_knot
-            states = np.concatenate([last.plan.positions[:, k], last.plan.velocities[:, k]], axis=1)
+        states = horizon.planned(knot)
         began = time.perf_counter()
         horizon.step(states, scenario.grid.times[knot])
         seconds.append(time.perf_counter() - began)

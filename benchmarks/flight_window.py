@@ -81,9 +81,8 @@ def windows(scenario: rho.Scenario) -> list[tuple[float, bool]]:
 
 
 def _fly(scenario: rho.Scenario, rng: np.random.Generator) -> list[tuple[float, bool]]:
-    horizon, fleet, found = rho.RecedingHorizon(scenario), scenario.fleet, []
-    states = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
-    horizon.step(states, scenario.grid.start)
+    horizon, found = rho.RecedingHorizon(scenario), []
+    horizon.step(scenario.fleet.start_states, scenario.grid.start)
     for knot in horizon.knots[1:]:
         last, now = horizon.windows[-1], scenario.grid.times[knot]
         k, tube = knot - last.first_knot, rho.error_tube(last.plan.scenario)

@@ -14,17 +14,6 @@ from tests.scenarios import box, random_fleet, random_scenario, single
 from tests.test_margins import disturbed, least_margin
 
 
-def states_of(plan: rho.Plan, knot: int) -> FloatArray:
-    """The states of a plan at a knot, shape (N, 6)."""
-    return np.concatenate([plan.positions[:, knot], plan.velocities[:, knot]], axis=1)
-
-
-def first_states(scenario: rho.Scenario) -> FloatArray:
-    """The states that a scenario starts with, shape (N, 6)."""
-    fleet = scenario.fleet
-    return np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
-
-
 def within(window: rho.Window, knot: int, rng: np.random.Generator) -> FloatArray:
     """States anywhere in the tube of a window at one of its knots, as they are estimated."""
     scenario = window.plan.scenario
@@ -36,7 +25,7 @@ def within(window: rho.Window, knot: int, rng: np.random.Generator) -> FloatArra
     part = rng.uniform(0.0, 1.0)
     p = part * tube.position(time) * error[0] + around.position_error * estimate[0]
     v = part * tube.velocity(time) * error[1] + around.velocity_error * estimate[1]
-    states: FloatArray = states_of(window.plan, knot) + np.concatenate([p, v], axis=1)
+    states: FloatArray = window.plan.states(knot) + np.concatenate([p, v], axis=1)
     return states
 
 
@@ -46,7 +35,7 @@ def test_no_window_is_without_a_plan_that_holds(seed: int) -> None:
     for asked in (random_scenario(seed, between_knots=True), random_fleet(seed, most=4)):
         windy = disturbed(asked, seed)
         horizon = rho.RecedingHorizon(windy, replan_every=int(rng.integers(1, 6)))
-        states = first_states(windy)
+        states = windy.fleet.start_states
         try:
             horizon.step(states, windy.grid.start)
         except rho.InfeasibleError:
@@ -67,11 +56,11 @@ def test_a_new_plan_begins_where_the_vehicle_is_and_its_tube_begins_anew() -> No
     around = rho.Disturbance(0.2, 0.01, 0.02, feedback_every=0.1, delay=2)
     windy = dataclasses.replace(asked, disturbance=around)
     horizon = rho.RecedingHorizon(windy)
-    first = horizon.step(first_states(windy), 0.0)
+    first = horizon.step(windy.fleet.start_states, 0.0)
     assert tube_of(first.plan.scenario).initial == (0.0, 0.0)
-    states = states_of(first.plan, 5) + 0.02
+    states = first.plan.states(5) + 0.02
     window = horizon.step(states, 2.5)
-    np.testing.assert_allclose(states_of(window.plan, 0), states, atol=1e-12)
+    np.testing.assert_allclose(window.plan.states(0), states, atol=1e-12)
     tube = tube_of(window.plan.scenario)
     assert tube.gains == rho.error_tube(windy).gains
     assert tube.initial == pytest.approx((0.01 + 0.2 * 0.02 + 0.2 * 0.2**2 / 2, 0.02 + 0.2 * 0.2))
@@ -84,8 +73,8 @@ def test_the_previous_plan_is_kept_where_the_start_has_no_room() -> None:
     asked = single(obstacles=[wall], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
     windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.5, feedback_every=0.5))
     horizon = rho.RecedingHorizon(windy)
-    first = horizon.step(first_states(windy), 0.0)
-    states = states_of(first.plan, 8)
+    first = horizon.step(windy.fleet.start_states, 0.0)
+    states = first.plan.states(8)
     tube = tube_of(first.plan.scenario)
     states[0, 1] -= 0.99 * float(tube.position(4.0))  # a hand's breadth from the wall
     kept = horizon.step(states, 4.0)
@@ -93,18 +82,18 @@ def test_the_previous_plan_is_kept_where_the_start_has_no_room() -> None:
     assert "obstacle 1" in kept.infeasible
     np.testing.assert_array_equal(kept.plan.positions, first.plan.positions[:, 8:])
     assert tube_of(kept.plan.scenario).position(5.0) == pytest.approx(float(tube.position(5.0)))
-    assert horizon.step(states_of(kept.plan, 5), 6.5).infeasible == ""
+    assert horizon.step(kept.plan.states(5), 6.5).infeasible == ""
 
 
 def test_a_state_off_the_tube_is_told_and_planned_from() -> None:
     asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
     windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.2, feedback_every=0.1))
     horizon = rho.RecedingHorizon(windy)
-    first = horizon.step(first_states(windy), 0.0)
-    window = horizon.step(states_of(first.plan, 5) + 0.5, 2.5)
+    first = horizon.step(windy.fleet.start_states, 0.0)
+    window = horizon.step(first.plan.states(5) + 0.5, 2.5)
     assert window.off_tube == ("solo",)
     assert window.infeasible == ""
-    window = horizon.step(states_of(window.plan, 5), 5.0)
+    window = horizon.step(window.plan.states(5), 5.0)
     assert window.off_tube == ()
 
 
@@ -115,16 +104,16 @@ def test_whatever_the_states_are_there_is_a_window(seed: int) -> None:
         for windy in (asked, disturbed(asked, seed)):
             horizon = rho.RecedingHorizon(windy, fallback=None)
             try:
-                window = horizon.step(first_states(windy), windy.grid.start)
+                window = horizon.step(windy.fleet.start_states, windy.grid.start)
             except rho.InfeasibleError:
                 continue
             size = float(windy.fleet.lengths.max())
             for knot in horizon.knots[1:]:
-                states = states_of(window.plan, knot - window.first_knot)
+                states = window.plan.states(knot - window.first_knot)
                 states = states + 10 ** rng.uniform(-3, 0.5) * size * rng.normal(size=states.shape)
                 window = horizon.step(states, windy.grid.times[knot])
                 np.testing.assert_allclose(
-                    states_of(window.plan, 0), states, rtol=1e-6, atol=1e-6 * size
+                    window.plan.states(0), states, rtol=1e-6, atol=1e-6 * size
                 )
             assert np.isfinite(horizon.flight.cost)
 
@@ -132,7 +121,7 @@ def test_whatever_the_states_are_there_is_a_window(seed: int) -> None:
 def test_inside_an_obstacle_a_window_comes_out_of_it() -> None:
     asked = single(obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True)
     horizon = rho.RecedingHorizon(asked)
-    horizon.step(first_states(asked), 0.0)
+    horizon.step(asked.fleet.start_states, 0.0)
     inside = np.array([[5.3, 2.2, 0.4, 1.0, 0.5, 0.0]])
     window = horizon.step(inside, 4.0)
     assert not window.kept
@@ -141,13 +130,13 @@ def test_inside_an_obstacle_a_window_comes_out_of_it() -> None:
     assert clearances[0] < 0.0
     assert clearances[3:].min() > 0.0
     np.testing.assert_allclose(window.plan.positions[:, -1], asked.fleet.goal_positions, atol=1e-6)
-    assert horizon.step(states_of(window.plan, 5), 6.5).infeasible == ""
+    assert horizon.step(window.plan.states(5), 6.5).infeasible == ""
 
 
 def test_outside_its_box_a_window_comes_back() -> None:
     asked = single(limits=rho.Limits(position=box(10.5)), between_knots=True)
     horizon = rho.RecedingHorizon(asked)
-    horizon.step(first_states(asked), 0.0)
+    horizon.step(asked.fleet.start_states, 0.0)
     window = horizon.step(np.array([[5.0, 10.9, 0.0, 1.0, -0.2, 0.0]]), 2.5)
     assert "position box (start 0.4 m beyond)" in window.infeasible
     assert np.abs(window.plan.positions[0, 3:]).max() < 10.5 + 1e-6
@@ -158,8 +147,8 @@ def test_a_goal_out_of_reach_is_missed_and_limits_are_kept() -> None:
     limits = rho.Limits(acceleration=box(1.2), jerk=box(4.0))
     asked = single(limits=limits, obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True)
     horizon = rho.RecedingHorizon(asked)
-    first = horizon.step(first_states(asked), 0.0)
-    window = horizon.step(states_of(first.plan, 13) + 0.5, 6.5)
+    first = horizon.step(asked.fleet.start_states, 0.0)
+    window = horizon.step(first.plan.states(13) + 0.5, 6.5)
     assert not window.kept
     assert "goal" in window.infeasible
     report = rho.verify(window.plan)
@@ -169,11 +158,11 @@ def test_a_goal_out_of_reach_is_missed_and_limits_are_kept() -> None:
 
 def test_the_first_window_begins_at_the_starts_as_far_as_these_can_be_known() -> None:
     windy = dataclasses.replace(single(), disturbance=rho.Disturbance(0.1, 0.05, 0.05))
-    near, far = first_states(windy) + 0.02, first_states(windy) + 0.5
+    near, far = windy.fleet.start_states + 0.02, windy.fleet.start_states + 0.5
     window = rho.RecedingHorizon(windy).step(near, 0.0)
     assert window.plan.scenario is windy
     window = rho.RecedingHorizon(windy).step(far, 0.0)
-    np.testing.assert_allclose(states_of(window.plan, 0), far)
+    np.testing.assert_allclose(window.plan.states(0), far)
     assert tube_of(window.plan.scenario).initial == (0.05, 0.05)
 
 
@@ -184,7 +173,7 @@ def test_plan_rho_is_the_loop_with_perfect_measurements() -> None:
     )
     flight, horizon = rho.plan_rho(windy, replan_every=4), rho.RecedingHorizon(windy)
     for window in flight.windows:
-        again = horizon.step(states_of(window.plan, 0), window.plan.scenario.grid.start)
+        again = horizon.step(window.plan.states(0), window.plan.scenario.grid.start)
         np.testing.assert_array_equal(again.plan.accelerations, window.plan.accelerations)
         assert least_margin(window.plan) > -1e-6
     np.testing.assert_array_equal(horizon.flight.plan.accelerations, flight.plan.accelerations)
@@ -192,7 +181,7 @@ def test_plan_rho_is_the_loop_with_perfect_measurements() -> None:
 
 def test_what_makes_no_sense_is_refused_by_name() -> None:
     asked = single()
-    states = first_states(asked)
+    states = asked.fleet.start_states
     for every in (0, 1.5, True):
         with pytest.raises(ValueError, match="replan_every: got"):
             rho.RecedingHorizon(asked, replan_every=every)  # type: ignore[arg-type]

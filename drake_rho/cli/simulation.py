@@ -192,8 +192,6 @@ def _wind(
     if direction is not None:
         end = float(grid.times[min(horizon.replan_every, grid.knots - 1)])
         return worst_case(scenario, direction, end), f"worst along {along} by {end:g} s"
-    fleet = scenario.fleet
-    states = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
-    found = attack(scenario, horizon.step(states, grid.start).plan)
+    found = attack(scenario, horizon.step(scenario.fleet.start_states, grid.start).plan)
     who = " and ".join(found.vehicles)
     return found.wind, f"worst for the first plan: {who}, {found.constraint}, by {found.time:.4g} s"

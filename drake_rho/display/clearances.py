@@ -65,8 +65,8 @@ def distances(plan: Drawn, obstacle: Obstacle, times: FloatArray) -> FloatArray:
     Returns:
         Distances [m], shape (N, M).
     """
-    centers = obstacle.centers(plan.scenario.grid.start + times)
-    return obstacle.shape.signed_distance(plan.motion().at("position", times) - centers)
+    positions = plan.motion().at("position", times)
+    return obstacle.distances(positions, plan.scenario.grid.start + times)
 
 
 def kept(plan: Drawn, obstacle: Obstacle) -> FloatArray:
@@ -137,8 +137,7 @@ def _refined(
         times = low[:, None] + (high - low)[:, None] * parts
         flat = times.reshape(-1)
         positions = motion.each_at("position", np.repeat(vehicles, len(parts)), flat)
-        found = obstacle.shape.signed_distance(positions - obstacle.centers(start + flat))
-        found = found.reshape(times.shape)
+        found = obstacle.distances(positions, start + flat).reshape(times.shape)
         best = np.argmin(found, axis=1)
         low = times[each, np.maximum(best - 1, 0)]
         high = times[each, np.minimum(best + 1, _PARTS)]

@@ -172,6 +172,10 @@ class Plan:
         """The performance index f (13) [m²/s⁴]: the sum of squared accelerations."""
         return float(np.sum(self.accelerations**2))
 
+    def states(self, knot: int) -> FloatArray:
+        """Positions [m] and velocities [m/s] side by side at a knot from 0, shape (N, 6)."""
+        return np.concatenate([self.positions[:, knot], self.velocities[:, knot]], axis=1)
+
     def only(self, vehicles: IntArray) -> Plan:
         """The plan of some of the vehicles, by their indices, as one of its own."""
         return Plan(

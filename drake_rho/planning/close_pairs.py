@@ -13,8 +13,7 @@ from drake_rho.motion.clearance import CloseApproaches, close_pairs, close_pairs
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.margins import Margins
 from drake_rho.motion.penetration import Pieces, deepest
-from drake_rho.planning.half_spaces import BROKEN
-from drake_rho.planning.keep_out import AT_ONCE
+from drake_rho.planning.half_spaces import AT_ONCE, BROKEN
 from drake_rho.scenario.parts import Separation
 from drake_rho.scenario.records import Scenario
 

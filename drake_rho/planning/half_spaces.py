@@ -24,6 +24,9 @@ BROKEN = 0.01
 added."""
 
 
+AT_ONCE = 1e-6
+"""Part of a step after the start, or before the end, in which nothing can be changed."""
+
 _SOFT_SEARCHES = 5
 """Searches for worst instants of constraints that may be broken."""
 

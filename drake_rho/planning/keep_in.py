@@ -12,7 +12,7 @@ import numpy as np
 from drake_rho.motion.clearance import turning_points
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.margins import Margins, margins_of
-from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, near
+from drake_rho.planning.half_spaces import AT_ONCE, BROKEN, Constraint, HalfSpaces, near
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.parts import Quantity
@@ -20,9 +20,6 @@ from drake_rho.scenario.records import Scenario
 
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "jerk")
 """What can be kept in a box, in the order of the constraints' numbers."""
-
-_AT_ONCE = 1e-6
-"""Part of a step after the start in which nothing can be changed."""
 
 _SIDES = np.concatenate([np.eye(3), -np.eye(3)])
 """Normals of a box's sides, pointing inwards: the lower ones, then the upper ones."""
@@ -92,7 +89,7 @@ class KeepInBox(Constraint):
         below = positions < (self.bounds.lower[vehicles] - room)[:, None] + inside
         above = positions > (self.bounds.upper[vehicles] + room)[:, None] - inside
         beyond = np.concatenate([below, above], axis=2)
-        at_once = times <= _AT_ONCE * motion.step  # where nothing can be changed
+        at_once = times <= AT_ONCE * motion.step
         beyond &= ~np.concatenate([at_once, at_once], axis=2)
         which, steps, sides = np.nonzero(beyond)
         order = np.lexsort((steps, sides, which))  # neighbours in time one after the other

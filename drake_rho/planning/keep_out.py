@@ -27,16 +27,13 @@ from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.margins import Margins, margins_of
 from drake_rho.motion.penetration import deepest, pieces_near
-from drake_rho.planning.half_spaces import BROKEN, Constraint, HalfSpaces, Quadratic, near
+from drake_rho.planning.half_spaces import AT_ONCE, BROKEN, Constraint, HalfSpaces, Quadratic, near
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
 
 FIRST = 32
 """Number of the pairs' constraint; those of obstacles follow, those of keep-in sets come before."""
-
-AT_ONCE = 1e-6
-"""Part of a step after the start, or before the end, in which nothing can be changed."""
 
 
 @dataclasses.dataclass(frozen=True)

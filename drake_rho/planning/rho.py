@@ -87,6 +87,17 @@ class RecedingHorizon:
         """The knots at which windows start, counted from 0."""
         return range(0, self.scenario.grid.knots - 1, self.replan_every)
 
+    def planned(self, knot: int) -> FloatArray:
+        """The states that the last window has at a knot, or the starts before there is one, (N, 6).
+
+        Args:
+            knot: counted from 0, not before the last window starts.
+        """
+        if not self.windows:
+            return self.scenario.fleet.start_states
+        last = self.windows[-1]
+        return last.plan.states(knot - last.first_knot)
+
     def step(self, states: npt.ArrayLike, time: float) -> Window:
         """Plan the next window.
 
@@ -288,14 +299,8 @@ def plan_rho(
         reference=reference,
         solver=solver,
     )
-    fleet, times = scenario.fleet, scenario.grid.times
-    states = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
     for knot in horizon.knots:
-        if horizon.windows:
-            last = horizon.windows[-1]
-            k = knot - last.first_knot
-            states = np.concatenate([last.plan.positions[:, k], last.plan.velocities[:, k]], axis=1)
-        horizon.step(states, times[knot])
+        horizon.step(horizon.planned(knot), scenario.grid.times[knot])
     flight = horizon.flight
     seconds = clock.perf_counter() - began
     statistics = dataclasses.replace(flight.plan.statistics, seconds=seconds)

@@ -69,6 +69,11 @@ class Fleet:
         """v[1] [m/s], shape (N, 3)."""
         return np.array([vehicle.start.velocity for vehicle in self._vehicles])
 
+    @property
+    def start_states(self) -> FloatArray:
+        """Positions p[1] [m] and velocities v[1] [m/s] side by side, shape (N, 6)."""
+        return np.concatenate([self.start_positions, self.start_velocities], axis=1)
+
     @cached_property
     def accelerations_before(self) -> FloatArray:
         """Accelerations just before the first knot [m/s²], shape (N, 3); NaN where free."""

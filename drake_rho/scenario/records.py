@@ -198,8 +198,7 @@ class Scenario:
         """
         who = np.flatnonzero(np.isfinite(times))
         for number, obstacle in enumerate(self.bodies, start=1):
-            x = positions[who] - obstacle.centers(times[who])
-            distances = obstacle.shape.signed_distance(x)
+            distances = obstacle.distances(positions[who], times[who])
             margins = self.fleet.radii[who] + obstacle.deviation
             inside = distances < margins - obstacle.shape.tolerance
             if np.any(inside):

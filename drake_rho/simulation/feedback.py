@@ -93,8 +93,7 @@ class Feedback:
         self._per_step = around.samples_per_step(scenario.grid.step)
         self._knots = frozenset(horizon.knots)
         self._gains = np.array(error_tube(scenario).gains)
-        fleet = scenario.fleet
-        self.starts = np.concatenate([fleet.start_positions, fleet.start_velocities], axis=1)
+        self.starts = scenario.fleet.start_states
         self.start = Memory(horizon.step(self.starts, scenario.grid.start), 0)
 
     def next(self, memory: Memory, j: int, estimate: FloatArray) -> Memory:
