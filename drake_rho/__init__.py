@@ -12,8 +12,9 @@ from drake_rho.assurance.infeasible_subset import infeasible_subset
 from drake_rho.assurance.optimality import Certificate, VehicleCertificate, certify
 from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
-from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
 from drake_rho.planning.assignment import assign_goals
 from drake_rho.planning.best import plan, plan_scp

@@ -12,8 +12,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, TypeAdapter
 
-from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_json

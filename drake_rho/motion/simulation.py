@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.plan import Flight, Statistics, told
+from drake_rho.motion.plan import Flight, told
+from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import ErrorTube, error_tube, tube_of
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity

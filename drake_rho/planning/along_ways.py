@@ -11,7 +11,8 @@ import dataclasses
 import time
 from collections.abc import Sequence
 
-from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.bends import BENDS, bent_alone
 from drake_rho.planning.errors import InfeasibleError, Names, SolverError
 from drake_rho.planning.keep_apart import decoupled

@@ -10,7 +10,8 @@ from itertools import repeat
 
 import numpy as np
 
-from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.along_ways import no_plan, plan_along_ways
 from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.convex import plan_convex

@@ -10,7 +10,8 @@ import numpy as np
 from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.margins import margins_of
-from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.close_pairs import too_close
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_apart import NAME

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 
-from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_out import obstacles_of

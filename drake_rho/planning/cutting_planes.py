@@ -13,7 +13,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.conflicts import conflict_of, in_the_way
 from drake_rho.planning.dense import Program
 from drake_rho.planning.errors import InfeasibleError, SolverError

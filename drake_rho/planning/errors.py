@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from drake_rho.motion.plan import Statistics
+from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.errors import DrakeRhoError
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ from itertools import repeat
 
 import numpy as np
 
-from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.half_spaces import Constraint

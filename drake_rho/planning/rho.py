@@ -9,7 +9,8 @@ from numbers import Integral
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.plan import Flight, Plan, Statistics, Window
+from drake_rho.motion.plan import Flight, Plan, Window
+from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import tube_of
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.breaches import breaches_of

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.motion.plan import Plan, Statistics
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.breaches import Breaches, breaches_of
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError

@@ -12,7 +12,8 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.motion.plan import Plan, Searched
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Searched
 from drake_rho.planning.fleet_in_space import FleetInSpace
 from drake_rho.planning.fleet_in_time import FleetInTime, conflicts_of
 from drake_rho.planning.resolution import resolutions

@@ -15,7 +15,8 @@ from typing import Protocol
 import numpy as np
 
 from drake_rho.motion.margins import margins_of
-from drake_rho.motion.plan import Plan, Statistics, Window
+from drake_rho.motion.plan import Plan, Window
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
