@@ -11,10 +11,16 @@ import numpy.typing as npt
 
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.statistics import Statistics
-from drake_rho.motion.tube import tube_of
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.measured import (
+    ROUNDING,
+    beyond,
+    estimated_within,
+    tracked_anew,
+    tube_and_estimate,
+)
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.windows import (
@@ -24,16 +30,11 @@ from drake_rho.planning.windows import (
     free_reference,
     tail_reference,
 )
-from drake_rho.scenario.disturbance import Tracking
-from drake_rho.scenario.fields import BoolArray, FloatArray, unchecked
-from drake_rho.scenario.records import TOLERANCE, Scenario
+from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.records import Scenario
 
 _CLOCK = 1e-4
 """Part of a step by which a time may miss its knot: what clocks far from zero are rounded to."""
-
-_ROUNDING = 1e-9
-"""Part of a motion's scale by which a state may differ from that of the plan and still count as the
-same: what integration adds to it by rounding."""
 
 
 class RecedingHorizon:
@@ -178,11 +179,11 @@ class RecedingHorizon:
         """The scenario, from where the vehicles are if they are not at their starts."""
         scenario, fleet = self.scenario, self.scenario.fleet
         away = positions - fleet.start_positions, velocities - fleet.start_velocities
-        if not np.any(_beyond(scenario, away, *_estimated_within(scenario))):
+        if not np.any(beyond(scenario, away, *estimated_within(scenario))):
             return scenario
         before = fleet.accelerations_before
         return scenario.from_states(
-            scenario.grid, positions, velocities, before, _tracked_anew(scenario, scenario)
+            scenario.grid, positions, velocities, before, tracked_anew(scenario, scenario)
         )
 
     def _next(self, knot: int, positions: FloatArray, velocities: FloatArray) -> Window:
@@ -191,59 +192,19 @@ class RecedingHorizon:
         tail = last.plan.tail(knot - last.first_knot)
         left = tail.scenario
         away = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
-        tracking = _tracked_anew(self.scenario, left)
-        if not np.any(_beyond(left, away, 0.0, 0.0, _ROUNDING)):
+        tracking = tracked_anew(self.scenario, left)
+        if not np.any(beyond(left, away, 0.0, 0.0, ROUNDING)):
             around = left.disturbance and unchecked(left.disturbance, tracking=tracking)
             left = unchecked(left, disturbance=around)
         else:
             before = left.fleet.accelerations_before
             left = left.from_states(left.grid, positions, velocities, before, tracking)
-        off = _beyond(left, away, *_tube_and_estimate(tail.scenario))
+        off = beyond(left, away, *tube_and_estimate(tail.scenario))
         window = self._planner.next(left, knot, tail, on_plan=not off.any())
         if left.disturbance is None or not off.any():
             return window
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
         return dataclasses.replace(window, off_tube=names)
-
-
-def _tracked_anew(whole: Scenario, left: Scenario) -> Tracking | None:
-    """How a plan that begins with what is left of a flight is tracked."""
-    if left.disturbance is None:
-        return None
-    position, velocity = left.disturbance.first_error(left.grid)
-    return Tracking(left.grid.start, tube_of(whole).gains, position, velocity)
-
-
-def _estimated_within(scenario: Scenario) -> tuple[float, float]:
-    """How far an estimated state may be from the true one [m, m/s]."""
-    around = scenario.disturbance
-    return (0.0, 0.0) if around is None else around.first_error(scenario.grid)
-
-
-def _tube_and_estimate(tail: Scenario) -> tuple[float, float]:
-    """How far an estimated state may be from that of a plan whose rest begins now [m, m/s]."""
-    if tail.disturbance is None:
-        return 0.0, 0.0
-    tube, now = tube_of(tail), tail.grid.start
-    position, velocity = tail.disturbance.first_error(tail.grid)
-    return position + float(tube.position(now)), velocity + float(tube.velocity(now))
-
-
-def _beyond(
-    scenario: Scenario,
-    away: tuple[FloatArray, FloatArray],
-    position: float,
-    velocity: float,
-    tolerance: float = TOLERANCE,
-) -> BoolArray:
-    """Which vehicles are further away than radii [m, m/s], but for a part of their scale, (N,)."""
-    if not (away[0].any() or away[1].any()):
-        return np.zeros(len(away[0]), dtype=bool)
-    fleet = scenario.fleet
-    far = np.linalg.norm(away[0], axis=1) > position + tolerance * fleet.scale("position")
-    fast = np.linalg.norm(away[1], axis=1) > velocity + tolerance * fleet.scale("velocity")
-    beyond: BoolArray = far | fast
-    return beyond
 
 
 @one_for_arrays()
