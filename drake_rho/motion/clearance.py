@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +20,14 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 _STEPS = 60
 """Bound on the steps to a root; bisections alone would be past the last digit of a double."""
+
+_FEW = 4
+"""How many times as many as are asked for there have to be before a tree of those few pays."""
 
 _LAST_DIGIT = 1e-15
 """Relative change of a root below which it is found."""
@@ -80,44 +87,48 @@ def closest_approach(motion: Motion, center: FloatArray) -> tuple[FloatArray, Fl
     return h * np.arange(a.shape[-2]) + s, np.linalg.norm(at, axis=-1)
 
 
-def close_pairs(motion: Motion, separation: Separation, within: float) -> CloseApproaches:
+def close_pairs(
+    motion: Motion, separation: Separation, within: float, *, of: IntArray | None = None
+) -> CloseApproaches:
     """Closest approaches of vehicles below a distance, in each step, pair by pair.
 
-    A pair is looked at in a step if it is close enough at its first knot to get there.
+    A pair is looked at in a step if it is close enough in the middle of it to get there.
 
     Args:
         motion: of several vehicles, arrays of shape (N, ..., 3).
         separation: how distances are measured.
         within: the distance [m].
+        of: vehicles of which each pair has one or two, rising indices; all if not given.
     """
     h = motion.step
     p, v = separation.scaled(motion.positions[:, :-1]), separation.scaled(motion.velocities[:, :-1])
     a = separation.scaled(motion.accelerations)
-    reach = _reach(h, v, a)
-    one, other, k = _pairs_at(p, within + 2.0 * reach.max(axis=0))
-    apart = np.linalg.norm(p[one, k] - p[other, k], axis=1)
-    near = apart - reach[one, k] - reach[other, k] < within
-    one, other, k = one[near], other[near], k[near]
-    relative = [each[one, k] - each[other, k] for each in (p, v, a)]
+    middle, reach = p + h / 2 * (v + h / 4 * a), _reach(h, v, a)
+    one, other, k = _pairs_at(middle, within + 2.0 * reach.max(axis=0), of)
     # of their common way nothing is lost or gained: it leaves fewer, and minima take long
-    near = np.linalg.norm(relative[0], axis=1) - _reach(h, *relative[1:]) < within
-    relative = [each[near] for each in relative]
-    return _closest_below(within, h, one[near], other[near], k[near], *relative)
+    apart, v_apart, a_apart = (each[one, k] - each[other, k] for each in (middle, v, a))
+    near = np.linalg.norm(apart, axis=1) - _reach(h, v_apart, a_apart) < within
+    one, other, k = one[near], other[near], k[near]
+    relative = p[one, k] - p[other, k], v_apart[near], a_apart[near]
+    return _closest_below(within, h, one, other, k, *relative)
 
 
-def close_pairs_at_knots(motion: Motion, separation: Separation, within: float) -> CloseApproaches:
+def close_pairs_at_knots(
+    motion: Motion, separation: Separation, within: float, *, of: IntArray | None = None
+) -> CloseApproaches:
     """Vehicles closer than a distance at the knots, pair by pair; arguments as for all instants."""
     p = separation.scaled(motion.positions)
-    one, other, k = _pairs_at(p, np.full(p.shape[1], within))
+    one, other, k = _pairs_at(p, np.full(p.shape[1], within), of)
     distances = np.linalg.norm(p[one, k] - p[other, k], axis=1)
     times: FloatArray = k * np.float64(motion.step)
     return CloseApproaches(one, other, times, distances)
 
 
 def _reach(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
-    """How far vectors can get in a step."""
-    reach: FloatArray = np.linalg.norm(v, axis=-1) + step / 2 * np.linalg.norm(a, axis=-1)
-    return step * reach
+    """How far motions get in a step from where they are in the middle of it."""
+    reach: FloatArray = np.linalg.norm(v + step / 2 * a, axis=-1)
+    reach += step / 4 * np.linalg.norm(a, axis=-1)
+    return step / 2 * reach
 
 
 def _closest_below(
@@ -137,22 +148,48 @@ def _closest_below(
     return CloseApproaches(one, other, step * k + s[:, 0], distances).select(distances < within)
 
 
-def _pairs_at(points: FloatArray, radii: FloatArray) -> tuple[IntArray, IntArray, IntArray]:
+def _pairs_at(
+    points: FloatArray, radii: FloatArray, of: IntArray | None
+) -> tuple[IntArray, IntArray, IntArray]:
     """Pairs of points (N, T, 3) closer than `radii` (T,) at each of T instants.
+
+    Args:
+        points: where everyone is.
+        radii: how close.
+        of: indices of points of which each pair has one or two; all if not given.
 
     Returns:
         Indices, rising, of the two and of the instant, pair by pair and in the order of time.
     """
     from scipy.spatial import cKDTree  # slow to load, so only where needed
 
+    some = of is not None and _FEW * len(of) < len(points)
     found = []
     for k, radius in enumerate(radii.tolist()):
         tree = cKDTree(points[:, k], balanced_tree=False, compact_nodes=False)
-        pairs = tree.query_pairs(radius, output_type="ndarray")
+        if some:
+            pairs = _pairs_of(np.asarray(of), points[:, k], tree, radius)
+        else:
+            pairs = tree.query_pairs(radius, output_type="ndarray")
         found.append(np.column_stack([pairs, np.full(len(pairs), k)]))
-    one, other, k = np.concatenate(found).T
-    order = np.argsort((one * points.shape[0] + other) * points.shape[1] + k)
-    return one[order], other[order], k[order]
+    one, other, instants = np.concatenate(found).T
+    if of is not None and not some:
+        asked = np.isin(np.arange(len(points)), of)
+        wanted = asked[one] | asked[other]
+        one, other, instants = one[wanted], other[wanted], instants[wanted]
+    order = np.argsort((one * points.shape[0] + other) * points.shape[1] + instants)
+    return one[order], other[order], instants[order]
+
+
+def _pairs_of(some: IntArray, points: FloatArray, tree: cKDTree, radius: float) -> IntArray:
+    """Pairs, in rising order, of which one or two are among some of the points, shape (M, 2)."""
+    own = type(tree)(points[some], balanced_tree=False, compact_nodes=False)
+    near = own.sparse_distance_matrix(tree, radius, output_type="ndarray")
+    one, other = some[near["i"]], near["j"]
+    keys = np.minimum(one, other) * len(points) + np.maximum(one, other)
+    keys = np.unique(keys[one != other])  # each is found next to itself, and two of the some twice
+    pairs: IntArray = np.stack(np.divmod(keys, len(points)), axis=1)
+    return pairs
 
 
 def nearest_moments(

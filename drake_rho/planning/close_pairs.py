@@ -14,27 +14,54 @@ from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.margins import Margins
 from drake_rho.motion.penetration import Pieces, deepest
 from drake_rho.planning.half_spaces import AT_ONCE, BROKEN
+from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.parts import Separation
 from drake_rho.scenario.records import Scenario
 
 
 def pairs_within(
-    separation: Separation, motion: Motion, within: float, *, between: bool
+    separation: Separation,
+    motion: Motion,
+    within: float,
+    *,
+    between: bool,
+    of: IntArray | None = None,
 ) -> CloseApproaches:
-    """Pairs closer than `within` [m] on their way: at any instant, or at the knots."""
+    """Pairs closer than `within` [m] on their way: at any instant, or at the knots.
+
+    Args:
+        separation: how distances are measured.
+        motion: of all vehicles.
+        within: the distance.
+        between: whether at any instant.
+        of: vehicles of which each pair has one or two, rising indices; all if not given.
+    """
     find = close_pairs if between else close_pairs_at_knots
-    return _under_way(find(motion, separation, within), motion)
+    return _under_way(find(motion, separation, within, of=of), motion)
 
 
 def too_close(
-    separation: Separation, motion: Motion, margins: Margins, *, between: bool
+    separation: Separation,
+    motion: Motion,
+    margins: Margins,
+    *,
+    between: bool,
+    of: IntArray | None = None,
 ) -> CloseApproaches:
-    """Pairs that break their separation; distances are less what both keep beside it."""
+    """Pairs that break their separation; distances are less what both keep beside it.
+
+    Args:
+        separation: what they keep.
+        motion: of all vehicles.
+        margins: what each of a pair keeps beside it.
+        between: whether at every instant.
+        of: as for `pairs_within`.
+    """
     least = separation.distance - BROKEN * separation.tolerance
     if margins.most == 0.0:
-        return pairs_within(separation, motion, least, between=between)
+        return pairs_within(separation, motion, least, between=between, of=of)
     within = least + most_beside(separation, margins)
-    found = pairs_within(separation, motion, within, between=between)
+    found = pairs_within(separation, motion, within, between=between, of=of)
     if not separation.is_round:
         found = _measured(separation, motion, margins, found, between=between)
     kept = 2.0 * margins.at("position", found.times)

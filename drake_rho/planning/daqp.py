@@ -21,7 +21,7 @@ from drake_rho.planning.dense import DenseProgram, Program
 from drake_rho.planning.errors import NotInstalledError
 from drake_rho.planning.quadratic import Quadratic
 from drake_rho.planning.solution import Solution
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray
 
 NAME = "DAQP"
 
@@ -34,13 +34,29 @@ _FLAT = {**_HARD, "primal_tol": 1e-12, "eps_prox": -1e-4, "eta_prox": 1e-12}
 and solved again around the last solution until it stays. At DAQP's own values penalties from 1 to
 10 000 in one program come out wrong in the fourth digit."""
 
+_RIDGE = 1e-13
+"""Added to the squares of rows' lengths, as part of the largest, so that dependent ones have a
+factor."""
+
+_KEPT = 1e-9
+"""How far bounds and costs may be missed, as part of the largest bound or of the cost."""
+
+_STIFF = 1e-7
+"""What contradictory rows are broken by for each unit of their multipliers."""
+
+_MAY_BE_BROKEN = 8
+"""DAQP's code for a row that may be broken at the cost of its slack squared."""
+
+_MOST_TRIALS = 30
+"""Guesses of which rows are broken; four are needed in the mean."""
+
 _ZERO = 1e-11
 """Length below which a row counts as zero, in DAQP as well."""
 
 _INFINITE = 1e30
 """What DAQP takes for it."""
 
-_OPTIMAL, _INFEASIBLE = 1, -1
+_OPTIMAL, _OPTIMAL_BUT_BROKEN, _INFEASIBLE = 1, 2, -1
 """Exit flags."""
 
 _EQUATION = 5
@@ -108,9 +124,9 @@ def _solved(program: Program) -> Solution | None:
     if not isinstance(program, DenseProgram):
         quadratic = Quadratic.read(program)
         return None if quadratic is None else _solved_quadratic(quadratic)
-    if program.soft:
-        return _solved_quadratic(Quadratic.of_dense(program))
-    return _solved_hard(program)
+    if not program.soft:
+        return _solved_hard(program)
+    return _solved_soft(program) or _solved_in_span(program)
 
 
 def _solved_hard(program: DenseProgram) -> Solution | None:
@@ -123,6 +139,90 @@ def _solved_hard(program: DenseProgram) -> Solution | None:
     y = -2.0 * info["lam"]
     kept = flag == _OPTIMAL and bool(np.all(matrix @ x >= needed - 10 * _HARD["primal_tol"]))
     return _solution(x, lambda: y, info) if kept else None
+
+
+def _solved_soft(program: DenseProgram) -> Solution | None:
+    """The point of least cost where rows may be broken, by points of least norm; None if not found.
+
+    A row that is broken pulls with all of its penalty, and the others are hard rows. Which are
+    broken is found out: those whose multipliers are above their penalties count as broken until
+    they are kept. The points lie in the span of the rows, in which their factor stands for them.
+    """
+    needed, penalties = program.needed, program.penalties
+    if len(np.unique(program.slacks)) < len(needed):
+        return None  # penalties bound sums of multipliers
+    half: FloatArray = program.matrix @ program.matrix.T / 2.0
+    ridge = _RIDGE * half.max() * np.eye(len(needed))
+    try:
+        factor = np.linalg.cholesky(2.0 * half + ridge)
+    except np.linalg.LinAlgError:
+        return None
+    broken, seconds = np.zeros(len(needed), dtype=bool), 0.0
+    for _ in range(_MOST_TRIALS):
+        y = np.where(broken, penalties, 0.0)
+        left: FloatArray = np.where(broken, -_INFINITE, needed - half @ y)
+        found = _least_norm(factor, left, np.isfinite(penalties))
+        if found is None:
+            return None
+        info, contradictory = found
+        seconds += float(info["setup_time"] + info["solve_time"])
+        y -= 2.0 * np.where(broken, 0.0, info["lam"])
+        above = ~broken & (y > (1.0 + _KEPT) * penalties)
+        kept = broken & (half @ y - needed > _KEPT)
+        if not np.any(above | kept):
+            if contradictory:
+                return None
+            pulling = np.flatnonzero(~broken & (y != 0.0))
+            own = (half + ridge)[np.ix_(pulling, pulling)]
+            for _ in range(2):  # what the ridge has left
+                y[pulling] += np.linalg.solve(own, (needed - half @ y)[pulling])
+            return _of_multipliers(program, y, broken, seconds)
+        broken = (broken | above) & ~kept
+    return None
+
+
+def _least_norm(
+    matrix: FloatArray, needed: FloatArray, soft: BoolArray
+) -> tuple[dict[str, Any], bool] | None:
+    """What DAQP tells of the point of least norm, and whether hard rows contradict each other.
+
+    Then those that may be broken are, at a cost that is far above their penalties.
+    """
+    upper, sense = np.full(len(needed), _INFINITE), np.zeros(len(needed), dtype=np.int32)
+    *_, flag, info = _package().solve(None, None, matrix, upper, needed, sense, **_HARD)
+    if contradictory := flag == _INFEASIBLE:
+        sense[soft] = _MAY_BE_BROKEN
+        options = {**_HARD, "rho_soft": _STIFF}
+        *_, flag, info = _package().solve(None, None, matrix, upper, needed, sense, **options)
+    done = flag in (_OPTIMAL, _OPTIMAL_BUT_BROKEN) and np.isfinite(info["lam"]).all()
+    return (info, contradictory) if done else None
+
+
+def _of_multipliers(
+    program: DenseProgram, y: FloatArray, broken: BoolArray, seconds: float
+) -> Solution | None:
+    """The solution with these multipliers of the rows; None if they are not those of an optimum."""
+    x = y @ program.matrix / 2.0
+    slack = np.where(broken, program.needed - program.matrix @ x, 0.0)
+    short = program.needed - program.matrix @ x - slack
+    gap = float(np.abs(y[~broken] * short[~broken]).sum())
+    cost = float(x @ x + slack[broken] @ program.penalties[broken])
+    largest = max(1.0, float(np.abs(program.needed).max()))
+    exact = gap <= _KEPT * max(cost, _KEPT) and np.all(y >= -_KEPT * max(1.0, np.abs(y).max()))
+    exact &= np.all(y <= (1.0 + 2.0 * _KEPT) * program.penalties)
+    if not exact or max(short.max(), -slack.min()) > _KEPT * largest:
+        return None
+    return Solution(x, True, NAME, seconds, lambda: y)
+
+
+def _solved_in_span(program: DenseProgram) -> Solution | None:
+    """Soft rows in any case, with slacks as variables beside those of the span of the rows."""
+    basis, triangle = np.linalg.qr(program.matrix.T)
+    reduced = dataclasses.replace(program, matrix=triangle.T)
+    found = _solved_quadratic(Quadratic.of_dense(reduced))
+    if found is None or not found.feasible:
+        return found
+    return dataclasses.replace(found, x=basis @ found.x[: basis.shape[1]])
 
 
 def _solved_quadratic(program: Quadratic) -> Solution | None:

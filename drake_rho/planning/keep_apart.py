@@ -102,10 +102,8 @@ class KeepApart(KeepOut):
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
         """Places where a pair, one of it among `vehicles`, is closer than the separation."""
-        found = too_close(self.kept, motion, self.margins, between=self.every_instant)
-        asked = np.zeros(len(motion.positions), dtype=bool)
-        asked[vehicles] = True
-        return places_of(found.select(asked[found.one] | asked[found.other]))
+        between = self.every_instant
+        return places_of(too_close(self.kept, motion, self.margins, between=between, of=vehicles))
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
         """The broken rows at `places`, without neighbours: rows that couple are expensive."""

@@ -33,6 +33,7 @@ from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.solution import Solution
 from drake_rho.planning.sparse import SparseRows, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import Grid
 
 _FEW = 32
 """Rows up to which a program is written in the reduced space, whatever they are."""
@@ -41,7 +42,7 @@ _SPARSE = 2000
 """Operations that each number of a sparse program costs, measured from 50 to 5000 knots within a
 factor of two. The reduced space of R rows costs about R² (3 K + 5 R)."""
 
-_DENSE = 2.0
+_DENSE = 8.0
 """How many of these operations a solver of dense programs does in the time of one."""
 
 Begun = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
@@ -165,19 +166,20 @@ def _reduced(
     vehicles = np.concatenate([part.vehicles for part in rows])
     sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
-    responses = np.concatenate([part.responses(effort.grid) for part in rows])
+    responses, which = _responses(effort.grid, rows)
+    which, lengths = which[order], np.sqrt(np.einsum("uj,uj->u", responses, responses))
+    responses, lengths = effort.goals.without(responses / lengths[:, None]), lengths[which]
     normals = np.concatenate([part.normals for part in rows])[order]
     short = -np.concatenate([part.margins(effort.motion) for part in rows])[order]
     costs = [part.constraint.penalty for part in rows]
     penalties = np.repeat(costs, [len(part) for part in rows])[order]
     slacks = slacks_of(rows)[order]
-    lengths = np.sqrt(np.einsum("rj,rj->r", responses, responses))[order]
     vehicles, sizes = vehicles[order], sizes[order]
     units = effort.units[vehicles]
     needed, penalties = short / (lengths * units), penalties * lengths / units
     for size in np.unique(sizes)[::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
-        inside = effort.goals.without(responses[order[own]] / lengths[own, None])
+        inside = responses[which[own]]
         matrix = inside[:, :, None] * normals[own, None, :]
         yield _in_span(
             vehicles[own][::size, None],
@@ -188,6 +190,23 @@ def _reduced(
             linear,
             dense,
         )
+
+
+def _responses(grid: Grid, rows: Sequence[HalfSpaces]) -> tuple[FloatArray, IntArray]:
+    """Responses of rows (U, K-1), and which of them is that of each row, shape (R,).
+
+    Of many rows most are at the same knots, of one vehicle or another.
+    """
+    responses, which, first = list[FloatArray](), list[IntArray](), 0
+    for part in rows:
+        own = np.arange(len(part))
+        if len(part) > grid.knots:
+            _, representative, own = np.unique(part.times, return_index=True, return_inverse=True)
+            part = part.select(representative)
+        responses.append(part.responses(grid))
+        which.append(first + own)
+        first += len(part)
+    return np.concatenate(responses), np.concatenate(which)
 
 
 def _reduced_group(
@@ -255,7 +274,7 @@ def _in_span(
 ) -> Batch:
     """Programs in coordinates of an orthonormal basis of the span of their rows.
 
-    What DAQP does with hard rows takes less time than to make that basis.
+    What DAQP does with rows as they are takes less time than to make that basis.
 
     Args:
         groups: whose, shape (B, G).
@@ -267,7 +286,7 @@ def _in_span(
         dense: as in `programs_of`.
     """
     basis: FloatArray | None = None
-    if not dense or np.isfinite(penalties).any():
+    if not dense:
         basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
         matrices = np.swapaxes(triangles, 1, 2)
     rows = zip(matrices, needed, penalties, slacks, strict=True)
