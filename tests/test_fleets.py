@@ -21,6 +21,7 @@ from drake_rho.planning.close_pairs import pairs_within
 from drake_rho.planning.keep_apart import coupled, decoupled, pairs_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import programs_of
+from drake_rho.planning.rows import about
 from drake_rho.planning.subproblem import Subproblem
 from tests.scenarios import (
     box,
@@ -370,7 +371,7 @@ def test_the_span_of_rows_that_couple_loses_nothing(between_knots: bool) -> None
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(program, "_SPARSE", 0 if sparse else 10**12)
             patched.setattr(program, "_FEW", 0)
-            batches = list(programs_of(effort, rows))
+            batches = list(programs_of(effort.changes, about(effort.motion, rows)))
         (batch,) = [each for each in batches if each.groups.shape[1] == 4]
         assert (batch.basis is None) == sparse
         u = batch.accelerations(solve.solve(batch.programs), steps)[0]

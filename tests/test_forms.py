@@ -16,6 +16,7 @@ from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.half_spaces import near
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import programs_of, rows_of
+from drake_rho.planning.rows import about
 from drake_rho.planning.solve import solve
 from drake_rho.planning.subproblem import constraints_around, plan_around
 from tests.scenarios import box, random_scenario, scenarios, single
@@ -79,7 +80,7 @@ def test_the_span_of_the_rows_loses_nothing(scenario: rho.Scenario) -> None:
         with pytest.MonkeyPatch.context() as patched:
             for name, value in form.items():
                 patched.setattr(program, name, value)
-            batches = list(programs_of(effort, rows))
+            batches = list(programs_of(effort.changes, about(effort.motion, rows)))
         assert all((batch.basis is None) == ("_SPARSE" in form) for batch in batches)
         for batch in batches:
             vehicles = batch.groups[:, 0]
@@ -103,7 +104,9 @@ def test_multipliers_do_not_depend_on_the_form() -> None:
             solved.keep_to(constraints_around(scenario, None))
         effort, multipliers = solved.effort, solved.working.multipliers(0)
         for rows, y in multipliers:
-            matrix, needed, _ = rows_of(effort, np.zeros(1, dtype=int), [rows])
+            matrix, needed, _ = rows_of(
+                effort.changes, np.zeros(1, dtype=int), about(effort.motion, [rows])
+            )
             u = solved.motion.accelerations[0] - effort.motion.accelerations[0]
             slack = matrix @ (u / effort.units[0]).reshape(-1) - needed
             assert np.abs(slack * y).max() < 1e-6

@@ -65,9 +65,9 @@ def test_what_is_closed_of_the_goals_is_the_least_change(seed: int) -> None:
 @given(seed=seeds)
 def test_rows_without_the_goals_are_their_projection(seed: int) -> None:
     scenario, rng = random_scenario(seed), np.random.default_rng(seed)
-    goals, goal_rows = MinimumEffort.of(scenario).goals, _goal_rows(scenario)
+    changes, goal_rows = MinimumEffort.of(scenario).changes, _goal_rows(scenario)
     rows = rng.normal(size=(4, scenario.grid.knots - 1))
-    inside = goals.without(rows)
+    inside = changes.inside(rows)
     np.testing.assert_allclose(inside @ goal_rows.T, 0.0, atol=ROUNDING)
     taken = np.linalg.svd(goal_rows)[2][2:]
     np.testing.assert_allclose(inside, rows @ taken.T @ taken, atol=ROUNDING)
@@ -83,7 +83,7 @@ def test_without_its_goals_a_motion_starts_the_same_and_nothing_is_out_of_reach(
     np.testing.assert_array_equal(free.motion.positions, effort.motion.positions)
     noisy = np.ones((1, 1, 3))
     np.testing.assert_array_equal(free.goals.met_by(noisy, np.array([0])), noisy)
-    np.testing.assert_array_equal(free.goals.without(np.ones((3, 1))), np.ones((3, 1)))
+    np.testing.assert_array_equal(free.changes.inside(np.ones((3, 1))), np.ones((3, 1)))
 
 
 @pytest.mark.parametrize("off", [0.0, 0.5e-6, 2e-6])

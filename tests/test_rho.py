@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
-from drake_rho.planning import cutting_planes
+from drake_rho.planning import blocks
 from drake_rho.planning.program import programs_of
 from drake_rho.planning.windows import Planner
 from tests.scenarios import box, scenarios, single
@@ -202,7 +202,7 @@ def test_a_window_that_fails_is_not_explained(
         written.append(linear)
         return programs_of(*args, linear=linear, **options)
 
-    monkeypatch.setattr(cutting_planes, "programs_of", counted)
+    monkeypatch.setattr(blocks, "programs_of", counted)
     weak = dataclasses.replace(paper, limits=rho.Limits(acceleration=box(6.0)))
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_rho(weak)

@@ -15,6 +15,7 @@ from drake_rho.planning.keep_in import KeepInBox, boxes_of
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import rows_of
+from drake_rho.planning.rows import about
 from drake_rho.planning.sparse import SparseRows
 from tests.scenarios import box, fleet
 from tests.tolerances import ROUNDING
@@ -71,7 +72,7 @@ def test_sparse_rows_are_the_margins_of_the_motion_that_the_dynamics_allow(
     scenario: rho.Scenario, kinds: set[str]
 ) -> None:
     rows, effort = _rows(scenario, kinds), MinimumEffort.of(scenario)
-    sparse = SparseRows(effort, GROUP, rows)
+    sparse = SparseRows(effort.changes, GROUP, about(effort.motion, rows))
     motion = _flown(scenario, 3, 1.0)
     unit, h = effort.units[GROUP].max(), scenario.grid.step
     free = effort.motion
@@ -94,7 +95,7 @@ def test_sparse_rows_are_the_margins_of_the_motion_that_the_dynamics_allow(
     scaled = penalties / worth * unit  # the unit of each row, over that of the accelerations
     found = (matrix @ x - needed) * scaled
     np.testing.assert_allclose(found * unit, margins, atol=1e-8 * np.abs(margins).max())
-    dense, _, _ = rows_of(effort, GROUP, rows)
+    dense, _, _ = rows_of(effort.changes, GROUP, about(effort.motion, rows))
     assert dense.shape == (len(margins), 3 * sparse.steps * len(GROUP))
     sizes = np.concatenate(
         [
@@ -111,7 +112,7 @@ def test_dense_rows_have_length_one_and_are_the_margins(scenario: rho.Scenario) 
     rows, effort = _rows(scenario, ALL), MinimumEffort.of(scenario)
     assert {part.constraint.quantity for part in rows} == ALL
     assert {part.constraint.coupled for part in rows} == {False, True}
-    matrix, needed, penalties = rows_of(effort, GROUP, rows)
+    matrix, needed, penalties = rows_of(effort.changes, GROUP, about(effort.motion, rows))
     np.testing.assert_allclose(np.sqrt(matrix.power(2).sum(axis=1)), 1.0, rtol=ROUNDING)
     motion, unit = _flown(scenario, 4, 1.0), effort.units[GROUP].max()
     u = (motion.accelerations - effort.motion.accelerations)[GROUP].reshape(-1) / unit
@@ -136,7 +137,7 @@ def test_sparse_rows_hold_at_any_time_from_the_first_step_to_the_last(
     sides = np.tile(np.repeat(np.arange(6), len(times)), len(GROUP))
     rows = constraint.rows(np.concatenate(every), sides, np.tile(times, 6 * len(GROUP)))
     effort, motion = MinimumEffort.of(scenario), _flown(scenario, 5, 1.0)
-    sparse = SparseRows(effort, GROUP, [rows])
+    sparse = SparseRows(effort.changes, GROUP, about(effort.motion, [rows]))
     unit = effort.units[GROUP].max()
     moved = [
         (getattr(motion, kind) - getattr(effort.motion, kind))[GROUP] / unit

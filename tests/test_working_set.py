@@ -18,6 +18,7 @@ from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import rows_of
+from drake_rho.planning.rows import about
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.working_set import Keys, WorkingSet
 from tests.scenarios import box, fleet, single
@@ -219,10 +220,10 @@ def _pull(planes: CuttingPlanes, vehicle: int) -> tuple[np.ndarray, np.ndarray]:
     """2 u and M' y of the program of a vehicle's group, which (KKT) are the same."""
     effort, group = planes.effort, planes.working.group(vehicle)
     parts = planes.working.multipliers(vehicle)
-    matrix, _, _ = rows_of(effort, group, [part for part, _ in parts])
+    matrix, _, _ = rows_of(effort.changes, group, about(effort.motion, [part for part, _ in parts]))
     pull = matrix.T @ np.concatenate([y for _, y in parts])
     inside = pull.reshape(len(group), -1, 3)
-    inside = np.stack([effort.goals.without(each.T).T for each in inside])
+    inside = np.stack([effort.changes.inside(each.T).T for each in inside])
     moved = planes.motion.accelerations[group] - effort.motion.accelerations[group]
     return 2.0 * moved / effort.units[group].max(), inside
 

@@ -30,6 +30,7 @@ from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.half_spaces import HalfSpaces, Quadratic
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import rows_of
+from drake_rho.planning.rows import about
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
@@ -90,7 +91,7 @@ class Lagrangian:
                 if np.all(np.isin(rows.partners, group)):  # else left out, which lowers the bound
                     bent.append(_curved_terms(effort, group, rows, quadratic, y))
             elif not rows.constraint.linearised:  # what is linear by itself
-                matrix, needed, _ = rows_of(effort, group, [rows])
+                matrix, needed, _ = rows_of(effort.changes, group, about(effort.motion, [rows]))
                 straight.append((matrix, needed + matrix @ self._fixed.reshape(-1), y))
             elif np.any(y > _NO_PART * np.linalg.norm(self.solution)):  # neither: a lower bound
                 self.left_out.add(rows.constraint.name)

@@ -14,6 +14,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.along_ways import no_plan, plan_along_ways
 from drake_rho.planning.bends import SPREADS, spread
+from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import Coupling, decoupled
@@ -60,8 +61,9 @@ def plan(
             or `coupled`, at the least cost. If not given, coupled as long as the fleet is small
             (`options.max_coupled`).
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
-        executor: where ways round the obstacles are looked for, vehicle by vehicle; with
-            processes, a solver cannot be given. If not given, here, one after the other.
+        executor: where programs are solved, in blocks of vehicles, and ways round the obstacles
+            are looked for, vehicle by vehicle: any of PEP 3148. The plan is the same, whoever
+            works. A Drake solver cannot be sent to processes, `Daqp()` can. If not given, here.
         progress: called with a few words after each linearisation.
         options: tolerances and bounds; `Options()` if not given.
 
@@ -74,11 +76,11 @@ def plan(
     """
     options = options or DEFAULTS
     coupling = coupling or coupling_for(scenario, options)
+    solver = OnWorkers(solver, executor) if executor is not None else solver
     first = first_plan(
         scenario,
         reference=reference,
         solver=solver,
-        executor=executor,
         progress=progress,
         options=options,
     )
@@ -95,20 +97,20 @@ def plan_scp(
     reference: Plan | None = None,
     coupling: Coupling | None = None,
     solver: Solver | None = None,
+    executor: Executor | None = None,
 ) -> Plan:
     """Sequential convex programming to convergence: `plan`, by the name of its method.
 
     Args and errors are those of `plan`.
     """
-    return plan(scenario, reference=reference, coupling=coupling, solver=solver)
+    return plan(scenario, reference=reference, coupling=coupling, solver=solver, executor=executor)
 
 
 def first_plan(
     scenario: Scenario,
     *,
     reference: Plan | None = None,
-    solver: Solver | None = None,
-    executor: Executor | None = None,
+    solver: Solver | OnWorkers | None = None,
     progress: Progress | None = None,
     options: Options = DEFAULTS,
 ) -> Plan:
@@ -118,25 +120,24 @@ def first_plan(
     """
     check_room(scenario)
     if scenario.separation is not None:
-        return _first_apart(scenario, reference, solver, executor, progress, options)
+        return _first_apart(scenario, reference, solver, progress, options)
     try:
         return plan_convex(scenario, reference=reference, solver=solver)
     except SolverError:
         if not scenario.known:
             raise
         everyone = [vehicle.name for vehicle in scenario.vehicles]
-        return _ways_round(scenario, everyone, None, solver, executor, options)
+        return _ways_round(scenario, everyone, None, solver, options)
     except InfeasibleError as error:
         if not error.about_linearisation:
             raise
-        return _ways_round(scenario, list(error.conflicts), error, solver, executor, options)
+        return _ways_round(scenario, list(error.conflicts), error, solver, options)
 
 
 def _first_apart(
     scenario: Scenario,
     reference: Plan | None,
-    solver: Solver | None,
-    executor: Executor | None,
+    solver: Solver | OnWorkers | None,
     progress: Progress | None,
     options: Options,
 ) -> Plan:
@@ -160,7 +161,7 @@ def _first_apart(
             if not error.about_linearisation or len(error.conflicts) > _FEW * len(alone.vehicles):
                 raise
             few, single = list(error.conflicts), dataclasses.replace(options, max_ways=1)
-            careless = _ways_round(alone, few, error, solver, executor, single)
+            careless = _ways_round(alone, few, error, solver, single)
         start = Plan.from_accelerations(scenario, careless.accelerations, careless.statistics)
         return _brought_apart(start, solver, progress)
     except InfeasibleError as error:
@@ -170,7 +171,9 @@ def _first_apart(
         return _along_ways(scenario, error, solver, options, progress)
 
 
-def _brought_apart(start: Plan, solver: Solver | None, progress: Progress | None) -> Plan:
+def _brought_apart(
+    start: Plan, solver: Solver | OnWorkers | None, progress: Progress | None
+) -> Plan:
     """A plan whose vehicles keep apart, from one in which they do not know of each other.
 
     Where restoration from there comes to no end, it begins with the vehicles spread, and at last
@@ -206,7 +209,7 @@ def _attempts(start: Plan) -> Iterator[tuple[Plan, float, int]]:
 def _along_ways(
     scenario: Scenario,
     failure: InfeasibleError | None,
-    solver: Solver | None,
+    solver: Solver | OnWorkers | None,
     options: Options,
     progress: Progress | None,
 ) -> Plan:
@@ -219,7 +222,7 @@ def _along_ways(
 
 
 def _around_if_apart(
-    scenario: Scenario, reference: Plan | None, solver: Solver | None
+    scenario: Scenario, reference: Plan | None, solver: Solver | OnWorkers | None
 ) -> Plan | None:
     """A fleet's plan around a reference whose vehicles keep apart; None if there is none."""
     subproblem = Subproblem(scenario, decoupled, solver)
@@ -233,8 +236,7 @@ def _ways_round(
     scenario: Scenario,
     stuck: Sequence[str],
     failure: InfeasibleError | None,
-    solver: Solver | None,
-    executor: Executor | None,
+    solver: Solver | OnWorkers | None,
     options: Options,
 ) -> Plan:
     """A first plan where the first linearisation has none: along ways for the vehicles it failed.
@@ -246,8 +248,9 @@ def _ways_round(
     spent = free.statistics if failure is None else failure.statistics + free.statistics
     indices = [scenario.index_of(name) for name in stuck]
     alone = [scenario.of_vehicles([index]) for index in indices]
-    each_of = executor.map if executor else map
-    found = list(each_of(plan_along_ways, alone, repeat(solver), repeat(options)))
+    workers = solver if isinstance(solver, OnWorkers) else None
+    each_of, own = (workers.executor.map, workers.solver) if workers else (map, solver)
+    found = list(each_of(plan_along_ways, alone, repeat(own), repeat(options)))
     accelerations = np.array(free.accelerations)
     for index, along in zip(indices, found, strict=True):
         spent += along.spent

@@ -9,22 +9,21 @@ every row left out holds.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.blocks import Answers, OnWorkers, solve_all
 from drake_rho.planning.conflicts import conflict_of, in_the_way
-from drake_rho.planning.dense import Program
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.keep_waypoints import first_number
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import SMALL_FLEET
-from drake_rho.planning.program import Batch, groups_of, programs_of
-from drake_rho.planning.solution import Solution
-from drake_rho.planning.solve import MAX_RETRIES, Solver, is_dense, solve_side_by_side
+from drake_rho.planning.rows import about, groups_of
+from drake_rho.planning.solve import MAX_RETRIES, Solver
 from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -66,7 +65,7 @@ class CuttingPlanes:
     def __init__(
         self,
         scenario: Scenario,
-        solver: Solver | None = None,
+        solver: Solver | OnWorkers | None = None,
         *,
         effort: MinimumEffort | None = None,
         vehicles: IntArray | None = None,
@@ -213,34 +212,29 @@ class CuttingPlanes:
 
     def _with_groups(self, vehicles: IntArray) -> IntArray:
         """The vehicles and those that rows couple them to."""
-        rows = list(self.working.rows.values())
-        if not any(part.constraint.coupled for part in rows):
+        coupled = [part for part in self.working.rows.values() if part.constraint.coupled]
+        if not coupled:
             return vehicles
-        labels = groups_of(len(self.effort.units), rows)
+        labels = groups_of(len(self.effort.units), coupled)
         return np.flatnonzero(np.isin(labels, labels[vehicles]))
 
     def _solve(self, vehicles: IntArray) -> list[int]:
         """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
         rows = self.working.of(self._with_groups(vehicles), len(self.effort.units))
-        batches, dense = list[Batch](), is_dense(self._solver)
-
-        def written() -> Iterator[Sequence[Program]]:
-            for batch in programs_of(self.effort, rows, linear=self._linear, dense=dense):
-                batches.append(batch)
-                yield batch.programs
-
-        answers = solve_side_by_side(
-            written(),
+        answers = solve_all(
+            self.effort.changes,
+            about(self.effort.motion, rows),
             self._solver,
+            linear=self._linear,
             retry=self._retry(),
             quick=len(self.effort.units) > SMALL_FLEET,  # others are planned to the last digit
         )
-        solved = list(map(self._take, batches, answers))
+        solved = list(map(self._take, answers))
         vehicles = np.concatenate([whose for whose, _ in solved])
         found = self.effort.goals.met_by(np.concatenate([own for _, own in solved]), vehicles)
         order = np.argsort(vehicles)
         self.motion = self.motion.with_some(vehicles[order], found[order])
-        every = np.concatenate([batch.groups.reshape(-1) for batch in batches])
+        every = np.concatenate([each.groups.reshape(-1) for each in answers])
         if len(every) == len(vehicles):
             return []
         infeasible: list[int] = np.setdiff1d(every, vehicles).tolist()
@@ -262,17 +256,15 @@ class CuttingPlanes:
         if len(left) > 0 or rounds.max() > _MAX_INEXACT:
             raise SolverError("all solvers failed numerically", self.statistics())
 
-    def _take(self, batch: Batch, solutions: list[Solution]) -> tuple[IntArray, FloatArray]:
-        """Note the solutions of a batch; the vehicles that have one, and their accelerations."""
-        self.working.solved(batch, solutions)
-        self._programs += len(solutions)
-        self._solver_name = solutions[-1].solver
-        self._solver_seconds += sum(each.seconds for each in solutions)
-        feasible = np.array([solution.feasible for solution in solutions])
-        for group, solution in zip(batch.groups, solutions, strict=True):
-            self._inexact[group] = 0 if solution.exact else self._inexact[group] + 1
-        u = batch.accelerations(solutions, self.effort.grid.knots - 1)
-        u, groups = u[feasible], batch.groups[feasible]
+    def _take(self, answers: Answers) -> tuple[IntArray, FloatArray]:
+        """Note some answers; the vehicles that have a solution, and their accelerations."""
+        self.working.solved(answers)
+        self._programs += len(answers.groups)
+        self._solver_name = answers.solver
+        self._solver_seconds += answers.seconds
+        for group, exact in zip(answers.groups, answers.exact.tolist(), strict=True):
+            self._inexact[group] = 0 if exact else self._inexact[group] + 1
+        u, groups = answers.accelerations[answers.feasible], answers.groups[answers.feasible]
         units = self.effort.units[groups].max(axis=1)
         vehicles = groups.reshape(-1)
         a = np.repeat(units, groups.shape[1])[:, None, None] * u.reshape(-1, *u.shape[2:])

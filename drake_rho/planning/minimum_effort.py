@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -35,16 +35,28 @@ class Goals:
         closed: FloatArray = accelerations - np.einsum("gj,pgx->pjx", self.rows, missed)
         return closed
 
-    def without(self, rows: FloatArray) -> FloatArray:
+
+@dataclasses.dataclass(frozen=True)
+class Changes:
+    """What programs are written in: changes of motions that leave their goals where they are."""
+
+    grid: Grid
+    """of the scenario"""
+    goals: FloatArray
+    """rows of (12), as in `Goals`"""
+    units: FloatArray
+    """acceleration that counts as one [m/s²], shape (N,)"""
+
+    def inside(self, rows: FloatArray) -> FloatArray:
         """The part of rows (R, K-1) that leaves the goal where it is; done twice, for rounding."""
         for _ in range(2):
-            rows = rows - (rows @ self.rows.T) @ self.rows
+            rows = rows - (rows @ self.goals.T) @ self.goals
         return rows
 
 
 @dataclasses.dataclass(frozen=True)
 class MinimumEffort:
-    """What all programs of a scenario are written in: changes of its motions of least cost."""
+    """The motions of least cost of a scenario, whose changes its programs are about."""
 
     grid: Grid
     """of the scenario"""
@@ -71,6 +83,11 @@ class MinimumEffort:
             fleet.scale("acceleration"),
             np.abs(missed).max(axis=1) > TOLERANCE * fleet.lengths,
         )
+
+    @cached_property
+    def changes(self) -> Changes:
+        """What programs are written in."""
+        return Changes(self.grid, self.goals.rows, self.units)
 
     def without_goals(self) -> MinimumEffort:
         """These motions to start from, with goals that need not be reached."""

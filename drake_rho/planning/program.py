@@ -25,11 +25,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from pydrake.solvers import MathematicalProgram
 from scipy.sparse import coo_array, csc_array
-from scipy.sparse.csgraph import connected_components
 
+from drake_rho.motion.dynamics import response, sparse_response
 from drake_rho.planning.dense import DenseProgram, Program, add_rows
-from drake_rho.planning.half_spaces import HalfSpaces
-from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.minimum_effort import Changes
+from drake_rho.planning.rows import Rows, each_of, groups_of
 from drake_rho.planning.solution import Solution
 from drake_rho.planning.sparse import SparseRows, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -80,8 +80,8 @@ class Batch:
 
 
 def programs_of(
-    effort: MinimumEffort,
-    rows: Sequence[HalfSpaces],
+    changes: Changes,
+    rows: Sequence[Rows],
     *,
     linear: bool = False,
     dense: bool = False,
@@ -89,40 +89,27 @@ def programs_of(
     """The programs of all vehicles that have rows, the largest first, written one by one.
 
     Args:
-        effort: of the scenario.
+        changes: what the rows are about.
         rows: constraint by constraint; those of a group keep their order.
         linear: whether only slack costs anything.
         dense: whether they are for a solver of dense programs, as `Daqp` is: it takes hard rows as
             they are, and more of them before the sparse form is cheaper.
     """
-    groups = groups_of(len(effort.units), rows)
+    groups = groups_of(len(changes.units), [part for part in rows if part.coupled])
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
     size = np.bincount(groups)[: len(count)]
-    in_sparse = _cheaper_sparse(effort.grid.knots - 1, size, count, _DENSE if dense else 1.0)
+    in_sparse = _cheaper_sparse(changes.grid.knots - 1, size, count, _DENSE if dense else 1.0)
     alone = ~in_sparse & (size == 1)
     begun: Begun = {}
-    for group, own in _each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
+    for group, own in each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
         vehicles = np.flatnonzero(groups == group)
         if in_sparse[group]:
-            yield _sparse(effort, vehicles, own, linear, begun)
+            yield _sparse(changes, vehicles, own, linear, begun)
         else:
-            yield _reduced_group(effort, vehicles, own, linear, dense)
+            yield _reduced_group(changes, vehicles, own, linear, dense)
     if not alone.all():
         rows = [part.select(alone[groups[part.vehicles]]) for part in rows]
-    yield from _reduced(effort, [part for part in rows if len(part) > 0], linear, dense)
-
-
-def _each_of(
-    wanted: IntArray, groups: IntArray, rows: Sequence[HalfSpaces]
-) -> Iterator[tuple[int, list[HalfSpaces]]]:
-    """Some groups and their rows, which are sorted by group once, as there may be many."""
-    if len(wanted) == 0:
-        return
-    rows = [part.select(np.argsort(groups[part.vehicles], kind="stable")) for part in rows]
-    labels = [groups[part.vehicles] for part in rows]
-    for group in wanted.tolist():
-        ranges = [slice(*np.searchsorted(label, [group, group + 1])) for label in labels]
-        yield group, [part.select(own) for part, own in zip(rows, ranges, strict=True)]
+    yield from _reduced(changes, [part for part in rows if len(part) > 0], linear, dense)
 
 
 def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: float) -> BoolArray:
@@ -142,21 +129,7 @@ def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: 
     return cheaper
 
 
-def groups_of(vehicles: int, rows: Sequence[HalfSpaces]) -> IntArray:
-    """For each vehicle the number of its group: those that rows couple have the same."""
-    coupled = [part for part in rows if part.constraint.coupled]
-    if not coupled:
-        return np.arange(vehicles)
-    one = np.concatenate([part.vehicles for part in coupled])
-    other = np.concatenate([part.partners for part in coupled])
-    links = coo_array((np.ones(len(one)), (one, other)), shape=(vehicles, vehicles))
-    labels: IntArray = connected_components(links, directed=False)[1]
-    return labels
-
-
-def _reduced(
-    effort: MinimumEffort, rows: Sequence[HalfSpaces], linear: bool, dense: bool
-) -> Iterator[Batch]:
+def _reduced(changes: Changes, rows: Sequence[Rows], linear: bool, dense: bool) -> Iterator[Batch]:
     """Programs of single vehicles in the reduced space; those of a size together.
 
     What is as wide as a row is made for one size after the other, which fits into caches.
@@ -166,17 +139,17 @@ def _reduced(
     vehicles = np.concatenate([part.vehicles for part in rows])
     sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
-    responses, which = _responses(effort.grid, rows)
+    responses, which = _responses(changes.grid, rows)
     which, lengths = which[order], np.sqrt(np.einsum("uj,uj->u", responses, responses))
-    responses, lengths = effort.goals.without(responses / lengths[:, None]), lengths[which]
+    responses, lengths = changes.inside(responses / lengths[:, None]), lengths[which]
     normals = np.concatenate([part.normals for part in rows])[order]
-    short = -np.concatenate([part.margins(effort.motion) for part in rows])[order]
-    costs = [part.constraint.penalty for part in rows]
+    needed = np.concatenate([part.needed for part in rows])[order]
+    costs = [part.penalty for part in rows]
     penalties = np.repeat(costs, [len(part) for part in rows])[order]
     slacks = slacks_of(rows)[order]
     vehicles, sizes = vehicles[order], sizes[order]
-    units = effort.units[vehicles]
-    needed, penalties = short / (lengths * units), penalties * lengths / units
+    units = changes.units[vehicles]
+    needed, penalties = needed / (lengths * units), penalties * lengths / units
     for size in np.unique(sizes)[::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
         inside = responses[which[own]]
@@ -192,7 +165,7 @@ def _reduced(
         )
 
 
-def _responses(grid: Grid, rows: Sequence[HalfSpaces]) -> tuple[FloatArray, IntArray]:
+def _responses(grid: Grid, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray]:
     """Responses of rows (U, K-1), and which of them is that of each row, shape (R,).
 
     Of many rows most are at the same knots, of one vehicle or another.
@@ -203,62 +176,62 @@ def _responses(grid: Grid, rows: Sequence[HalfSpaces]) -> tuple[FloatArray, IntA
         if len(part) > grid.knots:
             _, representative, own = np.unique(part.times, return_index=True, return_inverse=True)
             part = part.select(representative)
-        responses.append(part.responses(grid))
+        responses.append(response(part.quantity, grid.step, grid.knots, part.times))
         which.append(first + own)
         first += len(part)
     return np.concatenate(responses), np.concatenate(which)
 
 
 def _reduced_group(
-    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool, dense: bool
+    changes: Changes, group: IntArray, rows: Sequence[Rows], linear: bool, dense: bool
 ) -> Batch:
     """One program, in the reduced space."""
-    matrix, needed, penalties = rows_of(effort, group, rows)
+    matrix, needed, penalties = rows_of(changes, group, rows)
     entries = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
-    inside = np.stack([effort.goals.without(entries[:, :, axis]) for axis in range(3)], axis=2)
+    inside = np.stack([changes.inside(entries[:, :, axis]) for axis in range(3)], axis=2)
     stack = inside.reshape(1, len(needed), -1)
     slacks = slacks_of(rows)[None]
     return _in_span(group[None], stack, needed[None], penalties[None], slacks, linear, dense)
 
 
-def slacks_of(rows: Sequence[HalfSpaces]) -> IntArray:
+def slacks_of(rows: Sequence[Rows]) -> IntArray:
     """The slack of each of some half-spaces, constraint by constraint, as numbers, shape (R,)."""
-    if all(np.isinf(part.constraint.penalty) for part in rows):
+    if all(not part.soft for part in rows):
         return np.zeros(sum(map(len, rows)), dtype=int)  # there are none
     first = np.cumsum([0, *map(len, rows)])[:-1]
-    return np.concatenate([n + part.slacks() for n, part in zip(first, rows, strict=True)])
+    return np.concatenate([n + part.slacks for n, part in zip(first, rows, strict=True)])
 
 
 def rows_of(
-    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces]
+    changes: Changes, group: IntArray, rows: Sequence[Rows]
 ) -> tuple[csc_array, FloatArray, FloatArray]:
     """Half-spaces as rows M @ u >= b of length one, u of a group of vehicles, in its unit.
 
     Returns:
         M (R, 3 G (K-1)), b (R,), and what it costs to break a row by one, (R,).
     """
-    steps, unit = effort.grid.knots - 1, effort.units[group].max()
-    place = np.zeros(len(effort.units), dtype=int)
+    step, knots, unit = changes.grid.step, changes.grid.knots, changes.units[group].max()
+    place = np.zeros(len(changes.units), dtype=int)
     place[group] = np.arange(len(group))
     entries, where, needed, penalties = [np.zeros(0)], [np.zeros((2, 0), dtype=int)], [], []
     first = 0
     for part in rows:
-        responses = part.sparse_responses(effort.grid).tocoo()
+        responses = sparse_response(part.quantity, step, knots, part.times).tocoo()
         terms = [(part.vehicles, 1.0)]
-        if part.constraint.coupled:
+        if part.coupled:
             terms.append((part.partners, -1.0))
         lengths = np.sqrt(len(terms) * responses.power(2).sum(axis=1))
         r, j = responses.coords
         for vehicles, sign in terms:
-            vectors = place[vehicles[r]] * steps + j
+            vectors = place[vehicles[r]] * (knots - 1) + j
             values = (sign * responses.data / lengths[r])[:, None] * part.normals[r]
             entries.append(values.reshape(-1))
             columns = (3 * vectors[:, None] + np.arange(3)).reshape(-1)
             where.append(np.stack([np.repeat(first + r, 3), columns]))
-        needed.append(-part.margins(effort.motion) / (lengths * unit))
-        penalties.append(part.constraint.penalty * lengths / unit)
+        needed.append(part.needed / (lengths * unit))
+        penalties.append(part.penalty * lengths / unit)
         first += len(part)
-    shape = (first, 3 * steps * len(group))
+    shape = (first, 3 * (knots - 1) * len(group))
     matrix = coo_array((np.concatenate(entries), tuple(np.concatenate(where, axis=1))), shape=shape)
     return matrix.tocsc(), np.concatenate(needed), np.concatenate(penalties)
 
@@ -295,14 +268,14 @@ def _in_span(
 
 
 def _sparse(
-    effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces], linear: bool, begun: Begun
+    changes: Changes, group: IntArray, rows: Sequence[Rows], linear: bool, begun: Begun
 ) -> Batch:
     """The program in the accelerations, with the states that its rows speak of beside them.
 
     Variables, cost and dynamics take longer to write than the rows do, and are the same for many:
     they are copied from `begun`, in which they are put if they are not there.
     """
-    sparse = SparseRows(effort, group, rows)
+    sparse = SparseRows(changes, group, rows)
     form = len(group), sparse.columns
     if form not in begun:
         begun[form] = without_rows(sparse, linear)

@@ -17,10 +17,10 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram
 from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array, eye_array, hstack, kron
 
-from drake_rho.motion.dynamics import step_at
+from drake_rho.motion.dynamics import response, step_at
 from drake_rho.planning.dense import add_cost
-from drake_rho.planning.half_spaces import HalfSpaces
-from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.minimum_effort import Changes
+from drake_rho.planning.rows import Rows
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _Term = tuple[IntArray, FloatArray]
@@ -28,18 +28,18 @@ _Term = tuple[IntArray, FloatArray]
 
 
 class SparseRows:
-    """Half-spaces of a group of vehicles as sparse rows matrix @ x >= needed.
+    """Rows of a group of vehicles as sparse rows matrix @ x >= needed.
 
     Attributes:
-        effort: what programs are written in.
+        changes: what the rows are about.
         group: the indices of the vehicles, shape (G,).
         steps: K - 1.
     """
 
-    def __init__(self, effort: MinimumEffort, group: IntArray, rows: Sequence[HalfSpaces]) -> None:
-        self.effort, self.group, self.steps = effort, group, effort.grid.knots - 1
+    def __init__(self, changes: Changes, group: IntArray, rows: Sequence[Rows]) -> None:
+        self.changes, self.group, self.steps = changes, group, changes.grid.knots - 1
         self._rows = [part for part in rows if len(part) > 0]
-        spoken_of = {part.constraint.quantity for part in self._rows}
+        spoken_of = {part.quantity for part in self._rows}
         self._positions = "position" in spoken_of
         self._velocities = self._positions or "velocity" in spoken_of
 
@@ -61,7 +61,7 @@ class SparseRows:
             The matrix, `needed`, what it costs to break a row by one, and factors that turn the
             multipliers of the rows into those of rows of length one.
         """
-        unit = self.effort.units[self.group].max()
+        grid, unit = self.changes.grid, self.changes.units[self.group].max()
         places, entries, needed, penalties, lengths = [], [], [], [], []
         first = 0
         for part in self._rows:
@@ -72,10 +72,12 @@ class SparseRows:
                 columns = 3 * vectors[there, None] + np.arange(3)
                 places.append(np.stack([np.repeat(rows[there], 3), columns.reshape(-1)]))
                 entries.append((factors[there, None] * part.normals[there]).reshape(-1))
-            needed.append(-part.margins(self.effort.motion) / (unit * scale))
-            penalties.append(np.full(len(part), part.constraint.penalty * scale / unit))
-            several = np.sqrt(2.0) if part.constraint.coupled else 1.0
-            norms = np.linalg.norm(part.responses(self.effort.grid), axis=1)
+            needed.append(part.needed / (unit * scale))
+            penalties.append(np.full(len(part), part.penalty * scale / unit))
+            several = np.sqrt(2.0) if part.coupled else 1.0
+            norms = np.linalg.norm(
+                response(part.quantity, grid.step, grid.knots, part.times), axis=1
+            )
             lengths.append(several * norms / scale)
             first += len(part)
         values, (rows, columns) = np.concatenate(entries), np.concatenate(places, axis=1)
@@ -83,28 +85,28 @@ class SparseRows:
         matrix.eliminate_zeros()
         return matrix, np.concatenate(needed), np.concatenate(penalties), np.concatenate(lengths)
 
-    def _terms(self, rows: HalfSpaces) -> tuple[float, list[_Term]]:
+    def _terms(self, rows: Rows) -> tuple[float, list[_Term]]:
         """What one unit of a quantity is worth, and the terms it is the sum of."""
         scale, terms = self._terms_of(rows, rows.vehicles)
-        if rows.constraint.coupled:
+        if rows.coupled:
             less = self._terms_of(rows, rows.partners)[1]
             terms += [(vectors, -factors) for vectors, factors in less]
         return scale, terms
 
-    def _terms_of(self, rows: HalfSpaces, vehicles: IntArray) -> tuple[float, list[_Term]]:
-        n, h = self.steps, self.effort.grid.step
+    def _terms_of(self, rows: Rows, vehicles: IntArray) -> tuple[float, list[_Term]]:
+        n, h = self.steps, self.changes.grid.step
         one, all_steps = np.ones(len(rows)), n * len(self.group)
         u = n * np.searchsorted(self.group, vehicles)  # where the vehicle's variables begin
-        if rows.constraint.quantity in ("acceleration", "jerk"):
+        if rows.quantity in ("acceleration", "jerk"):
             k = step_at(rows.times, h)
-            if rows.constraint.quantity == "acceleration":
+            if rows.quantity == "acceleration":
                 return 1.0, [(u + k, one)]
             return 1.0 / h, [(u + k, one), (np.where(k > 0, u + k - 1, -1), -one)]
         k = np.minimum(step_at(rows.times, h), n - 1)
         s = rows.times / h - k
         # knots count from 0, the states' variables from the first knot after that
         velocities = np.where(k > 0, all_steps + u + k - 1, -1)
-        if rows.constraint.quantity == "velocity":
+        if rows.quantity == "velocity":
             return h, [(velocities, one), (u + k, s)]
         positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
         return h**2, [(positions, one), (velocities, s), (u + k, s**2 / 2)]
@@ -117,16 +119,16 @@ def without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram,
     u = x[: 3 * sparse.steps * len(sparse.group)]
     if not linear:
         add_cost(program, u)
-    add_goal(program, sparse.effort, u)
+    add_goal(program, sparse.changes, u)
     for equations in sparse.dynamics():
         zero = np.zeros(equations.shape[0])
         program.AddLinearEqualityConstraint(equations, zero, x)
     return program, x
 
 
-def add_goal(to: MathematicalProgram, effort: MinimumEffort, u: np.ndarray) -> None:
+def add_goal(to: MathematicalProgram, changes: Changes, u: np.ndarray) -> None:
     """(12): position and velocity at the last knot stay those of minimum effort."""
-    rows, steps = effort.goals.rows, effort.grid.knots - 1
+    rows, steps = changes.goals, changes.grid.knots - 1
     for first in range(0, len(u) if len(rows) > 0 else 0, 3 * steps):
         for axis in range(3):
             own = u[first + axis : first + 3 * steps : 3]

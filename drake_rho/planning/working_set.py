@@ -7,9 +7,8 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.blocks import Answers
 from drake_rho.planning.half_spaces import HalfSpaces
-from drake_rho.planning.program import Batch
-from drake_rho.planning.solution import Solution
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
 
@@ -61,7 +60,7 @@ class WorkingSet:
         self.rows: dict[int, HalfSpaces] = {}
         self._keys, self._known, self._cuts = keys, np.zeros(0, dtype=np.int64), 0
         self._not_indexed: list[HalfSpaces] = []
-        self._solved: dict[int, tuple[Batch, int, Solution]] = {}
+        self._solved: dict[int, tuple[Answers, int]] = {}
 
     def __len__(self) -> int:
         """How many rows are in."""
@@ -165,18 +164,18 @@ class WorkingSet:
         )
         return [part for part in touching if len(part) > 0]
 
-    def solved(self, batch: Batch, solutions: list[Solution]) -> None:
-        """Note the solutions of programs, one for each group of a batch."""
-        for index, group in enumerate(batch.groups.tolist()):
+    def solved(self, answers: Answers) -> None:
+        """Note what was found for some groups."""
+        for index, group in enumerate(answers.groups.tolist()):
             for vehicle in group:
-                self._solved[vehicle] = batch, index, solutions[index]
+                self._solved[vehicle] = answers, index
 
     def group(self, vehicle: int) -> IntArray:
         """The vehicles that share a vehicle's program, itself among them."""
         if vehicle not in self._solved:
             return np.array([vehicle])
-        batch, index, _ = self._solved[vehicle]
-        own: IntArray = batch.groups[index]
+        answers, index = self._solved[vehicle]
+        own: IntArray = answers.groups[index]
         return own
 
     def multipliers(self, vehicle: int) -> list[tuple[HalfSpaces, FloatArray]]:
@@ -189,10 +188,9 @@ class WorkingSet:
         """
         if vehicle not in self._solved:
             return []
-        batch, index, solution = self._solved[vehicle]
+        answers, index = self._solved[vehicle]
         group = self.group(vehicle)
         every = (part.select(np.isin(part.vehicles, group)) for part in self.rows.values())
         rows = [part for part in every if len(part) > 0]
-        y = np.maximum(solution.multipliers(), 0.0)
-        y *= batch.lengths[index]
+        y = answers.multipliers(index)
         return list(zip(rows, np.split(y, np.cumsum(list(map(len, rows)))[:-1]), strict=True))
