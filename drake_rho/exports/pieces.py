@@ -84,9 +84,9 @@ def _merged(motion: Motion, first: int, last: int) -> tuple[FloatArray, FloatArr
     nodes, to_control = _control_points()
     u = ((np.arange(_PARTS * steps)[:, None] + nodes) / (_PARTS * steps)).ravel()
     off = (c @ _powers(u) - moved(u)).reshape(*c.shape[:2], -1, len(nodes)) @ to_control.T
-    deviations: FloatArray = np.linalg.norm(off, axis=1).max(axis=(1, 2))
-    units = np.power(np.full(DEGREE + 1, lasting), np.arange(DEGREE + 1))
-    return c / units, deviations
+    lengths = np.linalg.norm(off, axis=1)  # of control points, shape (N, parts, 8)
+    deviations: FloatArray = np.max(lengths, axis=(1, 2))
+    return c / lasting ** np.arange(DEGREE + 1.0), deviations
 
 
 def _between_ends(motion: Motion, first: int, last: int) -> FloatArray:
@@ -125,4 +125,4 @@ def _control_points() -> tuple[FloatArray, FloatArray]:
     k = np.arange(DEGREE + 1)
     several = np.array([comb(DEGREE, each) for each in k])
     bernstein = several * nodes[:, None] ** k * (1.0 - nodes[:, None]) ** (DEGREE - k)
-    return nodes, np.linalg.inv(bernstein)
+    return nodes, np.asarray(np.linalg.inv(bernstein), dtype=np.float64)
