@@ -318,6 +318,17 @@ def test_setpoints_are_the_motion_in_north_east_and_down(tmp_path: Path) -> None
             np.testing.assert_allclose([east, north, -down], expected, rtol=0, atol=1e-9)
 
 
+def test_a_flight_that_ends_between_milliseconds_is_flown_to_its_end(tmp_path: Path) -> None:
+    plan = rough(vehicles=1, step=0.1001, steps=3)  # 300.3 ms
+    rho.export(plan, tmp_path / "setpoints.csv", format="px4", rate=50.0)
+    with open(tmp_path / "setpoints.csv", encoding="utf-8", newline="") as file:
+        *_, before, last = csv.DictReader(file)
+    assert (before["time_boot_ms"], last["time_boot_ms"]) == ("300", "301")
+    assert [float(last[name]) for name in ("afx", "afy", "afz")] == [0.0, 0.0, 0.0]
+    place = [float(last["y"]), float(last["x"]), -float(last["z"])]
+    np.testing.assert_allclose(place, plan.positions[0, -1], rtol=0, atol=1e-2)
+
+
 def test_mavlink_has_no_more_than_255_systems(tmp_path: Path) -> None:
     rho.export(rough(vehicles=255, steps=2), tmp_path / "plan.csv", format="px4")
     with pytest.raises(ValueError, match="vehicles: got 256, expected at most 255 with px4"):

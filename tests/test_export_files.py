@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
+import re
 import stat
 from collections.abc import Iterable
 from pathlib import Path
@@ -183,6 +186,17 @@ def test_a_folder_with_other_files_is_refused_before_pieces_are_merged(
     monkeypatch.setattr(crazyswarm, "as_pieces", pytest.fail)
     with pytest.raises(ValueError, match="with 'other' in it"):
         rho.export(plan, tmp_path, format="crazyswarm")
+
+
+def test_the_code_in_the_documents_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (Path(__file__).parent.parent / "docs" / "export.md").read_text()
+    (code,) = re.findall(r"^```python\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    found: dict[str, Any] = {}
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(code, found)  # noqa: S102  # the document's own
+    assert {each.name for each in tmp_path.iterdir()} == {"plan.csv", "plan.json", "swarm"}
+    np.testing.assert_array_equal(found["again"].positions, found["plan"].positions)
 
 
 @pytest.fixture

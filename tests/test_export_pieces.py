@@ -245,11 +245,19 @@ def test_each_vehicle_and_each_constraint_has_its_own(tmp_path: Path) -> None:
         left["v1", "obstacle 1"] - 0.001,
         left["v0", "position box"] - 0.003,
         left["v1", "position box"] - 0.001,
-        left["v0", "separation"] - 2.0 * (0.003 + 0.003),
+        left["v0", "separation"] - 2.0 * (0.003 + 0.001),
         left["v1", "separation"] - 2.0 * (0.001 + 0.003),
     ]
     assert found.left == pytest.approx(min(expected), abs=1e-3 * off.min())
+    assert min(expected) == expected[4]
     assert spare(plan, np.zeros(2)).left == spare(plan, off).before
+
+
+def test_what_is_not_asked_for_is_not_looked_at(paper: rho.Scenario) -> None:
+    plan = rho.plan_convex(paper)  # between its knots, where nobody asks, it is inside the sphere
+    found = spare(plan, np.full(4, 0.5))
+    assert found.before == pytest.approx(0.0, abs=1e-6)
+    assert found.left == pytest.approx(-0.5, abs=1e-6)
 
 
 def test_alone_in_free_space_there_is_nothing_to_keep_clear_of(tmp_path: Path) -> None:

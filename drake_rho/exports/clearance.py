@@ -65,9 +65,11 @@ def spare(flown: Plan | Flight | Simulation, deviations: FloatArray) -> Spare:
 def _closer_by(check: Check, scenario: Scenario, off: dict[str, float]) -> float:
     """By how much a distance may be less when vehicles are off [m].
 
-    Of a pair both are, and where the separation is flat a metre counts for more along z.
+    Of a pair both are, whoever the other one is; where the separation is flat, a metre along z
+    counts for more.
     """
     own = off[check.vehicle]
     if check.constraint != _SEPARATION or scenario.separation is None:
         return own
-    return float(scenario.separation.shape.scales.max()) * (own + max(off.values()))
+    others = max(each for name, each in off.items() if name != check.vehicle)
+    return float(scenario.separation.shape.scales.max()) * (own + others)
