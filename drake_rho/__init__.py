@@ -64,6 +64,8 @@ if TYPE_CHECKING:
         separation_figure,
         velocities_figure,
     )
+    from drake_rho.exports.export import export
+    from drake_rho.exports.record import Exported
     from drake_rho.simulation.attack import Attack, attack
     from drake_rho.simulation.simulate import simulate
     from drake_rho.simulation.systems import RecedingHorizonController, WindyPointMass
@@ -80,6 +82,7 @@ __all__ = [
     "DrakeRhoError",
     "Ellipsoid",
     "ErrorTube",
+    "Exported",
     "Flight",
     "Grid",
     "InfeasibleError",
@@ -122,6 +125,7 @@ __all__ = [
     "distances_figure",
     "error_tube",
     "errors_figure",
+    "export",
     "flight_cube",
     "free_reference",
     "infeasible_subset",
@@ -154,7 +158,7 @@ __all__ = [
 ]
 
 # What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
-# So are what flies, in Drake's simulator or without, and what does many runs.
+# So are what flies, in Drake's simulator or without, what does many runs, and other formats.
 _LATER = {
     "animate": "drake_rho.display.animation",
     "accelerations_figure": "drake_rho.display.figures",
@@ -163,6 +167,8 @@ _LATER = {
     "paths_figure": "drake_rho.display.figures",
     "separation_figure": "drake_rho.display.figures",
     "velocities_figure": "drake_rho.display.figures",
+    "Exported": "drake_rho.exports.record",
+    "export": "drake_rho.exports.export",
     "Attack": "drake_rho.simulation.attack",
     "RecedingHorizonController": "drake_rho.simulation.systems",
     "WindyPointMass": "drake_rho.simulation.systems",

@@ -226,3 +226,48 @@ def test_links_are_followed_modes_kept_and_devices_refused(tmp_path: Path) -> No
     for nothing in (tmp_path, Path("/dev/null")):
         with pytest.raises(OSError, match="not a regular file"), replacing(nothing):
             pass
+
+
+_PART = {
+    "scenario": ("U", ()),
+    "statistics": ("U", ()),
+    "positions": ("f", (1, 17, 3)),
+    "velocities": ("f", (1, 17, 3)),
+    "accelerations": ("f", (1, 16, 3)),
+}
+_WINDOW = {
+    name: (kind, (1, shape[1] - 8, 3) if shape else ()) for name, (kind, shape) in _PART.items()
+}
+
+
+def _parts(prefix: str, parts: dict[str, Any]) -> dict[str, Any]:
+    return {f"{prefix}.{name}": part for name, part in parts.items()}
+
+
+def test_the_layout_of_files_is_that_of_the_documents(tmp_path: Path) -> None:
+    """Other programs read these files: what is pinned here is a promise."""
+    flight = rho.plan_rho(single(), replan_every=8)
+    times = flight.scenario.grid.times
+    still = np.zeros((17, 1, 3))
+    flown = rho.Simulation(flight, times, still, still, still, still)
+    plans = {"format": ("U", ())} | _parts("plan", _PART)
+    flights = plans | {"first_knots": ("i", (2,)), "infeasible": ("U", (2,))}
+    flights |= dict.fromkeys(("learned", "not_avoided", "kept", "off_tube"), ("U", ()))
+    for kind in ("plan", "reference"):
+        flights |= _parts(f"window0.{kind}", _PART) | _parts(f"window1.{kind}", _WINDOW)
+    simulations = flights | {"plant": ("U", ()), "simulation.times": ("f", (17,))}
+    for name in ("positions", "velocities", "wind", "commands"):
+        simulations[f"simulation.{name}"] = ("f", (17, 1, 3))
+    for planned, form, expected in (
+        (flight.plan, "drake_rho plan 1", plans),
+        (flight, "drake_rho flight 1", flights),
+        (flown, "drake_rho simulation 1", simulations),
+    ):
+        rho.save(planned, tmp_path / "kept.npz")
+        with np.load(tmp_path / "kept.npz", allow_pickle=False) as content:
+            assert str(content["format"]) == form
+            found = {name: (array.dtype.kind, array.shape) for name, array in content.items()}
+            assert found == expected
+            assert all(
+                each.dtype == np.float64 for each in content.values() if each.dtype.kind == "f"
+            )

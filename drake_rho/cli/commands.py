@@ -31,6 +31,7 @@ from drake_rho.cli.console import (
     say,
     status_of,
 )
+from drake_rho.cli.export import export
 from drake_rho.cli.options import (
     PLANNERS,
     REFERENCES,
@@ -186,6 +187,7 @@ def schema() -> int:
     return 0
 
 
+app.command()(export)
 app.command()(campaign)
 app.command()(results)
 

@@ -96,27 +96,9 @@ class TrueMotion:
         record, grid = self.simulation, self.scenario.grid
         step, steps = grid.step / self._parts, self._parts * (grid.knots - 1)
         times = np.asarray(step * np.arange(steps + 1), dtype=np.float64)
-        p, v = _between(record.times - grid.start, record.positions, record.velocities, times)
+        p, v = record.states(grid.start + times)
         a = np.diff(v, axis=1) / step
         return Motion(step, p, v, a, self.scenario.fleet.accelerations_before)
-
-
-def _between(
-    known: FloatArray, positions: FloatArray, velocities: FloatArray, times: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Positions and velocities, shape (N, T, 3), from records of shape (M, N, 3).
-
-    Between two records the cubics with both positions and velocities: exact for constant
-    accelerations.
-    """
-    m = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
-    length = (known[m + 1] - known[m])[:, None, None]
-    s = (times - known[m])[:, None, None] / length
-    p, q = positions[m], positions[m + 1]
-    v, w = length * velocities[m], length * velocities[m + 1]
-    b, c = 3.0 * (q - p) - 2.0 * v - w, 2.0 * (p - q) + v + w
-    found = p + s * (v + s * (b + s * c)), (v + s * (2.0 * b + s * 3.0 * c)) / length
-    return np.swapaxes(found[0], 0, 1), np.swapaxes(found[1], 0, 1)
 
 
 def drawn(flown: Flown) -> Drawn:

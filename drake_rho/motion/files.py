@@ -1,4 +1,7 @@
-"""Plans, flights, simulations in `.npz` files, with scenarios inside; read without pickle."""
+"""Plans, flights, simulations in `.npz` files, with scenarios inside; read without pickle.
+
+`load` reads documents and tables of states as well, by what is in a file and not by its ending.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,15 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, TypeAdapter
 
+from drake_rho.motion.documents import is_document, read_document
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.statistics import Statistics
+from drake_rho.motion.tables import is_table, read_table
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_json
+from drake_rho.scenario.records import Scenario
 
 ENDINGS = (".npz",)
 """Of the files that hold a plan, a flight or a simulation."""
@@ -69,26 +75,58 @@ def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
         np.savez_compressed(file, **content)
 
 
-def load(path: str | Path) -> Plan | Flight | Simulation:
-    """Read what `save` has written.
+def load(path: str | Path, scenario: Scenario | None = None) -> Plan | Flight | Simulation:
+    """Read what `save` has written, or a plan that `export` has written as JSON or CSV.
+
+    Args:
+        path: of the file, of any name.
+        scenario: of a table in CSV, which has none inside; the other files have their own.
 
     Raises:
-        PlanFileError: there is no such file, or it is none of the three, or it is damaged.
+        PlanFileError: there is no such file, or it is none of these, or it is damaged; or it is a
+            table without every knot of the scenario, or without a scenario.
+        ValueError: a scenario is given for a file that has its own.
     """
     try:
         with open(path, "rb") as file:
-            if not zipfile.is_zipfile(file):
-                raise PlanFileError(f"{path}: not a plan or flight of drake_rho, or damaged")
+            if zipfile.is_zipfile(file):
+                _refuse(scenario, path)
+                file.seek(0)
+                with np.load(file, allow_pickle=False) as content:
+                    return _unpack_all(path, content)
             file.seek(0)
-            with np.load(file, allow_pickle=False) as content:
-                return _unpack_all(path, content)
+            return _read_text(path, file.read(), scenario)
     except OSError as error:
         raise PlanFileError(f"{path}: {error.strerror or 'not readable'}") from None
-    except PlanFileError:
+    except (PlanFileError, _ScenarioGivenError):
         raise
     except Exception as error:  # a damaged archive can make its readers raise almost anything
         reason = str(error).replace("'", "") or type(error).__name__
         raise PlanFileError(f"{path}: not a plan or flight, or damaged: {reason}") from None
+
+
+class _ScenarioGivenError(ValueError):
+    """A scenario is given for a file that has its own."""
+
+
+def _refuse(scenario: Scenario | None, path: str | Path) -> None:
+    if scenario is not None:
+        expected = f"none: {path} has a scenario of its own"
+        raise _ScenarioGivenError(f"scenario: got {scenario.name!r}, expected {expected}")
+
+
+def _read_text(path: str | Path, content: bytes, scenario: Scenario | None) -> Plan:
+    """The plan in a document, or in a table of its states."""
+    text = content.decode("utf-8-sig", errors="replace")  # other programs may add the mark
+    if is_document(text):
+        _refuse(scenario, path)
+        return read_document(text)
+    if scenario is not None:
+        return read_table(text, scenario)
+    if is_table(text):
+        expected = "expected the scenario that it is of, as load(path, scenario=...)"
+        raise PlanFileError(f"{path}: a table of states without a scenario, {expected}")
+    raise PlanFileError(f"{path}: not a plan or flight of drake_rho, or damaged")
 
 
 def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | Flight | Simulation:

@@ -97,6 +97,28 @@ class Simulation:
         left = self.accelerations - self.commands[:-1] - self.wind[:-1]
         return locked(np.linalg.norm(left, axis=2).max(axis=0))
 
+    def states(self, times: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """True positions [m] and velocities [m/s] at times on the scenario's clock [s].
+
+        Between two times of the record they follow the cubics with the positions and velocities at
+        both: exact for constant accelerations.
+
+        Args:
+            times: shape (T,), or one.
+
+        Returns:
+            Two arrays of shape (N, T, 3).
+        """
+        times = self._given(times)
+        m = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
+        length = (self.times[m + 1] - self.times[m])[:, None, None]
+        s = (times - self.times[m])[:, None, None] / length
+        p, q = self.positions[m], self.positions[m + 1]
+        v, w = length * self.velocities[m], length * self.velocities[m + 1]
+        b, c = 3.0 * (q - p) - 2.0 * v - w, 2.0 * (p - q) + v + w
+        found = p + s * (v + s * (b + s * c)), (v + s * (2.0 * b + s * 3.0 * c)) / length
+        return np.swapaxes(found[0], 0, 1), np.swapaxes(found[1], 0, 1)
+
     def nominal(self, quantity: Quantity, times: npt.ArrayLike | None = None) -> FloatArray:
         """What was planned then by the window in force.
 

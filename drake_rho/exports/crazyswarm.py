@@ -1,0 +1,65 @@
+"""Piecewise polynomials as Crazyswarm2 uploads them: a folder with a CSV file for each vehicle."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from drake_rho.exports.folders import check_folder, file_names, write_folder
+from drake_rho.exports.format import Format, exported, planned
+from drake_rho.exports.pieces import DEGREE, Pieces, as_pieces
+from drake_rho.exports.record import Exported
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.tables import write_rows
+
+MOST_PIECES = 31
+"""Of a vehicle: a Crazyflie has 4096 bytes for trajectories, and a piece takes 33 numbers of 4."""
+COLUMNS = ("duration", *(f"{axis}^{k}" for axis in ("x", "y", "z", "yaw") for k in range(8)))
+_NO_YAW = [0.0] * (DEGREE + 1)
+
+
+class Crazyswarm(Format):
+    """Polynomials of degree 7 with their durations; heading along the x axis throughout."""
+
+    name = "crazyswarm"
+    folder = True
+    rated = False
+
+    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+        """A file for each vehicle, called as it is."""
+        motion = _in_two(planned(flown, self.name).motion())
+        names = file_names((vehicle.name for vehicle in flown.scenario.vehicles), ".csv")
+        check_folder(path, names)
+        pieces = as_pieces(motion, MOST_PIECES)
+        write_folder(path, dict(zip(names, _tables(pieces), strict=True)))
+        steps, count = motion.accelerations.shape[1], len(pieces.durations)
+        words = f"{steps} steps of each vehicle as {count} pieces"
+        return exported(flown, path, [path / name for name in names], words, pieces.deviations)
+
+
+def _in_two(motion: Motion) -> Motion:
+    """The motion; a single step as two halves, as Crazyswarm2 reads no file with a single row."""
+    if motion.accelerations.shape[1] > 1:
+        return motion
+    times = motion.step * np.array([0.0, 0.5, 1.0])
+    return Motion(
+        motion.step / 2.0,
+        motion.at("position", times),
+        motion.at("velocity", times),
+        np.repeat(motion.accelerations, 2, axis=1),
+        motion.before,
+    )
+
+
+def _tables(pieces: Pieces) -> list[bytes]:
+    """The file of each vehicle."""
+    durations, tables = pieces.durations.tolist(), []
+    for each in pieces.coefficients.reshape(len(pieces.coefficients), len(durations), -1).tolist():
+        rows = [[time, *row, *_NO_YAW] for time, row in zip(durations, each, strict=True)]
+        write_rows(file := io.BytesIO(), [COLUMNS, *rows])
+        tables.append(file.getvalue())
+    return tables

@@ -1,0 +1,128 @@
+"""Motions as polynomials in pieces of time: exact, or fewer of a higher degree.
+
+A step of a motion is quadratic in time. Where there are more steps than pieces may be, neighbours
+are merged into polynomials of degree 7, whose positions and velocities where they begin and end are
+those of the motion; what is left of each, four coefficients an axis, is fitted by least squares. So
+pieces join in position and velocity, as steps do. Accelerations jump from one to the next, as they
+do from step to step: the same ones on both sides would be two conditions more, and further off.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from itertools import pairwise
+from math import comb
+
+import numpy as np
+from numpy.polynomial import Legendre, Polynomial
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.scenario.fields import FloatArray
+
+DEGREE = 7
+_SAMPLES = 16
+"""Of each step, to which a polynomial is fitted."""
+_PARTS = 8
+"""Of each step, in which the distance is bounded."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Pieces:
+    """Motions of N vehicles as P polynomials each."""
+
+    durations: FloatArray
+    """of the pieces [s], shape (P,)"""
+    coefficients: FloatArray
+    """of the powers of the time since a piece began, from the lowest up: [m], [m/s], [m/s²], …,
+    shape (N, P, 3, 8)"""
+    deviations: FloatArray
+    """no position is further than this from that of the motion at the same time [m], shape (N,)"""
+
+
+def as_pieces(motion: Motion, most: int) -> Pieces:
+    """A motion as at most so many polynomials, as alike in length as they can be.
+
+    Args:
+        motion: of several vehicles, arrays of shape (N, ..., 3).
+        most: how many pieces there may be, at least 1.
+    """
+    vehicles, steps = motion.accelerations.shape[:2]
+    joints = np.rint(np.linspace(0, steps, min(most, steps) + 1)).astype(int).tolist()
+    coefficients = np.zeros((vehicles, len(joints) - 1, 3, DEGREE + 1))
+    deviations = np.zeros(vehicles)
+    for number, (first, last) in enumerate(pairwise(joints)):
+        if last == first + 1:
+            coefficients[:, number, :, :3] = _step(motion, first)
+            continue
+        fitted, off = _merged(motion, first, last)
+        coefficients[:, number] = fitted
+        deviations = np.maximum(deviations, off)
+    return Pieces(motion.step * np.diff(joints), coefficients, deviations)
+
+
+def _step(motion: Motion, k: int) -> FloatArray:
+    """The three coefficients of a step, shape (N, 3, 3)."""
+    p, v, a = motion.positions[:, k], motion.velocities[:, k], motion.accelerations[:, k]
+    return np.stack([p, v, a / 2.0], axis=-1)
+
+
+def _merged(motion: Motion, first: int, last: int) -> tuple[FloatArray, FloatArray]:
+    """The polynomials for the steps between two knots, (N, 3, 8), and their deviations, (N,)."""
+    steps = last - first
+    lasting = steps * motion.step
+
+    def moved(u: FloatArray) -> FloatArray:
+        """The motion at parts of the piece, shape (N, 3, M)."""
+        return np.swapaxes(motion.at("position", motion.step * first + lasting * u), 1, 2)
+
+    u = (np.arange(_SAMPLES * steps) + 0.5) / (_SAMPLES * steps)
+    ends = _between_ends(motion, first, last)
+    left = moved(u) - ends @ _powers(u)
+    weights, *_ = np.linalg.lstsq((_free() @ _powers(u)).T, left.reshape(-1, len(u)).T, rcond=None)
+    c = ends + weights.T.reshape(*ends.shape[:2], -1) @ _free()
+    nodes, to_control = _control_points()
+    u = ((np.arange(_PARTS * steps)[:, None] + nodes) / (_PARTS * steps)).ravel()
+    off = (c @ _powers(u) - moved(u)).reshape(*c.shape[:2], -1, len(nodes)) @ to_control.T
+    lengths = np.linalg.norm(off, axis=1)  # of control points, shape (N, parts, 8)
+    deviations: FloatArray = np.max(lengths, axis=(1, 2))
+    return c / lasting ** np.arange(DEGREE + 1.0), deviations
+
+
+def _between_ends(motion: Motion, first: int, last: int) -> FloatArray:
+    """The cubics with the states at two knots, in powers of the part passed, shape (N, 3, 8)."""
+    p, q = motion.positions[:, first], motion.positions[:, last]
+    lasting = (last - first) * motion.step
+    v, w = lasting * motion.velocities[:, first], lasting * motion.velocities[:, last]
+    c = np.stack([p, v, 3.0 * (q - p) - 2.0 * v - w, 2.0 * (p - q) + v + w], axis=-1)
+    return np.pad(c, ((0, 0), (0, 0), (0, DEGREE - 3)))
+
+
+def _powers(u: FloatArray) -> FloatArray:
+    """The powers of u from 0 to 7, shape (8, M)."""
+    return np.asarray(u ** np.arange(DEGREE + 1)[:, None])
+
+
+@cache
+def _free() -> FloatArray:
+    """Four polynomials that are zero at 0 and 1, and so are their slopes: powers, shape (4, 8)."""
+    u = Polynomial([0.0, 1.0])
+    kept = u**2 * (1.0 - u) ** 2
+    free = [Legendre.basis(k, domain=[0.0, 1.0]).convert(kind=Polynomial) for k in range(4)]
+    return np.array([np.pad((kept * each).coef, (0, 3 - k)) for k, each in enumerate(free)])
+
+
+@cache
+def _control_points() -> tuple[FloatArray, FloatArray]:
+    """Parts of an interval, and what makes Bézier control points of a polynomial's values there.
+
+    A polynomial stays in the convex hull of its control points: none is longer than the longest.
+
+    Returns:
+        Parts, shape (8,), and the matrix, shape (8, 8).
+    """
+    nodes = (1.0 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2.0
+    k = np.arange(DEGREE + 1)
+    several = np.array([comb(DEGREE, each) for each in k])
+    bernstein = several * nodes[:, None] ** k * (1.0 - nodes[:, None]) ** (DEGREE - k)
+    return nodes, np.asarray(np.linalg.inv(bernstein), dtype=np.float64)

@@ -1,0 +1,68 @@
+"""Setpoints for PX4's offboard mode: a table of MAVLink's SET_POSITION_TARGET_LOCAL_NED.
+
+A scenario's axes are taken for east, north and up; MAVLink's are north, east and down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from drake_rho.exports.format import Format, exported, planned
+from drake_rho.exports.milliseconds import milliseconds
+from drake_rho.exports.record import Exported
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.samples import Samples, sample
+from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.tables import write_rows
+from drake_rho.scenario.files import replacing
+
+RATE = 20.0
+"""Setpoints a second, if no rate is given: PX4 leaves offboard mode below 2."""
+COLUMNS = (
+    *("vehicle", "time_boot_ms", "target_system", "target_component", "coordinate_frame"),
+    *("type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"),
+)
+NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""North, east and down of a vector in east, north and up."""
+_AUTOPILOT, _LOCAL_NED = 1, 1  # MAV_COMP_ID_AUTOPILOT1, MAV_FRAME_LOCAL_NED
+_IGNORE_YAW_RATE = 2048
+_EAST = np.pi / 2.0
+"""Heading along the scenario's x axis, from north, clockwise seen from above [rad]."""
+_SYSTEMS = 255
+"""Vehicles that MAVLink can tell apart."""
+
+
+class Px4(Format):
+    """One table of all vehicles' setpoints, in the order in which they are to be sent."""
+
+    name = "px4"
+    endings = (".csv",)
+
+    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+        """Rows by time, and of a time by vehicle.
+
+        Raises:
+            ValueError: there are more vehicles than MAVLink can tell apart, or it is a simulation.
+        """
+        plan = planned(flown, self.name)
+        if (count := len(plan.scenario.vehicles)) > _SYSTEMS:
+            expected = f"at most {_SYSTEMS} with {self.name}: MAVLink numbers no more systems"
+            raise ValueError(f"vehicles: got {count}, expected {expected}")
+        ticks = milliseconds(plan.scenario.grid, rate or RATE)
+        with replacing(path) as file:
+            write_rows(file, [COLUMNS])
+            write_rows(file, _rows(sample(plan, ticks / 1000.0), ticks.tolist()))
+        return exported(flown, path, [path], f"{len(ticks)} setpoints of each vehicle")
+
+
+def _rows(samples: Samples, ticks: list[int]) -> Iterator[list[object]]:
+    """What is sent, without the header."""
+    vectors = samples.states.reshape(*samples.positions.shape[:2], 3, 3) @ NED.T
+    numbers = (vectors + 0.0).reshape(*vectors.shape[:2], 9)  # with no negative zeros
+    for m, tick in enumerate(ticks):
+        for system, name in enumerate(samples.names, start=1):
+            head = [name, tick, system, _AUTOPILOT, _LOCAL_NED, _IGNORE_YAW_RATE]
+            yield [*head, *numbers[system - 1, m].tolist(), _EAST, 0.0]

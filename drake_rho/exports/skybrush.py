@@ -1,0 +1,70 @@
+"""The CSV files of Skybrush: one for each vehicle, in a folder or an archive (zip)."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from drake_rho.exports.folders import file_names, write_archive, write_folder
+from drake_rho.exports.format import Format, exported
+from drake_rho.exports.milliseconds import milliseconds
+from drake_rho.exports.record import Exported
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.samples import sample
+from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.tables import write_rows
+from drake_rho.scenario.fields import FloatArray, IntArray
+
+RATE = 20.0
+"""Samples a second, if no rate is given."""
+COLUMNS = ("Time [msec]", "x [m]", "y [m]", "z [m]", "Red", "Green", "Blue")
+_WHITE = (255, 255, 255)
+
+
+class Skybrush(Format):
+    """Positions at a rate, and white lights."""
+
+    name = "skybrush"
+    endings = (".zip",)
+    folder = True
+
+    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+        """A file for each vehicle, called as it is."""
+        ticks = milliseconds(flown.scenario.grid, rate or RATE)
+        samples = sample(flown, ticks / 1000.0)
+        names = file_names(samples.names, ".csv")
+        contents = {
+            name: _table(ticks, positions)
+            for name, positions in zip(names, samples.positions, strict=True)
+        }
+        archive = path.suffix.lower() in self.endings
+        (write_archive if archive else write_folder)(path, contents)
+        files = [path] if archive else [path / name for name in names]
+        words = f"{len(ticks)} positions of each vehicle, joined by straight lines,"
+        return exported(flown, path, files, words, _cut_short(flown, ticks))
+
+
+def _table(ticks: IntArray, positions: FloatArray) -> bytes:
+    """The file of one vehicle."""
+    file, rows = io.BytesIO(), zip(ticks.tolist(), positions.tolist(), strict=True)
+    write_rows(file, [COLUMNS, *([tick, *position, *_WHITE] for tick, position in rows)])
+    return file.getvalue()
+
+
+def _cut_short(flown: Plan | Flight | Simulation, ticks: IntArray) -> FloatArray:
+    """How far straight lines from sample to sample are from the motions, at most [m], shape (N,).
+
+    A motion whose acceleration is at most a is within a w²/8 of the line between two of its points
+    a time w apart.
+    """
+    if isinstance(flown, Simulation):
+        accelerations = np.moveaxis(flown.accelerations, 0, 1)
+    else:
+        accelerations = (
+            flown.plan.accelerations if isinstance(flown, Flight) else flown.accelerations
+        )
+    longest = float(np.diff(ticks).max(initial=0)) / 1000.0
+    most = np.linalg.norm(accelerations, axis=-1).max(axis=-1)
+    return np.asarray(most * longest**2 / 8.0)

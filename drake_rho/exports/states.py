@@ -1,0 +1,45 @@
+"""CSV and JSON: the states of all vehicles, from which a plan can be read again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from drake_rho.exports.format import Format, exported
+from drake_rho.exports.record import Exported
+from drake_rho.motion.documents import write_document
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.samples import sample, with_knots
+from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.tables import write_table
+from drake_rho.scenario.files import replacing
+
+RATE = 20.0
+"""Samples a second of a table, beside the knots, if no rate is given."""
+
+
+class Csv(Format):
+    """A table of states at a rate and at every knot."""
+
+    name = "csv"
+    endings = (".csv",)
+
+    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+        """One row for a vehicle at a time."""
+        times, _ = with_knots(flown.scenario.grid, rate or RATE)
+        samples = sample(flown, times)
+        with replacing(path) as file:
+            write_table(file, samples)
+        return exported(flown, path, [path], f"{len(times)} states of each vehicle")
+
+
+class Json(Format):
+    """A document with scenario, units and states at every knot, and at a rate if there is one."""
+
+    name = "json"
+    endings = (".json",)
+
+    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+        """One document, which `load` reads as the same plan."""
+        with replacing(path) as file:
+            write_document(file, flown, rate)
+        return exported(flown, path, [path], "scenario and states")

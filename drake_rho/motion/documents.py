@@ -1,0 +1,109 @@
+"""Motions as JSON documents: scenario, units, and the states of every vehicle."""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import IO, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.samples import sample, with_knots
+from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.statistics import Statistics
+from drake_rho.scenario.fields import LARGEST
+from drake_rho.scenario.files import scenario_from_json, scenario_to_json
+
+_PLAN, _TRUE = "drake_rho plan 1", "drake_rho true motion 1"
+UNITS = {"times": "s", "positions": "m", "velocities": "m/s", "accelerations": "m/s^2"}
+
+_Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+_Vectors = list[tuple[_Number, _Number, _Number]]
+_CHECKED = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True, config=_CHECKED)
+class _Vehicle:
+    name: str
+    positions: _Vectors
+    velocities: _Vectors
+    accelerations: _Vectors
+
+
+@dataclass(frozen=True, config=_CHECKED)
+class _Document:
+    format: Literal["drake_rho plan 1", "drake_rho true motion 1"]
+    units: dict[str, str]
+    scenario: dict[str, Any]
+    statistics: Statistics
+    times: list[_Number]
+    knots: list[Annotated[int, Field(ge=0)]]
+    vehicles: list[_Vehicle]
+
+
+_DOCUMENT = TypeAdapter(_Document)
+
+
+def write_document(
+    file: IO[bytes], flown: Plan | Flight | Simulation, rate: float | None = None
+) -> None:
+    """Write the states at every knot and, if there is a rate [1/s], at that rate as well."""
+    times, knots = with_knots(flown.scenario.grid, rate)
+    samples = sample(flown, times)
+    content = {
+        "format": _TRUE if isinstance(flown, Simulation) else _PLAN,
+        "units": UNITS,
+        "scenario": json.loads(scenario_to_json(flown.scenario)),
+        "statistics": TypeAdapter(Statistics).dump_python(flown.statistics, mode="json"),
+        "times": samples.times.tolist(),
+        "knots": knots.tolist(),
+        "vehicles": [
+            {
+                "name": name,
+                "positions": states[:, :3].tolist(),
+                "velocities": states[:, 3:6].tolist(),
+                "accelerations": states[:, 6:].tolist(),
+            }
+            for name, states in samples.by_vehicle()
+        ],
+    }
+    text = io.TextIOWrapper(file, "utf-8", newline="\n")
+    json.dump(content, text, ensure_ascii=False, allow_nan=False)
+    text.write("\n")
+    text.detach()  # writes what is left, and leaves the file open
+
+
+def is_document(text: str) -> bool:
+    """Whether text begins like JSON that may be one of these documents."""
+    return text.lstrip().startswith("{")
+
+
+def read_document(text: str) -> Plan:
+    """The plan that a document holds, exactly: what a flight has flown, without its windows.
+
+    Raises:
+        ValueError: the document is damaged, or holds the true motion of a simulation, which is no
+            plan.
+    """
+    try:
+        document = _DOCUMENT.validate_json(text, strict=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        raise ValueError(f"{'.'.join(map(str, first['loc'])) or 'JSON'}: {first['msg']}") from None
+    if document.format != _PLAN:
+        raise ValueError("the true motion of a simulation, expected a plan: it can be kept as .npz")
+    scenario = scenario_from_json(json.dumps(document.scenario))
+    names = [vehicle.name for vehicle in scenario.vehicles]
+    if [vehicle.name for vehicle in document.vehicles] != names or document.units != UNITS:
+        raise ValueError("vehicles are not those of the scenario, or units not those of drake_rho")
+    knots = np.array(document.knots)
+    if not np.array_equal(np.array(document.times)[knots], scenario.grid.times):
+        raise ValueError("knots are not those of the scenario")
+    p, v, a = (
+        np.array([getattr(vehicle, part) for vehicle in document.vehicles])[:, knots]
+        for part in ("positions", "velocities", "accelerations")
+    )
+    return Plan(scenario, p, v, a[:, :-1], document.statistics)

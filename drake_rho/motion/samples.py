@@ -1,0 +1,135 @@
+"""States of what was planned or flown at times: what tables and documents are made of."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
+from drake_rho.scenario.records import Grid
+
+RATES = (0.0, 1000.0)
+"""Samples a second that can be asked for: above the first, at most the second, as clocks of
+autopilots and of shows count milliseconds."""
+_SAME = 1e-9
+"""Part of a step by which a time may be off a knot and be that knot."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Samples:
+    """States of N vehicles at M times."""
+
+    names: tuple[str, ...]
+    """of the vehicles"""
+    times: FloatArray
+    """on the scenario's clock, rising [s], shape (M,)"""
+    positions: FloatArray
+    """[m], shape (N, M, 3)"""
+    velocities: FloatArray
+    """[m/s], shape (N, M, 3)"""
+    accelerations: FloatArray
+    """from each time on, none at the end of the flight [m/s²], shape (N, M, 3)"""
+
+    @property
+    def states(self) -> FloatArray:
+        """Positions, velocities and accelerations side by side, shape (N, M, 9)."""
+        return np.concatenate([self.positions, self.velocities, self.accelerations], axis=-1)
+
+    def by_vehicle(self) -> Iterator[tuple[str, FloatArray]]:
+        """The name of each vehicle, and its states, shape (M, 9)."""
+        yield from zip(self.names, self.states, strict=True)
+
+
+def check_rate(rate: float | None) -> None:
+    """See that a motion can be sampled so often; None is any format's own rate.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    if rate is not None and not RATES[0] < rate <= RATES[1]:  # nor with a NaN
+        expected = f"above {RATES[0]:g} and up to {RATES[1]:g} samples a second"
+        raise ValueError(f"rate: got {rate:g}, expected {expected}")
+
+
+def sample(flown: Plan | Flight | Simulation, elapsed: FloatArray) -> Samples:
+    """The states at some times since the first knot [s], shape (M,).
+
+    At a knot they are those of the plan to the last digit. Of a flight they are those of what was
+    flown, of a simulation those of the true motion.
+
+    Raises:
+        ValueError: a number is beyond any flight, and would be refused when it is read again.
+    """
+    scenario = flown.scenario
+    p, v, a = _true(flown, elapsed) if isinstance(flown, Simulation) else _planned(flown, elapsed)
+    ended = elapsed >= scenario.grid.elapsed[-1] - _SAME * scenario.grid.step
+    names = tuple(vehicle.name for vehicle in scenario.vehicles)
+    a = np.where(ended[:, None], 0.0, a)
+    if not all(np.all(np.abs(each) <= LARGEST) for each in (p, v, a)):
+        raise ValueError(
+            f"{scenario.name}: got states beyond {LARGEST:g}, expected those of a flight"
+        )
+    return Samples(names, scenario.grid.start + elapsed, p, v, a)
+
+
+def _planned(flown: Plan | Flight, elapsed: FloatArray) -> tuple[FloatArray, ...]:
+    plan = flown.plan if isinstance(flown, Flight) else flown
+    motion, knots = plan.motion(), plan.scenario.grid.elapsed
+    p, v, a = (motion.at(each, elapsed) for each in ("position", "velocity", "acceleration"))
+    k = np.minimum(np.searchsorted(knots, elapsed), len(knots) - 1)
+    there = knots[k] == elapsed
+    p[:, there], v[:, there] = plan.positions[:, k[there]], plan.velocities[:, k[there]]
+    return p, v, a
+
+
+def _true(flown: Simulation, elapsed: FloatArray) -> tuple[FloatArray, ...]:
+    times = flown.scenario.grid.start + elapsed
+    m = np.searchsorted(flown.times, times, side="right") - 1
+    a = flown.accelerations[np.clip(m, 0, len(flown.times) - 2)]
+    return *flown.states(times), np.moveaxis(a, 0, 1)
+
+
+def evenly(grid: Grid, rate: float) -> FloatArray:
+    """Times since the first knot at a rate [1/s], and the end: [s], shape (M,)."""
+    count = int(grid.duration * rate * (1.0 + _SAME))
+    times = np.arange(count + 1) / rate
+    return np.append(times[times < grid.elapsed[-1] - _SAME * grid.step], grid.elapsed[-1])
+
+
+def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
+    """Every knot, and if there is a rate [1/s], times at that rate between them.
+
+    Returns:
+        Times since the first knot [s], shape (M,), and which of them are the knots, shape (K,).
+    """
+    knots = grid.elapsed
+    if rate is None:
+        return knots, np.arange(len(knots))
+    times = evenly(grid, rate)
+    nearest = np.clip(np.rint(times / grid.step).astype(np.int64), 0, len(knots) - 1)
+    times = np.union1d(times[np.abs(times - knots[nearest]) > _SAME * grid.step], knots)
+    return times, np.searchsorted(times, knots)
+
+
+def knots_among(grid: Grid, times: FloatArray) -> IntArray:
+    """Which of rising times on the scenario's clock [s], shape (M,), are the knots.
+
+    Raises:
+        ValueError: a knot is not among them.
+    """
+    if len(times) == 0:
+        raise ValueError(f"no time, expected every knot, the first at {grid.start:g} s")
+    after = np.clip(np.searchsorted(times, grid.times), 1, max(1, len(times) - 1))
+    pair = np.stack([after - 1, np.minimum(after, len(times) - 1)])
+    nearer = np.argmin(np.abs(times[pair] - grid.times), axis=0)
+    found: IntArray = pair[nearer, np.arange(len(nearer))]
+    allowed = _SAME * np.maximum(grid.step, np.abs(grid.times))
+    missing = np.abs(times[found] - grid.times) > allowed
+    if np.any(missing):
+        k = int(np.argmax(missing))
+        raise ValueError(f"no sample at knot {k + 1}, {grid.times[k]:g} s, expected every knot")
+    return found
