@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
+from drake_rho.planning.minimum_effort import MinimumEffort
 from tests.scenarios import scenarios
 from tests.tolerances import INDEX, ROUNDING
 
@@ -130,3 +131,41 @@ def test_a_goal_beside_an_obstacle_is_given_to_a_vehicle_that_is_small_enough() 
         )
         ends = {vehicle.name: vehicle.goal for vehicle in rho.assign_goals(asked).vehicles}
         assert (ends["small"] == vehicles[1].goal) == (kept == "large")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_near_pairs_give_the_exchange_of_all_pairs(seed: int) -> None:
+    """Also where some goals are too close to an obstacle for some of the vehicles."""
+    rng, count = np.random.default_rng(seed), 300
+    places = rng.uniform(0.0, 12.0, (2, count, 3))
+    speeds = rng.normal(0.0, 0.3, (2, count, 3))
+    post = rho.Cylinder([6.0, 6.0, 6.0], 1.0) if seed % 2 else None
+    if post is not None:  # every place is outside, and near it not for everyone
+        around = places[..., :2] - 6.0
+        far = np.maximum(np.linalg.norm(around, axis=-1), 1e-9)
+        places[..., :2] += around * np.maximum(1.05 / far - 1.0, 0.0)[..., None]
+    scenario = rho.Scenario(
+        "many",
+        rho.Grid(0.2, 51),
+        [
+            rho.Vehicle(
+                f"v{i}",
+                rho.State(places[0, i], speeds[0, i]),
+                rho.State(places[1, i], speeds[1, i]),
+                radius=0.02 * (i % 3),
+            )
+            for i in range(count)
+        ],
+        obstacles=[] if post is None else [post],
+    )
+    near, every = (rho.assign_goals(scenario, exact=exact) for exact in (False, True))
+    assert _effort(near) == pytest.approx(_effort(every), rel=1e-12)
+    assert _effort(every) < 0.5 * _effort(scenario)
+    goals = [str(vehicle.goal) for vehicle in near.vehicles]
+    assert sorted(goals) == sorted(str(vehicle.goal) for vehicle in scenario.vehicles)
+
+
+def _effort(scenario: rho.Scenario) -> float:
+    """Cost of the motions of minimum effort."""
+    motion = MinimumEffort.of(scenario).motion
+    return float(np.sum(motion.accelerations**2))
