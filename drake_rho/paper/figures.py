@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 
 from drake_rho.display.figures import (
     accelerations_figure,
+    add_title,
     distances_figure,
     paths_figure,
     velocities_figure,
-    write_figure,
 )
+from drake_rho.display.publish import check_format, save_figure
 from drake_rho.paper.study import Study
 
 NUMBERS = range(3, 19)
@@ -38,12 +39,16 @@ def draw_figure(number: int, study: Study) -> Figure:
         accelerations_figure,
     )[view]
     figure = draw(example.flight or example.plan)
-    figure.suptitle(f"Example {example.number}: {example.title}", fontsize=10)
+    add_title(figure, f"Example {example.number}: {example.title}")
     return figure
 
 
 def write_paper_figures(
-    study: Study, folder: str | Path, advance: Callable[[str], None] = lambda done: None
+    study: Study,
+    folder: str | Path,
+    advance: Callable[[str], None] = lambda done: None,
+    *,
+    file_format: str = "png",
 ) -> list[Path]:
     """Write `fig03.png` to `fig18.png`, each whole or not at all.
 
@@ -51,15 +56,18 @@ def write_paper_figures(
         study: the examples to draw.
         folder: made if it is not there.
         advance: called with the file's name after each.
+        file_format: png, pdf or svg.
 
     Raises:
+        ValueError: there is no such format.
         OSError: a file cannot be written.
     """
+    check_format(file_format)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for number in NUMBERS:
-        path = folder / f"fig{number:02}.png"
-        paths.append(write_figure(draw_figure(number, study), path))
+        path = folder / f"fig{number:02}.{file_format}"
+        paths.append(save_figure(draw_figure(number, study), path))
         advance(path.name)
     return paths
