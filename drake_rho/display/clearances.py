@@ -77,7 +77,7 @@ def kept(plan: Drawn, obstacle: Obstacle) -> FloatArray:
 def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
     """The closest approaches, exact between the knots too."""
     motion, start = plan.motion(), plan.scenario.grid.start
-    knots = motion.step * np.arange(motion.positions.shape[1])
+    knots: FloatArray = np.float64(motion.step) * np.arange(motion.positions.shape[1])
     slack = _SLACK * obstacle.shape.size
     below = distances(plan, obstacle, knots).min(axis=1) + slack  # some piece reaches that
     pieces = pieces_near(motion, obstacle, start, np.maximum(below, slack))

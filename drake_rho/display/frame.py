@@ -93,7 +93,7 @@ def fit_scene(figure: Figure, ax: Axes3D, room: Room) -> Bbox:
     for _ in range(_TRIES):
         _place(ax, side, (0.0, 0.0))
         box, whole = _seen(figure, ax)
-        rest = whole.size - box.size
+        rest = np.asarray(whole.size) - np.asarray(box.size)
         sizes = (np.array([room.width, room.most_height]) - rest) / box.size
         side *= float(np.clip(sizes.min(), 0.2, 5.0))
     _place(ax, side, (0.0, 0.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from math import ceil
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -66,7 +67,8 @@ def show_hidden(ax: Axes, lines: Sequence[Line2D]) -> list[Line2D]:
         near = np.abs(values - values[index]) <= within
         for piece in _pieces(index, points[index], near):
             if np.ptp(piece.points[:, 0]) >= shortest:
-                style = {"color": line.get_color(), "linewidth": line.get_linewidth()}
+                style: dict[str, Any] = {"color": line.get_color()}
+                style["linewidth"] = line.get_linewidth()
                 above = line.get_zorder() + 0.1
                 dashes += ax.plot(*piece.points.T, linestyle=piece.dashes, zorder=above, **style)
     return dashes
@@ -100,7 +102,8 @@ def evenly(points: FloatArray, spacing: float) -> FloatArray:
 def _pieces(index: int, points: FloatArray, near: BoolArray) -> list[Piece]:
     """Pieces of one curve under later ones, by which curves are near at each point, (N, M)."""
     found = []
-    for first, last in _runs(near[index + 1 :].any(axis=0)):
+    under = np.any(near[index + 1 :], axis=0)
+    for first, last in _runs(np.atleast_1d(under)):
         bundle = np.flatnonzero(near[:, first : last + 1].mean(axis=1) > 0.5)
         count, turn = max(2, len(bundle)), int(np.sum(bundle < index))
         dashes = ((count - turn) % count * _DASH, (_DASH, (count - 1) * _DASH))

@@ -90,7 +90,7 @@ class Labels(Artist):
         """Place the texts; they draw themselves later."""
         if not self._texts:
             return
-        point = renderer.points_to_pixels(1.0)
+        point = float(np.asarray(renderer.points_to_pixels(1.0)))
         room = self.ax.bbox if not isinstance(self.ax, Axes3D) else self.ax.get_figure(True).bbox
         curves, taken = _curves(self.ax, point), _taken(self.ax, renderer)
         for _, text, spots in sorted(self._texts, key=lambda each: each[0]):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -63,7 +64,7 @@ def add_beside(figure: Figure, handles: Sequence[Line2D], left: float) -> Legend
     return figure.legend(handles=handles, loc="center left", bbox_to_anchor=at)
 
 
-def add_below(figure: Figure, handles: Sequence[Line2D]) -> float:
+def add_below(figure: Figure, handles: Sequence[Artist]) -> float:
     """A legend at the bottom, in as many columns as there is room for.
 
     Args:
@@ -136,11 +137,11 @@ def text_width(figure: Figure, line: str, size: float) -> float:
     return float(measured[0]) / figure.dpi
 
 
-def _letters(handles: Sequence[Line2D]) -> float:
+def _letters(handles: Sequence[Artist]) -> float:
     return 7.0 if len(handles) <= _MOST_LARGE else 6.0
 
 
-def _widest(figure: Figure, handles: Sequence[Line2D]) -> float:
+def _widest(figure: Figure, handles: Sequence[Artist]) -> float:
     """Width of the widest name [in]."""
     lines = [line for handle in handles for line in str(handle.get_label()).split("\n")]
     return max((text_width(figure, line, _letters(handles)) for line in lines), default=0.0)

@@ -92,7 +92,10 @@ def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
             continue
         above = 0.0 if number else cut.shape.extent[2]
         top = cut.center + above * np.eye(3)[2]
-        style = {"fontsize": 6 if many else 7, "color": "#555555" if each.faint else "#222222"}
+        style: dict[str, Any] = {
+            "fontsize": 6 if many else 7,
+            "color": "#555555" if each.faint else "#222222",
+        }
         if number:
             style["bbox"] = None
         spots = around(ax, *top, middle=number, rows=1 if many else 4)
