@@ -88,7 +88,7 @@ def draw_distances_from_centre(
         more = f" + {least:g} m" if least > 0.0 else ""
         draw_limit(ax, sphere.radius + least, f"R{more} = {sphere.radius + least:g} m")
     lines = _draw_distances(ax, plan, obstacle, from_centre)
-    ax.set(ylabel="distance from the obstacle's centre [m]", ylim=(0, None))
+    ax.set(ylabel="distance from the centre [m]", ylim=(0, None))
     _finish(ax, plan, lines)
     near = closest(plan, obstacle)
     _mark_least(ax, plan, obstacle, Closest(near.times, near.distances + sphere.radius), title)

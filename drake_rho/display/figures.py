@@ -212,5 +212,5 @@ def _with_legend(figure: Figure, handles: Sequence[Line2D]) -> Figure:
 
 def _panels(width: float, count: int, part: float) -> Figure:
     """A figure for panels below each other, each so high in parts of the usual height."""
-    height = 0.5 + count * part * (1.0 + 0.23 * check_width(width))
+    height = 0.5 + count * part * (1.15 + 0.21 * check_width(width))
     return Figure(figsize=(width, height), layout="constrained")

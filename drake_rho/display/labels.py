@@ -34,7 +34,7 @@ _PER_ROW = 12.0
 """Points of curves that a text rather covers than to be a line farther away."""
 _SPACING = 2.0
 """Between the points of a curve that a text may cover [points]."""
-_MARK = 6.0
+_MARK = 14.0
 """How many points of a curve a mark counts for."""
 
 Spots = Callable[[float, float, float], Iterator["Spot"]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil
 from typing import Any
 
 from matplotlib.artist import Artist
@@ -21,7 +22,7 @@ _MOST_LARGE = 14
 """Most entries in letters of the usual size, and in one column."""
 _MOST_BESIDE = 0.7
 """Widest name in a legend beside a drawing [in]."""
-_AROUND = 4.9
+_AROUND = 3.8
 """Width of an entry's line and the gaps around it, in sizes of the letters."""
 _BESIDE_AXES = 0.75
 """Most that ticks and labels take of a figure's width [in]."""
@@ -78,7 +79,8 @@ def add_below(figure: Figure, handles: Sequence[Artist]) -> float:
         return 0.0
     size = _letters(handles)
     column = _widest(figure, handles) + _AROUND * size / 72
-    columns = min(len(handles), max(1, int(figure.get_figwidth() // column)))
+    most = max(1, int(figure.get_figwidth() // column))
+    columns = ceil(len(handles) / ceil(len(handles) / most))  # rows of about the same length
     legend = figure.legend(
         handles=handles, loc="outside lower center", ncols=columns, fontsize=size
     )
