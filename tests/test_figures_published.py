@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ NAMES = ("$x^$", "<b>&amp;</b>", "a_b_c", "'q\"uote & co", "w" * 80, "v")
 """Names that mean something elsewhere."""
 
 
-def _between(*ends: list[list[float]], names: tuple[str, ...] = ()) -> rho.Plan:
+def _between(*ends: Any, names: tuple[str, ...] = ()) -> rho.Plan:
     """Vehicles with these starts and goals, not kept apart, of ten seconds."""
     vehicles = [
         rho.Vehicle(names[i] if names else f"v{i}", rho.State(start), rho.State(goal))
@@ -116,7 +117,7 @@ def test_no_text_lies_on_another_or_leaves_the_figure(scene: str, width: float) 
         renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
         figure.draw(renderer)
         texts = _texts(figure)
-        assert all(text.get_fontsize() >= 6.0 for text in texts)
+        assert all(float(text.get_fontsize()) >= 6.0 for text in texts)
         boxes = [text.get_window_extent(renderer) for text in texts]
         turned = [text.get_rotation() % 90.0 != 0.0 for text in texts]
         for box, text in zip(boxes, texts, strict=True):
@@ -213,6 +214,14 @@ def test_settings_of_the_session_change_nothing(tmp_path: Path) -> None:
     assert one == other
 
 
+def _drawn(figure: Figure) -> np.ndarray:
+    """What is seen of a figure, red, green and blue from 0 to 1, shape (rows, columns, 3)."""
+    canvas: Any = FigureCanvasAgg(figure)  # matplotlib has no types for it
+    canvas.draw()
+    pixels: np.ndarray = np.asarray(canvas.buffer_rgba())[:, :, :3] / 255.0
+    return pixels
+
+
 def test_curves_on_each_other_are_all_seen() -> None:
     """Three with the same velocity: their colours take turns along the line."""
     plan = _between(*([[0, 0, z], [20, 3, z]] for z in (1, 2, 3)))
@@ -220,9 +229,7 @@ def test_curves_on_each_other_are_all_seen() -> None:
     for ax in figure.axes:
         for line in ax.lines:
             line.set_marker("none")
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    pixels = np.asarray(canvas.buffer_rgba())[:, :, :3] / 255.0
+    pixels = _drawn(figure)
     top = figure.axes[0].get_window_extent()
     rows = slice(int(pixels.shape[0] - top.y1) + 2, int(pixels.shape[0] - top.y0) - 2)
     counts = [
@@ -245,15 +252,13 @@ def test_paths_on_each_other_are_found_and_crossings_are_none() -> None:
 def test_the_end_is_seen_within_its_mark(study: Study) -> None:
     """Fig. 15: the last window's colour, at the goal of all."""
     figure = draw_figure(15, study)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
+    image = _drawn(figure)
     ax = figure.axes[0]
     assert isinstance(ax, Axes3D)
     goal = study.scenario.vehicles[0].goal.position
     x, y, _ = proj3d.proj_transform(*goal, ax.get_proj())
     column, row = ax.transData.transform((x, y))
-    image = np.asarray(canvas.buffer_rgba())
-    seen = image[image.shape[0] - int(row) - 1, int(column), :3] / 255.0
+    seen = image[image.shape[0] - int(row) - 1, int(column)]
     *_, last = (line for line in ax.lines if line.get_linewidth() > 1.4)
     np.testing.assert_allclose(seen, to_rgb(last.get_color()), atol=0.1)
 
@@ -275,6 +280,12 @@ def test_closest_approaches_are_marked(study: Study) -> None:
     assert str(ring.get_label()) == (
         f"{least:.4g} m at {float(np.asarray(ring.get_xdata())[0]):.4g} s: {who}"
     )
+
+
+def test_a_scene_shown_in_a_notebook_has_no_empty_space(study: Study) -> None:
+    figure = draw_figure(15, study)
+    tight = figure.get_tightbbox(FigureCanvasAgg(figure).get_renderer())  # type: ignore[no-untyped-call]
+    assert np.all(tight.size <= figure.get_size_inches() + 0.01)
 
 
 def test_marks_do_not_run_together() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,7 +14,7 @@ from matplotlib.transforms import Bbox
 from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.legends import renderer_of
+from drake_rho.display.legends import figure_of, renderer_of
 from drake_rho.display.snapshots import Snapshot
 from drake_rho.display.style import VIEW_AZIMUTH, VIEW_ELEVATION, view
 from drake_rho.scenario.fields import FloatArray
@@ -30,6 +31,15 @@ _PER_INCH = 3.2
 """Most intervals between ticks along an axis."""
 _TRIES = 4
 """How often a scene's size is corrected for its ticks and labels, which keep theirs."""
+
+
+class SceneAxes(Axes3D):  # type: ignore[misc]  # which has no types
+    """Axes in space whose square, of which a part is drawn in, may be larger than the figure."""
+
+    def get_tightbbox(self, *args: Any, **kwargs: Any) -> Bbox | None:
+        """What they take of the figure."""
+        found: Bbox | None = super().get_tightbbox(*args, **kwargs)
+        return None if found is None else Bbox.intersection(found, figure_of(self).bbox)
 
 
 @dataclasses.dataclass(frozen=True)

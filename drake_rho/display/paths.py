@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from drake_rho.display.flown import Flown, drawn, planned, windows_of
 from drake_rho.display.formats import DOUBLE_COLUMN, check_width
-from drake_rho.display.frame import Room, fit_scene, frame_scene
+from drake_rho.display.frame import Room, SceneAxes, fit_scene, frame_scene
 from drake_rho.display.hidden import marks_every
 from drake_rho.display.layout import EDGE, grow
 from drake_rho.display.legends import (
@@ -75,7 +75,7 @@ def paths_figure(
     bodies = as_bodies(plan.scenario.obstacles if obstacles is None else obstacles)
     shown, windows = snapshots(plan, bodies), windows_of(flown)
     in_windows = len(windows) > 1 or isinstance(flown, Flight)
-    ax = figure.add_subplot(projection="3d")
+    ax = figure.add_subplot(axes_class=SceneAxes)
     passed = [each.position for vehicle in plan.scenario.vehicles for each in vehicle.waypoints]
     flights = [plan, *(window.plan for window in windows)]
     places = [each.positions.reshape(-1, 3) for each in flights]
