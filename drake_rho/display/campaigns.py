@@ -202,7 +202,7 @@ def _lines(count: float, width: float) -> tuple[Figure, Axes]:
 
 
 def _legend(figure: Figure, ax: Axes) -> None:
-    """The methods below, in as many columns as there is room for, if there are several."""
+    """The methods below, in as many columns as there is room for."""
     handles, _ = ax.get_legend_handles_labels()
-    if len(handles) > 1:
+    if handles:
         add_below(figure, handles)
