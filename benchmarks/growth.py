@@ -1,25 +1,32 @@
 """How time and memory grow with the knots and with the vehicles, each size in a process of its own.
 
 `python -m benchmarks.growth WORK SIZE CORES` is that process: it prints what one size took.
+`python -m benchmarks.growth` draws the picture anew from the table.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import subprocess
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from rich.progress import track
 
 import drake_rho as rho
 from benchmarks.memory import peak
-from benchmarks.tables import Cell, Goal, Table
+from benchmarks.tables import RESULTS, Cell, Goal, Table
+from drake_rho.display.formats import DOUBLE_COLUMN
+from drake_rho.display.publish import save_figure, styled
+from drake_rho.display.style import COLOURS, MARKERS
 
 KNOTS, VEHICLES = (50, 500, 5000), (4, 40, 400, 4000)
 """Sizes."""
@@ -76,7 +83,7 @@ def run() -> Table:
         found[task] = {key: median(each[key] for each in runs) for key in runs[0]}
     knots = [found["knots", size, cores] for size in KNOTS]
     vehicles = [found["vehicles", size, cores] for size in VEHICLES]
-    draw(knots, vehicles)
+    save_figure(draw(knots, vehicles), PICTURE)
     rows: list[tuple[Cell, ...]] = [
         (work, size, used, each["seconds"], each["megabytes"], each["solver"])
         for (work, size, used), each in found.items()
@@ -128,23 +135,63 @@ def _exponent(sizes: tuple[int, ...], found: list[dict[str, float]]) -> float:
     return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
 
 
-def draw(knots: list[dict[str, float]], vehicles: list[dict[str, float]]) -> None:
-    """Draw time and memory against both sizes into `figures/growth.png`."""
-    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
-    series = (("knots K", KNOTS, knots), ("vehicles N", VEHICLES, vehicles))
-    quantities = (("seconds", "time [s]"), ("megabytes", "peak memory [MB]"))
-    for axes, (key, label) in zip(figure.subplots(1, 2), quantities, strict=True):
-        for name, sizes, found in series:
-            axes.loglog(sizes, [each[key] for each in found], "o-", label=name)
-        axes.set(xlabel="size", ylabel=label)
-        axes.grid(visible=True, which="both", alpha=0.3)
-        axes.legend()
-    figure.suptitle("From a scenario to a verified plan")
-    figure.savefig(PICTURE, dpi=150)
+@styled
+def draw(knots: Sequence[Mapping[str, float]], vehicles: Sequence[Mapping[str, float]]) -> Figure:
+    """Time above, memory below, against the knots in one panel and the vehicles in the other.
+
+    Args:
+        knots: what each size of `KNOTS` took.
+        vehicles: what each size of `VEHICLES` took.
+    """
+    figure = Figure(figsize=(DOUBLE_COLUMN, 3.4), layout="constrained")
+    axes = figure.subplots(2, 2, sharex="col", sharey="row")
+    works = (("knots K of one vehicle", KNOTS, knots), ("vehicles N", VEHICLES, vehicles))
+    for column, (work, sizes, found), colour, mark in zip(
+        axes.T, works, COLOURS, MARKERS, strict=False
+    ):
+        for ax, key in zip(column, ("seconds", "megabytes"), strict=True):
+            values = [each[key] for each in found]
+            ax.loglog(sizes, values, color=colour, marker=mark)
+            ax.grid(visible=True, which="minor", alpha=0.4)
+        column[0].set_title(f"growth with the {work.split()[0]}")
+        column[1].set_xlabel(work)
+        column[1].set_xticks(sizes, labels=[f"{size}" for size in sizes])
+        column[1].minorticks_on()
+    axes[0, 0].set_ylabel("time to a verified\nplan [s]")
+    axes[0, 0].yaxis.set_major_formatter("{x:g}")
+    axes[1, 0].set_ylabel("peak memory [MB]")
+    axes[1, 0].set_yticks([100, 200, 500, 1000], labels=["100", "200", "500", "1000"])
+    axes[1, 0].yaxis.set_minor_formatter(NullFormatter())
+    return figure
+
+
+def redraw() -> None:
+    """Draw `figures/growth.png` from the table that the last benchmark has left."""
+    with (RESULTS / "growth.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    cores = max(int(row["cores"]) for row in rows)
+    found = {
+        (row["work"], int(row["size"])): {
+            "seconds": float(row["median_seconds"]),
+            "megabytes": float(row["peak_megabytes"]),
+        }
+        for row in rows
+        if int(row["cores"]) == cores
+    }
+    knots = [found["knots", size] for size in KNOTS]
+    save_figure(draw(knots, [found["vehicles", size] for size in VEHICLES]), PICTURE)
+
+
+def _main(words: list[str]) -> None:
+    """Measure one size, or without words draw the picture anew."""
+    if not words:
+        return redraw()
+    work, size, cores = words[0], int(words[1]), int(words[2])
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, range(cores))
+    print(json.dumps(measure(work, size)))  # noqa: T201  # read by the process that started it
+    return None
 
 
 if __name__ == "__main__":
-    name, size, cores = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, range(cores))
-    print(json.dumps(measure(name, size)))  # noqa: T201  # read by the process that started it
+    _main(sys.argv[1:])

@@ -60,10 +60,11 @@ if TYPE_CHECKING:
         accelerations_figure,
         distances_figure,
         errors_figure,
-        paths_figure,
         separation_figure,
         velocities_figure,
     )
+    from drake_rho.display.paths import paths_figure
+    from drake_rho.display.publish import save_figure
     from drake_rho.exports.export import export
     from drake_rho.exports.record import Exported
     from drake_rho.simulation.attack import Attack, attack
@@ -143,6 +144,7 @@ __all__ = [
     "random_field",
     "random_transitions",
     "save",
+    "save_figure",
     "save_scenario",
     "scenario_schema",
     "scp_step",
@@ -164,7 +166,8 @@ _LATER = {
     "accelerations_figure": "drake_rho.display.figures",
     "distances_figure": "drake_rho.display.figures",
     "errors_figure": "drake_rho.display.figures",
-    "paths_figure": "drake_rho.display.figures",
+    "paths_figure": "drake_rho.display.paths",
+    "save_figure": "drake_rho.display.publish",
     "separation_figure": "drake_rho.display.figures",
     "velocities_figure": "drake_rho.display.figures",
     "Exported": "drake_rho.exports.record",

@@ -202,8 +202,10 @@ def test_points_before_and_behind_shapes_are_drawn_over_and_under_them(
 
 
 def _levels(ax: Axes) -> list[float]:
-    """Heights of the dashed lines."""
-    dashed = [line for line in ax.lines if line.get_linestyle() == "--"]
+    """Heights of the dashed lines, which are black."""
+    dashed = [
+        line for line in ax.lines if line.get_linestyle() == "--" and line.get_color() == "black"
+    ]
     return [float(np.asarray(line.get_ydata())[0]) for line in dashed]
 
 

@@ -60,8 +60,8 @@ def test_names_beside_starts_and_of_the_closest_two_are_text() -> None:
     _, ring = curves.draw_separation(figure.add_subplot(122), plan)
     assert str(ring.get_label()).endswith(r": \$x^\$ and wwwwwwwwwwww…wwwwwwwwwww")
     assert [text.get_text() for text in figure.axes[0].texts] == [
-        "\\$x^\\$\n",
-        "wwwwwwwwwwww…wwwwwwwwwww\n",
+        r"\$x^\$",
+        "wwwwwwwwwwww…wwwwwwwwwww",
     ]
     FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
 

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drake_rho.cli.checks import check_folder, check_writable
+from drake_rho.cli.checks import asked_drawing, check_kept, check_writable
 from drake_rho.cli.console import err, say
+from drake_rho.cli.options import FormatOption, WidthOption
 
 if TYPE_CHECKING:
     from drake_rho.campaigns.campaign import Progress as SoFar
@@ -80,6 +81,8 @@ def results(
     figures: Annotated[
         str | None, typer.Option(metavar="FOLDER", help="Folder for figures, made if needed.")
     ] = None,
+    file_format: FormatOption = None,
+    width: WidthOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON in place of tables.")] = False,
     export: Annotated[
         str | None,
@@ -89,23 +92,26 @@ def results(
     """Print what a campaign has found: success, costs, times, failures, methods compared."""
     from drake_rho.campaigns.results import ENDINGS, Results
 
-    check_folder(figures)
+    drawing = asked_drawing(figures, file_format, width)
+    check_kept(None, drawing)
     check_writable(export, ENDINGS, "--export")
     found = Results(store)
     text = json.dumps(found.to_json(), indent=2, ensure_ascii=False) if as_json else str(found)
     if export is not None:
         _exported(found.export, export)
-    if figures is not None:
+    if drawing is not None:
         # matplotlib takes longer to load than the tables take to make
         from drake_rho.display.campaigns import write_campaign_figures
 
         with err.status("drawing"):
-            drawn = write_campaign_figures(found, figures)
+            drawn = write_campaign_figures(
+                found, drawing.folder, file_format=drawing.file_format, width=drawing.width
+            )
     say(text)
     if export is not None and not as_json:
         say(f"{len(found)} rows in {export}")
-    if figures is not None and not as_json:
-        say(f"{', '.join(path.name for path in drawn)} in {figures}")
+    if drawing is not None and not as_json:
+        say(f"{', '.join(path.name for path in drawn)} in {drawing.folder}")
     return 0
 
 

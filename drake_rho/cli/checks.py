@@ -2,23 +2,63 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import os
 import tempfile
 from pathlib import Path
 
+from drake_rho.display.formats import DOUBLE_COLUMN, check_width
 from drake_rho.motion.files import ENDINGS
 from drake_rho.scenario.files import check_replaceable
 
 
-def check_kept(output: str | None, figures: str | None) -> None:
+@dataclasses.dataclass(frozen=True)
+class Drawing:
+    """What figures are to be made."""
+
+    folder: str
+    """where"""
+    file_format: str
+    """png, pdf or svg"""
+    width: float
+    """of each [in]"""
+
+
+def check_kept(output: str | None, drawing: Drawing | None) -> None:
     """See that a plan and its figures can be kept.
 
     Raises:
         ValueError: they cannot.
     """
     check_writable(output, ENDINGS, "--output")
-    check_folder(figures)
+    check_folder(None if drawing is None else drawing.folder)
+
+
+def asked_drawing(
+    folder: str | None, file_format: str | None, width: float | None
+) -> Drawing | None:
+    """The figures that options ask for, if any.
+
+    Raises:
+        ValueError: they are none that can be drawn, or have no folder.
+    """
+    if folder is None:
+        for option, given in (("--format", file_format), ("--width", width)):
+            if given is not None:
+                raise ValueError(f"{option}: got {given} without --figures, expected it with them")
+        return None
+    return drawing_in(folder, file_format, width)
+
+
+def drawing_in(folder: str, file_format: str | None, width: float | None) -> Drawing:
+    """The figures of a folder, by what is given of them.
+
+    Raises:
+        ValueError: letters could not be read at the width.
+    """
+    width = DOUBLE_COLUMN if width is None else check_width(width)
+    return Drawing(folder, file_format or "png", width)
 
 
 def check_writable(output: str | None, endings: tuple[str, ...], option: str) -> None:

@@ -16,11 +16,12 @@ from rich.status import Status
 
 from drake_rho.cli.campaigns import campaign, results
 from drake_rho.cli.checks import (
-    check_folder,
+    asked_drawing,
     check_interface,
     check_kept,
     check_rate,
     check_writable,
+    drawing_in,
 )
 from drake_rho.cli.console import (
     err,
@@ -38,6 +39,7 @@ from drake_rho.cli.options import (
     SOLVERS,
     DurationOption,
     FiguresOption,
+    FormatOption,
     Method,
     MethodOption,
     OutputOption,
@@ -47,6 +49,7 @@ from drake_rho.cli.options import (
     Solver,
     SolverOption,
     StepOption,
+    WidthOption,
     WorldOption,
     read,
     refuse_options,
@@ -78,13 +81,16 @@ def reproduce(
     figures: Annotated[
         str, typer.Option(metavar="FOLDER", help="Folder for the sixteen figures.")
     ] = "figures",
+    file_format: FormatOption = None,
+    width: WidthOption = None,
 ) -> int:
     """Run the paper's four examples, draw Figs 3 to 18, check what the paper says it found."""
     # matplotlib takes longer to load than the other commands take to run
     from drake_rho.paper.figures import NUMBERS, write_paper_figures
     from drake_rho.paper.tables import claims_table, study_table
 
-    check_folder(figures)
+    drawing = drawing_in(figures, file_format, width)
+    check_kept(None, drawing)
     columns = (
         BarColumn(),
         MofNCompleteColumn(),
@@ -98,7 +104,9 @@ def reproduce(
             progress.update(task, advance=1, description=done)
 
         study = run_study(advance)
-        write_paper_figures(study, figures, advance)
+        write_paper_figures(
+            study, figures, advance, file_format=drawing.file_format, width=drawing.width
+        )
     out.print(study_table(study), claims_table(study), sep="\n")
     say(f"{len(NUMBERS)} figures in {figures}")
     return 0 if all(example.report.ok for example in study.examples) else 1
@@ -120,9 +128,12 @@ def plan(
     ] = None,
     world: WorldOption = None,
     figures: FiguresOption = None,
+    file_format: FormatOption = None,
+    width: WidthOption = None,
 ) -> int:
     """Plan a scenario in one piece, verify the plan and print the report."""
-    check_kept(output, figures)
+    drawing = asked_drawing(figures, file_format, width)
+    check_kept(output, drawing)
     further = list(step or ())
     own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
     if further and method is Method.SCP:
@@ -130,7 +141,7 @@ def plan(
     asked = read(scenario, duration, own_step, world)
     with err.status("planning") as status:
         planned = _plan(asked, method, further, SOLVERS[solver](), status)
-    return finish(planned, output, figures)
+    return finish(planned, output, drawing)
 
 
 @app.command()
@@ -152,9 +163,12 @@ def fly(
     step: StepOption = None,
     world: WorldOption = None,
     figures: FiguresOption = None,
+    file_format: FormatOption = None,
+    width: WidthOption = None,
 ) -> int:
     """Fly a scenario with a receding horizon, verify the flight and print the report."""
-    check_kept(output, figures)
+    drawing = asked_drawing(figures, file_format, width)
+    check_kept(output, drawing)
     asked = read(scenario, duration, step, world)
     planner, fallback = PLANNERS[method]
     with err.status("flying"):
@@ -166,7 +180,7 @@ def fly(
             reference=None if reference is None else REFERENCES[reference],
             solver=SOLVERS[solver](),
         )
-    return finish(flight, output, figures)
+    return finish(flight, output, drawing)
 
 
 app.command()(simulate)

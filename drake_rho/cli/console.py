@@ -10,6 +10,7 @@ from rich.console import Console
 
 from drake_rho.assurance.feasibility import diagnose
 from drake_rho.assurance.verification import verify
+from drake_rho.cli.checks import Drawing
 from drake_rho.cli.summary import simulation_table
 from drake_rho.display.flown import Flown
 from drake_rho.motion.files import save
@@ -29,7 +30,7 @@ def say(text: str, console: Console = out) -> None:
 
 
 def finish(
-    planned: Flown, output: str | None, figures: str | None = None, heading: str | None = None
+    planned: Flown, output: str | None, drawing: Drawing | None = None, heading: str | None = None
 ) -> int:
     """Report on what was planned, keep it and draw it, whether or not it holds."""
     if output is not None:  # before anything is said: a closed pipe must not lose the work
@@ -39,13 +40,15 @@ def finish(
     status = report(planned)
     if output is not None:
         say(f"kept in {output}")
-    if figures is not None:
+    if drawing is not None:
         # matplotlib takes longer to load than the other commands take to run
         from drake_rho.display.figures import write_figures
 
         with err.status("drawing"):
-            drawn = write_figures(planned, figures)
-        say(f"{', '.join(path.name for path in drawn)} in {figures}")
+            drawn = write_figures(
+                planned, drawing.folder, file_format=drawing.file_format, width=drawing.width
+            )
+        say(f"{', '.join(path.name for path in drawn)} in {drawing.folder}")
     return status
 
 

@@ -41,6 +41,14 @@ class Reference(StrEnum):
     TAIL = "tail"
 
 
+class FigureFormat(StrEnum):
+    """Formats of figures by their endings."""
+
+    PNG = "png"
+    PDF = "pdf"
+    SVG = "svg"
+
+
 PLANNERS: dict[Method, tuple[Planner, Planner | None]] = {
     Method.AUTO: (plan_convex, best_plan),
     Method.CONVEX: (plan_convex, None),
@@ -85,6 +93,18 @@ FiguresOption = Annotated[
     str | None,
     typer.Option(
         metavar="FOLDER", help="Folder for figures of the result, made if it is not there."
+    ),
+]
+FormatOption = Annotated[
+    FigureFormat | None, typer.Option("--format", help="Of the figures; png if not given.")
+]
+WidthOption = Annotated[
+    float | None,
+    typer.Option(
+        "--width",
+        metavar="INCHES",
+        help="Of the figures, 3 to 20: 3.5 fits one column of a journal of the IEEE; if not given, "
+        "7.16, both.",
     ),
 ]
 ReplanEveryOption = Annotated[int, typer.Option(help="Steps flown of each window.")]

@@ -18,18 +18,20 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
-from drake_rho.cli.checks import check_kept
+from drake_rho.cli.checks import asked_drawing, check_kept
 from drake_rho.cli.console import err, finish
 from drake_rho.cli.options import (
     PLANNERS,
     DurationOption,
     FiguresOption,
+    FormatOption,
     Method,
     MethodOption,
     OutputOption,
     ReplanEveryOption,
     ScenarioArgument,
     StepOption,
+    WidthOption,
     WorldOption,
     read,
 )
@@ -104,12 +106,15 @@ def simulate(
     step: StepOption = None,
     world: WorldOption = None,
     figures: FiguresOption = None,
+    file_format: FormatOption = None,
+    width: WidthOption = None,
 ) -> int:
     """Fly a scenario in wind with a receding horizon and feedback, and judge the true motion."""
     # Drake's simulator takes long to load
     from drake_rho.simulation.simulate import simulate as simulated
 
-    check_kept(output, figures)
+    drawing = asked_drawing(figures, file_format, width)
+    check_kept(output, drawing)
     asked = read(scenario, duration, step, world)
     check_wind(asked, wind, direction)
     planner, fallback = PLANNERS[method]
@@ -127,7 +132,7 @@ def simulate(
             plant="quadrotor" if plant is Plant.QUADROTOR else None,
             rng=for_errors,
         )
-    return finish(flown, output, figures, f"wind: {words}; seed {seed}")
+    return finish(flown, output, drawing, f"wind: {words}; seed {seed}")
 
 
 @dataclasses.dataclass(frozen=True)

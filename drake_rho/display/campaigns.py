@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,69 +11,90 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from drake_rho.campaigns.results import Results
-from drake_rho.display.names import as_text
+from drake_rho.display.formats import DOUBLE_COLUMN, check_format, check_width
+from drake_rho.display.legends import add_below
+from drake_rho.display.names import as_text, brief, in_lines
+from drake_rho.display.publish import save_figure, styled
 from drake_rho.display.style import LIMIT_STYLE, vehicle_colours, vehicle_marker
-from drake_rho.scenario.files import replacing
 
-_WIDTH = 6.5
-"""Width of a page's text [in]."""
-_LINE = 0.32
+_LINE = 0.26
 """Height of a line of a figure with names at its side [in]."""
+_DASHES = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (6, 1.5, 1.5, 1.5)))
+"""Of the methods' lines in turn."""
 _MOST_LINES = 40
 """Sources, or kinds of failure, that a figure has room for."""
 _MOST_POINTS = 2000
 """Points of a curve: more cannot be told apart."""
 
 
-def write_campaign_figures(results: Results, folder: str | Path) -> list[Path]:
+def write_campaign_figures(
+    results: Results,
+    folder: str | Path,
+    *,
+    file_format: str = "png",
+    width: float = DOUBLE_COLUMN,
+) -> list[Path]:
     """Draw a campaign into a folder, made if it is not there; what says nothing is left out.
+
+    Args:
+        results: of the campaign.
+        folder: where to draw.
+        file_format: png, pdf or svg.
+        width: of each figure [in], 3.5 in one column of a journal of the IEEE, 7.16 in both.
 
     Returns:
         The files.
 
     Raises:
+        ValueError: there is no such format, or the width is none that letters can be read at.
         OSError: the folder cannot be written to.
     """
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    figures = {"success": success_figure(results), "times": times_figure(results)}
+    check_format(file_format)
+    draw = {"success": success_figure, "times": times_figure}
     if any(each.both for each in results.comparisons):
-        figures["costs"] = costs_figure(results)
+        draw["costs"] = costs_figure
     if results.failures:
-        figures["failures"] = failures_figure(results)
-    paths = [Path(folder) / f"{name}.png" for name in figures]
-    for path, figure in zip(paths, figures.values(), strict=True):
-        with replacing(path) as file:
-            figure.savefig(file, dpi=150, format="png")
-    return paths
+        draw["failures"] = failures_figure
+    figures = {name: each(results, width=width) for name, each in draw.items()}
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    return [
+        save_figure(figure, Path(folder) / f"{name}.{file_format}")
+        for name, figure in figures.items()
+    ]
 
 
-def success_figure(results: Results) -> Figure:
+@styled
+def success_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Success of each method on each source of scenarios, with 95 % intervals."""
-    figure, ax = _lines(min(len(results.scenarios), _MOST_LINES) * len(results.methods) / 2 + 2)
+    lines = min(len(results.scenarios), _MOST_LINES) * len(results.methods) / 2 + 2
+    figure, ax = _lines(lines, width)
     draw_success(ax, results)
-    _legend(figure, ax, len(results.methods))
+    _legend(figure, ax)
     return figure
 
 
-def times_figure(results: Results) -> Figure:
+@styled
+def times_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Part of all runs that each method has solved within a time."""
-    figure, ax = _lines(10)
+    figure, ax = _lines(8, width)
     draw_times(ax, results)
-    _legend(figure, ax, len(results.methods))
+    _legend(figure, ax)
     return figure
 
 
-def costs_figure(results: Results) -> Figure:
+@styled
+def costs_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Costs of each method over those of the first, from the least to the greatest."""
-    figure, ax = _lines(10)
+    figure, ax = _lines(8, width)
     draw_cost_ratios(ax, results)
-    _legend(figure, ax, len(results.methods) - 1)
+    _legend(figure, ax)
     return figure
 
 
-def failures_figure(results: Results) -> Figure:
+@styled
+def failures_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Runs without a plan that holds, by method and status."""
-    figure, ax = _lines(min(len(results.failures), _MOST_LINES) + 2)
+    figure, ax = _lines(min(len(results.failures), _MOST_LINES) + 2, width)
     draw_failures(ax, results)
     return figure
 
@@ -98,10 +120,9 @@ def draw_success(ax: Axes, results: Results) -> None:
             color=colours[j],
             markersize=4.0,
             capsize=2.0,
-            linewidth=1.0,
-            label=as_text(method),
+            label=as_text(in_lines(method)),
         )
-    ax.set_yticks(range(len(shown)), [as_text(name) for name in shown])
+    ax.set_yticks(range(len(shown)), [as_text(brief(name)) for name in shown])
     ax.set_ylim(len(shown) - 0.5, -0.5)
     ax.set_xlim(-3.0, 103.0)
     ax.set_xlabel("success, with 95 % intervals [%]")
@@ -109,13 +130,13 @@ def draw_success(ax: Axes, results: Results) -> None:
 
 def draw_times(ax: Axes, results: Results) -> None:
     """Draw a curve for each method, up to its success."""
-    for method, colour in zip(results.methods, vehicle_colours(len(results.methods)), strict=True):
+    for method in results.methods:
         seconds, runs = results.seconds_of(method), results.runs_of(method)
         if not len(seconds):
             continue
         parts = 100.0 * np.arange(1, len(seconds) + 1) / runs
         here = _spread_places(len(seconds))
-        ax.step(seconds[here], parts[here], where="post", color=colour, label=as_text(method))
+        ax.step(seconds[here], parts[here], where="post", **_line(results, method))
     ax.set_xscale("log")
     ax.set_ylim(0.0, 103.0)
     ax.set_xlabel("planning time [s]")
@@ -125,20 +146,20 @@ def draw_times(ax: Axes, results: Results) -> None:
 def draw_cost_ratios(ax: Axes, results: Results) -> None:
     """Draw a curve for each method but the first."""
     base, *others = results.methods
-    for method, colour in zip(others, vehicle_colours(len(results.methods))[1:], strict=True):
+    for method in others:
         ratios = results.cost_ratios(method, base)
         if not len(ratios):
             continue
         here = _spread_places(len(ratios))
         parts = 100.0 * np.arange(1, len(ratios) + 1) / len(ratios)
-        ax.plot(parts[here], ratios[here], color=colour, label=as_text(method))
+        ax.plot(parts[here], ratios[here], **_line(results, method))
     ax.axhline(1.0, **LIMIT_STYLE)
     ax.set_yscale("log")
     for axis_of in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
         axis_of("{x:.3g}")
     ax.set_xlim(0.0, 100.0)
     ax.set_xlabel("runs that both solve, by ratio [%]")
-    ax.set_ylabel(f"cost over that of {as_text(base)}")
+    ax.set_ylabel(f"cost over that of {as_text(brief(base))}")
 
 
 def draw_failures(ax: Axes, results: Results) -> None:
@@ -152,11 +173,21 @@ def draw_failures(ax: Axes, results: Results) -> None:
         color=[colours.get(each.method, "black") for each in shown],
     )
     status = {"solved": "breaks a constraint"}
-    names = [f"{as_text(each.method)}: {status.get(each.status, each.status)}" for each in shown]
+    names = [
+        f"{as_text(brief(each.method))}: {status.get(each.status, each.status)}" for each in shown
+    ]
     ax.set_yticks(range(len(shown)), names)
     ax.set_ylim(len(shown) - 0.4, -0.6)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlabel("runs without a plan that holds")
+
+
+def _line(results: Results, method: str) -> dict[str, Any]:
+    """A method's colour and dashes, by which lines on each other are told apart, and its name."""
+    number = results.methods.index(method)
+    colour = vehicle_colours(len(results.methods))[number]
+    dashes = _DASHES[number % len(_DASHES)]
+    return {"color": colour, "linestyle": dashes, "label": as_text(in_lines(method))}
 
 
 def _spread_places(count: int) -> np.ndarray:
@@ -164,11 +195,14 @@ def _spread_places(count: int) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, min(count, _MOST_POINTS)).astype(np.int64))
 
 
-def _lines(count: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(_WIDTH, 1.0 + _LINE * max(count, 3)), layout="constrained")
+def _lines(count: float, width: float) -> tuple[Figure, Axes]:
+    height = 0.7 + _LINE * max(count, 3)
+    figure = Figure(figsize=(check_width(width), height), layout="constrained")
     return figure, figure.add_subplot()
 
 
-def _legend(figure: Figure, ax: Axes, methods: int) -> None:
-    if methods > 1 and ax.get_legend_handles_labels()[0]:
-        figure.legend(loc="outside upper center", ncols=min(methods, 4), frameon=False)
+def _legend(figure: Figure, ax: Axes) -> None:
+    """The methods below, in as many columns as there is room for."""
+    handles, _ = ax.get_legend_handles_labels()
+    if handles:
+        add_below(figure, handles)

@@ -9,13 +9,12 @@ import numpy as np
 
 from drake_rho.display.flown import Drawn
 from drake_rho.display.style import dense_times
+from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 
-_PARTS = 24
-"""Parts of the time around a close approach at which it is looked for again."""
-_ROUNDS = 6
-"""How often: at last within 1e-7 of a step, and closer in distance where it is smooth."""
+_SLACK = 1e-9
+"""How much closer than at the knots an approach need not be, in parts of an obstacle's size."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -76,10 +75,18 @@ def kept(plan: Drawn, obstacle: Obstacle) -> FloatArray:
 
 
 def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
-    """The closest approaches, looked for ever closer around the nearest of many instants."""
-    times = dense_times(plan)
-    nearest = np.argmin(distances(plan, obstacle, times), axis=1)
-    return _refined(plan, obstacle, np.arange(len(nearest)), _around(times, nearest))
+    """The closest approaches, exact between the knots too."""
+    motion, start = plan.motion(), plan.scenario.grid.start
+    knots: FloatArray = np.float64(motion.step) * np.arange(motion.positions.shape[1])
+    slack = _SLACK * obstacle.shape.size
+    below = distances(plan, obstacle, knots).min(axis=1) + slack  # some piece reaches that
+    pieces = pieces_near(motion, obstacle, start, np.maximum(below, slack))
+    which, times = deepest(obstacle.shape, pieces, below[pieces.owners])
+    owners = pieces.owners[which]
+    found = obstacle.distances(motion.each_at("position", owners, times), start + times)
+    order = np.lexsort((found, owners))
+    firsts = order[np.unique(owners[order], return_index=True)[1]]
+    return Closest(times[firsts], found[firsts])
 
 
 def nearest(plan: Drawn, obstacle: Obstacle) -> Approach:
@@ -103,42 +110,19 @@ def least_clearances(plan: Drawn, obstacles: Sequence[Obstacle]) -> Clearances:
 
 
 def _with_least(plan: Drawn, obstacles: Sequence[Obstacle], sampled: Clearances) -> Clearances:
-    """Clearances at many instants, and each vehicle's least near the least of these."""
-    rows = []
-    for i, moment in enumerate(np.argmin(sampled.clearances, axis=1)):
-        index, times = sampled.nearest[i, moment], sampled.times[i]
-        found = _refined(plan, obstacles[index], np.array([i]), _around(times, moment[None]))
-        m = np.searchsorted(times, found.times[0])
-        rows.append(
-            (
-                np.insert(times, m, found.times[0]),
-                np.insert(
-                    sampled.clearances[i], m, found.distances[0] - kept(plan, obstacles[index])[i]
-                ),
-                np.insert(sampled.nearest[i], m, index),
-            )
+    """Clearances at many instants, and each vehicle's exact least from its nearest obstacle."""
+    vehicles = np.arange(len(sampled.times))
+    which = sampled.nearest[vehicles, np.argmin(sampled.clearances, axis=1)]
+    times, least = np.zeros(len(which)), np.zeros(len(which))
+    for index in np.unique(which):
+        of, found = which == index, closest(plan, obstacles[index])
+        times[of] = found.times[of]
+        least[of] = (found.distances - kept(plan, obstacles[index]))[of]
+    merged = [
+        np.append(old, new[:, None], axis=1)
+        for old, new in zip(
+            (sampled.times, sampled.clearances, sampled.nearest), (times, least, which), strict=True
         )
-    return Clearances(*(np.array(column) for column in zip(*rows, strict=True)))
-
-
-def _around(times: FloatArray, moments: IntArray) -> tuple[FloatArray, FloatArray]:
-    """The instants before and after some [s]."""
-    return times[np.maximum(moments - 1, 0)], times[np.minimum(moments + 1, len(times) - 1)]
-
-
-def _refined(
-    plan: Drawn, obstacle: Obstacle, vehicles: IntArray, bracket: tuple[FloatArray, FloatArray]
-) -> Closest:
-    """The closest approaches of some vehicles, each between two times [s], shape (V,)."""
-    motion, start = plan.motion(), plan.scenario.grid.start
-    each, parts = np.arange(len(vehicles)), np.linspace(0.0, 1.0, _PARTS + 1)
-    low, high = bracket
-    for _ in range(_ROUNDS):
-        times = low[:, None] + (high - low)[:, None] * parts
-        flat = times.reshape(-1)
-        positions = motion.each_at("position", np.repeat(vehicles, len(parts)), flat)
-        found = obstacle.distances(positions, start + flat).reshape(times.shape)
-        best = np.argmin(found, axis=1)
-        low = times[each, np.maximum(best - 1, 0)]
-        high = times[each, np.minimum(best + 1, _PARTS)]
-    return Closest(times[each, best], found[each, best])
+    ]
+    order = np.argsort(merged[0], axis=1, kind="stable")
+    return Clearances(*(np.take_along_axis(each, order, axis=1) for each in merged))

@@ -14,10 +14,14 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from drake_rho.display.flown import Drawn, Planned, closest_two, commands, planned
+from drake_rho.display.hidden import marks_every, show_hidden
+from drake_rho.display.labels import Labels, along
+from drake_rho.display.legends import add_above, width_of
 from drake_rho.display.names import as_text, brief
 from drake_rho.display.style import (
     COLOURS,
     FORBIDDEN,
+    LEAST_STYLE,
     LIMIT_STYLE,
     MOST_NAMED,
     PLANNED_STYLE,
@@ -39,8 +43,6 @@ _NO_CHANGE = 1e-6
 """Range of a component, in parts of the largest of all, that is put down to rounding."""
 _LEVEL = 0.05
 """Half the range of the axes of such a component, in parts of the largest of all."""
-_LETTER = 0.08
-"""Room that a name below a line needs, in parts of the axes' height."""
 
 
 def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
@@ -64,7 +66,7 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
         raise ValueError(f"separation: got {got}, expected one, and two vehicles to keep apart")
     found = closest_two(plan, separation)
     times = plan.scenario.grid.start + found.times
-    (curve,) = ax.plot(times, found.distances, color=COLOURS[0], linewidth=1.2)
+    (curve,) = ax.plot(times, found.distances, color=COLOURS[0])
     for piece in planned(plan):
         near = closest_two(piece.plan, separation)
         draw_planned(ax, piece, near.times, near.distances[None])
@@ -72,16 +74,8 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
     names = " and ".join(as_text(brief(name)) for name in closest)
     label = f"{found.distances[m]:.4g} m at {times[m]:.4g} s: {names}"
-    (ring,) = ax.plot(
-        times[m],
-        found.distances[m],
-        marker="o",
-        linestyle="none",
-        fillstyle="none",
-        color="black",
-        label=label,
-    )
-    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
+    (ring,) = ax.plot(times[m], found.distances[m], label=label, **LEAST_STYLE)
+    add_above(ax, [ring])
     flat = "" if separation.downwash == 1.0 else f", z / {separation.downwash:g}"
     ax.set(xlabel="time [s]", ylabel=f"least distance of any two{flat} [m]")
     # A dense fleet is never far from its limit: seen from zero the curve would be a line.
@@ -89,10 +83,7 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     span = max(high - low, 0.02 * separation.distance)
     bottom, top = max(0.0, low - 0.5 * span), high + 0.1 * span
     ax.set_ylim(bottom, top)
-    has_room = separation.distance - bottom > _LETTER * (top - bottom)
-    words = f"separation {separation.distance:g} m"
-    draw_limit(ax, separation.distance, words, above=not has_room)
-    ax.grid(alpha=0.25, linewidth=0.5)
+    draw_limit(ax, separation.distance, f"separation {separation.distance:g} m", bottom)
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     return [curve, ring]
 
@@ -111,6 +102,7 @@ def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
         ]
         _finish_component(ax, plan, "velocity", "v", "m/s", axis)
         _show_no_rounding(ax, exact)
+        _show_hidden(ax, plan, lines[-len(exact) :])
     axes[-1].set_xlabel("time [s]")
     return lines
 
@@ -123,6 +115,7 @@ def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
         lines += [_draw_steps(ax, plan, i, times, values[i, :, axis]) for i in range(len(values))]
         _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
         _show_no_rounding(ax, values)
+        _show_hidden(ax, plan, lines[-len(values) :])
     axes[-1].set_xlabel("time [s]")
     return lines
 
@@ -152,7 +145,7 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
         lines = [_draw_steps(ax, plan, index, ends, steps[index]) for index in range(len(steps))]
     ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
-    ax.grid(alpha=0.25, linewidth=0.5)
+    _show_hidden(ax, plan, lines)
     return lines
 
 
@@ -164,24 +157,11 @@ def _draw_steps(ax: Axes, plan: Drawn, index: int, times: FloatArray, values: Fl
     return draw_curve(ax, plan, index, steps, (begins, at_knots))
 
 
-def draw_limit(
-    ax: Axes, least: float, name: str, bottom: float = 0.0, *, above: bool = False
-) -> None:
-    """The least distance that is allowed [m], with its name, and grey from there to `bottom`.
-
-    The name is below the line, or `above` it.
-    """
+def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:
+    """The least distance that is allowed [m], with its name, and grey from there to `bottom`."""
     ax.axhspan(bottom, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
     ax.axhline(least, **LIMIT_STYLE)
-    ax.annotate(
-        name,
-        (0.01, least),
-        xycoords=("axes fraction", "data"),
-        xytext=(0, 3 if above else -4),
-        textcoords="offset points",
-        fontsize=8,
-        va="bottom" if above else "top",
-    )
+    Labels.of(ax).add(name, along(ax, least), bbox=None)
 
 
 def draw_curve(
@@ -194,10 +174,17 @@ def draw_curve(
     """One vehicle's curve in its colour, and its marks at the knots if these are told apart."""
     colour = vehicle_colours(len(plan.positions))[index]
     name = as_text(plan.scenario.vehicles[index].name)
-    (line,) = ax.plot(*exact, color=colour, linewidth=1.2, label=name)
+    (line,) = ax.plot(*exact, color=colour, label=name)
     if len(plan.positions) <= MOST_NAMED:
-        marker = vehicle_marker(index)
-        ax.plot(*knots, color=colour, linestyle="none", marker=marker, markersize=2.6)
+        every = marks_every(len(knots[0]), width_of(ax))
+        ax.plot(
+            *(each[::every] for each in knots),
+            color=colour,
+            linestyle="none",
+            marker=vehicle_marker(index),
+            markersize=2.4,
+            clip_on=False,  # whole at both ends of the flight
+        )
     return line
 
 
@@ -216,6 +203,12 @@ def draw_planned(ax: Axes, piece: Planned, times: FloatArray, values: FloatArray
         flown = piece.flown(at)
         lines += ax.plot(start + at[flown], each[flown], color=colour, **PLANNED_STYLE)
     return lines
+
+
+def _show_hidden(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
+    """Tell curves that lie on each other apart, where vehicles are."""
+    if len(plan.positions) <= MOST_NAMED:
+        show_hidden(ax, lines)
 
 
 def _show_no_rounding(ax: Axes, values: FloatArray) -> None:
@@ -242,4 +235,3 @@ def _finish_component(
             ax.axhline(box.upper[axis], **LIMIT_STYLE)
     ax.set_ylabel(f"${letter}_{'xyz'[axis]}$ [{unit}]")
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
-    ax.grid(alpha=0.25, linewidth=0.5)

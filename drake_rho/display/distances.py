@@ -11,14 +11,29 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 
-from drake_rho.display.clearances import Clearances, distances, kept, least_clearances
+from drake_rho.display.clearances import (
+    Clearances,
+    Closest,
+    closest,
+    distances,
+    kept,
+    least_clearances,
+)
 from drake_rho.display.curves import draw_curve, draw_limit, draw_planned
 from drake_rho.display.flown import Drawn, planned
+from drake_rho.display.hidden import show_hidden
+from drake_rho.display.labels import Labels, around, beside
+from drake_rho.display.legends import add_above
 from drake_rho.display.names import as_text, brief
 from drake_rho.display.snapshots import called
-from drake_rho.display.style import dense_times, vehicle_colours, vehicle_marker
+from drake_rho.display.style import (
+    LEAST_STYLE,
+    MOST_NAMED,
+    dense_times,
+    vehicle_colours,
+    vehicle_marker,
+)
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.quadrics import Sphere
@@ -32,7 +47,9 @@ _MOST_DISCOVERIES = 6
 """Most times at which an obstacle becomes known that are named."""
 
 
-def draw_distances(ax: Axes, plan: Drawn, obstacle: Obstacle) -> list[Line2D]:
+def draw_distances(
+    ax: Axes, plan: Drawn, obstacle: Obstacle, *, title: str | None = None
+) -> list[Line2D]:
     """Distance of each vehicle from an obstacle's surface over time, with what is kept."""
     lines = _draw_distances(ax, plan, obstacle, lambda each, at: distances(each, obstacle, at))
     least = sorted(set(kept(plan, obstacle).tolist()))
@@ -44,11 +61,13 @@ def draw_distances(ax: Axes, plan: Drawn, obstacle: Obstacle) -> list[Line2D]:
         words = "surface" if most == 0.0 else f"least distance: {most:g} m"
         draw_limit(ax, most, words, bottom)
     ax.set(ylabel="distance from the obstacle [m]", ylim=(bottom, None))
+    _finish(ax, plan, lines)
+    _mark_least(ax, plan, obstacle, closest(plan, obstacle), title)
     return lines
 
 
 def draw_distances_from_centre(
-    ax: Axes, plan: Drawn, obstacle: Obstacle, sphere: Sphere
+    ax: Axes, plan: Drawn, obstacle: Obstacle, sphere: Sphere, *, title: str | None = None
 ) -> list[Line2D]:
     """Distance of each vehicle from the centre of a sphere over time, with the radius.
 
@@ -57,6 +76,7 @@ def draw_distances_from_centre(
         plan: what to draw.
         obstacle: where the sphere is.
         sphere: its shape.
+        title: what is written above.
     """
 
     def from_centre(each: Drawn, times: FloatArray) -> FloatArray:
@@ -68,7 +88,10 @@ def draw_distances_from_centre(
         more = f" + {least:g} m" if least > 0.0 else ""
         draw_limit(ax, sphere.radius + least, f"R{more} = {sphere.radius + least:g} m")
     lines = _draw_distances(ax, plan, obstacle, from_centre)
-    ax.set(ylabel="distance from the obstacle's centre [m]", ylim=(0, None))
+    ax.set(ylabel="distance from the centre [m]", ylim=(0, None))
+    _finish(ax, plan, lines)
+    near = closest(plan, obstacle)
+    _mark_least(ax, plan, obstacle, Closest(near.times, near.distances + sphere.radius), title)
     return lines
 
 
@@ -87,9 +110,45 @@ def _draw_distances(
     for piece in planned(plan):
         times = dense_times(piece.plan)
         draw_planned(ax, piece, times, measured(piece.plan, times))
-    _finish(ax, plan)
     _draw_discoveries(ax, plan, {obstacle.known_from: "known"})
     return lines
+
+
+def _mark_least(
+    ax: Axes, plan: Drawn, obstacle: Obstacle, found: Closest, title: str | None
+) -> None:
+    """Mark where vehicles come closest, and above the axes who does of all, as near as kept."""
+    start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))
+    for i, (time, value) in enumerate(zip(found.times, found.distances, strict=True)):
+        if len(plan.positions) <= _MOST_ANNOTATED:
+            _mark_low(ax, plan, i, (start + time, value), colours[i])
+    i = int(np.argmin(found.distances - kept(plan, obstacle)))
+    label = _said(plan, i, float(found.distances[i]), float(found.times[i]), obstacle)
+    time, value = start + found.times[i], found.distances[i]
+    (ring,) = ax.plot(time, value, label=label, **LEAST_STYLE)
+    add_above(ax, [ring], title)
+
+
+def _mark_low(ax: Axes, plan: Drawn, index: int, place: tuple[float, float], colour: str) -> None:
+    """A vehicle's own mark, larger and open, at the lowest of its curve."""
+    ax.plot(
+        *place,
+        color=colour,
+        marker=vehicle_marker(index),
+        markersize=4.5,
+        markerfacecolor="white",
+        linestyle="none",
+        zorder=2.8,
+        clip_on=False,
+    )
+
+
+def _said(plan: Drawn, vehicle: int, value: float, time: float, obstacle: Obstacle) -> str:
+    """How near, when, and which vehicle."""
+    touches = abs(value) <= TOLERANCE * obstacle.shape.size
+    far = "0" if touches else f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
+    who = as_text(brief(plan.scenario.vehicles[vehicle].name))
+    return f"{far} m at {plan.scenario.grid.start + time:.4g} s: {who}"
 
 
 def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Line2D]:
@@ -109,28 +168,19 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     lines = []
     for i, vehicle in enumerate(plan.scenario.vehicles):
         name, times = as_text(vehicle.name), start + found.times[i]
-        lines += ax.plot(times, found.clearances[i], color=colours[i], linewidth=1.2, label=name)
+        lines += ax.plot(times, found.clearances[i], color=colours[i], label=name)
         if len(plan.positions) <= _MOST_ANNOTATED:
             m = lowest[i]
-            place = (times[m], found.clearances[i, m])
+            place = (float(times[m]), float(found.clearances[i, m]))
             number = int(found.nearest[i, m]) + 1
-            ax.plot(*place, color=colours[i], marker=vehicle_marker(i), markersize=4)
-            text = ax.annotate(
-                called(number, obstacles[number - 1]),
-                place,
-                xytext=(0, -4),
-                textcoords="offset points",
-                fontsize=7,
-                color=colours[i],
-                ha="center",
-                va="top",
-            )
-            text.set_path_effects([withStroke(linewidth=2, foreground="white")])
+            _mark_low(ax, plan, i, place, colours[i])
+            words = called(number, obstacles[number - 1])
+            Labels.of(ax).add(words, around(ax, *place), rank=1, color=colours[i])
     for piece in planned(plan):
         near = least_clearances(piece.plan, obstacles)
         draw_planned(ax, piece, near.times, near.clearances)
+    curves = list(lines)
     lines.append(_draw_closest(ax, plan, obstacles, found))
-    _finish(ax, plan)
     known = {each.known_from: f"{called(n, each)} known" for n, each in enumerate(obstacles, 1)}
     _draw_discoveries(ax, plan, known)
     bottom = min(0.0, float(found.clearances.min()))
@@ -138,6 +188,7 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     least = max(float(kept(plan, obstacle).max()) for obstacle in obstacles)
     draw_limit(ax, 0.0, "the radius from the surface" if least > 0.0 else "surface", bottom)
     ax.set(ylabel="clearance from the nearest obstacle [m]", ylim=(bottom, None))
+    _finish(ax, plan, curves)
     return lines
 
 
@@ -146,23 +197,17 @@ def _draw_closest(
 ) -> Line2D:
     """A ring at the least clearance of all, and above the axes what it is of whom."""
     i, m = np.unravel_index(np.argmin(found.clearances), found.clearances.shape)
-    time, least = plan.scenario.grid.start + found.times[i, m], found.clearances[i, m]
+    time, least = float(found.times[i, m]), float(found.clearances[i, m])
     number = int(found.nearest[i, m]) + 1
-    who = as_text(brief(plan.scenario.vehicles[int(i)].name))
-    what = called(number, obstacles[number - 1])
-    touches = abs(least) <= TOLERANCE * obstacles[number - 1].shape.size
-    far = "0" if touches else f"{least:.4g}".replace("-", "\N{MINUS SIGN}")
-    label = f"{far} m at {time:.4g} s: {who} and obstacle {what}"
-    (ring,) = ax.plot(
-        time, least, marker="o", linestyle="none", fillstyle="none", color="black", label=label
-    )
+    obstacle = obstacles[number - 1]
+    label = _said(plan, int(i), least, time, obstacle)
+    label += f" and obstacle {called(number, obstacle)}"
+    (ring,) = ax.plot(plan.scenario.grid.start + time, least, label=label, **LEAST_STYLE)
     handles = [ring]
     if len(plan.positions) <= _MOST_ANNOTATED:
         words = "least of each vehicle, and the obstacle's number"
-        handles.append(Line2D([], [], label=words, linestyle="none", color="black", marker="."))
-    ax.legend(
-        handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False
-    )
+        handles.append(Line2D([], [], **(LEAST_STYLE | {"markersize": 4.5}), label=words))
+    add_above(ax, handles)
     return ring
 
 
@@ -173,18 +218,11 @@ def _draw_discoveries(ax: Axes, plan: Drawn, known: dict[float, str]) -> None:
     for time, words in later.items():
         ax.axvline(time, color="black", linestyle=":", linewidth=0.9)
         if len(later) <= _MOST_DISCOVERIES:
-            ax.annotate(
-                f"{words} from {time:g} s",
-                (time, 1.0),
-                xycoords=("data", "axes fraction"),
-                xytext=(3, -3),
-                textcoords="offset points",
-                fontsize=8,
-                va="top",
-            )
+            Labels.of(ax).add(f"{words} from {time:g} s", beside(ax, time))
 
 
-def _finish(ax: Axes, plan: Drawn) -> None:
+def _finish(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
     ax.set_xlabel("time [s]")
-    ax.grid(alpha=0.25, linewidth=0.5)
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
+    if len(plan.positions) <= MOST_NAMED:
+        show_hidden(ax, lines)

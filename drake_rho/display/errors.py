@@ -13,8 +13,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from drake_rho.display.legends import add_above
 from drake_rho.display.names import as_text, brief
-from drake_rho.display.style import FORBIDDEN, vehicle_colours
+from drake_rho.display.style import FORBIDDEN, LEAST_STYLE, vehicle_colours
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import Quantity
@@ -104,7 +105,6 @@ def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Li
     lines.append(_draw_greatest(ax, simulation, quantity, windows))
     grid = simulation.scenario.grid
     ax.set(xlabel="time [s]", ylabel=LABELS[quantity], ylim=(0, top), xlim=(grid.start, grid.end))
-    ax.grid(alpha=0.25, linewidth=0.5)
     return lines
 
 
@@ -120,12 +120,8 @@ def _draw_greatest(
     if any(window.radii.max() > 0.0 for window in windows):
         rounding = _ROUNDING * simulation.scenario.fleet.scale(quantity)
         label += f"; at most {100.0 * greatest_ratio(windows, rounding):.1f} % of the radius"
-    (ring,) = ax.plot(
-        time, error, marker="o", linestyle="none", fillstyle="none", color="black", label=label
-    )
-    ax.legend(
-        handles=[ring], loc="lower right", bbox_to_anchor=(1.0, 0.97), fontsize=8, frameon=False
-    )
+    (ring,) = ax.plot(time, error, label=label, **LEAST_STYLE)
+    add_above(ax, [ring])
     return ring
 
 

@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.colors import to_rgba
-from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from drake_rho.display.depth import draw_line, layers, ranks
 from drake_rho.display.flown import Drawn, Flown, drawn, planned, windows_of
+from drake_rho.display.hidden import hidden_pieces, marks_every
+from drake_rho.display.labels import Labels, around
+from drake_rho.display.legends import width_of
 from drake_rho.display.names import as_text, brief
 from drake_rho.display.snapshots import Snapshot
 from drake_rho.display.style import (
@@ -74,13 +77,13 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
     return bodies
 
 
-def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Artist]:
+def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
     """The obstacles' numbers in their middles, names and times above them.
 
     Where there are many, numbers that are wider than the obstacle are left out.
     """
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
-    artists: list[Artist] = []
+    artists: list[Text] = []
     many = len(shown) > _MOST_LARGE
     for each in shown:
         cut, number = each.between(lower, upper), each.label.isdecimal()
@@ -88,18 +91,15 @@ def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Artist]:
         if not each.label or (many and number and narrow):
             continue
         above = 0.0 if number else cut.shape.extent[2]
-        text = ax.text(
-            *(cut.center + above * np.eye(3)[2]),
-            each.label,
-            fontsize=5.5 if many else 7,
-            color="#777777" if each.faint else "#222222",
-            ha="center",
-            va="center" if number else "bottom",
-            zorder=_TOP,
-        )
-        if not number:
-            text.set_path_effects([withStroke(linewidth=1.5, foreground="white")])
-        artists.append(text)
+        top = cut.center + above * np.eye(3)[2]
+        style: dict[str, Any] = {
+            "fontsize": 6 if many else 7,
+            "color": "#555555" if each.faint else "#222222",
+        }
+        if number:
+            style["bbox"] = None
+        spots = around(ax, *top, middle=number, rows=1 if many else 4)
+        artists.append(Labels.of(ax).add(each.label, spots, rank=2 if number else 1, **style))
     return artists
 
 
@@ -136,11 +136,15 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
     paths = plan.motion().at("position", dense_times(plan))
     for index, vehicle in enumerate(plan.scenario.vehicles):
         style = {"color": colours[index]}
-        pieces = draw_line(ax, paths[index], shown, linewidth=1.4, **style)
+        pieces = draw_line(ax, paths[index], shown, linewidth=1.2, **style)
         pieces[0].set_label(as_text(vehicle.name))
         if len(paths) <= MOST_NAMED:
-            _draw_knots(ax, plan.positions[index], index, shown, markersize=2.6, **style)
+            _draw_knots(ax, plan.positions[index], index, shown, markersize=2.4, **style)
         lines += pieces
+    if len(paths) <= MOST_NAMED:
+        for piece in hidden_pieces(paths):
+            dashes = {"color": colours[piece.owner], "linestyle": piece.dashes, "linewidth": 1.2}
+            draw_line(ax, piece.points, shown, **dashes)
     draw_ends(ax, plan.scenario)
     return lines
 
@@ -181,10 +185,10 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
         lines.append([])
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
-            lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=1.6)
+            lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=1.5)
             if len(paths) <= MOST_NAMED:
                 knots = whole.positions[index, first : last + 1]
-                _draw_knots(ax, knots, index, shown, color=colour, markersize=3.2)
+                _draw_knots(ax, knots, index, shown, color=colour, markersize=2.8)
     named = len(true) <= MOST_LABELLED
     draw_ends(ax, whole.scenario, ["black"] * len(true) if named else None)
     return lines
@@ -197,19 +201,24 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
     """
     artists: list[Artist] = []
     colours = colours or vehicle_colours(len(scenario.vehicles))
-    size = 6.0 if len(scenario.vehicles) <= _MOST_LARGE else 3.0
+    size = 5.5 if len(scenario.vehicles) <= _MOST_LARGE else 3.0
     for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
         start, goal = vehicle.start.position, vehicle.goal.position
         artists += ax.plot(
             *start[:, None],
             marker="o",
             markersize=size,
-            markerfacecolor="white",
+            fillstyle="none",
             color=colour,
             zorder=_TOP,
         )
         artists += ax.plot(
-            *goal[:, None], marker="*", markersize=1.5 * size, color="black", zorder=_TOP
+            *goal[:, None],
+            marker="*",
+            markersize=1.5 * size,
+            fillstyle="none",  # the path's end is seen in it
+            color="black",
+            zorder=_TOP,
         )
         for waypoint in vehicle.waypoints:
             artists += ax.plot(
@@ -221,13 +230,15 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
                 zorder=_TOP,
             )
         if len(scenario.vehicles) <= MOST_LABELLED:
-            artists.append(_draw_name(ax, start, as_text(brief(vehicle.name))))
+            name = as_text(brief(vehicle.name))
+            artists.append(Labels.of(ax).add(name, around(ax, *start)))
     return artists
 
 
 def _draw_knots(
     ax: Axes3D, knots: FloatArray, index: int, shown: Sequence[Snapshot], **style: Any
 ) -> None:
+    knots = knots[:: marks_every(len(knots), width_of(ax))]
     over = layers(knots, shown)
     for layer in np.unique(over):
         ax.plot(
@@ -237,11 +248,3 @@ def _draw_knots(
             zorder=2 * layer + 1,
             **style,
         )
-
-
-def _draw_name(ax: Axes3D, position: FloatArray, name: str) -> Artist:
-    text: Artist = ax.text(
-        *position, f"{name}\n", fontsize=8, ha="center", va="bottom", linespacing=0.6, zorder=_TOP
-    )
-    text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
-    return text

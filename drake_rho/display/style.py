@@ -25,9 +25,14 @@ COLOURS = (
 MARKERS = ("o", "s", "^", "D", "v", "P")
 FORBIDDEN = "#888888"
 """Colour of where no vehicle may be."""
-LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.9}
+LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.8}
 PLANNED_STYLE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.0, "alpha": 0.8}
 """Of what was planned, beside the true motion."""
+LEAST_STYLE: dict[str, Any] = {
+    **{"color": "black", "marker": "o", "markersize": 6.0, "fillstyle": "none"},
+    **{"linestyle": "none", "zorder": 3.0, "clip_on": False},
+}
+"""Of the ring around the least, or greatest, of all."""
 VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
 """Where a scene is seen from, above the horizon and around the vertical axis [deg]."""
 PER_STEP = 12

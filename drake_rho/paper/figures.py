@@ -11,21 +11,23 @@ from matplotlib.figure import Figure
 from drake_rho.display.figures import (
     accelerations_figure,
     distances_figure,
-    paths_figure,
     velocities_figure,
-    write_figure,
 )
+from drake_rho.display.formats import DOUBLE_COLUMN, check_format
+from drake_rho.display.layout import add_title
+from drake_rho.display.paths import paths_figure
+from drake_rho.display.publish import save_figure
 from drake_rho.paper.study import Study
 
 NUMBERS = range(3, 19)
 """Numbers of the figures; 1 and 2 of the paper are diagrams of the method."""
 
 
-def draw_figure(number: int, study: Study) -> Figure:
-    """Figure `number` of the paper, 3 to 18.
+def draw_figure(number: int, study: Study, *, width: float = DOUBLE_COLUMN) -> Figure:
+    """Figure `number` of the paper, 3 to 18, so wide [in].
 
     Raises:
-        ValueError: the paper has no such figure.
+        ValueError: the paper has no such figure, or letters cannot be read at the width.
     """
     if number not in NUMBERS:
         raise ValueError(f"number: got {number}, expected 3 to 18")
@@ -37,13 +39,18 @@ def draw_figure(number: int, study: Study) -> Figure:
         velocities_figure,
         accelerations_figure,
     )[view]
-    figure = draw(example.flight or example.plan)
-    figure.suptitle(f"Example {example.number}: {example.title}", fontsize=10)
+    figure = draw(example.flight or example.plan, width=width)
+    add_title(figure, f"Example {example.number}: {example.title}")
     return figure
 
 
 def write_paper_figures(
-    study: Study, folder: str | Path, advance: Callable[[str], None] = lambda done: None
+    study: Study,
+    folder: str | Path,
+    advance: Callable[[str], None] = lambda done: None,
+    *,
+    file_format: str = "png",
+    width: float = DOUBLE_COLUMN,
 ) -> list[Path]:
     """Write `fig03.png` to `fig18.png`, each whole or not at all.
 
@@ -51,15 +58,19 @@ def write_paper_figures(
         study: the examples to draw.
         folder: made if it is not there.
         advance: called with the file's name after each.
+        file_format: png, pdf or svg.
+        width: of each figure [in].
 
     Raises:
+        ValueError: there is no such format, or letters cannot be read at the width.
         OSError: a file cannot be written.
     """
+    check_format(file_format)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for number in NUMBERS:
-        path = folder / f"fig{number:02}.png"
-        paths.append(write_figure(draw_figure(number, study), path))
+        path = folder / f"fig{number:02}.{file_format}"
+        paths.append(save_figure(draw_figure(number, study, width=width), path))
         advance(path.name)
     return paths
