@@ -20,8 +20,8 @@ from pydantic import TypeAdapter
 from drake_rho.campaigns.methods import AnyMethod, Found, Runs
 from drake_rho.campaigns.sources import AnySource
 from drake_rho.motion.files import save
+from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.threads import threads
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
 
@@ -28,6 +29,9 @@ _STEPS = 60
 
 _FEW = 4
 """How many times as many as are asked for there have to be before a tree of those few pays."""
+
+_MANY = 100
+"""Points beyond which the trees of several instants are searched side by side."""
 
 _LAST_DIGIT = 1e-15
 """Relative change of a root below which it is found."""
@@ -163,17 +167,20 @@ def _pairs_at(
     """
     from scipy.spatial import cKDTree  # slow to load, so only where needed
 
-    some = of is not None and _FEW * len(of) < len(points)
-    found = []
-    for k, radius in enumerate(radii.tolist()):
+    some = of if of is not None and _FEW * len(of) < len(points) else None
+
+    def pairs_at(k: int) -> IntArray:
         tree = cKDTree(points[:, k], balanced_tree=False, compact_nodes=False)
-        if some:
-            pairs = _pairs_of(np.asarray(of), points[:, k], tree, radius)
-        else:
-            pairs = tree.query_pairs(radius, output_type="ndarray")
-        found.append(np.column_stack([pairs, np.full(len(pairs), k)]))
-    one, other, instants = np.concatenate(found).T
-    if of is not None and not some:
+        if some is not None:
+            return _pairs_of(some, points[:, k], tree, radii[k])
+        pairs: IntArray = tree.query_pairs(radii[k], output_type="ndarray")
+        return pairs
+
+    each_of = threads().map if len(points) > _MANY else map
+    found = list(each_of(pairs_at, range(len(radii))))
+    one, other = np.concatenate(found).T
+    instants = np.repeat(np.arange(len(found)), list(map(len, found)))
+    if of is not None and some is None:
         asked = np.isin(np.arange(len(points)), of)
         wanted = asked[one] | asked[other]
         one, other, instants = one[wanted], other[wanted], instants[wanted]

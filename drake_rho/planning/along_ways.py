@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.bends import BENDS, bent_alone
 from drake_rho.planning.errors import InfeasibleError, Names, SolverError
 from drake_rho.planning.keep_apart import decoupled
@@ -21,7 +22,6 @@ from drake_rho.planning.room import with_room
 from drake_rho.planning.scp import Progress, iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
-from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.towards import towards
 from drake_rho.planning.ways import find_ways
 from drake_rho.scenario.records import Scenario

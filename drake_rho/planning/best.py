@@ -12,6 +12,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.along_ways import no_plan, plan_along_ways
 from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.blocks import OnWorkers
@@ -23,7 +24,6 @@ from drake_rho.planning.room import check_room
 from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, Progress, iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
-from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.records import Scenario
 
 _SLOWLY = 1.7, 36

@@ -10,13 +10,13 @@ from functools import partial
 import numpy as np
 from pydrake.solvers import SolverId
 
+from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.dense import Program
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.program import Batch, programs_of
 from drake_rho.planning.rows import Rows, each_of, groups_of
 from drake_rho.planning.solution import Solution
 from drake_rho.planning.solve import Solver, is_dense, solve, solve_side_by_side
-from drake_rho.planning.threads import one_for_arrays
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _BLOCK = 128

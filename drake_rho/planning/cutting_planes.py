@@ -15,6 +15,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.blocks import Answers, OnWorkers, solve_all
 from drake_rho.planning.conflicts import conflict_of, in_the_way
 from drake_rho.planning.errors import InfeasibleError, SolverError
@@ -24,7 +25,6 @@ from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import SMALL_FLEET
 from drake_rho.planning.rows import about, groups_of
 from drake_rho.planning.solve import MAX_RETRIES, Solver
-from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario

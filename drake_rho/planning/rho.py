@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.statistics import Statistics
+from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
@@ -22,7 +23,6 @@ from drake_rho.planning.measured import (
     tube_and_estimate,
 )
 from drake_rho.planning.solve import Solver
-from drake_rho.planning.threads import one_for_arrays
 from drake_rho.planning.windows import (
     Planner,
     Reference,

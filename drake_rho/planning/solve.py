@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from functools import lru_cache, partial
+from concurrent.futures import Future
+from functools import partial
 from itertools import chain, islice
 from typing import TypeAlias
 
@@ -22,11 +22,11 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
+from drake_rho.motion.threads import threads
 from drake_rho.planning.daqp import Daqp
 from drake_rho.planning.dense import DenseProgram, Program
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.solution import Solution
-from drake_rho.planning.threads import cores
 from drake_rho.scenario.fields import FloatArray
 
 Solver: TypeAlias = SolverInterface | Daqp
@@ -131,7 +131,7 @@ def solve_side_by_side(
 ) -> list[list[Solution]]:
     """Solve batches of programs on all cores, the first while the next are still being written.
 
-    This is the only place in which threads are at work; the solvers themselves use one each.
+    The solvers themselves use one thread each.
 
     Args:
         batches: programs, made when they are asked for.
@@ -151,16 +151,11 @@ def solve_side_by_side(
             chunk.append(program)
             work += _work(program, dense)
             if work > _CHUNK:
-                tasks.append(_threads().submit(task, chunk))
+                tasks.append(threads().submit(task, chunk))
                 chunk, work = [], 0
     rest = task(chunk) if chunk else []
     every = chain(*(each.result() for each in tasks), rest)
     return [list(islice(every, size)) for size in sizes]
-
-
-@lru_cache(maxsize=1)
-def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(cores())
 
 
 def is_dense(solver: Solver | None) -> bool:

@@ -1,9 +1,10 @@
-"""Threads where they pay: for programs side by side, not inside the arithmetic of a small one."""
+"""Threads where they pay: for large pieces of work side by side, not inside small arithmetic."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
@@ -37,8 +38,14 @@ def _blas() -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 
+@lru_cache(maxsize=1)
+def threads() -> ThreadPoolExecutor:
+    """One for each core. Work that is given to them gives them none itself."""
+    return ThreadPoolExecutor(cores())
+
+
 def cores() -> int:
-    """How many programs may be solved at once: one a core, or what `OMP_NUM_THREADS` says.
+    """How much may be done at once: one thing a core, or what `OMP_NUM_THREADS` says.
 
     Clusters set it, and campaigns do in processes of which there is one for every core.
     """
