@@ -76,7 +76,10 @@ def unbounded(plan: rho.Plan) -> float:
 
 
 def attempt(
-    scenario: rho.Scenario, planner: Planner = rho.plan_scp, bound: Bound = unbounded
+    scenario: rho.Scenario,
+    planner: Planner = rho.plan_scp,
+    bound: Bound = unbounded,
+    memory: Callable[[], float] = peak,
 ) -> Trial:
     """Plan a fleet, and judge the plan by the package's verifier and by dense samples.
 
@@ -86,6 +89,7 @@ def attempt(
         scenario: what is asked.
         planner: plans it; one that gives up in time raises `TimeoutError`.
         bound: of the index of any plan, asked for where there is one that counts; not timed.
+        memory: of all processes that plan, the largest until then [MB].
     """
     count = len(scenario.vehicles)
     began = time.perf_counter()
@@ -95,8 +99,8 @@ def attempt(
     except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
         seconds = time.perf_counter() - began
         fault = f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
-        return Trial(scenario.name, count, seconds, peak(), fault=fault)
-    seconds, megabytes = time.perf_counter() - began, peak()
+        return Trial(scenario.name, count, seconds, memory(), fault=fault)
+    seconds, megabytes = time.perf_counter() - began, memory()
     found = sample(plan)
     fault = "" if report.ok else f"{len(report.violations)} constraints broken"
     fault = fault or (_fault(found, scenario) if scenario.between_knots else "")

@@ -1,56 +1,109 @@
-"""Large fleets, one vehicle in every cubic metre: how long they take, with each of two solvers."""
+"""Large fleets: how long they take with each of two solvers, and on processes."""
 
 from __future__ import annotations
 
+import statistics
+from concurrent.futures import Executor, ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 
 import numpy as np
 
 import drake_rho as rho
+from benchmarks import fleet_b1
 from benchmarks.fleet_b2 import LARGEST, LONGER, scenario
-from benchmarks.fleets import COLUMNS, Planner, Trial, attempts, summary
-from benchmarks.tables import Goal, Table
+from benchmarks.fleets import COLUMNS, Planner, Trial, attempt, attempts, summary
+from benchmarks.memory import peak
+from benchmarks.tables import Cell, Goal, Table
 
-VEHICLES = (200, LARGEST)
-"""Sizes, all with the flight time of the largest."""
+SMALL, DOUBLE, TEN_THOUSAND, LONGEST = 200, 2000, 10_000, 30.0
+"""Sizes that are planned on processes, and the flight time of the smallest and the largest [s]."""
+
+WORKERS = 2
+"""Processes for the largest."""
+
+CROWD, SEEDS = 20, 50
+"""Vehicles of each fleet of B1, and how many fleets."""
 
 
 def run() -> Table:
-    """Plan a fleet of each size with each solver, and verify it."""
+    """Plan a thousand vehicles with each solver, ten thousand on processes, and B1."""
     planners: dict[str, Planner] = {"Clarabel": rho.plan, "Daqp": with_daqp}
-    found = {
-        name: [_planned(count, name, planner) for count in VEHICLES]
+    alone = {
+        name: attempts([partial(scenario, LARGEST, 0, LONGER)], f"{LARGEST}, {name}", planner)
         for name, planner in planners.items()
     }
-    exponents = {name: _exponent(*trials) for name, trials in found.items()}
+    crowded = {
+        name: attempts(
+            [partial(fleet_b1.scenario, CROWD, seed) for seed in range(SEEDS)],
+            f"B1, {name}",
+            planner,
+        )
+        for name, planner in planners.items()
+    }
+    one, two = (_on_processes(DOUBLE, LONGER, count) for count in (1, WORKERS))
+    small, large = (_on_processes(size, LONGEST, WORKERS) for size in (SMALL, TEN_THOUSAND))
+    rows: list[tuple[Cell, ...]] = []
+    for found, what in ((alone, f"{LONGER:g} s"), (crowded, "B1")):
+        rows += [summary(trials, f"{name}, {what}") for name, trials in found.items()]
+    rows.append(summary([one], f"Daqp, one process, {LONGER:g} s"))
+    rows.append(summary([two], f"Daqp, {WORKERS} processes, {LONGER:g} s"))
+    rows += [
+        summary([each], f"Daqp, {WORKERS} processes, {LONGEST:g} s") for each in (small, large)
+    ]
+    every = [*alone.values(), *crowded.values(), [one, two, small, large]]
+    medians = {
+        name: statistics.median(trial.seconds for trial in trials)
+        for name, trials in crowded.items()
+    }
+    slowest = max(trial.seconds for trials in crowded.values() for trial in trials)
     return Table(
         name="scale_fleets",
         title="Large fleets, one vehicle in every cubic metre",
         columns=COLUMNS,
-        rows=tuple(summary([each], name) for name, trials in found.items() for each in trials),
+        rows=tuple(rows),
         notes=(_ABOUT,),
         goals=(
-            Goal("1000 vehicles with Clarabel [s]", 25.0, found["Clarabel"][-1].seconds),
-            Goal("1000 vehicles with Daqp [s]", 10.0, found["Daqp"][-1].seconds),
+            Goal("fleets without a plan that holds", 0.0, _faults(every)),
+            Goal(f"{LARGEST} vehicles with Clarabel [s]", 25.0, alone["Clarabel"][0].seconds),
+            Goal(f"{LARGEST} vehicles with Daqp [s]", 10.0, alone["Daqp"][0].seconds),
+            Goal(f"{TEN_THOUSAND} vehicles, {WORKERS} processes [s]", 300.0, large.seconds),
+            Goal(f"{TEN_THOUSAND} vehicles, all processes [MB]", 12_000.0, large.megabytes),
             Goal(
-                "fleets without a plan that holds",
-                0.0,
-                float(sum(not each.counts for trials in found.values() for each in trials)),
+                f"exponent from {SMALL} to {TEN_THOUSAND} vehicles", 1.15, _exponent(small, large)
             ),
-            Goal("exponent in the number of vehicles, Clarabel", 1.15, exponents["Clarabel"]),
-            Goal("exponent in the number of vehicles, Daqp", 1.15, exponents["Daqp"]),
+            Goal(
+                f"{DOUBLE} vehicles, {WORKERS} processes / one",
+                1.0 / 1.7,
+                two.seconds / one.seconds,
+            ),
+            Goal("B1, 20 vehicles, median with Clarabel [s]", 0.4, medians["Clarabel"]),
+            Goal("B1, 20 vehicles, median with Daqp [s]", 0.4, medians["Daqp"]),
+            Goal("B1, 20 vehicles, slowest [s]", 3.0, slowest),
         ),
     )
 
 
-def with_daqp(scenario: rho.Scenario) -> rho.Plan:
+def with_daqp(scenario: rho.Scenario, executor: Executor | None = None) -> rho.Plan:
     """`rho.plan` with DAQP for its programs."""
-    return rho.plan(scenario, solver=rho.Daqp())
+    return rho.plan(scenario, solver=rho.Daqp(), executor=executor)
 
 
-def _planned(count: int, name: str, planner: Planner) -> Trial:
-    (trial,) = attempts([partial(scenario, count, 0, LONGER)], f"{count} with {name}", planner)
-    return trial
+def _on_processes(vehicles: int, duration: float, count: int) -> Trial:
+    """One fleet, whose programs are solved by some processes that have planned before."""
+    fresh = get_context("forkserver")
+    with ProcessPoolExecutor(count, mp_context=fresh) as workers:
+        list(workers.map(with_daqp, [scenario(SMALL, 1, LONGEST)] * count))
+
+        def memory() -> float:
+            return peak() + sum(workers.map(_peak_of_one, range(count)))
+
+        planner = partial(with_daqp, executor=workers)
+        return attempt(scenario(vehicles, 0, duration), planner, memory=memory)
+
+
+def _peak_of_one(_: int) -> float:
+    return peak()
 
 
 def _exponent(small: Trial, large: Trial) -> float:
@@ -59,7 +112,13 @@ def _exponent(small: Trial, large: Trial) -> float:
     return float(np.log(large.seconds / small.seconds) / more)
 
 
+def _faults(every: list[list[Trial]]) -> float:
+    """How many do not count."""
+    return float(sum(not trial.counts for trials in every for trial in trials))
+
+
 _ABOUT = f"""\
-Random transitions in a cube with a cubic metre for each vehicle, in {LONGER:g} s, by `rho.plan`
-with each solver for its programs; times are from the scenario to the verified plan, memory is that
-of the process. Plans are judged by dense samples as well."""
+Random transitions by `rho.plan`: in a cube with a cubic metre for each vehicle, and those of B1, 20
+vehicles in 4 m³, of {SEEDS} seeds. Times are from the scenario to the verified plan; memory is the
+largest of the process, and of those that plan for it, until then. Plans are judged by dense samples
+as well. Processes are started, and have planned a fleet of {SMALL}, before the time begins."""
