@@ -21,7 +21,7 @@ from drake_rho.planning.best import plan, plan_scp
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.daqp import Daqp
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.keep_apart import coupled, decoupled
+from drake_rho.planning.keep_apart import coupled, decoupled, grouped
 from drake_rho.planning.options import Options
 from drake_rho.planning.rho import RecedingHorizon, plan_rho
 from drake_rho.planning.scp import scp_step
@@ -129,6 +129,7 @@ __all__ = [
     "export",
     "flight_cube",
     "free_reference",
+    "grouped",
     "infeasible_subset",
     "largest_disturbance",
     "library",

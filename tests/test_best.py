@@ -180,10 +180,10 @@ def test_a_fleets_reference_that_keeps_apart_is_gone_on_from() -> None:
 def test_a_fleet_is_coupled_up_to_as_many_vehicles_as_asked() -> None:
     asked = through_the_middle(3)
     assert coupling_for(asked, rho.Options(max_coupled=3)) is rho.coupled
-    assert coupling_for(asked, rho.Options(max_coupled=2)) is rho.decoupled
+    assert coupling_for(asked, rho.Options(max_coupled=2)) is rho.grouped
     assert coupling_for(through_the_middle(15)) is rho.coupled
-    assert coupling_for(through_the_middle(16, separation=rho.Separation(0.5))) is rho.decoupled
-    for most, coupling in ((3, rho.coupled), (2, rho.decoupled)):
+    assert coupling_for(through_the_middle(16, separation=rho.Separation(0.5))) is rho.grouped
+    for most, coupling in ((3, rho.coupled), (2, rho.grouped)):
         plan = rho.plan(asked, options=rho.Options(max_coupled=most))
         other = rho.plan(asked, coupling=coupling)
         assert plan.cost == pytest.approx(other.cost, rel=INDEX)
@@ -198,9 +198,11 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
     assert options.tolerance_of(many, together=True) == 1e-3
     for asked in (few, many):
         assert options.tolerance_of(asked, together=False) == 2.5e-2
+        assert options.tolerance_of(asked, together=False, in_groups=True) == 1e-2
     for asked in (alone, few, many):
         assert rho.Options(tolerance=0.1).tolerance_of(asked, together=False) == 0.1
     assert (options.max_iterations, options.max_coupled, options.max_ways) == (200, 15, 6)
+    assert options.max_group == 10
 
 
 @pytest.mark.parametrize(
@@ -211,6 +213,7 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
         {"tolerance": float("nan")},
         {"max_iterations": 0},
         {"max_coupled": 0},
+        {"max_group": 0},
         {"max_ways": 0},
     ],
 )

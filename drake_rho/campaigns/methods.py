@@ -20,7 +20,7 @@ from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.keep_apart import coupled, decoupled
+from drake_rho.planning.keep_apart import coupled, decoupled, grouped
 from drake_rho.planning.options import Options
 from drake_rho.planning.rho import plan_rho
 from drake_rho.planning.windows import free_reference, tail_reference
@@ -34,7 +34,7 @@ Planned = Plan | Flight | Simulation
 ReplanEvery = Annotated[Count, Field(ge=1)]
 
 _SOLVERS: dict[str, type[SolverInterface]] = {"clarabel": ClarabelSolver, "osqp": OsqpSolver}
-_COUPLINGS = {"coupled": coupled, "decoupled": decoupled}
+_COUPLINGS = {"coupled": coupled, "decoupled": decoupled, "grouped": grouped}
 _REFERENCES = {"free": free_reference, "tail": tail_reference}
 _WINDOWS: dict[str, tuple[Any, Any]] = {
     "auto": (plan_convex, best_plan),
@@ -80,7 +80,7 @@ class ByPlan(Runs):
     """in tables and figures"""
     planner: Literal["plan"]
     """which function of this package"""
-    coupling: Literal["coupled", "decoupled"] | None = None
+    coupling: Literal["coupled", "decoupled", "grouped"] | None = None
     """how pairs are kept apart; by the size of the fleet if not given"""
     options: Options | None = None
     """tolerances and bounds"""

@@ -57,9 +57,10 @@ def plan(
     Args:
         scenario: what is asked.
         reference: a motion to linearise around at first, in place of the plan without obstacles.
-        coupling: how pairs are kept apart: `decoupled`, every vehicle with a program of its own,
-            or `coupled`, at the least cost. If not given, coupled as long as the fleet is small
-            (`options.max_coupled`).
+        coupling: how pairs are kept apart: `coupled`, at the least cost; `decoupled`, every vehicle
+            with a program of its own; or `grouped`, the same around references in which groups of
+            vehicles are coupled, at almost the least cost. If not given, coupled as long as the
+            fleet is small (`options.max_coupled`), and grouped beyond.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
         executor: where programs are solved, in blocks of vehicles, and ways round the obstacles
             are looked for, vehicle by vehicle: any of PEP 3148. The plan is the same, whoever
@@ -86,8 +87,10 @@ def plan(
     )
     if not scenario.known and scenario.separation is None:
         return first
-    tolerance = options.tolerance_of(scenario, together=coupling.together)
-    subproblem = Subproblem(scenario, coupling, solver)
+    tolerance = options.tolerance_of(
+        scenario, together=coupling.together, in_groups=coupling.in_groups
+    )
+    subproblem = Subproblem(scenario, coupling, solver, options.max_group)
     return iterate(subproblem, first, tolerance, most=options.max_iterations, progress=progress)
 
 

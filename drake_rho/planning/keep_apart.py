@@ -47,6 +47,8 @@ class Coupling:
     share: float
     """of what a reference leaves between two vehicles, how much a row gives to one of them: 1, in
     one row about the difference of the two, or 1/2, in two rows, one for each"""
+    in_groups: bool = False
+    """whether references are looked for in which groups of vehicles are coupled"""
 
     @property
     def together(self) -> bool:
@@ -62,6 +64,9 @@ coupled = Coupling("coupled", 1.0)
 
 decoupled = Coupling("decoupled", 0.5)
 """Two rows for each pair, one for each vehicle: every vehicle has a program of its own."""
+
+grouped = Coupling("grouped", 0.5, in_groups=True)
+"""As decoupled, around references in which those that press most on each other are coupled."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

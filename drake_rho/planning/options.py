@@ -12,10 +12,11 @@ from drake_rho.scenario.records import Scenario
 SMALL_FLEET = 6
 """Vehicles up to which a fleet is iterated to `COUPLED_SMALL`."""
 
-ALONE, COUPLED_SMALL, COUPLED, DECOUPLED = 1e-9, 1e-7, 1e-3, 2.5e-2
+ALONE, COUPLED_SMALL, COUPLED, GROUPED, DECOUPLED = 1e-9, 1e-7, 1e-3, 1e-2, 2.5e-2
 """Tolerances where none is given. In fleets that keep apart every iteration moves all vehicles and
-a further digit takes as long as all before; small ones are quick, and can be certified. Decoupled,
-the cost falls ever more slowly, and to no optimum: what trading room could gain is left."""
+a further digit takes as long as all before; small ones are quick, and can be certified. In groups,
+at most a few per cent are left where the cost falls by less. Decoupled, it falls ever more slowly,
+and to no optimum: what trading room could gain is left."""
 
 ALONE_AT_CORNERS, SMALL_AT_CORNERS, COUPLED_AT_CORNERS = 1e-6, 1e-4, 5e-3
 """The same among obstacles that have corners or flat sides: past these the cost falls in ever
@@ -29,19 +30,22 @@ class Options:
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     """relative fall of the cost in one linearisation below which an iteration has converged; a
     vehicle that nothing couples stops when its part falls by less than this part of the whole. If
-    not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled and 2.5e-2
-    decoupled; among obstacles other than balls and ellipsoids 1e-6, 1e-4, 5e-3 and 2.5e-2. It
-    stands in the plan's `statistics.tolerance`"""
+    not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled, 1e-2 in
+    groups and 2.5e-2 decoupled; among obstacles other than balls and ellipsoids 1e-6, 1e-4, 5e-3,
+    1e-2 and 2.5e-2. It stands in the plan's `statistics.tolerance`"""
     max_iterations: Annotated[Count, Field(ge=1)] = 200
-    """bound on the linearisations of one call"""
+    """bound on the linearisations of one call; of those in groups, on the plans they lead to"""
     max_coupled: Annotated[Count, Field(ge=1)] = 15
     """vehicles up to which a fleet is coupled if nothing else is asked"""
+    max_group: Annotated[Count, Field(ge=1)] = 10
+    """bound on the vehicles of a larger fleet that are coupled in one group; a fleet of up to twice
+    as many is one group"""
     max_ways: Annotated[Count, Field(ge=1)] = 6
     """bound on the ways past obstacles that are tried for one vehicle; the plan of least cost among
     them is kept"""
 
-    def tolerance_of(self, scenario: Scenario, *, together: bool) -> float:
-        """The tolerance for a scenario, whose pairs are coupled (`together`) or not."""
+    def tolerance_of(self, scenario: Scenario, *, together: bool, in_groups: bool = False) -> float:
+        """The tolerance for a scenario, whose pairs are coupled (`together`), in groups, or not."""
         if self.tolerance is not None:
             return self.tolerance
         shapes = [obstacle.shape for _, obstacle in scenario.known]
@@ -49,7 +53,7 @@ class Options:
         if scenario.separation is None:
             return ALONE_AT_CORNERS if corners else ALONE
         if not together:
-            return DECOUPLED
+            return GROUPED if in_groups else DECOUPLED
         if len(scenario.vehicles) <= SMALL_FLEET:
             return SMALL_AT_CORNERS if corners else COUPLED_SMALL
         return COUPLED_AT_CORNERS if corners else COUPLED

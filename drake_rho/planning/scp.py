@@ -75,7 +75,7 @@ def iterate(
             if restoring:
                 after = subproblem.restored(around, penalty, number)
             else:
-                after = subproblem.around(plan, falling)
+                after = subproblem.improved(plan, falling, tolerance)
         except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
             break
         spent += after.statistics

@@ -12,7 +12,8 @@ from drake_rho.planning.breaches import Breaches, breaches_of
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
-from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
+from drake_rho.planning.in_groups import InGroups
+from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, grouped, pairs_of
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -58,8 +59,8 @@ def plan_around(scenario: Scenario, reference: Plan | None, solver: Solver | Non
 
 
 def coupling_for(scenario: Scenario, options: Options = DEFAULTS) -> Coupling:
-    """How a fleet is kept apart if nothing else is asked: coupled as long as it is small."""
-    return coupled if len(scenario.vehicles) <= options.max_coupled else decoupled
+    """How a fleet is kept apart if nothing else is asked: coupled if it is small, else grouped."""
+    return coupled if len(scenario.vehicles) <= options.max_coupled else grouped
 
 
 class Subproblem:
@@ -69,6 +70,7 @@ class Subproblem:
         scenario: what is asked.
         coupling: how pairs are kept apart, if the scenario asks for it.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        most: bound on the vehicles of a group, where groups are asked for.
 
     Attributes:
         scenario: as given.
@@ -81,6 +83,7 @@ class Subproblem:
         scenario: Scenario,
         coupling: Coupling = coupled,
         solver: Solver | None = None,
+        most: int = DEFAULTS.max_group,
     ) -> None:
         count = len(scenario.vehicles)
         self.scenario = scenario
@@ -90,6 +93,8 @@ class Subproblem:
         self._coupling, self._solver = coupling, solver
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
         self._looked: tuple[Plan, Breaches] | None = None
+        in_groups = apart and coupling.in_groups
+        self._groups = InGroups(scenario, self._effort, most) if in_groups else None
 
     @property
     def least_cost(self) -> float:
@@ -123,6 +128,38 @@ class Subproblem:
         plan = other.around(reference)
         self.planes = other.planes
         return plan
+
+    def improved(self, plan: Plan, vehicles: IntArray, tolerance: float) -> Plan:
+        """The plan of least cost with obstacles and pairs linearised around a plan.
+
+        In groups, it is linearised around what these find first, which costs less, unless that is
+        of no use. The plan itself is given where they find nothing better by the tolerance.
+
+        Args:
+            plan: keeps every constraint.
+            vehicles: which of them are planned, rising indices; the others fly the plan.
+            tolerance: relative fall of the cost that is small enough.
+
+        Raises:
+            InfeasibleError: there is none.
+            SolverError: the solvers fail numerically.
+        """
+        if self._groups is None:
+            return self.around(plan, vehicles)
+        spent = Statistics()
+        try:
+            reference = self._groups.reference(plan, tolerance)
+            spent = reference.statistics
+            if reference.cost >= (1.0 - tolerance) * plan.cost:
+                return plan.with_statistics(spent)
+            after = self.around(reference)
+            if after.cost < plan.cost:
+                return after.with_statistics(spent + after.statistics)
+            spent += after.statistics
+        except (InfeasibleError, SolverError) as error:
+            spent += error.statistics
+        after = self.around(plan, vehicles)
+        return after.with_statistics(spent + after.statistics)
 
     def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
         """A plan closer to keeping out: what is too close may stay so, at a penalty.

@@ -1,0 +1,205 @@
+"""References for large fleets: linearisations in which groups of vehicles are coupled.
+
+Two that are planned apart each yield half of what a reference leaves between them, and leave what
+one could gain by the other's giving way. In groups, pairs have one row about their difference, and
+only pairs of two groups yield half each. Groups are of those that press most on each other in one
+linearisation, and others in the next, so that every pair that presses is in a group by and by.
+
+What is found is a reference and no plan: it is approximate, and nothing else is taken from it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.errors import SolverError
+from drake_rho.planning.groups import groups_that_press
+from drake_rho.planning.half_spaces import Constraint, HalfSpaces
+from drake_rho.planning.keep_apart import KeepApart, coupled, decoupled, pairs_of
+from drake_rho.planning.keep_out import FIRST, Places, obstacles_of
+from drake_rho.planning.keep_waypoints import first_number
+from drake_rho.planning.least_norm import LeastNorm
+from drake_rho.planning.limits import convex_constraints
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.working_set import Keys, WorkingSet
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.records import Scenario
+
+_ROUNDS = 3
+"""In how many rounds broken rows are added. What is broken after them is so by little: references
+found in six cost the same to 0.4 %, and take half as long again."""
+
+_AHEAD = 10
+"""Bound on the linearisations from one plan."""
+
+_WHOLE = 2
+"""Times the bound up to which a fleet is one group, and no pair has to wait for its turn."""
+
+_STALE = 0.5
+"""What the pressure of a pair counts for that was in a group: others have not had their turn."""
+
+_ACROSS = FIRST - 1
+"""Number of the constraint of pairs of two groups."""
+
+
+class InGroups:
+    """Linearisations of a fleet in groups, one around the other.
+
+    Args:
+        scenario: what is asked; it has a separation.
+        effort: its minimum effort.
+        most: bound on the vehicles of a group; a fleet of up to twice as many is one.
+
+    Attributes:
+        groups: for each vehicle the number of its group in the next linearisation; None before
+            the first one of a fleet that is larger than a group.
+    """
+
+    def __init__(self, scenario: Scenario, effort: MinimumEffort, most: int) -> None:
+        count = len(scenario.vehicles)
+        most = _WHOLE * most if count <= _WHOLE * most else most
+        self.groups: IntArray | None = np.zeros(count, dtype=int) if count <= most else None
+        self._scenario, self._effort, self._most = scenario, effort, most
+        self._active = list[HalfSpaces]()
+
+    def reference(self, plan: Plan, tolerance: float) -> Plan:
+        """What is left of a plan's cost after some linearisations in groups.
+
+        Args:
+            plan: keeps every constraint.
+            tolerance: relative fall of the cost in one linearisation at which it is the last.
+
+        Returns:
+            A motion around which to linearise; its statistics are of the work here. It costs no
+            more than the plan.
+
+        Raises:
+            SolverError: the multipliers of a group are not found, or are wrong.
+        """
+        spent = Statistics()
+        best = around = plan.motion()
+        cost = plan.cost
+        for number in range(_AHEAD):
+            after, statistics = self.around(around)
+            spent += statistics
+            fallen = cost - float(np.sum(after.accelerations**2))
+            if number == 0 and fallen < -tolerance * cost:
+                raise SolverError("groups: what a plan keeps was found to cost more than it", spent)
+            if fallen <= 0.0 and around is not best:  # too far ahead
+                around = best
+                continue
+            if fallen > 0.0:
+                around = after if number == 0 else _ahead(best, after)
+                best, cost = after, cost - fallen
+            if fallen <= tolerance * cost:
+                break
+        return Plan.from_accelerations(self._scenario, best.accelerations, spent)
+
+    def around(self, reference: Motion) -> tuple[Motion, Statistics]:
+        """One linearisation; the groups of the next are found from its multipliers."""
+        pairs = pairs_of(self._scenario, reference, coupled)
+        across = dataclasses.replace(pairs, number=_ACROSS, coupled=False, share=decoupled.share)
+        others = [*convex_constraints(self._scenario), *obstacles_of(self._scenario, reference)]
+        if self.groups is None:
+            self.groups = self._first_groups(pairs)
+        rows = _Rows(self._scenario, self._effort, self.groups, across)
+        known = {constraint.number: constraint for constraint in (*others, pairs)}
+        for active in self._active:
+            rows.enter(known[active.constraint.number].renewed(active))
+        for number in range(_ROUNDS):
+            if number > 0 or len(rows.program) > 0:
+                rows.program.solve()
+            if not rows.enter_broken([*others, pairs], number):
+                break
+        else:
+            rows.program.solve()
+        self._note(rows.program, pairs)
+        program = rows.program
+        return program.motion, Statistics(
+            programs=program.programs, rows=len(program), linearisations=1
+        )
+
+    def _first_groups(self, pairs: KeepApart) -> IntArray:
+        """Groups of those who would be longest in each other's way if they flew as if alone."""
+        everyone = np.arange(len(self._scenario.vehicles))
+        met = pairs.violated(self._effort.motion, everyone)
+        return self._grouped(met.vehicles, met.partners, np.ones(len(met)))
+
+    def _note(self, program: LeastNorm, pairs: KeepApart) -> None:
+        """Note the active rows, and the next groups, which are of those that press most."""
+        assert self.groups is not None  # noqa: S101  # there was a linearisation
+        self._active, one, other, pressures = [], [], [], []
+        for rows, multipliers in program.pressing():
+            if rows.constraint.number not in (FIRST, _ACROSS):
+                self._active.append(rows)
+                continue
+            first, second = np.sort([rows.vehicles, rows.partners], axis=0)
+            rows = dataclasses.replace(rows, constraint=pairs, vehicles=first, partners=second)
+            self._active.append(rows)
+            same = self.groups[first] == self.groups[second]
+            one.append(first)
+            other.append(second)
+            pressures.append(np.where(same, _STALE, 1.0) * multipliers)
+        if len(self.groups) > self._most and one:
+            self.groups = self._grouped(*map(np.concatenate, (one, other, pressures)))
+
+    def _grouped(self, one: IntArray, other: IntArray, pressures: FloatArray) -> IntArray:
+        """Groups by the sum of each pair's pressures."""
+        count = len(self._scenario.vehicles)
+        pairs, place = np.unique(one * count + other, return_inverse=True)
+        sums: FloatArray = np.bincount(place, pressures, minlength=len(pairs)).astype(np.float64)
+        return groups_that_press(count, pairs // count, pairs % count, sums, self._most)
+
+
+def _ahead(before: Motion, after: Motion) -> Motion:
+    """As far from one motion to another again: costs that fall slowly do so in one direction."""
+    accelerations = 2.0 * after.accelerations - before.accelerations
+    return after.with_some(np.arange(len(accelerations)), accelerations)
+
+
+class _Rows:
+    """The rows of one linearisation, those of pairs written as their groups ask."""
+
+    def __init__(
+        self, scenario: Scenario, effort: MinimumEffort, groups: IntArray, across: KeepApart
+    ) -> None:
+        count = len(scenario.vehicles)
+        constraints = first_number(scenario) + len(scenario.fleet.waypoints)
+        self.program = LeastNorm(effort, groups)
+        self._working = WorkingSet(Keys(constraints, count, scenario.grid))
+        self._groups, self._across, self._gap = groups, across, 1.5 * scenario.grid.step
+        self._everyone = np.arange(count)
+
+    def enter_broken(self, constraints: list[Constraint], number: int) -> bool:
+        """Put the worst rows in that the motion breaks; whether there were any.
+
+        At the knots only in the first round, in which most are broken, and then between them too.
+        """
+        motion, before = self.program.motion, len(self.program)
+        for constraint in constraints:
+            for between in (False, True)[: 1 + (number > 0 and constraint.searches > 0)]:
+                rows = constraint.violated(motion, self._everyone, between=between)
+                self.enter(rows.worst(motion, 2**number, gap=self._gap))
+        return len(self.program) > before
+
+    def enter(self, rows: HalfSpaces) -> None:
+        """Put in those that are not in yet."""
+        if rows.constraint.number == FIRST:
+            inside = self._groups[rows.vehicles] == self._groups[rows.partners]
+            apart = rows.select(~inside)
+            rows = rows.select(inside)
+            if len(apart) > 0:
+                places = Places(apart.vehicles, apart.partners, apart.times)
+                self._enter(self._across.rows(places))
+        if len(rows) > 0:
+            self._enter(rows)
+
+    def _enter(self, rows: HalfSpaces) -> None:
+        new, _ = self._working.enter(rows, self.program.motion)
+        if len(new) > 0:
+            self.program.add(new)

@@ -1,0 +1,331 @@
+"""Fleets in groups: partitions, the programs of groups, and plans around what they find."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from scipy.optimize import nnls
+
+import drake_rho as rho
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.best import first_plan
+from drake_rho.planning.errors import SolverError
+from drake_rho.planning.groups import groups_that_press
+from drake_rho.planning.half_spaces import HalfSpaces
+from drake_rho.planning.in_groups import InGroups
+from drake_rho.planning.keep_apart import coupled, grouped, pairs_of
+from drake_rho.planning.keep_in import boxes_of
+from drake_rho.planning.least_norm import LeastNorm, multipliers_of
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.program import rows_of
+from drake_rho.planning.rows import Rows
+from drake_rho.planning.subproblem import Subproblem
+from drake_rho.scenario.fields import IntArray
+from tests.scenarios import box, fleet, mapped, sampled_separation, through_the_middle
+from tests.tolerances import INDEX
+
+WITHIN = 1.03
+"""Times the index of the coupled plan that one in groups may have: the goal."""
+
+SMALL = rho.Options(max_group=3)
+
+
+def crowd(seed: int, vehicles: int = 8) -> rho.Scenario:
+    """A random transition in 4 m³ in which vehicles have to give way to each other."""
+    rng = np.random.default_rng(seed)
+    return rho.random_transitions(vehicles, rng, duration=4.6, step=0.2)
+
+
+@pytest.fixture(scope="module")
+def asked() -> rho.Scenario:
+    """Eight, whose coupled plan costs a tenth less than each yielding half does."""
+    return crowd(1)
+
+
+@pytest.fixture(scope="module")
+def first(asked: rho.Scenario) -> Plan:
+    """Their first plan, which is strict."""
+    return first_plan(asked)
+
+
+# Partitions
+
+
+@given(data=st.data(), vehicles=st.integers(2, 12), most=st.integers(1, 6))
+@settings(max_examples=100)
+def test_groups_are_a_partition_and_within_their_bound(
+    data: st.DataObject, vehicles: int, most: int
+) -> None:
+    numbers = st.integers(0, vehicles - 1)
+    pairs = data.draw(st.lists(st.tuples(numbers, numbers).filter(lambda ij: ij[0] < ij[1])))
+    pairs = sorted(set(pairs))
+    values = st.floats(1e-6, 1e6)
+    pressures = np.array(data.draw(st.lists(values, min_size=len(pairs), max_size=len(pairs))))
+    one, other = np.array(pairs, dtype=int).reshape(-1, 2).T
+    groups = groups_that_press(vehicles, one, other, pressures, most)
+    sizes = np.bincount(groups, minlength=vehicles)
+    assert sizes.sum() == vehicles
+    assert sizes.max() <= most
+    for number in np.unique(groups):  # it is one of its vehicles'
+        assert groups[number] == number
+    for i, j in zip(one, other, strict=True):  # nobody is left apart from a group with room
+        assert groups[i] == groups[j] or sizes[groups[i]] + sizes[groups[j]] > most
+    linked = {frozenset((i, j)) for i, j in pairs}
+    for number in np.unique(groups):  # and nobody is in one with whom no member has to do
+        members = np.flatnonzero(groups == number)
+        for member in members if len(members) > 1 else ():
+            assert any(frozenset((member, each)) in linked for each in members)
+
+
+def test_those_that_press_most_are_together() -> None:
+    one, other = np.array([0, 1, 2]), np.array([1, 2, 3])
+    groups = groups_that_press(5, one, other, np.array([1.0, 3.0, 2.0]), 2)
+    assert groups[1] == groups[2]
+    assert len(np.unique(groups)) == 4
+    assert len(np.unique(groups_that_press(5, one, other, np.array([1.0, 3.0, 2.0]), 4))) == 2
+
+
+def test_rounding_does_not_decide_who_comes_first() -> None:
+    one, other = np.array([0, 1, 2, 3]), np.array([1, 2, 3, 4])
+    rng = np.random.default_rng(0)
+    wanted = groups_that_press(5, one, other, np.ones(4), 2)
+    for _ in range(10):
+        noisy = 1.0 + 1e-9 * rng.standard_normal(4)
+        np.testing.assert_array_equal(groups_that_press(5, one, other, noisy, 2), wanted)
+
+
+# Programs of groups
+
+
+def _rows(asked: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
+    """Half-spaces that the motions of least cost break, those of a tighter box among them."""
+    effort, everyone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
+    tighter = box(0.9 * np.abs(effort.motion.accelerations).max())
+    asked = dataclasses.replace(asked, limits=rho.Limits(acceleration=tighter))
+    constraints = [*boxes_of(asked), pairs_of(asked, reference.motion(), coupled)]
+    found = [constraint.violated(effort.motion, everyone) for constraint in constraints]
+    return [rows for rows in found if len(rows) > 0]
+
+
+def _by_drake(effort: MinimumEffort, everyone: IntArray, rows: list[HalfSpaces]) -> float:
+    """Cost of the same program, accelerations and goals written out, by Clarabel."""
+    parts = [Rows.of(part, effort.motion) for part in rows]
+    matrix, needed, _ = rows_of(effort.changes, everyone, parts)
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(matrix.shape[1])
+    program.AddQuadraticCost(2.0 * np.eye(len(x)), np.zeros(len(x)), x, is_convex=True)
+    program.AddLinearConstraint(matrix.toarray(), needed, np.full(len(needed), np.inf), x)
+    goals = np.kron(np.eye(len(everyone)), np.kron(effort.goals.rows, np.eye(3)))
+    program.AddLinearEqualityConstraint(goals, np.zeros(len(goals)), x)
+    result = ClarabelSolver().Solve(program)
+    assert result.is_success()
+    least = float(np.sum(effort.motion.accelerations**2))
+    more: float = effort.units.max() ** 2 * result.get_optimal_cost()
+    return least + more
+
+
+def test_the_motion_of_least_norm_keeps_its_rows_at_the_cost_drake_finds(
+    asked: rho.Scenario, first: Plan
+) -> None:
+    rows, everyone = _rows(asked, first), np.arange(len(asked.vehicles))
+    assert {part.constraint.coupled for part in rows} == {False, True}
+    effort = MinimumEffort.of(asked)
+    program = LeastNorm(effort, np.zeros(len(everyone), dtype=int))
+    for part in rows:
+        program.add(part)
+    program.solve()
+    assert program.programs == 1
+    for part in rows:
+        assert part.margins(effort.motion).min() < -1e-3
+        assert part.margins(program.motion).min() > -1e-6
+    cost = float(np.sum(program.motion.accelerations**2))
+    assert cost == pytest.approx(_by_drake(effort, everyone, rows), rel=INDEX)
+    np.testing.assert_allclose(program.motion.positions[:, -1], asked.fleet.goal_positions)
+    for part, multipliers in program.pressing():  # which are of rows that cannot be spared
+        assert np.abs(part.margins(program.motion)).max() < 1e-6
+        assert multipliers.min() > 0.0
+
+
+@given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40))
+@settings(max_examples=60)
+def test_multipliers_are_those_of_non_negative_least_squares(seed: int, rows: int) -> None:
+    rng = np.random.default_rng(seed)
+    matrix = rng.standard_normal((rows, 10)) + 3.0 * rng.standard_normal(10)  # much alike
+    products = matrix @ matrix.T + 1e-6 * np.eye(rows)
+    needed = rng.standard_normal(rows)
+    begin = np.maximum(rng.standard_normal(rows), 0.0)
+    triangle = np.linalg.cholesky(products)
+    wanted = nnls(triangle.T, np.linalg.solve(triangle, needed))[0]
+    for y in (np.zeros(rows), begin):
+        found = multipliers_of(products, needed, y)
+        assert found.min() >= 0.0
+        least, cost = (x @ products @ x / 2 - needed @ x for x in (wanted, found))
+        assert cost == pytest.approx(least, rel=INDEX, abs=INDEX)
+
+
+def test_products_that_are_none_are_told() -> None:
+    with pytest.raises(SolverError, match="multipliers"):
+        multipliers_of(-np.eye(2), np.ones(2), np.zeros(2))
+
+
+def test_rows_added_later_lead_to_the_same_motion(asked: rho.Scenario, first: Plan) -> None:
+    rows = _rows(asked, first)
+    together = np.zeros(len(asked.vehicles), dtype=int)
+    at_once, later = (LeastNorm(MinimumEffort.of(asked), together) for _ in range(2))
+    for part in rows:
+        at_once.add(part)
+        later.add(part)
+        later.solve()
+    at_once.solve()
+    np.testing.assert_allclose(later.motion.positions, at_once.motion.positions, atol=1e-6)
+
+
+def test_groups_without_new_rows_are_not_solved_again(asked: rho.Scenario, first: Plan) -> None:
+    boxes = _rows(asked, first)[0]
+    alone = np.arange(len(asked.vehicles))
+    program = LeastNorm(MinimumEffort.of(asked), alone)
+    program.add(boxes)
+    program.solve()
+    before, whose = program.motion, boxes.vehicles[0]
+    assert program.programs == len(np.unique(boxes.vehicles))
+    program.solve()
+    assert program.programs == len(np.unique(boxes.vehicles))
+    program.add(boxes.select(boxes.vehicles == whose))
+    program.solve()
+    assert program.programs == len(np.unique(boxes.vehicles)) + 1
+    others = np.flatnonzero(alone != whose)
+    np.testing.assert_array_equal(program.motion.positions[others], before.positions[others])
+
+
+# Plans
+
+
+@pytest.mark.parametrize("solver", [None, rho.Daqp()])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_in_groups_the_index_is_almost_that_of_the_coupled_plan(
+    seed: int, solver: rho.Daqp | None
+) -> None:
+    asked = crowd(seed)
+    least, halves = (rho.plan(asked, coupling=each).cost for each in (rho.coupled, rho.decoupled))
+    assert halves > 1.1 * least
+    plan = rho.plan(asked, coupling=rho.grouped, options=SMALL, solver=solver)
+    assert plan.cost < WITHIN * least
+    assert plan.statistics.converged
+    assert rho.verify(plan).ok
+    assert sampled_separation(plan) >= 0.35 - 1e-6
+
+
+def test_the_same_plan_every_time(asked: rho.Scenario) -> None:
+    one, other = (rho.plan(asked, coupling=rho.grouped, options=SMALL) for _ in range(2))
+    np.testing.assert_array_equal(one.accelerations, other.accelerations)
+
+
+def test_relabelled_it_costs_the_same(asked: rho.Scenario) -> None:
+    plan = rho.plan(asked, coupling=rho.grouped, options=SMALL)
+    order = np.random.default_rng(2).permutation(len(asked.vehicles))
+    other = rho.plan(asked.of_vehicles(order.tolist()), coupling=rho.grouped, options=SMALL)
+    assert other.cost == pytest.approx(plan.cost, rel=INDEX)
+
+
+def test_mirrored_the_references_are_mirror_images(asked: rho.Scenario, first: Plan) -> None:
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    other = mapped(asked, mirror, np.array([0.3, -2.0, 1.0]))
+    motion = first.motion()
+    mirrored = Plan.from_accelerations(other, motion.accelerations @ mirror).motion()
+    one, two = (InGroups(each, MinimumEffort.of(each), 3) for each in (asked, other))
+    for _ in range(3):
+        motion, mirrored = one.around(motion)[0], two.around(mirrored)[0]
+        largest = np.abs(motion.accelerations).max()
+        np.testing.assert_allclose(
+            mirrored.accelerations @ mirror, motion.accelerations, atol=1e-4 * largest
+        )
+        np.testing.assert_array_equal(one.groups, two.groups)
+
+
+def test_the_cost_never_rises_and_every_iterate_is_strict(asked: rho.Scenario, first: Plan) -> None:
+    subproblem = Subproblem(asked, grouped, most=3)
+    everyone, plans = np.arange(len(asked.vehicles)), [first]
+    for _ in range(4):
+        plans.append(subproblem.improved(plans[-1], everyone, 1e-3))
+        assert rho.verify(plans[-1]).ok
+    for before, after in pairwise(plans):
+        assert after.cost <= before.cost * (1 + INDEX)
+    assert plans[-1].cost < 0.9 * first.cost
+
+
+def test_references_cost_no_more_than_the_plan_and_groups_change(
+    asked: rho.Scenario, first: Plan
+) -> None:
+    in_groups = InGroups(asked, MinimumEffort.of(asked), 3)
+    assert in_groups.groups is None
+    assert in_groups.reference(first, 1e-3).cost < first.cost
+    motion, seen = first.motion(), set[tuple[int, ...]]()
+    for _ in range(4):
+        motion, statistics = in_groups.around(motion)
+        groups = in_groups.groups
+        assert groups is not None
+        assert np.bincount(groups).max() == 3
+        assert statistics.linearisations == 1
+        seen.add(tuple(groups.tolist()))
+    assert len(seen) > 1
+
+
+def test_a_fleet_no_larger_than_two_groups_is_one() -> None:
+    asked = crowd(1)
+    effort = MinimumEffort.of(asked)
+    groups = InGroups(asked, effort, 4).groups
+    assert groups is not None
+    assert len(np.unique(groups)) == 1
+    assert InGroups(asked, effort, 3).groups is None
+
+
+@pytest.mark.parametrize("useless", ["none", "far", "dear"])
+def test_where_groups_are_of_no_use_each_yields_half(
+    asked: rho.Scenario, first: Plan, useless: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    everyone = np.arange(len(asked.vehicles))
+    halves = Subproblem(asked, rho.decoupled).around(first)
+
+    def reference(self: InGroups, plan: Plan, tolerance: float) -> Plan:
+        if useless == "none":
+            raise SolverError("no multipliers")
+        accelerations = MinimumEffort.of(asked).motion.accelerations
+        if useless == "far":  # all in one place: directions of pairs are arbitrary
+            accelerations = np.zeros_like(accelerations)
+        return Plan.from_accelerations(asked, accelerations)
+
+    monkeypatch.setattr(InGroups, "reference", reference)
+    plan = Subproblem(asked, grouped).improved(first, everyone, 1e-3)
+    assert rho.verify(plan).ok
+    assert plan.cost <= first.cost
+    if useless == "none":
+        assert plan.cost == pytest.approx(halves.cost, rel=INDEX)
+
+
+def test_among_obstacles_and_limits_of_all_kinds_every_instant_holds() -> None:
+    sphere = rho.Sphere([0.0, 0.0, 0.5], 1.5)
+    limits = rho.Limits(acceleration=rho.Box([-2.0] * 3, [2.0] * 3), max_speed=3.0)
+    asked = through_the_middle(
+        6, separation=rho.Separation(1.0, 2.0), limits=limits, obstacles=(sphere,)
+    )
+    plan = rho.plan(asked, coupling=rho.grouped, options=SMALL)
+    assert rho.verify(plan).ok
+    assert plan.cost <= rho.plan(asked, coupling=rho.decoupled).cost * (1 + INDEX)
+
+
+def test_vehicles_in_nobodys_way_fly_as_if_alone() -> None:
+    starts = np.array([[0.0, 5.0 * i, 0.0] for i in range(6)])
+    starts[1] = [6.0, 0.0, 0.0]
+    goals = starts + np.array([0.0, 0.0, 5.0])
+    goals[[0, 1]] = starts[[1, 0]]
+    asked = fleet(starts, goals)
+    plan = rho.plan(asked, coupling=rho.grouped, options=rho.Options(max_group=2))
+    careless = rho.plan(asked.without_separation())
+    moved = np.any(np.abs(plan.accelerations - careless.accelerations) > 1e-9, axis=(1, 2))
+    assert moved.tolist() == [True, True, False, False, False, False]
