@@ -4,6 +4,7 @@ The method of Zhou et al., ASCC 2017, on Drake's `MathematicalProgram`. SI units
 """
 
 from importlib import import_module
+from importlib.metadata import version as _version
 from typing import TYPE_CHECKING
 
 from drake_rho.assurance.diagnosis import Diagnosis
@@ -158,6 +159,8 @@ __all__ = [
     "winds",
     "worst_case",
 ]
+
+__version__ = _version("drake-rho")
 
 # What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
 # So are what flies, in Drake's simulator or without, what does many runs, and other formats.

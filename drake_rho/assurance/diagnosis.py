@@ -46,7 +46,7 @@ class Diagnosis:
 
     def __str__(self) -> str:
         if self.feasible:
-            return f"{self.scenario.name}: there is a plan"
+            return f"{self.scenario.name}: there is a plan{self._shorter()}"
         shown = list(self.conflicts.items())[:3]
         reasons = [f"  {vehicle}: {', '.join(names)}" for vehicle, names in shown]
         breaches = [
@@ -66,16 +66,24 @@ class Diagnosis:
             ]
         )
 
+    def _duration(self, shortest: float) -> str:
+        steps, note = self.scenario.grid.knots - 1, "" if self.is_monotone else " or perhaps less"
+        return (
+            f"a duration of {_rounded_up(shortest)} s{note} instead of "
+            f"{self.scenario.grid.duration:.5g} s (a step of {_rounded_up(shortest / steps)} s)"
+        )
+
+    def _shorter(self) -> str:
+        """What is told beside a plan that there is: by how much sooner there is one."""
+        shortest = self.shortest_duration
+        if shortest is None or shortest >= self.scenario.grid.duration:
+            return ""
+        return f", down to {self._duration(shortest)}"
+
     def _repairs(self) -> str:
         ways = []
         if self.shortest_duration is not None:
-            steps = self.scenario.grid.knots - 1
-            note = "" if self.is_monotone else " or perhaps less"
-            ways.append(
-                f"a duration of {_rounded_up(self.shortest_duration)} s{note} instead of "
-                f"{self.scenario.grid.duration:.5g} s (a step of "
-                f"{_rounded_up(self.shortest_duration / steps)} s)"
-            )
+            ways.append(self._duration(self.shortest_duration))
         if self.acceleration_factor is not None:
             ways.append(
                 f"acceleration limits {_rounded_up(self.acceleration_factor)} times as wide"

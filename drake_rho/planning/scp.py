@@ -95,7 +95,7 @@ def iterate(
 
 def _words(linearisations: int, cost: float, worst: float) -> str:
     times = "once" if linearisations == 1 else f"{linearisations} times"
-    breach = f", worst breach {worst:.2g} m" if worst > 0.0 else ""
+    breach = f", worst breach {worst:.3g} m" if worst > 0.0 else ""
     return f"linearised {times}, cost {cost:.6g} m²/s⁴{breach}"
 
 
