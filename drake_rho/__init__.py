@@ -53,6 +53,7 @@ from drake_rho.simulation import winds
 from drake_rho.simulation.worst_case import WorstCase, worst_case
 
 if TYPE_CHECKING:
+    __version__: str
     from drake_rho.campaigns.campaign import campaign
     from drake_rho.campaigns.results import Results
     from drake_rho.campaigns.study import Study, load_study
@@ -160,8 +161,6 @@ __all__ = [
     "worst_case",
 ]
 
-__version__ = _version("drake-rho")
-
 # What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
 # So are what flies, in Drake's simulator or without, what does many runs, and other formats.
 _LATER = {
@@ -188,6 +187,8 @@ _LATER = {
 
 
 def __getattr__(name: str) -> object:
+    if name == "__version__":
+        return _version("drake-rho")
     if name in _LATER:
         return getattr(import_module(_LATER[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -146,9 +146,10 @@ class _Trials:
 
     def has_plan(self, make: Callable[[], Scenario], words: str) -> bool:
         """Whether a plan is found for what is made; told are words, and how the search goes."""
-        tell(self.progress, f"trying {words}")
+        words = f"trying {words}"
+        tell(self.progress, words)
         try:
-            first_plan(make(), solver=self.solver, progress=within(self.progress, f"trying {words}"))
+            first_plan(make(), solver=self.solver, progress=within(self.progress, words))
         except (InfeasibleError, SolverError, ScenarioError):
             return False
         return True

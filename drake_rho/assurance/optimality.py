@@ -48,6 +48,9 @@ _MAX_POLISHINGS = 30
 _SHOWN = 3
 """Obstacles without a part in the bound that are named where a certificate is printed."""
 
+_MOST_ROWS = 20
+"""Vehicles that a printed certificate shows; of more, those with most to gain."""
+
 _ENOUGH = 1e-8
 """Relative distance from a converged plan's cost at which a bound is not improved any more."""
 
@@ -149,12 +152,16 @@ class Certificate:
             f"{self._as_planned()}{self._without()}",
             f"{'vehicle':<12} {'cost':>14} {'lower bound':>14} {'gap':>9} {'eigenvalue':>11}",
         ]
+        shown = self.vehicles
+        if len(shown) > _MOST_ROWS:
+            shown = tuple(sorted(shown, key=lambda each: each.lower_bound - each.cost)[:_MOST_ROWS])
         lines += [
             f"{each.vehicle:<12} {each.cost:>14.6f} {each.lower_bound:>14.6f} {each.gap:>9.1e} "
             f"{each.least_eigenvalue:>11.4f}"
-            for each in self.vehicles
+            for each in shown
         ]
-        return "\n".join(lines)
+        more = len(self.vehicles) - len(shown)
+        return "\n".join([*lines, *([f"… and {more} more, with less to gain"] if more else [])])
 
 
 def certify(
@@ -227,9 +234,7 @@ def _converged(plan: Plan, solver: Solver | None, progress: Progress | None) -> 
     return found
 
 
-def _solved_around(
-    plan: Plan, solver: Solver | None, progress: Progress | None
-) -> CuttingPlanes:
+def _solved_around(plan: Plan, solver: Solver | None, progress: Progress | None) -> CuttingPlanes:
     """The programs around a plan iterated on to the precision that a certificate needs."""
     subproblem = Subproblem(plan.scenario, coupled, solver)
     subproblem.labels = np.zeros_like(subproblem.labels)  # the multipliers of all are wanted

@@ -69,7 +69,7 @@ def plan_along_ways(
         progress: called with a few words on what is being done.
     """
     began = time.perf_counter()
-    tell(progress, "looking for ways round the obstacles")
+    tell(progress, "looking for ways")
     found = find_ways(with_room(scenario), options.max_ways)
     spent = Statistics(searched=found.searched, seconds=time.perf_counter() - began)
     best: Plan | None = None

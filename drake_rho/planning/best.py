@@ -164,6 +164,7 @@ def _first_apart(
     alone = scenario.without_separation()
     try:
         try:
+            tell(progress, "planning each vehicle without the others")
             careless = plan_convex(alone, reference=reference, solver=solver)
         except SolverError:
             if not scenario.known:

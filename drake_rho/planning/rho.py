@@ -85,7 +85,10 @@ class RecedingHorizon:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)
         self.windows: list[Window] = []
-        self._planner, self._progress = WindowPlanner(planner, fallback, reference, solver), progress
+        self._planner, self._progress = (
+            WindowPlanner(planner, fallback, reference, solver),
+            progress,
+        )
 
     @property
     def knots(self) -> range:
