@@ -4,6 +4,7 @@ The method of Zhou et al., ASCC 2017, on Drake's `MathematicalProgram`. SI units
 """
 
 from importlib import import_module
+from importlib.metadata import version as _version
 from typing import TYPE_CHECKING
 
 from drake_rho.assurance.diagnosis import Diagnosis
@@ -52,6 +53,7 @@ from drake_rho.simulation import winds
 from drake_rho.simulation.worst_case import WorstCase, worst_case
 
 if TYPE_CHECKING:
+    __version__: str
     from drake_rho.campaigns.campaign import campaign
     from drake_rho.campaigns.results import Results
     from drake_rho.campaigns.study import Study, load_study
@@ -186,6 +188,8 @@ _LATER = {
 
 
 def __getattr__(name: str) -> object:
+    if name == "__version__":
+        return _version("drake-rho")
     if name in _LATER:
         return getattr(import_module(_LATER[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -21,7 +21,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.campaigns import runs as runs_of_campaigns
-from drake_rho.campaigns.campaign import CampaignError, Progress
+from drake_rho.campaigns.campaign import CampaignError, SoFar
 from drake_rho.campaigns.distributions import Choice
 from drake_rho.campaigns.runs import Run, do, generators
 from drake_rho.campaigns.sources import FromFile
@@ -89,7 +89,7 @@ def test_an_interrupted_campaign_goes_on(
 ) -> None:
     path = tmp_path / "runs.sqlite"
 
-    def interrupt(now: Progress) -> None:
+    def interrupt(now: SoFar) -> None:
         if now.done >= after:
             raise KeyboardInterrupt
 
@@ -98,12 +98,12 @@ def test_an_interrupted_campaign_goes_on(
     rows = table(path)
     assert after <= len(rows) < len(expected)
     assert set(rows) <= set(expected)
-    seen = list[Progress]()
+    seen = list[SoFar]()
     rho.campaign(small(), path, progress=seen.append)
     assert table(path) == expected
     assert seen[0].done == len(rows)
     failed = sum(row[0] for row in table(path, ("NOT verified",)))
-    assert seen[-1] == Progress(len(expected), failed, len(expected))
+    assert seen[-1] == SoFar(len(expected), failed, len(expected))
 
 
 def test_any_executor_finds_the_same(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_any_executor_finds_the_same(expected: list[tuple[Any, ...]], tmp_path: 
 def test_a_killed_worker_is_replaced(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
     killed = list[int]()
 
-    def kill(now: Progress) -> None:
+    def kill(now: SoFar) -> None:
         if now.done and not killed:
             killed.append(int(multiprocessing.active_children()[0].pid or 0))
             os.kill(killed[0], signal.SIGKILL)
@@ -172,7 +172,7 @@ def test_an_executor_that_fails_ends_the_campaign_and_nothing_is_lost(
 ) -> None:
     path, pool = tmp_path / "runs.sqlite", ThreadPoolExecutor(1)
 
-    def stop(now: Progress) -> None:
+    def stop(now: SoFar) -> None:
         if now.done:
             pool.shutdown(cancel_futures=True)
 
@@ -310,7 +310,7 @@ def test_a_full_disk_loses_nothing(
 def test_a_store_is_read_while_it_is_written(tmp_path: Path) -> None:
     path, seen = tmp_path / "runs.sqlite", list[int]()
 
-    def look(now: Progress) -> None:
+    def look(now: SoFar) -> None:
         seen.append(len(rho.Results(path)))
         assert seen[-1] == now.done
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import drake_rho as rho
-from drake_rho.campaigns.campaign import CampaignError, Progress
+from drake_rho.campaigns.campaign import CampaignError, SoFar
 from drake_rho.campaigns.study import study_to_json
 from tests.studies import small, table
 
@@ -41,7 +41,7 @@ def test_a_cluster_of_processes_finds_the_same_also_when_one_dies(
         distributed.Client(cluster) as client,
     ):
 
-        def kill(now: Progress) -> None:
+        def kill(now: SoFar) -> None:
             if now.done and not killed:
                 killed.extend(client.run(os.getpid).values())
                 os.kill(killed[0], signal.SIGKILL)
@@ -62,7 +62,7 @@ def test_a_scheduler_and_workers_that_are_commands(
         assert table(tmp_path / "runs.sqlite") == expected
         with distributed.Client(address) as client:
 
-            def kill(now: Progress) -> None:
+            def kill(now: SoFar) -> None:
                 if now.done:
                     scheduler.kill()
 

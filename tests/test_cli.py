@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.metadata
 import json
+import os
+import re
 import shlex
 import subprocess
 import sys
@@ -13,6 +16,7 @@ import pytest
 
 import drake_rho as rho
 from drake_rho import cli
+from drake_rho.cli.commands import GROUPS
 from drake_rho.planning import daqp
 from tests.scenarios import box, single
 
@@ -139,7 +143,6 @@ def test_a_plan_that_breaks_a_constraint_exits_1(
         (["verify", "missing.npz"], "No such file"),
         (["plan"], "SCENARIO"),
         (["dance"], "dance"),
-        ([], "command"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(
@@ -174,6 +177,7 @@ def test_bad_input_is_one_line_and_status_2(
         (["plan", "paper", "--figures", "file.yaml"], "--figures: got 'file.yaml', expected"),
         (["plan", "paper", "--figures", "file.yaml/x"], "--figures: got 'file.yaml/x', expected"),
         (["fly", "paper", "--figures", ""], "--figures: got '', expected a folder"),
+        (["assign", "paper", "-o", "room.npz"], "ending in .yaml or .yml"),
         (["reproduce", "--figures", "loop.npz"], "--figures: got 'loop.npz', expected"),
         (["show", "paper", "--html", "room.png"], "--html: got 'room.png', expected"),
         (["show", "paper", "--html", "room"], "a file to write, ending in .html or .htm"),
@@ -198,8 +202,12 @@ def test_what_cannot_be_kept_or_shown_is_refused_before_anything_is_planned(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("planned before all was known to be good")
 
-    for name in ("plan_convex", "best_plan", "run_study"):
-        monkeypatch.setattr(f"drake_rho.cli.commands.{name}", never)
+    for module, names in (
+        ("commands", ("best_plan", "plan_rho", "run_study")),
+        ("planning", ("best_plan", "plan_convex", "plan_rho", "assignment")),
+    ):
+        for name in names:
+            monkeypatch.setattr(f"drake_rho.cli.{module}.{name}", never)
     monkeypatch.chdir(tmp_path)
     Path("folder.npz").mkdir()
     Path("file.yaml").touch()
@@ -211,6 +219,60 @@ def test_what_cannot_be_kept_or_shown_is_refused_before_anything_is_planned(
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.parametrize("words", [[], ["--quiet"]])
+def test_alone_it_shows_what_there_is(
+    words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, out, err = run(capsys, monkeypatch, *words)
+    assert (status, err) == (0, "")
+    assert max(map(len, out.splitlines())) <= 80
+    listed = set(re.findall(r"^  (\w+)  +\S", out, flags=re.MULTILINE))
+    assert listed == {each.__name__ for group in GROUPS.values() for each in group}
+    assert "drake-rho plan paper -o plan.npz" in out
+
+
+def test_the_version_is_that_of_the_package(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = (0, f"drake-rho {importlib.metadata.version('drake-rho')}\n", "")
+    assert run(capsys, monkeypatch, "--version") == expected
+    assert expected[1].split()[1] == rho.__version__
+
+
+def _completed(*words: str) -> list[str]:
+    """What a shell is offered for the last of some words."""
+    asked = {"COMP_WORDS": shlex.join(words), "COMP_CWORD": str(len(words) - 1)}
+    code = "import sys; sys.argv[0] = 'drake-rho'; from drake_rho.cli import main; main()"
+    ran = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | asked | {"_DRAKE_RHO_COMPLETE": "complete_bash"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return ran.stdout.split()
+
+
+def test_shells_complete_commands_options_and_scenarios() -> None:
+    assert _completed("drake-rho", "pl") == ["plan"]
+    assert _completed("drake-rho", "fly", "pa") == ["paper", "paper_assembly"]
+    assert _completed("drake-rho", "verify", "x.npz", "--q") == ["--quiet"]
+
+
+def test_a_report_fits_a_terminal_of_80_columns() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-m", "drake_rho", "plan", "paper"],
+        env=os.environ | {"FORCE_COLOR": "1", "COLUMNS": "80"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", ran.stdout).splitlines()
+    assert max(map(len, lines)) <= 80
+    (row,) = (each for each in lines if "velocity box x" in each)
+    assert row.split()[-6:-3] == ["18", "176.4", "200"]
+
+
 def test_no_plan_is_a_diagnosis_and_status_3(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -218,11 +280,26 @@ def test_no_plan_is_a_diagnosis_and_status_3(
     kept = tmp_path / "kept.npz"
     status, _, err = run(capsys, monkeypatch, "plan", str(tmp_path / "s.yaml"), "-o", str(kept))
     assert status == 3
-    assert "acceleration box x" in err
+    assert "acceleration box x" in err.splitlines()[0]
     assert "a duration of 11.5" in err
     assert "acceleration limits 2.083" in err
     assert err.count("\n") <= 12
     assert not kept.exists()
+
+
+def test_no_plan_by_one_method_says_that_there_is_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ahead = rho.Sphere([5.0, 2.0, -1.0], 2.0)  # its middle is on the way
+    asked = single(limits=rho.Limits(velocity=box(2.2)), obstacles=[ahead])
+    rho.save_scenario(asked, tmp_path / "s.yaml")
+    words = ("plan", str(tmp_path / "s.yaml"))
+    assert run(capsys, monkeypatch, *words)[0] == 0
+    status, out, err = run(capsys, monkeypatch, *words, "--method", "convex")
+    assert (status, out) == (3, "")
+    assert "another reference" in err.splitlines()[0]
+    assert "there is a plan" in err.splitlines()[1]
+    assert len(err.splitlines()) == 2
 
 
 def test_a_plan_with_a_dip_between_knots_exits_1_and_names_it(
@@ -269,7 +346,11 @@ def test_a_reader_of_unbuffered_output_may_leave_too() -> None:
 
 
 def test_a_reader_that_leaves_within_the_output_is_status_141(tmp_path: Path) -> None:
-    words = ("plan", "paper", "--figures", str(tmp_path / "figures"))
+    plan = rho.plan_convex(single())
+    spheres = [rho.Sphere([5.0, 2.0, -1.0], 0.001 * size) for size in range(100, 400)]
+    broken = rho.Plan.from_accelerations(single(obstacles=spheres), plan.accelerations)
+    rho.save(broken, tmp_path / "broken.npz")  # which says more than a pipe holds
+    words = ("verify", str(tmp_path / "broken.npz"), "--json")
     assert _with_reader("| head -c 9", *words) == ("141 0", "")
 
 

@@ -74,6 +74,7 @@ def _names(path: Path) -> set[str]:
         "docs/flight.md",
         "docs/campaigns.md",
         "docs/export.md",
+        "docs/command_line.md",
     ],
 )
 def test_everything_a_document_points_to_exists(document: str) -> None:

@@ -25,7 +25,7 @@ from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 import drake_rho as rho
-from drake_rho.cli.console import status_of
+from drake_rho.cli.failures import status_of
 from drake_rho.display.distances import draw_distances_from_centre
 from drake_rho.display.figures import write_figures
 from drake_rho.display.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN

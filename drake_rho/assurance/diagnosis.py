@@ -9,8 +9,8 @@ import numpy as np
 from drake_rho.assurance.report import Check
 from drake_rho.scenario.records import Scenario
 
-_SHOWN = 5
-"""Breaches that a printed diagnosis shows."""
+_LINES, _REASONS, _SHOWN = 12, 3, 5
+"""Lines of a printed diagnosis, and vehicles and breaches that it shows, all at most."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,37 +45,59 @@ class Diagnosis:
         return not self.conflicts
 
     def __str__(self) -> str:
+        return f"{self.reason}\n{self.remedy}".rstrip()
+
+    @property
+    def reason(self) -> str:
+        """Which constraints cannot be met together, in at most five lines; or that all can."""
         if self.feasible:
-            return f"{self.scenario.name}: there is a plan"
-        shown = list(self.conflicts.items())[:3]
-        reasons = [f"  {vehicle}: {', '.join(names)}" for vehicle, names in shown]
+            return f"{self.scenario.name}: there is a plan{self._shorter()}"
+        shown = list(self.conflicts.items())[:_REASONS]
+        more = len(self.conflicts) - len(shown)
+        return "\n".join(
+            [
+                f"{self.scenario.name}: no plan was found; these cannot be met together:",
+                *(f"  {vehicle}: {', '.join(names)}" for vehicle, names in shown),
+                *([f"  and {more} more vehicles"] if more > 0 else []),
+            ]
+        )
+
+    @property
+    def remedy(self) -> str:
+        """By how much they are broken at least, and what would mend it; empty for a plan."""
+        if self.feasible:
+            return ""
         breaches = [
             f"  {one.vehicle}: {one.what} by {one.excess:.3g} {one.unit} at {one.time:.4g} s"
             for one in self.violations[:_SHOWN]
         ]
-        more, disturbed = len(self.conflicts) - len(reasons), self._disturbed()
+        below, above = [*self._disturbed(), *self._repairs()], len(self.reason.splitlines())
         return "\n".join(
             [
-                f"{self.scenario.name}: no plan was found; these cannot be met together:",
-                *reasons,
-                *([f"  and {more} more vehicles"] if more > 0 else []),
                 *(["the least breach of them is"] if breaches else []),
-                *breaches[: 12 - 4 - len(reasons) - (more > 0) - (disturbed != "")],
-                *([disturbed] if disturbed else []),
-                self._repairs(),
+                *breaches[: _LINES - above - 1 - len(below)],
+                *below,
             ]
         )
 
-    def _repairs(self) -> str:
+    def _duration(self, shortest: float) -> str:
+        steps, note = self.scenario.grid.knots - 1, "" if self.is_monotone else " or perhaps less"
+        return (
+            f"a duration of {_rounded_up(shortest)} s{note} instead of "
+            f"{self.scenario.grid.duration:.5g} s (a step of {_rounded_up(shortest / steps)} s)"
+        )
+
+    def _shorter(self) -> str:
+        """What is told beside a plan that there is: by how much sooner there is one."""
+        shortest = self.shortest_duration
+        if shortest is None or shortest >= self.scenario.grid.duration:
+            return ""
+        return f", down to {self._duration(shortest)}"
+
+    def _repairs(self) -> list[str]:
         ways = []
         if self.shortest_duration is not None:
-            steps = self.scenario.grid.knots - 1
-            note = "" if self.is_monotone else " or perhaps less"
-            ways.append(
-                f"a duration of {_rounded_up(self.shortest_duration)} s{note} instead of "
-                f"{self.scenario.grid.duration:.5g} s (a step of "
-                f"{_rounded_up(self.shortest_duration / steps)} s)"
-            )
+            ways.append(self._duration(self.shortest_duration))
         if self.acceleration_factor is not None:
             ways.append(
                 f"acceleration limits {_rounded_up(self.acceleration_factor)} times as wide"
@@ -87,16 +109,18 @@ class Diagnosis:
                 f"{around.acceleration:.5g} m/s²"
             )
         if not ways:
-            return "neither more time nor stronger vehicles were found to help"
-        return f"there is one with {', or with '.join(ways)}"
+            return ["neither more time nor stronger vehicles were found to help"]
+        heads = ["there is a plan with", *["or with"] * (len(ways) - 1)]
+        return [f"{head} {way}" for head, way in zip(heads, ways, strict=True)]
 
-    def _disturbed(self) -> str:
+    def _disturbed(self) -> list[str]:
         """A line, or none, on what the disturbance has to do with it."""
         if self.bearable_wind is None:
-            return ""
+            return []
         if self.bearable_wind == 0.0:
-            return "without a disturbance there is a plan; with errors of the estimate alone, none"
-        return "without a disturbance there is a plan"
+            told = "without a disturbance there is a plan; with errors of the estimate alone, none"
+            return [told]
+        return ["without a disturbance there is a plan"]
 
 
 def _rounded_up(value: float) -> str:

@@ -14,6 +14,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.best import first_plan, plan_scp
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_violation import minimum_violation
+from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.solve import Solver
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Grid, Limits, Obstacle, Scenario, Vehicle
@@ -31,7 +32,9 @@ LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""
 
 
-def diagnose(scenario: Scenario, *, solver: Solver | None = None) -> Diagnosis:
+def diagnose(
+    scenario: Scenario, *, solver: Solver | None = None, progress: Progress | None = None
+) -> Diagnosis:
     """Say why a scenario has no plan, by how much, and what would mend it.
 
     Obstacles are taken as in the first linearisation, around the plan without them; the repairs
@@ -40,17 +43,20 @@ def diagnose(scenario: Scenario, *, solver: Solver | None = None) -> Diagnosis:
     Args:
         scenario: what is asked.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        progress: called with a few words on what is being done, as on each trial.
 
     Raises:
         SolverError: the solvers fail numerically.
     """
-    bearable = None
+    bearable, trials = None, _Trials(solver, progress)
     try:
-        plan = first_plan(scenario, solver=solver)
+        plan = first_plan(scenario, solver=solver, progress=progress)
     except InfeasibleError as error:
+        tell(progress, "looking for constraints that cannot be met together")
         conflicts = infeasible_subset(error, solver=solver)
+        tell(progress, "looking for the least breach")
         violations = verify(minimum_violation(scenario, solver)).violations
-        bearable = _bearable_wind(scenario, solver)
+        bearable = _bearable_wind(scenario, trials)
         if bearable is not None:  # what is left can be met, so that it has a part in every conflict
             conflicts = {name: (*why, "disturbance") for name, why in conflicts.items()}
     else:
@@ -59,14 +65,16 @@ def diagnose(scenario: Scenario, *, solver: Solver | None = None) -> Diagnosis:
         scenario=scenario,
         conflicts=conflicts,
         violations=tuple(one for one in violations if one.vehicle in conflicts),
-        shortest_duration=_least(lambda factor: _lasting(scenario, factor), solver, scenario),
+        shortest_duration=_shortest_duration(scenario, trials),
         is_monotone=is_monotone(scenario),
-        acceleration_factor=_smallest_relaxation(scenario, solver),
+        acceleration_factor=_smallest_relaxation(scenario, trials),
         bearable_wind=bearable,
     )
 
 
-def shortest_plan(scenario: Scenario, *, solver: Solver | None = None) -> Plan:
+def shortest_plan(
+    scenario: Scenario, *, solver: Solver | None = None, progress: Progress | None = None
+) -> Plan:
     """The plan of least duration, on as many knots, everything else unchanged.
 
     The flight begins at the same time, and obstacles move as they did. The duration is found by
@@ -76,15 +84,17 @@ def shortest_plan(scenario: Scenario, *, solver: Solver | None = None) -> Plan:
     Args:
         scenario: what is asked; its own duration need not be feasible.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        progress: called with a few words on what is being done, as on each trial.
 
     Raises:
         InfeasibleError: no duration up to `LARGEST_FACTOR` times the scenario's has a plan.
     """
-    duration = _least(lambda factor: _lasting(scenario, factor), solver, scenario)
+    duration = _shortest_duration(scenario, _Trials(solver, progress))
     if duration is None:
-        plan_scp(scenario, solver=solver)  # raises, with the reason
+        plan_scp(scenario, solver=solver, progress=progress)  # raises, with the reason
         raise SolverError("a duration had a plan that could not be found again")
-    return plan_scp(_lasting(scenario, duration / scenario.grid.duration), solver=solver)
+    shortest = _lasting(scenario, duration / scenario.grid.duration)
+    return plan_scp(shortest, solver=solver, progress=progress)
 
 
 def is_monotone(scenario: Scenario) -> bool:
@@ -127,33 +137,58 @@ def _lasting(scenario: Scenario, factor: float) -> Scenario:
     return dataclasses.replace(scenario, obstacles=obstacles).on_grid(grid)
 
 
-def _least(
-    make: Callable[[float], Scenario], solver: Solver | None, scenario: Scenario
-) -> float | None:
-    """The least duration [s] with a plan, by doubling or halving and then bisection."""
-    factor = _least_factor(make, solver, 1.0 / LARGEST_FACTOR)
-    return None if factor is None else factor * scenario.grid.duration
+@dataclasses.dataclass(frozen=True)
+class _Trials:
+    """Whether scenarios have a plan, one after the other."""
+
+    solver: Solver | None
+    progress: Progress | None
+
+    def has_plan(self, make: Callable[[], Scenario], words: str) -> bool:
+        """Whether a plan is found for what is made; told are words, and how the search goes."""
+        words = f"trying {words}"
+        tell(self.progress, words)
+        try:
+            first_plan(make(), solver=self.solver, progress=within(self.progress, words))
+        except (InfeasibleError, SolverError, ScenarioError):
+            return False
+        return True
+
+
+def _shortest_duration(scenario: Scenario, trials: _Trials) -> float | None:
+    """The least duration with a plan [s]; None if none is found."""
+    duration = scenario.grid.duration
+
+    def lasting(factor: float) -> bool:
+        words = f"a duration of {factor * duration:.5g} s"
+        return trials.has_plan(lambda: _lasting(scenario, factor), words)
+
+    factor = _least_factor(lasting, 1.0 / LARGEST_FACTOR, _precision(scenario))
+    return None if factor is None else factor * duration
 
 
 def _least_factor(
-    make: Callable[[float], Scenario], solver: Solver | None, smallest: float
+    has_plan: Callable[[float], bool], smallest: float, precision: float
 ) -> float | None:
-    """The least factor for which `make(factor)` has a plan; None if none up to the largest has."""
+    """The least factor that has a plan, by doubling or halving, then bisection.
+
+    None if none up to the largest has.
+    """
     high = 1.0
-    if _has_plan(make, high, solver):
-        while high > smallest and _has_plan(make, high / 2.0, solver):
+    if has_plan(high):
+        while high > smallest and has_plan(high / 2.0):
             high /= 2.0
         if high <= smallest:
             return high
     else:
-        while not _has_plan(make, high, solver):
+        while not has_plan(high):
             high *= 2.0
             if high > LARGEST_FACTOR:
                 return None
-    low, precision = high / 2.0, _precision(make(1.0))
+    low = high / 2.0
     while high - low > precision * high:
         middle = (low + high) / 2.0
-        if _has_plan(make, middle, solver):
+        if has_plan(middle):
             high = middle
         else:
             low = middle
@@ -166,41 +201,38 @@ def _precision(scenario: Scenario) -> float:
     return BISECTED_APART if scenario.separation is not None else precision
 
 
-def _bearable_wind(scenario: Scenario, solver: Solver | None) -> float | None:
+def _bearable_wind(scenario: Scenario, trials: _Trials) -> float | None:
     """The largest wind with a plan [m/s²], of a scenario that has none; see `Diagnosis`."""
     around = scenario.disturbance
     if around is None:
         return None
 
-    def blown(part: float) -> Scenario:
+    def bears(part: float) -> bool:
         weaker = dataclasses.replace(around, acceleration=part * around.acceleration)
-        return dataclasses.replace(scenario, disturbance=weaker)
+        words = f"wind up to {weaker.acceleration:.4g} m/s²"
+        return trials.has_plan(lambda: dataclasses.replace(scenario, disturbance=weaker), words)
 
-    calm = dataclasses.replace(scenario, disturbance=None)
-    if not _has_plan(lambda _: calm, 1.0, solver):
+    if not trials.has_plan(lambda: dataclasses.replace(scenario, disturbance=None), "no wind"):
         return None
-    if around.acceleration == 0.0 or not _has_plan(blown, 0.0, solver):
+    if around.acceleration == 0.0 or not bears(0.0):
         return 0.0
     low, high = 0.0, 1.0
     while high - low > _precision(scenario):
         middle = (low + high) / 2.0
-        low, high = (middle, high) if _has_plan(blown, middle, solver) else (low, middle)
+        low, high = (middle, high) if bears(middle) else (low, middle)
     return low * around.acceleration
 
 
-def _has_plan(make: Callable[[float], Scenario], factor: float, solver: Solver | None) -> bool:
-    try:
-        first_plan(make(factor), solver=solver)
-    except (InfeasibleError, SolverError, ScenarioError):
-        return False
-    return True
-
-
-def _smallest_relaxation(scenario: Scenario, solver: Solver | None) -> float | None:
+def _smallest_relaxation(scenario: Scenario, trials: _Trials) -> float | None:
     limits = [scenario.limits_of(vehicle) for vehicle in scenario.vehicles]
     if not any(each.acceleration or each.max_acceleration for each in limits):
         return None
-    return _least_factor(lambda factor: _stronger(scenario, factor), solver, 1.0)
+
+    def suffices(factor: float) -> bool:
+        words = f"acceleration limits {factor:.5g} times as wide"
+        return trials.has_plan(lambda: _stronger(scenario, factor), words)
+
+    return _least_factor(suffices, 1.0, _precision(scenario))
 
 
 def _stronger(scenario: Scenario, factor: float) -> Scenario:

@@ -29,6 +29,7 @@ from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.options import ALONE
+from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.scp import iterate
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
@@ -46,6 +47,9 @@ _MAX_POLISHINGS = 30
 
 _SHOWN = 3
 """Obstacles without a part in the bound that are named where a certificate is printed."""
+
+_MOST_ROWS = 20
+"""Vehicles that a printed certificate shows; of more, those with most to gain."""
 
 _ENOUGH = 1e-8
 """Relative distance from a converged plan's cost at which a bound is not improved any more."""
@@ -148,15 +152,21 @@ class Certificate:
             f"{self._as_planned()}{self._without()}",
             f"{'vehicle':<12} {'cost':>14} {'lower bound':>14} {'gap':>9} {'eigenvalue':>11}",
         ]
+        shown = self.vehicles
+        if len(shown) > _MOST_ROWS:
+            shown = tuple(sorted(shown, key=lambda each: each.lower_bound - each.cost)[:_MOST_ROWS])
         lines += [
             f"{each.vehicle:<12} {each.cost:>14.6f} {each.lower_bound:>14.6f} {each.gap:>9.1e} "
             f"{each.least_eigenvalue:>11.4f}"
-            for each in self.vehicles
+            for each in shown
         ]
-        return "\n".join(lines)
+        more = len(self.vehicles) - len(shown)
+        return "\n".join([*lines, *([f"… and {more} more, with less to gain"] if more else [])])
 
 
-def certify(flown: Plan | Flight, *, solver: Solver | None = None) -> Certificate:
+def certify(
+    flown: Plan | Flight, *, solver: Solver | None = None, progress: Progress | None = None
+) -> Certificate:
     """Bound from below what any plan of the scenario costs, and compare.
 
     The multipliers come from plans iterated to convergence, from this one and from the plan
@@ -167,6 +177,7 @@ def certify(flown: Plan | Flight, *, solver: Solver | None = None) -> Certificat
         flown: any plan or flight of a scenario; it need not be optimal, nor hold. A flight whose
             windows begin with thinner tubes than a plan has by then may cost less than any plan.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        progress: called with a few words on what is being done, as after each linearisation.
 
     Raises:
         InfeasibleError: no plan was found to take multipliers from.
@@ -177,10 +188,15 @@ def certify(flown: Plan | Flight, *, solver: Solver | None = None) -> Certificat
     if vehicles > MOST_CERTIFIED_TOGETHER:  # without pairs the bound is lower, and still one
         scenario = scenario.without_separation()
     start = Plan.from_accelerations(scenario, plan.accelerations)
-    proposals = [_solved_around(each, solver) for each in _converged(start, solver)]
+    converged = _converged(start, solver, progress)
+    proposals = [_solved_around(each, solver, progress) for each in converged]
     certificates, left_out = [], set[str]()
     disturbed = scenario.disturbance is not None
-    for group in _groups(vehicles, proposals):
+    groups = _groups(vehicles, proposals)
+    for number, group in enumerate(groups, start=1):
+        name = scenario.vehicles[group[0]].name
+        name = name if len(group) == 1 else f"{name} and {len(group) - 1} more"
+        tell(progress, f"bounding the cost of {name} ({number} of {len(groups)})")
         lagrangians = [Lagrangian(solved, group) for solved in proposals]
         bounds = planned = [each.unit**2 * _best_bound(each) for each in lagrangians]
         if disturbed:
@@ -189,10 +205,9 @@ def certify(flown: Plan | Flight, *, solver: Solver | None = None) -> Certificat
         here = lagrangians[0]
         left_out |= set[str]().union(*(each.left_out for each in lagrangians))
         stationarity, complementarity = here.kkt_residuals()
-        name = scenario.vehicles[group[0]].name
         certificates.append(
             VehicleCertificate(
-                vehicle=name if len(group) == 1 else f"{name} and {len(group) - 1} more",
+                vehicle=name,
                 cost=float(np.sum(plan.accelerations[group] ** 2)),
                 lower_bound=max(0.0, *bounds),
                 least_eigenvalue=2.0 * here.curvature(here.weights),
@@ -206,24 +221,24 @@ def certify(flown: Plan | Flight, *, solver: Solver | None = None) -> Certificat
     return Certificate(plan.scenario, tuple(certificates), verify(flown).ok, not_counted)
 
 
-def _converged(plan: Plan, solver: Solver | None) -> list[Plan]:
+def _converged(plan: Plan, solver: Solver | None, progress: Progress | None) -> list[Plan]:
     """Plans iterated to convergence: from this one, if it allows that, and from none."""
     found = []
     with suppress(InfeasibleError, SolverError):  # a plan that breaks its scenario may lead nowhere
-        found.append(plan_scp(plan.scenario, reference=plan, solver=solver))
+        found.append(plan_scp(plan.scenario, reference=plan, solver=solver, progress=progress))
     try:
-        found.append(plan_scp(plan.scenario, solver=solver))
+        found.append(plan_scp(plan.scenario, solver=solver, progress=progress))
     except (InfeasibleError, SolverError):
         if not found:
             raise
     return found
 
 
-def _solved_around(plan: Plan, solver: Solver | None) -> CuttingPlanes:
+def _solved_around(plan: Plan, solver: Solver | None, progress: Progress | None) -> CuttingPlanes:
     """The programs around a plan iterated on to the precision that a certificate needs."""
     subproblem = Subproblem(plan.scenario, coupled, solver)
     subproblem.labels = np.zeros_like(subproblem.labels)  # the multipliers of all are wanted
-    iterate(subproblem, plan, ALONE, most=_MAX_POLISHINGS)
+    iterate(subproblem, plan, ALONE, most=_MAX_POLISHINGS, progress=progress)
     if subproblem.planes is None:
         subproblem.around(plan)  # raises what ended the iteration
     assert subproblem.planes is not None  # noqa: S101  # solved above

@@ -116,6 +116,18 @@ class Column:
 
 
 @dataclasses.dataclass(frozen=True)
+class Printed:
+    """What a printed report consists of."""
+
+    title: str
+    """what holds"""
+    rows: tuple[Check, ...]
+    """those that are shown"""
+    below: tuple[str, ...]
+    """further lines"""
+
+
+@dataclasses.dataclass(frozen=True)
 class Report:
     """What `verify` found; prints as a short table."""
 
@@ -142,23 +154,34 @@ class Report:
         broken = (check for check in self.checks if check.asked and not check.holds)
         return tuple(sorted(broken, key=_tolerances_beyond, reverse=True))
 
+    @property
+    def tightest(self) -> tuple[Check, ...]:
+        """Of each constraint the check of the vehicle that is closest to breaking it."""
+        tightest: dict[tuple[str, str, bool], Check] = {}
+        for check in self.checks:
+            before = tightest.get(_kind(check))
+            if before is None or _excess(check) > _excess(before):
+                tightest[_kind(check)] = check
+        return tuple(tightest.values())
+
     def __str__(self) -> str:
+        printed = self.printed()
+        return "\n".join([_table(printed.title, printed.rows), *printed.below])
+
+    def printed(self) -> Printed:
+        """What a printed report consists of."""
         name, violations = self.scenario.name, self.violations
         if not violations:
-            tightest: dict[tuple[str, str, bool], Check] = {}
-            for check in self.checks:
-                before = tightest.get(_kind(check))
-                if before is None or _excess(check) > _excess(before):
-                    tightest[_kind(check)] = check
             several = len(self.scenario.vehicles) > 1
             which = "; for each, the vehicle closest to it" if several else ""
-            rows, more = self._without_far_obstacles(list(tightest.values()))
-            rest = f"\n… and {more} more obstacles, further away" if more > 0 else ""
-            return _table(f"{name}: all constraints hold{which}", rows) + rest + self._notes()
+            rows, more = self._without_far_obstacles(list(self.tightest))
+            rest = [f"… and {more} more obstacles, further away"] if more > 0 else []
+            title = f"{name}: all constraints hold{which}"
+            return Printed(title, tuple(rows), (*rest, *self._notes()))
         title = f"{name}: {len(violations)} of {len(self.checks)} checks broken"
         more = len(violations) - _LONGEST
-        rest = f"\n… and {more} more" if more > 0 else ""
-        return _table(title, list(violations[:_LONGEST])) + rest + self._notes()
+        rest = [f"… and {more} more"] if more > 0 else []
+        return Printed(title, violations[:_LONGEST], (*rest, *self._notes()))
 
     def _without_far_obstacles(self, rows: list[Check]) -> tuple[list[Check], int]:
         """The rows but for those of the furthest obstacles, and how many these are."""
@@ -170,7 +193,7 @@ class Report:
         far = sorted(closest, key=lambda name: closest[name])[: max(0, len(closest) - _LONGEST)]
         return [check for check in rows if check.constraint not in far], len(far)
 
-    def _notes(self) -> str:
+    def _notes(self) -> list[str]:
         """Lines on what was seen late, and on what is judged with an estimate."""
         notes = [
             f"{each.obstacle} became known at {each.time:g} s and was "
@@ -186,7 +209,7 @@ class Report:
             notes.append(
                 f"estimated from samples: how far from its track is {', '.join(estimated)}"
             )
-        return "".join(f"\n{note}" for note in (*notes, *self.notes))
+        return [*notes, *self.notes]
 
 
 def _kind(check: Check) -> tuple[str, str, bool]:
@@ -204,13 +227,14 @@ def _tolerances_beyond(check: Check) -> float:
     return _excess(check) / check.tolerance
 
 
-def _verdict(check: Check) -> str:
+def verdict(check: Check) -> str:
+    """Whether a check holds, in a word or a few."""
     if not check.asked:
         return "not asked for"
     return "holds" if check.holds else "BROKEN"
 
 
-def _table(title: str, rows: list[Check]) -> str:
+def _table(title: str, rows: Sequence[Check]) -> str:
     """Rows under a title; with a column of what is for errors where something is."""
     wide = max([35, *(len(check.what) for check in rows)])
     errors = any(check.errors > 0.0 for check in rows)
@@ -228,7 +252,7 @@ def _table(title: str, rows: list[Check]) -> str:
             f"{check.errors:.4g}" if check.errors > 0.0 else "",
             f"{check.excess:+.2e}",
             check.unit,
-            _verdict(check),
+            verdict(check),
         )
         lines.append(form.format(*_without_errors(cells, errors)))
     return "\n".join(line.rstrip() for line in lines)

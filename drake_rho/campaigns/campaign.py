@@ -38,7 +38,7 @@ class CampaignError(DrakeRhoError):
 
 
 @dataclasses.dataclass(frozen=True)
-class Progress:
+class SoFar:
     """How far a campaign is."""
 
     done: int
@@ -48,8 +48,12 @@ class Progress:
     total: int
     """runs of the study"""
 
+    def __str__(self) -> str:
+        """As in '12 of 100 runs done, 1 failed'."""
+        return f"{self.done} of {self.total} runs done, {self.failed} failed"
 
-Watch = Callable[[Progress], None]
+
+Watch = Callable[[SoFar], None]
 
 
 def campaign(
@@ -68,7 +72,7 @@ def campaign(
         executor: where runs are done: any of PEP 3148 whose workers can import this package,
             `drake_rho.campaigns.workers.Workers`, Dask's by `Client.get_executor()`. If
             not given, here, one after another.
-        progress: called with how far it is whenever runs were written.
+        progress: called with how far it is whenever runs were written; `print` will do.
 
     Returns:
         What the store holds.
@@ -83,7 +87,7 @@ def campaign(
     with Store(store, study) as kept:
         already = kept.keys()
         missing = (run for run in study.runs() if run.key not in already)
-        before = Progress(len(already), kept.failures(), max(len(study), len(already)))
+        before = SoFar(len(already), kept.failures(), max(len(study), len(already)))
         _Campaign(kept, executor or _Here(), progress, before).do(missing)
     return Results(store)
 
@@ -107,7 +111,7 @@ class _Campaign:
     """Runs under way, and those that have to be done again."""
 
     def __init__(
-        self, store: Store, executor: Executor, watch: Watch | None, progress: Progress
+        self, store: Store, executor: Executor, watch: Watch | None, progress: SoFar
     ) -> None:
         self.store, self.executor, self.watch, self.progress = store, executor, watch, progress
         self.at_once = int(getattr(executor, "at_once", _AT_ONCE))

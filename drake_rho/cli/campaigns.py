@@ -8,17 +8,20 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 
 from drake_rho.cli.checks import asked_drawing, check_kept, check_writable
-from drake_rho.cli.console import err, say
+from drake_rho.cli.console import answer, bar, err, remark, say, tell, working, write
+from drake_rho.cli.documents import Content, Ran, Summary
+from drake_rho.cli.failures import InterruptedByUserError
 from drake_rho.cli.options import FormatOption, WidthOption
 
 if TYPE_CHECKING:
-    from drake_rho.campaigns.campaign import Progress as SoFar
+    from drake_rho.campaigns.campaign import SoFar
 
 _ANSWER = 10.0
 """How long to wait for a scheduler [s]."""
@@ -50,14 +53,18 @@ def campaign(
         bool, typer.Option("--schema", help="Print the JSON schema of studies and end.")
     ] = False,
 ) -> int:
-    """Do the runs of a study that are not in the store yet; ended by anything, it goes on."""
+    """Do the runs of a study, those that are not in its store yet.
+
+    Ended by anything, the same command goes on.
+    """
     from drake_rho.campaigns.campaign import campaign as run_campaign
     from drake_rho.campaigns.study import example_study, load_study, study_schema
 
-    if example or schema:
-        text = example_study() if example else json.dumps(study_schema(), indent=2) + "\n"
-        say(text.rstrip("\n"))
+    if schema:
+        write(json.dumps(study_schema(), indent=2))
         return 0
+    if example:
+        return answer(Content(content=example_study()), example_study().rstrip("\n"))
     if study is None or store is None:
         missing = "STUDY" if study is None else "--store"
         raise ValueError(f"campaign: got no {missing}, expected STUDY and --store FILE")
@@ -69,11 +76,11 @@ def campaign(
         with _shown() as watch, _executor(workers, scheduler) as executor:
             results = run_campaign(asked, store, executor=executor, progress=watch)
     except KeyboardInterrupt:
-        say(f"interrupted: what was done is in {store}, and the same command goes on", err)
-        return 130
-    failed = sum(each.runs for each in results.failures)
-    say(f"{len(results)} runs in {store}, {failed} failed; {time.monotonic() - began:.1f} s")
-    return 0
+        kept = f"interrupted: what was done is in {store}, and the same command goes on"
+        raise InterruptedByUserError(kept) from None
+    failed, seconds = sum(each.runs for each in results.failures), time.monotonic() - began
+    words = f"{len(results)} runs in {store}, {failed} failed; {seconds:.1f} s"
+    return tell(Ran(store=store, runs=len(results), failed=failed, seconds=seconds), words)
 
 
 def results(
@@ -83,35 +90,35 @@ def results(
     ] = None,
     file_format: FormatOption = None,
     width: WidthOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON in place of tables.")] = False,
     export: Annotated[
         str | None,
         typer.Option(metavar="FILE", help="Write all rows to this file (.csv or .parquet)."),
     ] = None,
 ) -> int:
-    """Print what a campaign has found: success, costs, times, failures, methods compared."""
+    """Print what a campaign has found, and compare its methods."""
     from drake_rho.campaigns.results import ENDINGS, Results
 
     drawing = asked_drawing(figures, file_format, width)
     check_kept(None, drawing)
     check_writable(export, ENDINGS, "--export")
     found = Results(store)
-    text = json.dumps(found.to_json(), indent=2, ensure_ascii=False) if as_json else str(found)
     if export is not None:
         _exported(found.export, export)
+    drawn = list[Path]()
     if drawing is not None:
         # matplotlib takes longer to load than the tables take to make
         from drake_rho.display.campaigns import write_campaign_figures
 
-        with err.status("drawing"):
+        with working("drawing"):
             drawn = write_campaign_figures(
                 found, drawing.folder, file_format=drawing.file_format, width=drawing.width
             )
-    say(text)
-    if export is not None and not as_json:
-        say(f"{len(found)} rows in {export}")
-    if drawing is not None and not as_json:
-        say(f"{', '.join(path.name for path in drawn)} in {drawing.folder}")
+    document = Summary(**found.to_json(), export=export, figures=[str(each) for each in drawn])
+    answer(document, str(found))
+    if export is not None:
+        remark(f"{len(found)} rows in {export}")
+    if drawing is not None:
+        remark(f"{', '.join(path.name for path in drawn)} in {drawing.folder}")
     return 0
 
 
@@ -123,16 +130,15 @@ def _shown() -> Iterator[Callable[[SoFar], None]]:
         "{task.fields[rate]:.1f} runs/s, left"
     )
     columns = (BarColumn(), words, TimeRemainingColumn())
-    hidden = not err.is_terminal
-    with Progress(*columns, console=err, transient=True, disable=hidden) as bar:
-        task = bar.add_task("", total=1, failed=0, rate=0.0)
+    with bar(*columns) as shown:
+        task = shown.add_task("", total=1, failed=0, rate=0.0)
         began, before = time.monotonic(), None
 
         def watch(now: SoFar) -> None:
             nonlocal before
             before = now.done if before is None else before
             rate = (now.done - before) / max(time.monotonic() - began, 1e-9)
-            bar.update(task, total=now.total, completed=now.done, failed=now.failed, rate=rate)
+            shown.update(task, total=now.total, completed=now.done, failed=now.failed, rate=rate)
 
         yield watch
 

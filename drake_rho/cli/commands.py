@@ -1,4 +1,4 @@
-"""The commands, each a function."""
+"""The commands, group by group, and those that show: the swarm, the paper, the format."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ import logging
 import sys
 import webbrowser
 import zipfile
-from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.status import Status
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
+from drake_rho.cli import described
+from drake_rho.cli.app import app_of
 from drake_rho.cli.campaigns import campaign, results
 from drake_rho.cli.checks import (
-    asked_drawing,
     check_interface,
     check_kept,
     check_rate,
@@ -24,59 +23,40 @@ from drake_rho.cli.checks import (
     drawing_in,
 )
 from drake_rho.cli.console import (
-    err,
-    finish,
+    Work,
+    answer,
+    bar,
+    manner,
     on_interrupt,
-    out,
-    report,
-    say,
-    status_of,
+    remark,
+    tell,
+    working,
+    write,
 )
+from drake_rho.cli.documents import Shown
 from drake_rho.cli.export import export
+from drake_rho.cli.failures import status_of
+from drake_rho.cli.judging import certify, diagnose, verify
 from drake_rho.cli.options import (
-    PLANNERS,
-    REFERENCES,
-    SOLVERS,
     DurationOption,
-    FiguresOption,
     FormatOption,
-    Method,
-    MethodOption,
-    OutputOption,
-    Reference,
-    ReplanEveryOption,
-    ScenarioArgument,
-    Solver,
-    SolverOption,
     StepOption,
     WidthOption,
     WorldOption,
     read,
     refuse_options,
 )
+from drake_rho.cli.planning import assign, fly, plan
 from drake_rho.cli.simulation import simulate
 from drake_rho.cli.streams import pipe_safe
 from drake_rho.display.flown import Flown
 from drake_rho.motion.files import load
-from drake_rho.motion.plan import Plan
 from drake_rho.paper.study import REPEATS, run_study
 from drake_rho.planning.best import plan as best_plan
-from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.rho import plan_rho
-from drake_rho.planning.solve import Solver as AnySolver
 from drake_rho.scenario.files import replacing, scenario_schema
-from drake_rho.scenario.missions import is_lsc_mission
-from drake_rho.scenario.records import Scenario
-
-app = typer.Typer(
-    help="Plan cooperative trajectories for several UAVs by convex optimisation.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
 
 
-@app.command()
 def reproduce(
     figures: Annotated[
         str, typer.Option(metavar="FOLDER", help="Folder for the sixteen figures.")
@@ -84,7 +64,7 @@ def reproduce(
     file_format: FormatOption = None,
     width: WidthOption = None,
 ) -> int:
-    """Run the paper's four examples, draw Figs 3 to 18, check what the paper says it found."""
+    """Run the paper's four examples, draw its figures, check its claims."""
     # matplotlib takes longer to load than the other commands take to run
     from drake_rho.paper.figures import NUMBERS, write_paper_figures
     from drake_rho.paper.tables import claims_table, study_table
@@ -97,116 +77,27 @@ def reproduce(
         TimeElapsedColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=err, transient=True) as progress:
+    with bar(*columns) as progress:
         task = progress.add_task("planning", total=4 * REPEATS + len(NUMBERS))
 
         def advance(done: str) -> None:
             progress.update(task, advance=1, description=done)
 
         study = run_study(advance)
-        write_paper_figures(
+        drawn = write_paper_figures(
             study, figures, advance, file_format=drawing.file_format, width=drawing.width
         )
-    out.print(study_table(study), claims_table(study), sep="\n")
-    say(f"{len(NUMBERS)} figures in {figures}")
-    return 0 if all(example.report.ok for example in study.examples) else 1
+    written = f"{len(drawn)} figures in {figures}"
+    document = described.reproduced(study, drawn)
+    return tell(document, study_table(study), claims_table(study), written)
 
 
-@app.command()
-def plan(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    method: MethodOption = Method.AUTO,
-    solver: SolverOption = Solver.CLARABEL,
-    duration: DurationOption = None,
-    step: Annotated[
-        list[float] | None,
-        typer.Option(
-            help="First the step of a mission, in seconds; then, and with a scenario, a further "
-            "one for convex to try if there is no plan; repeatable."
-        ),
-    ] = None,
-    world: WorldOption = None,
-    figures: FiguresOption = None,
-    file_format: FormatOption = None,
-    width: WidthOption = None,
-) -> int:
-    """Plan a scenario in one piece, verify the plan and print the report."""
-    drawing = asked_drawing(figures, file_format, width)
-    check_kept(output, drawing)
-    further = list(step or ())
-    own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
-    if further and method is Method.SCP:
-        raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
-    asked = read(scenario, duration, own_step, world)
-    with err.status("planning") as status:
-        planned = _plan(asked, method, further, SOLVERS[solver](), status)
-    return finish(planned, output, drawing)
-
-
-@app.command()
-def fly(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    replan_every: ReplanEveryOption = 5,
-    method: MethodOption = Method.AUTO,
-    reference: Annotated[
-        Reference | None,
-        typer.Option(
-            help="Linearise each window around its own solution without obstacles (free, the "
-            "paper's) or around the tail of the previous prediction; if not given, free, and tail "
-            "for vehicles that keep apart."
-        ),
-    ] = None,
-    solver: SolverOption = Solver.CLARABEL,
-    duration: DurationOption = None,
-    step: StepOption = None,
-    world: WorldOption = None,
-    figures: FiguresOption = None,
-    file_format: FormatOption = None,
-    width: WidthOption = None,
-) -> int:
-    """Fly a scenario with a receding horizon, verify the flight and print the report."""
-    drawing = asked_drawing(figures, file_format, width)
-    check_kept(output, drawing)
-    asked = read(scenario, duration, step, world)
-    planner, fallback = PLANNERS[method]
-    with err.status("flying"):
-        flight = plan_rho(
-            asked,
-            replan_every=replan_every,
-            planner=planner,
-            fallback=fallback,
-            reference=None if reference is None else REFERENCES[reference],
-            solver=SOLVERS[solver](),
-        )
-    return finish(flight, output, drawing)
-
-
-app.command()(simulate)
-
-
-@app.command("verify")
-def verify_file(
-    file: Annotated[Path, typer.Argument(help="A file kept by 'plan', 'fly' or 'simulate'.")],
-) -> int:
-    """Judge every constraint of a plan, a flight or a simulation anew and print the report."""
-    return report(load(file))
-
-
-@app.command()
 def schema() -> int:
     """Print the JSON schema of scenario files."""
-    say(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
+    write(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
     return 0
 
 
-app.command()(export)
-app.command()(campaign)
-app.command()(results)
-
-
-@app.command()
 def show(
     source: Annotated[
         str,
@@ -240,52 +131,35 @@ def show(
     step: StepOption = None,
     world: WorldOption = None,
 ) -> int:
-    """Show the swarm in Meshcat: in the browser until interrupted, or as one page in a file."""
+    """Show the swarm in the browser, or write it as one page.
+
+    The browser is served until the command is interrupted.
+    """
     from drake_rho.display.animation import animate
 
     check_writable(html, (".html", ".htm"), "--html")
     check_interface(host)
     check_rate(rate)
-    with err.status("planning"):
-        flown = _load_or_fly(source, duration, step, world)
-    with err.status("drawing"):
+    with working("planning") as work:
+        flown = _load_or_fly(source, duration, step, world, work)
+    with working("drawing"):
         meshcat = animate(flown, host=host, port=port, rate=rate, trails=trails)
     if html is not None:
         with replacing(html) as file:
             file.write(meshcat.StaticHtml().encode())
-        say(f"one page in {html}")
-        return 0
+        return tell(Shown(page=html), f"one page in {html}")
     wait_for_the_end = on_interrupt()
-    say(f"{meshcat.web_url()}  (Ctrl-C ends)")
+    answer(Shown(url=meshcat.web_url()), f"{meshcat.web_url()}  (Ctrl-C ends)")
     sys.stdout.flush()
     if browser and not webbrowser.open(meshcat.web_url()):
-        say("no browser found here: open the address in one")
+        remark("no browser found here: open the address in one")
     wait_for_the_end()
-    say("ended")
+    remark("ended")
     return 0
 
 
-def _plan(
-    scenario: Scenario,
-    method: Method,
-    further: list[float],
-    solver: AnySolver,
-    status: Status,
-) -> Plan:
-    """The plan of a method; further steps are tried by the convex one first."""
-    if method is Method.CONVEX or further:
-        try:
-            return plan_convex(scenario, steps=further, solver=solver)
-        except InfeasibleError as error:
-            if method is Method.CONVEX or not error.about_linearisation:
-                raise
-    return best_plan(
-        scenario, solver=solver, progress=lambda words: status.update(f"planning: {words}")
-    )
-
-
 def _load_or_fly(
-    source: str, duration: float | None, step: float | None, world: str | None
+    source: str, duration: float | None, step: float | None, world: str | None, work: Work
 ) -> Flown:
     """What is in a file, or else a scenario's flight; of a fleet, its plan."""
     if source.endswith(".npz") or zipfile.is_zipfile(source):
@@ -293,12 +167,25 @@ def _load_or_fly(
         return load(source)
     scenario = read(source, duration, step, world)
     if scenario.separation is not None:  # ten windows of sixty vehicles are long to wait for
-        return best_plan(scenario)
-    return plan_rho(scenario)
+        return best_plan(scenario, progress=work)
+    return plan_rho(scenario, progress=work)
+
+
+GROUPS = {
+    "Plan and fly": (plan, fly, simulate, assign),
+    "Judge": (verify, certify, diagnose),
+    "See and export": (show, export),
+    "Do many runs": (campaign, results),
+    "Look up": (schema, reproduce),
+}
+"""The commands, in the order in which they are listed."""
+
+app = app_of(GROUPS)
 
 
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     logging.getLogger("drake").setLevel(logging.WARNING)  # what the solvers mutter
     sys.stdout, sys.stderr = pipe_safe(sys.stdout), pipe_safe(sys.stderr)
+    manner.adopt(sys.argv[1:])
     sys.exit(status_of(lambda: app(standalone_mode=False)))

@@ -1,100 +1,106 @@
-"""What the commands say and wait for, and the status they leave with."""
+"""What the commands say: a document or words, and what is being done."""
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from rich.console import Console
+from rich.progress import Progress, ProgressColumn
+from rich.status import Status
+from rich.table import Table
+from rich.text import Text
 
-from drake_rho.assurance.feasibility import diagnose
-from drake_rho.assurance.verification import verify
-from drake_rho.cli.checks import Drawing
-from drake_rho.cli.summary import simulation_table
-from drake_rho.display.flown import Flown
-from drake_rho.motion.files import save
-from drake_rho.motion.plan import Flight
-from drake_rho.motion.simulation import Simulation
-from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.scenario.errors import DrakeRhoError
+from drake_rho.cli.documents import Document
 
 out = Console()
 err = Console(stderr=True)
 
 
-def say(text: str, console: Console = out) -> None:
-    """Print text unchanged on a console of any width: no markup in names, no folded tables."""
+@dataclasses.dataclass
+class Manner:
+    """How the commands speak, the same for all of one run."""
+
+    as_json: bool = False
+    """one JSON document on standard output, and nothing else there"""
+    quiet: bool = False
+    """results and errors only"""
+
+    def adopt(self, words: Sequence[str]) -> None:
+        """Take it from a command line, which need not make sense otherwise: errors have it too."""
+        options = words[: words.index("--")] if "--" in words else words
+        self.as_json, self.quiet = "--json" in options, "--quiet" in options
+        err.quiet = self.quiet
+
+
+manner = Manner()
+
+
+def write(text: str, console: Console = out) -> None:
+    """Print text unchanged on a console of any width: no markup in names, nothing folded."""
     console.file.write(f"{text}\n")
     console.file.flush()
 
 
-def finish(
-    planned: Flown, output: str | None, drawing: Drawing | None = None, heading: str | None = None
-) -> int:
-    """Report on what was planned, keep it and draw it, whether or not it holds."""
-    if output is not None:  # before anything is said: a closed pipe must not lose the work
-        save(planned, output)
-    if heading is not None:
-        say(heading)
-    status = report(planned)
-    if output is not None:
-        say(f"kept in {output}")
-    if drawing is not None:
-        # matplotlib takes longer to load than the other commands take to run
-        from drake_rho.display.figures import write_figures
-
-        with err.status("drawing"):
-            drawn = write_figures(
-                planned, drawing.folder, file_format=drawing.file_format, width=drawing.width
-            )
-        say(f"{', '.join(path.name for path in drawn)} in {drawing.folder}")
-    return status
+def say(text: str, console: Console = out) -> None:
+    """Print words, which a terminal has folded between two of them; elsewhere unchanged."""
+    if console.is_terminal:
+        console.print(Text(text, overflow="ignore"))
+    else:
+        write(text, console)
 
 
-def report(planned: Flown) -> int:
-    """Judge what was planned and say how it came about; the status is 0 if all of it holds."""
-    if isinstance(planned, Simulation):
-        return _report_simulation(planned)
-    judged = verify(planned)
-    say(str(judged))
-    whole = planned.plan if isinstance(planned, Flight) else planned
-    numbers = whole.statistics
-    say(
-        f"cost {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
-        f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver or 'no solver'}"
-    )
-    if isinstance(planned, Flight):
-        _say_windows(planned)
-    if numbers.tolerance is not None and numbers.converged:
-        say(f"converged: the last linearisation saved less than {100 * numbers.tolerance:g} %")
-    if not numbers.converged:
-        say("not converged: the iteration was stopped before the cost settled")
-    return 0 if judged.ok else 1
+def remark(text: str) -> None:
+    """Say something that is not the result."""
+    if not manner.quiet:
+        say(text, err if manner.as_json else out)
 
 
-def _report_simulation(simulation: Simulation) -> int:
-    """Judge the true motion, and say how far it was off its plans."""
-    judged = verify(simulation)
-    say(str(judged))
-    _say_why(simulation.flight)
-    out.print(simulation_table(simulation))
-    return 0 if judged.ok else 1
+def answer(document: Document, *words: str | Table) -> int:
+    """Say what was asked for, as a document or in words, and return its status."""
+    if manner.as_json:
+        write(document.to_json())
+        return document.status
+    for each in words:
+        say(each) if isinstance(each, str) else out.print(each)
+    return document.status
 
 
-def _say_windows(flight: Flight) -> None:
-    """How many windows there were, and why some had no plan of their own."""
-    kept = sum(bool(window.infeasible) for window in flight.windows)
-    say(f"{len(flight.windows)} windows, {kept} of them without a plan of their own")
-    _say_why(flight)
+def tell(document: Document, *words: str | Table) -> int:
+    """The same of what a command has done, where the status may be all that is wanted."""
+    return answer(document, *(() if manner.quiet else words))
 
 
-def _say_why(flight: Flight) -> None:
-    """Why windows had no plan of their own."""
-    for window in flight.windows:
-        if window.infeasible:
-            flown = "along the previous" if window.kept else "breaking least"
-            say(f"  from knot {window.first_knot + 1}, {flown}: {window.infeasible}")
+class Work:
+    """What is under way, in a line of the terminal; called as `progress=`."""
+
+    def __init__(self, words: str, status: Status) -> None:
+        self._part, self._status = words, status
+
+    def __call__(self, words: str) -> None:
+        """From now on this is done."""
+        self._part = words
+        self._status.update(Text(words))
+
+    def detail(self, words: str) -> None:
+        """This is done within what is done."""
+        self._status.update(Text(f"{self._part}: {words}"))
+
+
+@contextmanager
+def working(words: str) -> Iterator[Work]:
+    """Show on standard error, if it is a terminal, what is under way in the block."""
+    with err.status(Text(words)) as status:
+        yield Work(words, status)
+
+
+def bar(*columns: ProgressColumn) -> Progress:
+    """A bar on standard error, if it is a terminal and progress is wanted."""
+    hidden = manner.quiet or not err.is_terminal
+    return Progress(*columns, console=err, transient=True, disable=hidden)
 
 
 def on_interrupt() -> Callable[[], None]:
@@ -111,33 +117,3 @@ def on_interrupt() -> Callable[[], None]:
             pass
 
     return wait
-
-
-def status_of(command: Callable[[], int | None]) -> int:
-    """Run a command to its exit status; what it raises on purpose is said in a line or a few."""
-    try:
-        status = command()
-    except InfeasibleError as error:
-        with err.status("finding out why"):
-            reason = None if error.scenario is None else diagnose(error.scenario)
-        say(str(reason or error), err)
-        return 3
-    except SolverError as error:
-        return _complain(error, 4)
-    except (DrakeRhoError, ValueError, OSError) as error:
-        return _complain(error, 2)
-    except MemoryError:
-        return _complain("out of memory: the scenario is too large for this machine", 2)
-    except Exception as error:
-        # A word on the command line that typer does not accept. Its exceptions have no public
-        # name that holds from version to version; this method sets them apart.
-        if not hasattr(error, "format_message"):
-            raise
-        return _complain(error.format_message() or "see drake-rho --help", 2)
-    return int(status or 0)
-
-
-def _complain(error: object, status: int) -> int:
-    words = " ".join(str(error).split())
-    say(f"drake-rho: {words}", err)
-    return status

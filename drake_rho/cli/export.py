@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from drake_rho.cli.console import err, say
+from drake_rho.cli import described
+from drake_rho.cli.console import tell, working
 from drake_rho.exports.export import FORMATS, check_export
 from drake_rho.exports.export import export as exported
 from drake_rho.motion.files import load
@@ -16,7 +17,9 @@ from drake_rho.motion.files import load
 def export(
     file: Annotated[
         Path,
-        typer.Argument(help="A file kept by 'plan', 'fly' or 'simulate', or exported as json."),
+        typer.Argument(
+            metavar="FILE", help="A file kept by 'plan', 'fly' or 'simulate', or exported as json."
+        ),
     ],
     format: Annotated[
         str,
@@ -42,10 +45,9 @@ def export(
         typer.Option(help="Samples a second; 20 if not given, and of json the knots alone."),
     ] = None,
 ) -> int:
-    """Write a kept plan, flight or simulation in the format of another program."""
+    """Write a plan, flight or simulation in another program's format."""
     check_export(output, format, rate)
     flown = load(file)
-    with err.status("exporting"):
+    with working("exporting"):
         written = exported(flown, output, format=format, rate=rate)
-    say(str(written))
-    return 0
+    return tell(described.exported(written), str(written))

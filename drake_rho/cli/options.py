@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -11,6 +12,7 @@ from pydrake.solvers import ClarabelSolver, OsqpSolver
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.daqp import Daqp
+from drake_rho.planning.progress import Progress
 from drake_rho.planning.solve import Solver as AnySolver
 from drake_rho.planning.windows import Planner, free_reference, tail_reference
 from drake_rho.scenario.files import library, load_scenario
@@ -49,13 +51,6 @@ class FigureFormat(StrEnum):
     SVG = "svg"
 
 
-PLANNERS: dict[Method, tuple[Planner, Planner | None]] = {
-    Method.AUTO: (plan_convex, best_plan),
-    Method.CONVEX: (plan_convex, None),
-    Method.SCP: (best_plan, None),
-}
-"""Of a window, and where that has no solution."""
-
 SOLVERS: dict[Solver, type[AnySolver]] = {
     Solver.CLARABEL: ClarabelSolver,
     Solver.OSQP: OsqpSolver,
@@ -63,10 +58,17 @@ SOLVERS: dict[Solver, type[AnySolver]] = {
 }
 REFERENCES = {Reference.FREE: free_reference, Reference.TAIL: tail_reference}
 
+
+def _completed(begun: str) -> list[str]:
+    """Scenarios whose names begin so: those of the library; shells complete files themselves."""
+    return [name for name in library() if name.startswith(begun)]
+
+
 ScenarioArgument = Annotated[
     str,
     typer.Argument(
         metavar="SCENARIO",
+        autocompletion=_completed,
         help=f"A library scenario ({', '.join(library())}), a YAML file, or a mission of the LSC "
         "planner (.json), which needs --duration and --step.",
     ),
@@ -118,6 +120,14 @@ MethodOption = Annotated[
     ),
 ]
 SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]
+
+
+def planners(method: Method, progress: Progress) -> tuple[Planner, Planner | None]:
+    """What plans a window, and what does where that has no solution."""
+    iterated = partial(best_plan, progress=progress)
+    if method is Method.AUTO:
+        return plan_convex, iterated
+    return (plan_convex, None) if method is Method.CONVEX else (iterated, None)
 
 
 def read(

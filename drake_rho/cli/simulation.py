@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from enum import StrEnum
-from math import ceil
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-)
 
 from drake_rho.cli.checks import asked_drawing, check_kept
-from drake_rho.cli.console import err, finish
+from drake_rho.cli.console import working
 from drake_rho.cli.options import (
-    PLANNERS,
     DurationOption,
     FiguresOption,
     FormatOption,
@@ -33,13 +22,12 @@ from drake_rho.cli.options import (
     StepOption,
     WidthOption,
     WorldOption,
+    planners,
     read,
 )
-from drake_rho.motion.plan import Plan
+from drake_rho.cli.reports import finish
 from drake_rho.planning.rho import RecedingHorizon
-from drake_rho.planning.solve import Solver
-from drake_rho.planning.windows import Planner
-from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds
 from drake_rho.simulation.attack import attack
 from drake_rho.simulation.winds import Wind
@@ -67,12 +55,6 @@ class Plant(StrEnum):
 
 DIRECTED = (WindName.CONSTANT, WindName.GUST, WindName.WORST)
 """Winds that have a direction."""
-_COLUMNS = (
-    TextColumn("{task.description}"),
-    BarColumn(),
-    MofNCompleteColumn(),
-    TimeElapsedColumn(),
-)
 
 
 def simulate(
@@ -109,7 +91,7 @@ def simulate(
     file_format: FormatOption = None,
     width: WidthOption = None,
 ) -> int:
-    """Fly a scenario in wind with a receding horizon and feedback, and judge the true motion."""
+    """Fly a scenario in wind, and judge the true motion."""
     # Drake's simulator takes long to load
     from drake_rho.simulation.simulate import simulate as simulated
 
@@ -117,40 +99,24 @@ def simulate(
     check_kept(output, drawing)
     asked = read(scenario, duration, step, world)
     check_wind(asked, wind, direction)
-    planner, fallback = PLANNERS[method]
     for_wind, for_errors = np.random.default_rng(seed).spawn(2)
-    horizon = RecedingHorizon(asked, replan_every=replan_every, planner=planner, fallback=fallback)
-    with Progress(*_COLUMNS, console=err, transient=True, disable=not err.is_terminal) as progress:
-        task = progress.add_task("windows", total=len(horizon.knots))
+    with working("looking for the wind") as work:
+        planner, fallback = planners(method, work.detail)
+        horizon = RecedingHorizon(
+            asked, replan_every=replan_every, planner=planner, fallback=fallback
+        )
         blowing, words = _wind(horizon, wind, direction, for_wind)
         flown = simulated(
             asked,
             replan_every=replan_every,
-            planner=_Counted(planner, asked.grid, progress, task, replan_every),
+            planner=planner,
             fallback=fallback,
             wind=blowing,
             plant="quadrotor" if plant is Plant.QUADROTOR else None,
             rng=for_errors,
+            progress=work,
         )
-    return finish(flown, output, drawing, f"wind: {words}; seed {seed}")
-
-
-@dataclasses.dataclass(frozen=True)
-class _Counted:
-    """A planner that shows which window it is asked for."""
-
-    planner: Planner
-    grid: Grid
-    progress: Progress
-    task: TaskID
-    replan_every: int
-
-    def __call__(
-        self, scenario: Scenario, *, reference: Plan | None, solver: Solver | None
-    ) -> Plan:
-        knot = round((scenario.grid.start - self.grid.start) / self.grid.step)
-        self.progress.update(self.task, completed=ceil(knot / self.replan_every))
-        return self.planner(scenario, reference=reference, solver=solver)
+    return finish(flown, output, drawing, f"{words}; seed {seed}")
 
 
 def check_wind(scenario: Scenario, wind: WindName, direction: Direction | None) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from drake_rho.cli.documents import ErrorRow
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray, IntArray
 
@@ -17,31 +18,50 @@ _ROUNDING = 1e-9
 """Part of a motion's scale that rounding may be off, and no error."""
 
 
-def simulation_table(simulation: Simulation) -> Table:
+def errors_of(simulation: Simulation) -> list[ErrorRow]:
     """How far each vehicle was off its plan, and how close it came to what it keeps clear of.
 
     Clearances are what is left above the vehicle's radius, or above the separation, in the record.
     """
-    vehicles = simulation.scenario.vehicles
     errors = simulation.errors()
-    columns = {"error \\[m]": errors.max(axis=0)}
-    if (parts := _parts(simulation, errors)) is not None:
-        columns["of radius \\[%]"] = 100.0 * parts
-    if simulation.scenario.obstacles:
-        columns["to obstacles \\[m]"] = _from_obstacles(simulation)
-    if simulation.scenario.separation is not None and len(vehicles) > 1:
-        columns["to others \\[m]"] = _from_others(simulation)
-    worst: IntArray = np.sort(np.argsort(-errors.max(axis=0), kind="stable")[:_MOST_ROWS])
+    columns = (_parts(simulation, errors), _from_obstacles(simulation), _from_others(simulation))
+    return [
+        ErrorRow(
+            vehicle=vehicle.name,
+            error_m=float(errors[:, i].max()),
+            of_radius=_finite(columns[0][i]),
+            to_obstacles_m=_finite(columns[1][i]),
+            to_others_m=_finite(columns[2][i]),
+        )
+        for i, vehicle in enumerate(simulation.scenario.vehicles)
+    ]
+
+
+def simulation_table(simulation: Simulation) -> Table:
+    """The rows of `errors_of`, those of the greatest errors where there are many."""
+    rows = errors_of(simulation)
+    columns: dict[str, list[float | None]] = {
+        "error \\[m]": [each.error_m for each in rows],
+        "of radius \\[%]": [each.of_radius and 100.0 * each.of_radius for each in rows],
+        "to obstacles \\[m]": [each.to_obstacles_m for each in rows],
+        "to others \\[m]": [each.to_others_m for each in rows],
+    }
+    columns = {
+        name: values
+        for name, values in columns.items()
+        if any(value is not None for value in values)
+    }
+    errors = np.array([each.error_m for each in rows])
+    worst: IntArray = np.sort(np.argsort(-errors, kind="stable")[:_MOST_ROWS])
     table = Table(title=_title(simulation), title_justify="left", caption_justify="left")
     table.caption = "error of position; distances above those that are kept"
     table.add_column("vehicle")
     for name in columns:
         table.add_column(name, justify="right")
     for i in worst:
-        row = (_number(float(values[i])) for values in columns.values())
-        table.add_row(escape(vehicles[i].name), *row)
-    if len(vehicles) > len(worst):
-        table.caption += f"; the {len(worst)} of {len(vehicles)} vehicles with the greatest errors"
+        table.add_row(escape(rows[i].vehicle), *(_number(values[i]) for values in columns.values()))
+    if len(rows) > len(worst):
+        table.caption += f"; the {len(worst)} of {len(rows)} vehicles with the greatest errors"
     return table
 
 
@@ -52,18 +72,22 @@ def _title(simulation: Simulation) -> str:
     return f"{escape(simulation.scenario.name)}: {escape(simulation.plant)} {wind}"
 
 
-def _number(value: float) -> str:
-    if not np.isfinite(value):
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _number(value: float | None) -> str:
+    if value is None:
         return "-"
     return "0" if abs(value) < _NOTHING else f"{value:.3g}"
 
 
-def _parts(simulation: Simulation, errors: FloatArray) -> FloatArray | None:
-    """The greatest part of its radius that each error had, shape (N,); None without a tube."""
+def _parts(simulation: Simulation, errors: FloatArray) -> FloatArray:
+    """The greatest part of its radius that each error had, shape (N,); NaN without a tube."""
     radii = simulation.radii()
     wide = radii > 0.0
     if not np.any(wide):
-        return None
+        return np.full(errors.shape[1], np.nan)
     errors = np.maximum(errors - _ROUNDING * simulation.scenario.fleet.scale("position"), 0.0)
     parts: FloatArray = (errors[wide] / radii[wide, None]).max(axis=0)
     return parts
@@ -86,7 +110,7 @@ def _from_others(simulation: Simulation) -> FloatArray:
 
     separation = simulation.scenario.separation
     least = np.full(len(simulation.scenario.vehicles), np.inf)
-    if separation is None:
+    if separation is None or len(least) < 2:
         return least
     for points in separation.scaled(simulation.positions):
         least = np.minimum(least, cKDTree(points).query(points, k=2)[0][:, 1])

@@ -18,8 +18,9 @@ from drake_rho.planning.bends import BENDS, bent_alone
 from drake_rho.planning.errors import InfeasibleError, Names, SolverError
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.options import DEFAULTS, Options
+from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.room import with_room
-from drake_rho.planning.scp import Progress, iterate, restored
+from drake_rho.planning.scp import iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.towards import towards
@@ -65,17 +66,19 @@ def plan_along_ways(
         scenario: what is asked.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
         options: `max_ways` bounds the ways that are tried.
-        progress: called after each linearisation.
+        progress: called with a few words on what is being done.
     """
     began = time.perf_counter()
+    tell(progress, "looking for ways")
     found = find_ways(with_room(scenario), options.max_ways)
     spent = Statistics(searched=found.searched, seconds=time.perf_counter() - began)
     best: Plan | None = None
     failure: InfeasibleError | None = None
-    for reference in found.references:
+    for number, reference in enumerate(found.references, start=1):
         subproblem = Subproblem(scenario, decoupled, solver)
+        along = within(progress, f"way {number} of {len(found.references)}")
         try:
-            plan = restored(reference, subproblem, progress, towards)
+            plan = restored(reference, subproblem, along, towards)
         except SolverError as error:
             spent = error.statistics + spent
             continue
@@ -83,7 +86,7 @@ def plan_along_ways(
             spent, failure = error.statistics + spent, failure or error
             continue
         if len(found.references) > 1:
-            plan = iterate(subproblem, plan, _ROUGHLY, progress=progress)
+            plan = iterate(subproblem, plan, _ROUGHLY, progress=along)
         spent = plan.statistics + spent
         if best is None or plan.cost < best.cost:
             best = plan
@@ -106,7 +109,8 @@ def _by_bends(
             break
         subproblem = Subproblem(scenario, decoupled, solver)
         try:
-            plan = restored(bent_alone(scenario, number), subproblem, progress)
+            bent = within(progress, f"bend {number + 1} of {BENDS}")
+            plan = restored(bent_alone(scenario, number), subproblem, bent)
         except (InfeasibleError, SolverError) as error:
             spent += error.statistics
         else:

@@ -40,6 +40,20 @@ def assign_goals(scenario: Scenario, *, exact: bool | None = None) -> Scenario:
         ScenarioError: a vehicle's own position or velocity box does not hold the goal it is given,
             or there is a single step and it does not take the vehicles to all the goals.
     """
+    goals = [vehicle.goal for vehicle in scenario.vehicles]
+    vehicles = tuple(
+        dataclasses.replace(vehicle, goal=goals[index])
+        for vehicle, index in zip(scenario.vehicles, assignment(scenario, exact=exact), strict=True)
+    )
+    return dataclasses.replace(scenario, vehicles=vehicles)
+
+
+def assignment(scenario: Scenario, *, exact: bool | None = None) -> list[int]:
+    """The number, from 0, of the vehicle whose goal each is given by `assign_goals`.
+
+    Raises:
+        ScenarioError: there is a single step, and it does not take the vehicles to all the goals.
+    """
     if exact is None:
         exact = len(scenario.vehicles) <= _DENSE
     efforts = _Efforts.of(scenario)
@@ -48,12 +62,7 @@ def assign_goals(scenario: Scenario, *, exact: bool | None = None) -> Scenario:
     except ValueError:  # too many of the pairs are infinite
         expected = "more knots: a single step does not take the vehicles to the goals"
         raise ScenarioError("grid.knots", scenario.grid.knots, expected) from None
-    goals = [vehicle.goal for vehicle in scenario.vehicles]
-    vehicles = tuple(
-        dataclasses.replace(vehicle, goal=goals[index])
-        for vehicle, index in zip(scenario.vehicles, chosen.tolist(), strict=True)
-    )
-    return dataclasses.replace(scenario, vehicles=vehicles)
+    return [int(each) for each in chosen]
 
 
 @dataclasses.dataclass(frozen=True)

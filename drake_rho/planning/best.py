@@ -20,8 +20,9 @@ from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
+from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.room import check_room
-from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, Progress, iterate, restored
+from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
 from drake_rho.scenario.records import Scenario
@@ -65,7 +66,7 @@ def plan(
         executor: where programs are solved, in blocks of vehicles, and ways round the obstacles
             are looked for, vehicle by vehicle: any of PEP 3148. The plan is the same, whoever
             works. A Drake solver cannot be sent to processes, `Daqp()` can. If not given, here.
-        progress: called with a few words after each linearisation.
+        progress: called with a few words on what is being done, as after each linearisation.
         options: tolerances and bounds; `Options()` if not given.
 
     Returns:
@@ -101,12 +102,22 @@ def plan_scp(
     coupling: Coupling | None = None,
     solver: Solver | None = None,
     executor: Executor | None = None,
+    progress: Progress | None = None,
+    options: Options | None = None,
 ) -> Plan:
     """Sequential convex programming to convergence: `plan`, by the name of its method.
 
     Args and errors are those of `plan`.
     """
-    return plan(scenario, reference=reference, coupling=coupling, solver=solver, executor=executor)
+    return plan(
+        scenario,
+        reference=reference,
+        coupling=coupling,
+        solver=solver,
+        executor=executor,
+        progress=progress,
+        options=options,
+    )
 
 
 def first_plan(
@@ -130,11 +141,12 @@ def first_plan(
         if not scenario.known:
             raise
         everyone = [vehicle.name for vehicle in scenario.vehicles]
-        return _ways_round(scenario, everyone, None, solver, options)
+        return _ways_round(scenario, everyone, None, solver, options, progress)
     except InfeasibleError as error:
         if not error.about_linearisation:
             raise
-        return _ways_round(scenario, list(error.conflicts), error, solver, options)
+        stuck = list(error.conflicts)
+        return _ways_round(scenario, stuck, error, solver, options, progress)
 
 
 def _first_apart(
@@ -155,6 +167,7 @@ def _first_apart(
     alone = scenario.without_separation()
     try:
         try:
+            tell(progress, "planning each vehicle without the others")
             careless = plan_convex(alone, reference=reference, solver=solver)
         except SolverError:
             if not scenario.known:
@@ -164,7 +177,7 @@ def _first_apart(
             if not error.about_linearisation or len(error.conflicts) > _FEW * len(alone.vehicles):
                 raise
             few, single = list(error.conflicts), dataclasses.replace(options, max_ways=1)
-            careless = _ways_round(alone, few, error, solver, single)
+            careless = _ways_round(alone, few, error, solver, single, progress)
         start = Plan.from_accelerations(scenario, careless.accelerations, careless.statistics)
         return _brought_apart(start, solver, progress)
     except InfeasibleError as error:
@@ -241,6 +254,7 @@ def _ways_round(
     failure: InfeasibleError | None,
     solver: Solver | OnWorkers | None,
     options: Options,
+    progress: Progress | None,
 ) -> Plan:
     """A first plan where the first linearisation has none: along ways for the vehicles it failed.
 
@@ -251,9 +265,12 @@ def _ways_round(
     spent = free.statistics if failure is None else failure.statistics + free.statistics
     indices = [scenario.index_of(name) for name in stuck]
     alone = [scenario.of_vehicles([index]) for index in indices]
-    workers = solver if isinstance(solver, OnWorkers) else None
-    each_of, own = (workers.executor.map, workers.solver) if workers else (map, solver)
-    found = list(each_of(plan_along_ways, alone, repeat(own), repeat(options)))
+    if isinstance(solver, OnWorkers):  # which cannot tell from where they are
+        each_of, own = solver.executor.map, repeat(solver.solver)
+        found = list(each_of(plan_along_ways, alone, own, repeat(options)))
+    else:
+        parts = [within(progress, name) for name in stuck]
+        found = list(map(plan_along_ways, alone, repeat(solver), repeat(options), parts))
     accelerations = np.array(free.accelerations)
     for index, along in zip(indices, found, strict=True):
         spent += along.spent

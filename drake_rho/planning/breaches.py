@@ -57,6 +57,12 @@ class Breaches:
             )
         )
 
+    def worst(self, scenario: Scenario) -> float:
+        """By how much anything is too close at most [m], pairs as the separation measures it."""
+        apart = 0.0 if scenario.separation is None else scenario.separation.distance
+        short = [apart - self.pairs.distances, *(-each.distances for each in self.inside.values())]
+        return max((float(each.max()) for each in short if len(each) > 0), default=0.0)
+
     def is_almost_out(self, scenario: Scenario) -> bool:
         """Whether what is too close is so by little, and the motion can be flown."""
         if len(self.unflyable) + len(self.beyond) > 0:

@@ -22,6 +22,7 @@ from drake_rho.planning.measured import (
     tracked_anew,
     tube_and_estimate,
 )
+from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.windows import (
     Planner,
@@ -55,6 +56,7 @@ class RecedingHorizon:
             `tail_reference`, or another function of this form. If not given, the paper's and, for
             fleets that keep apart, the tail, which is a plan for the next window already.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        progress: called with a few words when a window begins, as 'window 3 of 10'.
 
     Attributes:
         scenario: as given.
@@ -74,6 +76,7 @@ class RecedingHorizon:
         fallback: Planner | None = best_plan,
         reference: Reference | None = None,
         solver: Solver | None = None,
+        progress: Progress | None = None,
     ) -> None:
         whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
         if not whole or replan_every < 1:
@@ -82,7 +85,10 @@ class RecedingHorizon:
             reference = free_reference if scenario.separation is None else tail_reference
         self.scenario, self.replan_every = scenario, int(replan_every)
         self.windows: list[Window] = []
-        self._planner = WindowPlanner(planner, fallback, reference, solver)
+        self._planner, self._progress = (
+            WindowPlanner(planner, fallback, reference, solver),
+            progress,
+        )
 
     @property
     def knots(self) -> range:
@@ -124,6 +130,8 @@ class RecedingHorizon:
         with one_for_arrays():
             positions, velocities = self._checked(states)
             knot = self._knot(time)
+            number = knot // self.replan_every + 1
+            tell(self._progress, f"window {number} of {len(self.knots)}")
             if not self.windows:
                 window = self._planner.first(self._begun(positions, velocities))
             else:
@@ -216,6 +224,7 @@ def plan_rho(
     fallback: Planner | None = best_plan,
     reference: Reference | None = None,
     solver: Solver | None = None,
+    progress: Progress | None = None,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
 
@@ -242,6 +251,7 @@ def plan_rho(
             `tail_reference`, or another function of this form. If not given, the paper's and, for
             fleets that keep apart, the tail, which is a plan for the next window already.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        progress: called with a few words when a window begins, as 'window 3 of 10'.
 
     Returns:
         The flight; `flight.plan` meets every constraint of the scenario, but for obstacles that
@@ -260,6 +270,7 @@ def plan_rho(
         fallback=fallback,
         reference=reference,
         solver=solver,
+        progress=progress,
     )
     for knot in horizon.knots:
         horizon.step(horizon.planned(knot), scenario.grid.times[knot])

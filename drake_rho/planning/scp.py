@@ -12,12 +12,10 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.options import DEFAULTS
+from drake_rho.planning.progress import Progress
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
-
-Progress = Callable[[str], None]
-"""Called with a few words after each linearisation."""
 
 Follow = Callable[[Plan, Plan], Plan]
 """What is linearised around next, of a reference and the plan that was found around it."""
@@ -80,7 +78,8 @@ def iterate(
             break
         spent += after.statistics
         if progress is not None:
-            progress(f"linearised {spent.linearisations} times, cost {after.cost:.6g} m²/s⁴")
+            worst = subproblem.worst_breach(after) if restoring else 0.0
+            progress(_words(spent.linearisations, after.cost, worst))
         if restoring:
             far = follow is not None and not subproblem.almost_holds(after)
             plan, around = after, follow(around, after) if follow and far else after
@@ -92,6 +91,12 @@ def iterate(
         raise failure
     done = dataclasses.replace(spent, converged=converged or restoring, tolerance=tolerance)
     return plan.with_statistics(done)
+
+
+def _words(linearisations: int, cost: float, worst: float) -> str:
+    times = "once" if linearisations == 1 else f"{linearisations} times"
+    breach = f", worst breach {worst:.3g} m" if worst > 0.0 else ""
+    return f"linearised {times}, cost {cost:.6g} m²/s⁴{breach}"
 
 
 def _better(

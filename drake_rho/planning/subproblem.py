@@ -224,6 +224,10 @@ class Subproblem:
         """Whether a plan can be flown and is too close to nothing by more than a little."""
         return self._look_at(plan).is_almost_out(self.scenario)
 
+    def worst_breach(self, plan: Plan) -> float:
+        """By how much a plan is too close to something at most [m]; 0 if it is to nothing."""
+        return self._look_at(plan).worst(self.scenario)
+
     def _look_at(self, plan: Plan) -> Breaches:
         """What a plan breaks; looked for once."""
         if self._looked is None or self._looked[0] is not plan:

@@ -9,6 +9,7 @@ import numpy as np
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.progress import Progress
 from drake_rho.planning.rho import RecedingHorizon
 from drake_rho.planning.windows import Planner
 from drake_rho.scenario.records import Scenario
@@ -26,6 +27,7 @@ def simulate(
     wind: Wind | None = None,
     plant: Literal["quadrotor"] | None = None,
     rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
 ) -> Simulation:
     """Fly a scenario with a receding horizon and feedback in wind, in Drake's simulator.
 
@@ -40,6 +42,7 @@ def simulate(
             controller of thrust and attitude.
         rng: where errors of the estimate come from; without it there are none, unless the wind
             brings its own.
+        progress: called with a few words when a window begins, as 'window 3 of 10'.
 
     Returns:
         The true motion, with everything that it came of. Equal arguments and equally seeded
@@ -53,6 +56,10 @@ def simulate(
     if plant not in PLANTS:
         raise ValueError(f"plant: got {plant!r}, expected None or 'quadrotor'")
     horizon = RecedingHorizon(
-        scenario, replan_every=replan_every, planner=planner, fallback=fallback
+        scenario,
+        replan_every=replan_every,
+        planner=planner,
+        fallback=fallback,
+        progress=progress,
     )
     return simulated(horizon, winds.none() if wind is None else wind, plant, rng)

@@ -1,0 +1,209 @@
+"""What the commands find as the documents that tell it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Literal
+
+import numpy as np
+
+from drake_rho.assurance.diagnosis import Diagnosis
+from drake_rho.assurance.optimality import Certificate
+from drake_rho.assurance.report import Check, Report
+from drake_rho.cli.documents import (
+    Assigned,
+    AssignedRow,
+    Certified,
+    CertifiedRow,
+    CheckRow,
+    ClaimRow,
+    ExampleRow,
+    Exported,
+    Judged,
+    Reproduced,
+    SightingRow,
+    Why,
+    WindowRow,
+)
+from drake_rho.cli.summary import errors_of
+from drake_rho.display.flown import Flown
+from drake_rho.exports.record import Exported as Written
+from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.simulation import Simulation
+from drake_rho.paper.study import Example, Study
+from drake_rho.scenario.records import Scenario
+
+
+def judged(
+    flown: Flown,
+    report: Report,
+    *,
+    wind: str | None = None,
+    file: str | None = None,
+    figures: Iterable[object] = (),
+) -> Judged:
+    """Something planned or flown, and the report on it."""
+    flight = flown.flight if isinstance(flown, Simulation) else flown
+    windows = flight.windows if isinstance(flight, Flight) else ()
+    took = flight.statistics
+    return Judged(
+        status=0 if report.ok else 1,
+        kind=_kind(flown),
+        scenario=flown.scenario.name,
+        vehicles=len(flown.scenario.vehicles),
+        knots=flown.scenario.grid.knots,
+        step_s=flown.scenario.grid.step,
+        ok=report.ok,
+        cost=flight.cost,
+        seconds=took.seconds,
+        programs=took.programs,
+        linearisations=took.linearisations,
+        converged=took.converged,
+        solver=took.solver,
+        clearance_m=_least(report, "obstacle "),
+        separation_m=_least(report, "separation"),
+        windows=len(windows) if isinstance(flight, Flight) else None,
+        windows_without_plan=[
+            WindowRow(first_knot=each.first_knot + 1, kept=each.kept, reason=each.infeasible)
+            for each in windows
+            if each.infeasible
+        ],
+        sightings=[
+            SightingRow(obstacle=each.obstacle, time_s=each.time, avoided=each.avoided)
+            for each in report.sightings
+        ],
+        errors=errors_of(flown) if isinstance(flown, Simulation) else [],
+        wind=wind,
+        notes=list(report.notes),
+        violations=[_check(each) for each in report.violations],
+        tightest=[_check(each) for each in report.tightest],
+        file=file,
+        figures=[str(each) for each in figures],
+    )
+
+
+def why(diagnosis: Diagnosis) -> Why:
+    """A diagnosis."""
+    return Why(
+        scenario=diagnosis.scenario.name,
+        feasible=diagnosis.feasible,
+        conflicts={name: list(names) for name, names in diagnosis.conflicts.items()},
+        violations=[_check(each) for each in diagnosis.violations],
+        shortest_duration_s=diagnosis.shortest_duration,
+        is_monotone=diagnosis.is_monotone,
+        acceleration_factor=diagnosis.acceleration_factor,
+        bearable_wind_mps2=diagnosis.bearable_wind,
+    )
+
+
+def certified(certificate: Certificate) -> Certified:
+    """A certificate."""
+    return Certified(
+        scenario=certificate.scenario.name,
+        cost=certificate.cost,
+        lower_bound=certificate.lower_bound,
+        gap=certificate.gap,
+        planned_gap=certificate.planned_gap,
+        is_globally_optimal=certificate.is_globally_optimal,
+        holds=certificate.holds,
+        left_out=list(certificate.left_out),
+        vehicles=[
+            CertifiedRow(
+                vehicle=each.vehicle,
+                cost=each.cost,
+                lower_bound=each.lower_bound,
+                gap=each.gap,
+                least_eigenvalue=each.least_eigenvalue,
+            )
+            for each in certificate.vehicles
+        ],
+    )
+
+
+def assigned(
+    scenario: Scenario, given: Sequence[int], efforts: tuple[float, float], file: str | None
+) -> Assigned:
+    """A scenario, the numbers of the goals that are given, and efforts before and after."""
+    goals = [scenario.vehicles[index] for index in given]
+    before, after = efforts
+    return Assigned(
+        scenario=scenario.name,
+        effort_before=before,
+        effort=after,
+        vehicles=[
+            AssignedRow(
+                vehicle=vehicle.name, goal_of=other.name, goal_m=other.goal.position.tolist()
+            )
+            for vehicle, other in zip(scenario.vehicles, goals, strict=True)
+        ],
+        file=file,
+    )
+
+
+def exported(written: Written) -> Exported:
+    """What an export has written."""
+    return Exported(
+        path=str(written.path),
+        files=[str(each) for each in written.files],
+        content=written.words,
+        deviations_m=dict(zip(written.names, written.deviations.tolist(), strict=True)),
+        keeps_clear=None if written.spare is None else bool(written.spare.keeps_clear),
+    )
+
+
+def reproduced(study: Study, figures: Iterable[object]) -> Reproduced:
+    """The paper's study, and its figures."""
+    return Reproduced(
+        status=0 if all(each.report.ok for each in study.examples) else 1,
+        examples=[_example(each, study) for each in study.examples],
+        claims=[
+            ClaimRow(number=each.number, claim=each.text, evidence=each.evidence, found=each.found)
+            for each in study.claims
+        ],
+        figures=[str(each) for each in figures],
+    )
+
+
+def _example(example: Example, study: Study) -> ExampleRow:
+    return ExampleRow(
+        number=example.number,
+        method=example.method,
+        obstacle=example.obstacle,
+        ok=example.report.ok,
+        cost=example.plan.cost,
+        lower_bound=example.certificate.lower_bound,
+        seconds=example.seconds,
+        programs=example.plan.statistics.programs,
+        clearance_m=float(np.min(study.clearances_at_all_times(example))),
+    )
+
+
+def _check(check: Check) -> CheckRow:
+    return CheckRow(
+        vehicle=check.vehicle,
+        constraint=check.what,
+        time_s=check.time,
+        value=check.value,
+        limit=check.limit,
+        excess=check.excess,
+        errors=check.errors,
+        unit=check.unit,
+        holds=check.holds,
+        asked=check.asked,
+    )
+
+
+def _kind(flown: Flown) -> Literal["plan", "flight", "simulation"]:
+    if isinstance(flown, Plan):
+        return "plan"
+    return "flight" if isinstance(flown, Flight) else "simulation"
+
+
+def _least(report: Report, constraint: str) -> float | None:
+    """The least value of the checks of a constraint that are asked for."""
+    found = (
+        each.value
+        for each in report.checks
+        if each.asked and each.constraint.startswith(constraint)
+    )
+    return min(found, default=None)

@@ -1,0 +1,74 @@
+"""What goes wrong, in words or as a document, and the status that a command leaves with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+from drake_rho.assurance.feasibility import diagnose
+from drake_rho.cli.console import err, manner, say, working, write
+from drake_rho.cli.described import why
+from drake_rho.cli.documents import Failed
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.scenario.errors import DrakeRhoError
+
+BAD_INPUT, NO_PLAN, SOLVERS_FAILED, INTERRUPTED = 2, 3, 4, 130
+
+
+class InterruptedByUserError(Exception):
+    """Ctrl-C; typer would make an end of it that no one can say a word about."""
+
+
+def status_of(command: Callable[[], int | None]) -> int:
+    """Run a command to its exit status; what it raises on purpose is said in a line or a few."""
+    try:
+        try:
+            return int(command() or 0)
+        except InfeasibleError as error:
+            return _without_plan(error)
+    except (InterruptedByUserError, KeyboardInterrupt) as error:
+        return _complain(str(error) or "interrupted", INTERRUPTED)
+    except SolverError as error:
+        return _complain(error, SOLVERS_FAILED)
+    except (DrakeRhoError, ValueError, OSError) as error:
+        return _complain(error, BAD_INPUT)
+    except MemoryError:
+        return _complain("out of memory: the scenario is too large for this machine", BAD_INPUT)
+    except Exception as error:
+        # A word on the command line that typer does not accept. Its exceptions have no public
+        # name that holds from version to version; this method sets them apart.
+        if not hasattr(error, "format_message"):
+            raise
+        return _complain(error.format_message() or "see drake-rho --help", BAD_INPUT)
+
+
+def _without_plan(error: InfeasibleError) -> int:
+    """Say why there is no plan, at once; then what would mend it, which may take long to find."""
+    if error.scenario is None or (manner.quiet and not manner.as_json):
+        return _complain(error, NO_PLAN)
+    if not manner.as_json:
+        say(f"drake-rho: {_line(error)}", err)
+    diagnosis = None
+    with suppress(SolverError), working("looking for what would mend it") as work:
+        diagnosis = diagnose(error.scenario, progress=work)
+    if manner.as_json:
+        found = None if diagnosis is None else why(diagnosis)
+        write(Failed(status=NO_PLAN, error=_line(error), diagnosis=found).to_json())
+    elif diagnosis is not None:
+        if diagnosis.conflicts != error.conflicts:
+            say(diagnosis.reason, err)
+        if not diagnosis.feasible:
+            say(diagnosis.remedy, err)
+    return NO_PLAN
+
+
+def _complain(error: object, status: int) -> int:
+    if manner.as_json:
+        write(Failed(status=status, error=_line(error)).to_json())
+    else:
+        say(f"drake-rho: {_line(error)}", err)
+    return status
+
+
+def _line(error: object) -> str:
+    return " ".join(str(error).split())

@@ -1,0 +1,69 @@
+"""The commands that judge: `verify`, `certify` and `diagnose`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drake_rho.assurance.feasibility import diagnose as diagnosis_of
+from drake_rho.assurance.optimality import certify as certificate_of
+from drake_rho.cli import described
+from drake_rho.cli.console import answer, working
+from drake_rho.cli.documents import Diagnosed
+from drake_rho.cli.options import (
+    SOLVERS,
+    DurationOption,
+    ScenarioArgument,
+    Solver,
+    SolverOption,
+    StepOption,
+    WorldOption,
+    read,
+)
+from drake_rho.cli.reports import report
+from drake_rho.motion.files import load
+from drake_rho.motion.simulation import Simulation
+
+
+def verify(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A file kept by 'plan', 'fly' or 'simulate'.")
+    ],
+) -> int:
+    """Judge every constraint of a plan, flight or simulation anew."""
+    return report(load(file))
+
+
+def certify(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A file kept by 'plan' or 'fly'.")],
+    solver: SolverOption = Solver.CLARABEL,
+) -> int:
+    """Say how far a plan or a flight is above the best there is.
+
+    The status is 0 also where a gap remains.
+    """
+    flown = load(file)
+    if isinstance(flown, Simulation):
+        raise ValueError(f"{file}: got a simulation, expected a plan or a flight")
+    with working("looking for a lower bound") as work:
+        certificate = certificate_of(flown, solver=SOLVERS[solver](), progress=work)
+    return answer(described.certified(certificate), str(certificate))
+
+
+def diagnose(
+    scenario: ScenarioArgument,
+    solver: SolverOption = Solver.CLARABEL,
+    duration: DurationOption = None,
+    step: StepOption = None,
+    world: WorldOption = None,
+) -> int:
+    """Say whether there is a plan; if not, why, and what would mend it.
+
+    The status is 0 whatever the answer is.
+    """
+    asked = read(scenario, duration, step, world)
+    with working("looking for a plan") as work:
+        diagnosis = diagnosis_of(asked, solver=SOLVERS[solver](), progress=work)
+    return answer(Diagnosed(diagnosis=described.why(diagnosis)), str(diagnosis))

@@ -1,0 +1,174 @@
+"""The commands that plan: `plan`, `fly` and `assign`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from drake_rho.cli import described
+from drake_rho.cli.checks import asked_drawing, check_kept, check_writable
+from drake_rho.cli.console import Work, answer, tell, working
+from drake_rho.cli.documents import Assigned
+from drake_rho.cli.options import (
+    REFERENCES,
+    SOLVERS,
+    DurationOption,
+    FiguresOption,
+    FormatOption,
+    Method,
+    MethodOption,
+    OutputOption,
+    Reference,
+    ReplanEveryOption,
+    ScenarioArgument,
+    Solver,
+    SolverOption,
+    StepOption,
+    WidthOption,
+    WorldOption,
+    planners,
+    read,
+)
+from drake_rho.cli.reports import finish
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.assignment import assign_goals, assignment
+from drake_rho.planning.best import plan as best_plan
+from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.rho import plan_rho
+from drake_rho.planning.solve import Solver as AnySolver
+from drake_rho.scenario.files import save_scenario
+from drake_rho.scenario.missions import is_lsc_mission
+from drake_rho.scenario.records import Scenario
+
+
+def plan(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    method: MethodOption = Method.AUTO,
+    solver: SolverOption = Solver.CLARABEL,
+    duration: DurationOption = None,
+    step: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="First the step of a mission, in seconds; then, and with a scenario, a further "
+            "one for convex to try if there is no plan; repeatable."
+        ),
+    ] = None,
+    world: WorldOption = None,
+    figures: FiguresOption = None,
+    file_format: FormatOption = None,
+    width: WidthOption = None,
+) -> int:
+    """Plan a scenario in one piece, and verify the plan."""
+    drawing = asked_drawing(figures, file_format, width)
+    check_kept(output, drawing)
+    further = list(step or ())
+    own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
+    if further and method is Method.SCP:
+        raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
+    asked = read(scenario, duration, own_step, world)
+    with working("planning") as work:
+        planned = _plan(asked, method, further, SOLVERS[solver](), work)
+    return finish(planned, output, drawing)
+
+
+def fly(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    replan_every: ReplanEveryOption = 5,
+    method: MethodOption = Method.AUTO,
+    reference: Annotated[
+        Reference | None,
+        typer.Option(
+            help="Linearise each window around its own solution without obstacles (free, the "
+            "paper's) or around the tail of the previous prediction; if not given, free, and tail "
+            "for vehicles that keep apart."
+        ),
+    ] = None,
+    solver: SolverOption = Solver.CLARABEL,
+    duration: DurationOption = None,
+    step: StepOption = None,
+    world: WorldOption = None,
+    figures: FiguresOption = None,
+    file_format: FormatOption = None,
+    width: WidthOption = None,
+) -> int:
+    """Fly a scenario with a receding horizon, and verify the flight."""
+    drawing = asked_drawing(figures, file_format, width)
+    check_kept(output, drawing)
+    asked = read(scenario, duration, step, world)
+    with working("planning the first window") as work:
+        planner, fallback = planners(method, work.detail)
+        flight = plan_rho(
+            asked,
+            replan_every=replan_every,
+            planner=planner,
+            fallback=fallback,
+            reference=None if reference is None else REFERENCES[reference],
+            solver=SOLVERS[solver](),
+            progress=work,
+        )
+    return finish(flight, output, drawing)
+
+
+def assign(
+    scenario: ScenarioArgument,
+    output: Annotated[
+        str | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Keep the scenario here (.yaml)."),
+    ] = None,
+    duration: DurationOption = None,
+    step: StepOption = None,
+    world: WorldOption = None,
+) -> int:
+    """Exchange goals so that all vehicles together need least effort."""
+    check_writable(output, (".yaml", ".yml"), "--output")
+    asked = read(scenario, duration, step, world)
+    with working("assigning goals"):
+        given, better = assignment(asked), assign_goals(asked)
+    if output is not None:
+        save_scenario(better, output)
+    found = described.assigned(asked, given, (_effort(asked), _effort(better)), output)
+    if output is None:
+        return answer(found, *_words(found))
+    return tell(found, *_words(found), f"kept in {output}")
+
+
+def _plan(
+    scenario: Scenario, method: Method, further: list[float], solver: AnySolver, work: Work
+) -> Plan:
+    """The plan of a method; further steps are tried by the convex one first."""
+    if method is Method.CONVEX or further:
+        try:
+            return plan_convex(scenario, steps=further, solver=solver)
+        except InfeasibleError as error:
+            if method is Method.CONVEX or not error.about_linearisation:
+                raise
+    return best_plan(scenario, solver=solver, progress=work)
+
+
+def _effort(scenario: Scenario) -> float:
+    """The least cost of all motions from the starts to the goals [m²/s⁴]."""
+    return float(np.sum(MinimumEffort.of(scenario).motion.accelerations ** 2))
+
+
+def _words(found: Assigned) -> list[str | Table]:
+    """Where everyone goes, as far as that is another goal than before."""
+    moved = [each for each in found.vehicles if each.goal_of != each.vehicle]
+    told = (
+        f"{found.scenario}: {len(moved)} of {len(found.vehicles)} vehicles have another goal; "
+        f"least effort {found.effort:.6g} m²/s⁴ instead of {found.effort_before:.6g}"
+    )
+    if not moved:
+        return [f"{found.scenario}: every vehicle keeps its goal: {found.effort:.6g} m²/s⁴"]
+    table = Table("vehicle", "goes to the goal of", "at \\[m]")
+    for each in moved:
+        where = "  ".join(f"{value:.4g}" for value in each.goal_m)
+        table.add_row(escape(each.vehicle), escape(each.goal_of), where)
+    return [told, table]

@@ -1,0 +1,406 @@
+"""`--json` and `--quiet` of every command: one document with the keys that are defined, or less."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import json
+import shutil
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+import drake_rho as rho
+from drake_rho.campaigns.study import example_study, study_to_json
+from drake_rho.cli import documents
+from drake_rho.cli.commands import GROUPS
+from drake_rho.cli.documents import Document, Failed
+from drake_rho.paper.study import Study
+from tests.scenarios import box, single
+from tests.studies import small
+from tests.test_cli import run
+
+Patch = pytest.MonkeyPatch
+Captured = pytest.CaptureFixture[str]
+
+ASKED: dict[str, tuple[list[str], type[Document]]] = {
+    "plan": (["plan", "paper", "-o", "kept.npz"], documents.Judged),
+    "fly": (["fly", "paper"], documents.Judged),
+    "simulate": (["simulate", "courier", "--wind", "noise"], documents.Judged),
+    "assign": (["assign", "paper_assembly", "-o", "kept.yaml"], documents.Assigned),
+    "verify": (["verify", "plan.npz"], documents.Judged),
+    "certify": (["certify", "plan.npz"], documents.Certified),
+    "diagnose": (["diagnose", "weak.yaml"], documents.Diagnosed),
+    "show": (["show", "plan.npz", "--html", "page.html"], documents.Shown),
+    "export": (["export", "plan.npz", "--format", "csv", "-o", "plan.csv"], documents.Exported),
+    "campaign": (["campaign", "study.yaml", "--store", "new.sqlite"], documents.Ran),
+    "results": (["results", "runs.sqlite"], documents.Summary),
+    "reproduce": (["reproduce", "--figures", "drawn"], documents.Reproduced),
+    "schema": (["schema"], Document),
+}
+"""What is asked of each command, and the document that it answers with."""
+WEAK = rho.Limits(acceleration=box(0.3))
+
+
+@pytest.fixture(scope="session")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The store of a small campaign."""
+    path = tmp_path_factory.mktemp("campaign") / "runs.sqlite"
+    rho.campaign(small(1), path)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: Patch, study: Study, store: Path) -> Path:
+    """A folder with one of everything."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("drake_rho.cli.commands.run_study", lambda advance: study)
+    monkeypatch.setattr("drake_rho.paper.figures.write_paper_figures", _no_figures)
+    rho.save(rho.plan_convex(single()), "plan.npz")
+    rho.save_scenario(single(limits=WEAK), "weak.yaml")
+    Path("study.yaml").write_text(study_to_json(small(1)))
+    shutil.copy(store, "runs.sqlite")
+    return tmp_path
+
+
+def _no_figures(study: Study, folder: str, *_: object, **__: object) -> list[Path]:
+    """In place of drawing sixteen, which other tests look at."""
+    return [Path(folder) / "fig03.png"]
+
+
+def read(text: str, kind: type[Document]) -> dict[str, Any]:
+    """The one document in a text, which has the keys and types of its kind and no others."""
+    found: dict[str, Any] = json.loads(text)
+    adapter = TypeAdapter(kind)
+    assert json.loads(adapter.dump_json(adapter.validate_json(text))) == found
+    return found
+
+
+def test_every_command_is_asked_here() -> None:
+    assert set(ASKED) == {each.__name__ for group in GROUPS.values() for each in group}
+
+
+@pytest.mark.parametrize("name", sorted(set(ASKED) - {"schema"}))
+def test_each_command_prints_one_document_and_nothing_else(
+    name: str, capsys: Captured, monkeypatch: Patch
+) -> None:
+    words, kind = ASKED[name]
+    status, out, err = run(capsys, monkeypatch, *words, "--json")
+    assert err == ""
+    assert read(out, kind)["status"] == status == 0
+
+
+@pytest.mark.parametrize("name", ["verify", "certify"])
+def test_the_option_may_come_before_the_command(
+    name: str, capsys: Captured, monkeypatch: Patch
+) -> None:
+    words, _ = ASKED[name]
+    after = run(capsys, monkeypatch, *words, "--json")
+    assert run(capsys, monkeypatch, "--json", *words) == after
+    assert run(capsys, monkeypatch, "--quiet", "--json", *words) == after
+
+
+@pytest.mark.parametrize("words", [["schema"], ["campaign", "--schema"]])
+def test_a_schema_is_its_own_document(
+    words: list[str], capsys: Captured, monkeypatch: Patch
+) -> None:
+    _, plain, _ = run(capsys, monkeypatch, *words)
+    for manner in ("--json", "--quiet"):
+        assert run(capsys, monkeypatch, *words, manner) == (0, plain, "")
+    assert "$defs" in json.loads(plain)
+
+
+@pytest.mark.parametrize("words", [[], ["--version"]])
+def test_what_there_is_comes_as_a_document_too(
+    words: list[str], capsys: Captured, monkeypatch: Patch
+) -> None:
+    status, out, _ = run(capsys, monkeypatch, *words, "--json")
+    found = read(out, documents.Listed)
+    assert (status, found["version"]) == (0, rho.__version__)
+    assert set(found["commands"]) == set(ASKED)
+
+
+def test_an_example_comes_inside_a_document(capsys: Captured, monkeypatch: Patch) -> None:
+    _, out, _ = run(capsys, monkeypatch, "campaign", "--example", "--json")
+    assert read(out, documents.Content)["content"] == example_study()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *([name, "--bogus"] for name in ASKED),
+        *([name, "nowhere"] for name in ("plan", "fly", "simulate", "assign", "diagnose", "show")),
+        *([name, "weak.yaml"] for name in ("verify", "certify", "results", "campaign")),
+        *(["dance"], ["plan"], ["--bogus"], ["plan", "paper", "-o", "kept.csv"]),
+        ["reproduce", "--figures", "plan.npz"],
+    ],
+    ids=" ".join,
+)
+def test_bad_input_is_a_document_of_status_2(
+    words: list[str], capsys: Captured, monkeypatch: Patch
+) -> None:
+    _, _, complained = run(capsys, monkeypatch, *words)
+    status, out, err = run(capsys, monkeypatch, *words, "--json")
+    found = read(out, Failed)
+    assert (status, found["status"], err) == (2, 2, "")
+    assert complained == f"drake-rho: {found['error']}\n"
+
+
+@pytest.mark.parametrize("name", ["plan", "fly", "simulate", "show"])
+def test_no_plan_is_a_document_with_the_reason_and_what_would_mend_it(
+    name: str, capsys: Captured, monkeypatch: Patch
+) -> None:
+    status, out, err = run(capsys, monkeypatch, name, "weak.yaml", "--json")
+    found = read(out, Failed)
+    assert (status, found["status"], err) == (3, 3, "")
+    assert "acceleration box x" in found["error"]
+    _agrees(found["diagnosis"], rho.diagnose(rho.load_scenario("weak.yaml")))
+
+
+def _agrees(told: dict[str, Any], expected: rho.Diagnosis) -> None:
+    assert told["feasible"] == expected.feasible
+    assert told["conflicts"] == {name: list(why) for name, why in expected.conflicts.items()}
+    assert told["shortest_duration_s"] == expected.shortest_duration
+    assert told["acceleration_factor"] == expected.acceleration_factor
+    assert [each["excess"] for each in told["violations"]] == [
+        each.excess for each in expected.violations
+    ]
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [(rho.SolverError("stuck"), 4, "stuck"), (KeyboardInterrupt(), 130, "interrupted")],
+)
+def test_failing_solvers_and_ctrl_c_have_documents_and_lines(
+    error: BaseException, status: int, said: str, capsys: Captured, monkeypatch: Patch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("drake_rho.cli.planning.best_plan", fail)
+    assert run(capsys, monkeypatch, "plan", "paper") == (status, "", f"drake-rho: {said}\n")
+    left, out, _ = run(capsys, monkeypatch, "plan", "paper", "--json")
+    assert (left, read(out, Failed)) == (
+        status,
+        {"status": status, "error": said, "diagnosis": None},
+    )
+
+
+def test_ctrl_c_while_the_remedy_is_sought_leaves_the_reason_said(
+    capsys: Captured, monkeypatch: Patch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("drake_rho.cli.failures.diagnose", interrupted)
+    status, out, err = run(capsys, monkeypatch, "plan", "weak.yaml")
+    reason, last = err.splitlines()
+    assert (status, out, last) == (130, "", "drake-rho: interrupted")
+    assert "acceleration box x" in reason
+
+
+def test_a_plans_document_tells_what_the_plan_is(
+    folder: Path, capsys: Captured, monkeypatch: Patch
+) -> None:
+    _, out, _ = run(capsys, monkeypatch, *ASKED["plan"][0], "--figures", "drawn", "--json")
+    found, plan = read(out, documents.Judged), rho.load("kept.npz")
+    assert isinstance(plan, rho.Plan)
+    sphere = plan.scenario.bodies[0].shape
+    assert isinstance(sphere, rho.Sphere)
+    nearest = np.linalg.norm(plan.positions - sphere.center, axis=2).min() - sphere.radius
+    assert found["cost"] == pytest.approx(np.sum(plan.accelerations**2))
+    assert found["clearance_m"] == pytest.approx(nearest, abs=1e-6)  # the paper asks for the knots
+    assert found["step_s"] == plan.scenario.grid.step
+    assert found["programs"] == plan.statistics.programs
+    assert (found["kind"], found["windows"], found["file"]) == ("plan", None, "kept.npz")
+    assert {str(path.relative_to(folder)) for path in (folder / "drawn").iterdir()} == set(
+        found["figures"]
+    )
+    tightest = {each["constraint"] for each in found["tightest"]}
+    assert {"goal position", "obstacle 1 at knots", "velocity box x upper"} <= tightest
+
+
+def test_a_broken_plans_document_tells_all_that_is_broken(
+    capsys: Captured, monkeypatch: Patch
+) -> None:
+    spheres = [rho.Sphere([5.0, 2.0, -1.0], 0.01 * size) for size in range(50, 150)]
+    plan = rho.plan_convex(single())
+    asked = single(obstacles=spheres, between_knots=True)
+    rho.save(rho.Plan.from_accelerations(asked, plan.accelerations), "broken.npz")
+    status, out, _ = run(capsys, monkeypatch, "verify", "broken.npz", "--json")
+    found = read(out, documents.Judged)
+    assert (status, found["status"], found["ok"]) == (1, 1, False)
+    assert len(found["violations"]) == 200
+    assert not any(each["holds"] for each in found["violations"])
+    assert max(each["excess"] for each in found["violations"]) == pytest.approx(1.49, abs=1e-3)
+    assert found["clearance_m"] == pytest.approx(-1.49, abs=1e-3)
+
+
+def test_a_flights_document_counts_its_windows(capsys: Captured, monkeypatch: Patch) -> None:
+    _, out, _ = run(capsys, monkeypatch, "fly", "paper", "--replan-every", "10", "--json")
+    found = read(out, documents.Judged)
+    flight = rho.plan_rho(rho.load_scenario("paper"), replan_every=10)
+    assert (found["kind"], found["windows"]) == ("flight", len(flight.windows))
+    assert found["cost"] == pytest.approx(flight.cost)
+
+
+def test_a_simulations_document_tells_errors(capsys: Captured, monkeypatch: Patch) -> None:
+    words = [*ASKED["simulate"][0], "-o", "flown.npz", "--json"]
+    _, out, _ = run(capsys, monkeypatch, *words)
+    found, flown = read(out, documents.Judged), rho.load("flown.npz")
+    assert isinstance(flown, rho.Simulation)
+    (row,) = found["errors"]
+    assert row["error_m"] == pytest.approx(flown.errors().max())
+    assert row["to_others_m"] is None
+    distances = [
+        each.distances(flown.positions[:, 0], flown.times).min() for each in flown.scenario.bodies
+    ]
+    assert row["to_obstacles_m"] == pytest.approx(
+        min(distances) - flown.scenario.fleet.radii[0], abs=1e-6
+    )
+    assert found["wind"] == "noise; seed 1"
+
+
+def test_a_certificate_is_that_of_the_python_function(capsys: Captured, monkeypatch: Patch) -> None:
+    plan = rho.plan_convex(rho.load_scenario("paper"))
+    rho.save(plan, "convex.npz")
+    status, out, _ = run(capsys, monkeypatch, "certify", "convex.npz", "--json")
+    found, expected = read(out, documents.Certified), rho.certify(plan)
+    assert status == 0
+    assert found["gap"] > 0.19
+    for name in ("cost", "lower_bound", "gap", "holds", "is_globally_optimal"):
+        assert found[name] == pytest.approx(getattr(expected, name)), name
+    assert [each["lower_bound"] for each in found["vehicles"]] == pytest.approx(
+        [each.lower_bound for each in expected.vehicles]
+    )
+    _, words, _ = run(capsys, monkeypatch, "certify", "convex.npz")
+    assert words == f"{expected}\n"
+
+
+def test_an_exports_document_tells_its_files_and_deviations(
+    folder: Path, capsys: Captured, monkeypatch: Patch
+) -> None:
+    words = ["export", "plan.npz", "--format", "crazyswarm", "-o", "swarm"]
+    _, out, _ = run(capsys, monkeypatch, *words, "--json")
+    found = read(out, documents.Exported)
+    written = {str(path.relative_to(folder)) for path in (folder / "swarm").iterdir()}
+    assert set(found["files"]) == written
+    assert set(found["deviations_m"]) == {"solo"}
+
+
+def test_a_simulation_has_no_certificate(capsys: Captured, monkeypatch: Patch) -> None:
+    run(capsys, monkeypatch, "simulate", "courier", "-o", "flown.npz")
+    status, _, err = run(capsys, monkeypatch, "certify", "flown.npz")
+    assert (status, err) == (
+        2,
+        "drake-rho: flown.npz: got a simulation, expected a plan or a flight\n",
+    )
+
+
+@pytest.mark.parametrize("limits", [WEAK, rho.Limits(acceleration=box(3.0))], ids=["weak", "able"])
+def test_a_diagnosis_is_that_of_the_python_function_whatever_it_is(
+    limits: rho.Limits, capsys: Captured, monkeypatch: Patch
+) -> None:
+    asked = single(limits=limits)
+    rho.save_scenario(asked, "asked.yaml")
+    expected = rho.diagnose(asked)
+    assert expected.feasible == (limits is not WEAK)
+    status, out, _ = run(capsys, monkeypatch, "diagnose", "asked.yaml", "--json")
+    assert status == 0
+    _agrees(read(out, documents.Diagnosed)["diagnosis"], expected)
+    assert run(capsys, monkeypatch, "diagnose", "asked.yaml") == (0, f"{expected}\n", "")
+
+
+def test_assigned_goals_are_those_of_the_python_function(
+    capsys: Captured, monkeypatch: Patch
+) -> None:
+    asked = rho.load_scenario("paper_assembly")
+    _, out, _ = run(capsys, monkeypatch, *ASKED["assign"][0], "--json")
+    found, better = read(out, documents.Assigned), rho.assign_goals(asked)
+    assert rho.load_scenario("kept.yaml") == better
+    for scenario, told in ((asked, found["effort_before"]), (better, found["effort"])):
+        free = dataclasses.replace(
+            scenario, limits=rho.Limits(), obstacles=(), separation=None, between_knots=False
+        )
+        assert told == pytest.approx(rho.plan_convex(free).cost)
+    for row, vehicle in zip(found["vehicles"], better.vehicles, strict=True):
+        assert row["vehicle"] == vehicle.name
+        assert row["goal_m"] == vehicle.goal.position.tolist()
+        before = asked.vehicles[asked.index_of(row["goal_of"])]
+        assert np.array_equal(before.goal.position, vehicle.goal.position)
+
+
+def test_goals_that_are_best_already_are_kept(capsys: Captured, monkeypatch: Patch) -> None:
+    run(capsys, monkeypatch, *ASKED["assign"][0])
+    status, out, _ = run(capsys, monkeypatch, "assign", "kept.yaml")
+    assert status == 0
+    assert "every vehicle keeps its goal" in out
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["plan", "fly", "simulate", "assign", "verify", "show", "export", "campaign", "reproduce"],
+)
+def test_quietly_a_command_that_does_something_prints_nothing(
+    name: str, capsys: Captured, monkeypatch: Patch
+) -> None:
+    assert run(capsys, monkeypatch, *ASKED[name][0], "--quiet") == (0, "", "")
+
+
+@pytest.mark.parametrize("name", ["certify", "diagnose", "results"])
+def test_quietly_a_question_is_still_answered(
+    name: str, capsys: Captured, monkeypatch: Patch
+) -> None:
+    words, _ = ASKED[name]
+    _, plain, _ = run(capsys, monkeypatch, *words)
+    assert run(capsys, monkeypatch, *words, "--quiet") == (0, plain, "")
+    assert plain
+
+
+def test_quietly_an_error_is_still_a_line(capsys: Captured, monkeypatch: Patch) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("nobody asked what would mend it")
+
+    monkeypatch.setattr("drake_rho.cli.failures.diagnose", never)
+    for words, expected in ((("plan", "nowhere"), 2), (("plan", "weak.yaml"), 3)):
+        status, out, err = run(capsys, monkeypatch, *words, "--quiet")
+        assert (status, out, err.count("\n")) == (expected, "", 1)
+
+
+def test_numbers_that_are_none_are_null() -> None:
+    row = documents.CertifiedRow(
+        vehicle="a", cost=np.nan, lower_bound=np.inf, gap=0.0, least_eigenvalue=2.0
+    )
+    text = TypeAdapter(documents.CertifiedRow).dump_json(row)
+    assert json.loads(text)["cost"] is None
+    assert json.loads(text)["lower_bound"] is None
+
+
+def test_what_follows_two_dashes_is_no_option(capsys: Captured, monkeypatch: Patch) -> None:
+    status, out, err = run(capsys, monkeypatch, "plan", "--", "--json")
+    assert (status, out) == (2, "")
+    assert "'--json'" in err
+
+
+def _described() -> Iterator[tuple[str, str]]:
+    """Each key that a document can have, and what is said of it where it is defined."""
+    for kind in ast.parse(Path(documents.__file__).read_text()).body:
+        if isinstance(kind, ast.ClassDef):
+            for field, said in pairwise(kind.body):
+                if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                    assert isinstance(said, ast.Expr)
+                    assert isinstance(said.value, ast.Constant)
+                    yield field.target.id, " ".join(str(said.value.value).split())
+
+
+def test_every_key_is_described_in_the_documents() -> None:
+    text = (Path(__file__).parent.parent / "docs" / "command_line.md").read_text()
+    described = list(_described())
+    assert len(described) > 90
+    missing = [f"| `{key}` | {said} |" for key, said in described]
+    assert [each for each in missing if each not in text] == []
