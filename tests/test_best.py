@@ -181,6 +181,7 @@ def test_a_fleet_is_coupled_up_to_as_many_vehicles_as_asked() -> None:
     asked = through_the_middle(3)
     assert coupling_for(asked, rho.Options(max_coupled=3)) is rho.coupled
     assert coupling_for(asked, rho.Options(max_coupled=2)) is rho.grouped
+    assert coupling_for(asked, rho.Options(max_coupled=2, max_grouped=2)) is rho.decoupled
     assert coupling_for(through_the_middle(15)) is rho.coupled
     assert coupling_for(through_the_middle(16, separation=rho.Separation(0.5))) is rho.grouped
     for most, coupling in ((3, rho.coupled), (2, rho.grouped)):
@@ -202,7 +203,7 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
     for asked in (alone, few, many):
         assert rho.Options(tolerance=0.1).tolerance_of(asked, together=False) == 0.1
     assert (options.max_iterations, options.max_coupled, options.max_ways) == (200, 15, 6)
-    assert options.max_group == 10
+    assert (options.max_group, options.max_grouped) == (10, 500)
 
 
 @pytest.mark.parametrize(
@@ -214,6 +215,7 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
         {"max_iterations": 0},
         {"max_coupled": 0},
         {"max_group": 0},
+        {"max_grouped": 0},
         {"max_ways": 0},
     ],
 )

@@ -61,7 +61,8 @@ def plan(
         coupling: how pairs are kept apart: `coupled`, at the least cost; `decoupled`, every vehicle
             with a program of its own; or `grouped`, the same around references in which groups of
             vehicles are coupled, at almost the least cost. If not given, coupled as long as the
-            fleet is small (`options.max_coupled`), and grouped beyond.
+            fleet is small (`options.max_coupled`), grouped up to `options.max_grouped` vehicles,
+            and decoupled beyond.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
         executor: where programs are solved, in blocks of vehicles, and ways round the obstacles
             are looked for, vehicle by vehicle: any of PEP 3148. The plan is the same, whoever

@@ -40,6 +40,9 @@ class Options:
     max_group: Annotated[Count, Field(ge=1)] = 10
     """bound on the vehicles of a larger fleet that are coupled in one group; a fleet of up to twice
     as many is one group"""
+    max_grouped: Annotated[Count, Field(ge=1)] = 500
+    """vehicles up to which a fleet that is not coupled is planned in groups if nothing else is
+    asked; groups take three times as long as planning a larger one decoupled"""
     max_ways: Annotated[Count, Field(ge=1)] = 6
     """bound on the ways past obstacles that are tried for one vehicle; the plan of least cost among
     them is kept"""

@@ -59,8 +59,11 @@ def plan_around(scenario: Scenario, reference: Plan | None, solver: Solver | Non
 
 
 def coupling_for(scenario: Scenario, options: Options = DEFAULTS) -> Coupling:
-    """How a fleet is kept apart if nothing else is asked: coupled if it is small, else grouped."""
-    return coupled if len(scenario.vehicles) <= options.max_coupled else grouped
+    """How a fleet is kept apart if nothing else is asked: the larger, the less together."""
+    count = len(scenario.vehicles)
+    if count <= options.max_coupled:
+        return coupled
+    return grouped if count <= options.max_grouped else decoupled
 
 
 class Subproblem:
