@@ -91,7 +91,7 @@ class _Block:
     quick: bool
 
     def batches(self) -> Iterator[Batch]:
-        dense = is_dense(self.solver)
+        dense = is_dense(self.solver) and not self.linear  # linear programs are for others
         return programs_of(self.changes, self.rows, linear=self.linear, dense=dense)
 
     @one_for_arrays()

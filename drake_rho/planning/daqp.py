@@ -220,8 +220,8 @@ def _solved_in_span(program: DenseProgram) -> Solution | None:
     basis, triangle = np.linalg.qr(program.matrix.T)
     reduced = dataclasses.replace(program, matrix=triangle.T)
     found = _solved_quadratic(Quadratic.of_dense(reduced))
-    if found is None or not found.feasible:
-        return found
+    if found is None:
+        return None
     return dataclasses.replace(found, x=basis @ found.x[: basis.shape[1]])
 
 
