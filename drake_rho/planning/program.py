@@ -198,7 +198,7 @@ def slacks_of(rows: Sequence[Rows]) -> IntArray:
     """The slack of each of some half-spaces, constraint by constraint, as numbers, shape (R,)."""
     if all(not part.soft for part in rows):
         return np.zeros(sum(map(len, rows)), dtype=int)  # there are none
-    first = np.cumsum([0, *map(len, rows)])[:-1]
+    first = np.cumsum([0, *(1 + part.slacks.max(initial=-1) for part in rows)])[:-1]
     return np.concatenate([n + part.slacks for n, part in zip(first, rows, strict=True)])
 
 

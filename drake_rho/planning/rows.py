@@ -37,7 +37,7 @@ class Rows:
     needed: FloatArray
     """in the quantity's unit, shape (R,)"""
     slacks: IntArray
-    """numbers from 0, the same for rows that share a slack, shape (R,)"""
+    """numbers, the same for rows that share a slack, shape (R,)"""
 
     @classmethod
     def of(cls, part: HalfSpaces, motion: Motion) -> Self:
