@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.textpath import TextPath
 from playwright.sync_api import Page
 
 import drake_rho as rho
@@ -21,14 +20,12 @@ from drake_rho.display.animation import start_meshcat
 from drake_rho.display.poses import headings, poses
 from drake_rho.display.scene import Scene
 from drake_rho.display.shapes import (
-    aircraft,
     box_edges,
     ground_grid,
     nice_step,
     octahedron,
     scattered,
     tube,
-    words,
 )
 from drake_rho.motion.plan import Window
 from tests.browser import open_page
@@ -344,17 +341,3 @@ def test_poses_have_the_nose_ahead_and_level_wings(heading: list[float]) -> None
     turn = np.stack([nose, left, above])
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
-
-
-def test_letters_fill_their_outline() -> None:
-    right, up, origin = np.array([1.0, 0, 0]), np.array([0.0, 0, 1]), np.array([5.0, 6, 7])
-    vertices, faces = words("UO4", 2.0, origin, right, up)
-    corners = vertices.T[faces.T]
-    np.testing.assert_allclose(corners[:, :, 1], 6.0)
-    sides = corners[:, 1:] - corners[:, :1]
-    filled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
-    outlined = 0.0
-    for outline in TextPath((0, 0), "UO4", size=1.0).to_polygons():
-        x, y = np.asarray(outline).T
-        outlined += float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
-    assert filled == pytest.approx(2.0**2 * abs(outlined), rel=0.03)
