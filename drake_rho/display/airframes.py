@@ -76,7 +76,9 @@ def _quadrotor(light: bool) -> FloatArray:
         out = np.array([np.cos(rotor), np.sin(rotor), 0.0])
         aside = np.array([-out[1], out[0], 0.0])
         for across in (aside,) if light else (aside, np.array([0.0, 0.0, 1.0])):
-            parts.append(_fan([0.04 * across, out + 0.03 * across, out - 0.03 * across, -0.04 * across]))
+            parts.append(
+                _fan([0.04 * across, out + 0.03 * across, out - 0.03 * across, -0.04 * across])
+            )
         ring = 0.42 * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
         parts.append(_fan(ring + out + [0.0, 0.0, 0.08]))
     return np.concatenate(parts)

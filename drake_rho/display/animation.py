@@ -11,6 +11,7 @@ from drake_rho.display.bodies import add_obstacles, record_obstacles
 from drake_rho.display.disturbed import add_disturbed, record_disturbed
 from drake_rho.display.flown import Drawn, Flown, drawn, windows_of
 from drake_rho.display.pace import Pace
+from drake_rho.display.ports import on_free_port
 from drake_rho.display.scene import (
     ROOT,
     Scene,
@@ -155,12 +156,11 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
         OSError: no port is free, or the interface is not there.
         ValueError: the port is out of range.
     """
-    first = 7000 if port is None else port
-    if not 1024 <= first <= 65535:
-        raise ValueError(f"port: got {port}, expected 1024 to 65535")
-    for number in range(first, min(first + 100, 65536)):
+
+    def start(number: int) -> Meshcat | None:
         try:
             return Meshcat(MeshcatParams(host=host, port=number, show_stats_plot=False))
         except RuntimeError:  # in use
-            continue
-    raise OSError(f"no free port from {first} on {host}")
+            return None
+
+    return on_free_port(start, host, port)

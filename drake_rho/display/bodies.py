@@ -20,8 +20,8 @@ from drake_rho.display.trails import segments, show_between
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 
-_SOLID = Rgba(0.6, 0.6, 0.65, 0.45)
-_GHOST = Rgba(0.6, 0.6, 0.65, 0.12)
+_SOLID = Rgba(0.6, 0.63, 0.7, 0.5)
+_GHOST = Rgba(0.6, 0.63, 0.7, 0.12)
 _EDGES = Rgba(0.5, 0.5, 0.55)
 _WAY = Rgba(0.6, 0.6, 0.65)
 

@@ -12,10 +12,10 @@ import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 
+from drake_rho.display.airframes import body
 from drake_rho.display.flown import drawn
 from drake_rho.display.names import as_path
 from drake_rho.display.pace import Pace
-from drake_rho.display.airframes import body
 from drake_rho.display.poses import headings, poses, record_poses, vehicle_poses
 from drake_rho.display.scene import ROOT, Scene, coloured
 from drake_rho.display.shapes import arrow, tube
@@ -47,9 +47,7 @@ def add_disturbed(
     """Put ghosts, tubes and arrows into the scene."""
     along = arrow(_arrow_length(vehicles, scene))
     looks = zip(vehicles.kinds, vehicles.radii.tolist(), strict=True)
-    for (vehicle, colour), (kind, radius) in zip(
-        coloured(simulation.scenario), looks, strict=True
-    ):
+    for (vehicle, colour), (kind, radius) in zip(coloured(simulation.scenario), looks, strict=True):
         name = as_path(vehicle.name)
         ghost = body(kind, radius, light=scene.light)
         meshcat.SetTriangleMesh(f"{ROOT}/planned/{name}", *ghost, rgba=_faint(colour, _GHOST))

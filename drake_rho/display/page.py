@@ -49,7 +49,11 @@ def laid_over(page: str, data: dict[str, object]) -> str:
     head, end, tail = page.rpartition(_END)
     return "".join(
         [
-            head.replace("<title>Drake MeshCat</title>", '<title>drake_rho</title><link rel="icon" href="data:,">', 1),
+            head.replace(
+                "<title>Drake MeshCat</title>",
+                '<title>drake_rho</title><link rel="icon" href="data:,">',
+                1,
+            ),
             f'<script type="application/json" id="{_IDENTIFIER}">{_embedded(data)}</script>\n',
             f"<style>\n{(_OVERLAY / 'overlay.css').read_text()}</style>\n",
             f'<script type="module">\n{(_OVERLAY / "overlay.js").read_text()}</script>\n',

@@ -97,6 +97,10 @@ def _between_two(shown: Drawn, times: FloatArray, away: FloatArray) -> Curve:
 def _with(
     times: FloatArray, values: FloatArray, time: float, value: float
 ) -> tuple[FloatArray, FloatArray]:
-    """A curve with one more point in it."""
-    place = int(np.searchsorted(times, time))
+    """A curve with one more point in it, or that in the place of one at the same time."""
+    place = int(np.searchsorted(times, time - 1e-9))
+    if place < len(times) and times[place] <= time + 1e-9:
+        values = values.copy()
+        values[place] = value
+        return times, values
     return np.insert(times, place, time), np.insert(values, place, value)

@@ -32,7 +32,7 @@ _SEEN = 0.25
 _MOST_OUTLINE = 400
 """Most places of vehicles that a picture is made to hold."""
 _BOX, _GROUND = Rgba(0.62, 0.64, 0.68), Rgba(0.8, 0.82, 0.85)
-_LIGHT = [-3.0, 10.0, 8.0]
+_LIGHT = [-6.0, 10.0, 8.0]
 """Where the light comes from, in three.js' axes (y is up)."""
 _ASPECT = 1.4
 """Least width of a window over its height for which the whole scene is seen."""
@@ -51,8 +51,8 @@ class Scene:
     vehicles: int
     """how many have to find room"""
     outline: FloatArray
-    """places that a picture has to hold: of vehicles, and corners around obstacles [m], shape (M, 3)
-    """
+    """places that a picture holds, of vehicles and corners around obstacles [m], shape (M, 3)"""
+
     @classmethod
     def of(cls, plan: Drawn) -> Scene:
         """The scene of a plan: its positions, obstacles, and the flyable boxes."""
@@ -124,8 +124,8 @@ def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None
     # Meshcat's lamps hang a metre or two from the origin; light from afar suits every scale.
     for lamp in ("PointLightNegativeX", "PointLightPositiveX"):
         meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
-    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.8)
-    meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.5)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.4)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 3.0)
     meshcat.SetProperty("/Lights/FillLight/<object>", "position", _LIGHT)
     meshcat.SetProperty("/Background/<object>", "top_color", [0.90, 0.93, 0.97])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [1.0, 1.0, 1.0])
@@ -135,9 +135,7 @@ def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None
     boxes = flyable_boxes(scenario)
     lower = np.min([box.lower for box in boxes], axis=0) if boxes else scene.lower
     upper = np.max([box.upper for box in boxes], axis=0) if boxes else scene.upper
-    meshcat.SetLineSegments(
-        f"{ROOT}/ground", *ground_grid(lower, upper), rgba=_GROUND
-    )
+    meshcat.SetLineSegments(f"{ROOT}/ground", *ground_grid(lower, upper), rgba=_GROUND)
 
 
 def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:

@@ -6,7 +6,7 @@ the column-major order that Drake asks for.
 
 from __future__ import annotations
 
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt

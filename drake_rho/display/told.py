@@ -89,8 +89,8 @@ def _obstacles(stage: Stage) -> list[dict[str, object]]:
 
 def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, object]]:
     scenario = stage.shown.scenario
-    vehicles = [vehicle.name for vehicle in scenario.vehicles]
-    bodies = [str(each["name"]) for each in _obstacles(stage)]
+    vehicles = [brief(vehicle.name) for vehicle in scenario.vehicles]
+    bodies = [brief(str(each["name"])) for each in _obstacles(stage)]
     told = []
     if found.pairs is not None:
         apart = scenario.separation
@@ -131,24 +131,21 @@ def _ranges(found: Readings) -> dict[str, list[float]]:
 
 
 def _layers(stage: Stage) -> list[dict[str, object]]:
-    """What can be shown or hidden: its title, and what of it is in the scene tree."""
-    simulation = stage.flown if isinstance(stage.flown, Simulation) else None
-    vehicles = stage.shown.scenario.fleet
-    detailed = not stage.scene.light
+    """What can be shown or hidden: its title, and where it is in the scene tree."""
+    scenario, detailed = stage.shown.scenario, not stage.scene.light
+    simulation = stage.flown if isinstance(stage.flown, Simulation) and detailed else None
     entries = [
         ("Trails", ["trails"], True),
-        ("Predictions", ["predictions"], detailed and bool(windows_of(stage.flown))),
-        ("Tubes", ["tube", "tubes"], detailed and simulation is not None and has_tube(simulation)),
-        ("Plans", ["planned"], detailed and simulation is not None),
-        ("Wind", ["wind"], detailed and simulation is not None and strongest(simulation) > 0.0),
+        ("Predictions", ["predictions"], detailed and len(windows_of(stage.flown)) > 0),
+        ("Tubes", ["tube", "tubes"], simulation is not None and has_tube(simulation)),
+        ("Plans", ["planned"], simulation is not None),
+        ("Wind", ["wind"], simulation is not None and strongest(simulation) > 0.0),
         ("Starts and goals", ["starts", "goals"], True),
+        ("Radii", ["radii"], detailed and bool(np.any(scenario.fleet.radii > 0.0))),
+        ("Shells", [], scenario.separation is not None),
+        ("Names", [], True),
     ]
-    shells = stage.shown.scenario.separation is not None or (
-        detailed and bool(np.any(vehicles.radii > 0.0))
-    )
-    return [
-        {"title": title, "paths": paths} for title, paths, there in entries if there
-    ] + ([{"title": "Shells", "paths": []}] if shells else [])
+    return [{"title": title, "paths": paths} for title, paths, there in entries if there]
 
 
 def _legend(stage: Stage) -> list[dict[str, str]]:

@@ -41,6 +41,8 @@ class Vehicles:
     """of the balls that hold what is drawn of them [m], shape (N,)"""
     scales: FloatArray
     """by how much each is drawn smaller at the times of the pace, shape (N, M)"""
+    ringed: list[bool]
+    """around which there is a faint ball of the radius"""
 
     @classmethod
     def of(cls, scene: Scene, shown: Drawn, pace: Pace) -> Vehicles:
@@ -54,7 +56,8 @@ class Vehicles:
         radii = np.maximum(true, scene.seen)
         room = np.maximum(_INSIDE * room_around(shown, pace.times), true[:, None])
         scales = np.clip(room / radii[:, None], _LEAST, 1.0)
-        return cls(airframes(shown), true, radii, scales)
+        ringed = [each.radius > 0.0 and not scene.light for each in shown.scenario.vehicles]
+        return cls(airframes(shown), true, radii, scales, ringed)
 
     @property
     def note(self) -> str | None:
@@ -85,11 +88,13 @@ def true_radii(shown: Drawn) -> FloatArray:
 
 def add_vehicles(meshcat: Meshcat, scene: Scene, shown: Drawn, vehicles: Vehicles) -> None:
     """Put the bodies into the scene, and around those of a few a faint ball of their radius."""
-    looks = zip(vehicles.kinds, vehicles.radii.tolist(), strict=True)
-    for (vehicle, colour), (kind, radius) in zip(coloured(shown.scenario), looks, strict=True):
+    looks = zip(vehicles.kinds, vehicles.radii.tolist(), vehicles.ringed, strict=True)
+    for (vehicle, colour), (kind, radius, ringed) in zip(
+        coloured(shown.scenario), looks, strict=True
+    ):
         mesh = body(kind, radius, light=scene.light)
         meshcat.SetTriangleMesh(_path("vehicles", vehicle), *mesh, rgba=colour)
-        if vehicle.radius > 0.0 and not scene.light:
+        if ringed:
             path, faint = _path("radii", vehicle), Rgba(colour.r(), colour.g(), colour.b(), 0.15)
             meshcat.SetObject(path, Ball(vehicle.radius), faint)
             meshcat.SetProperty(f"{path}/<object>", "material.depthWrite", False)
@@ -101,12 +106,14 @@ def record_vehicles(meshcat: Meshcat, shown: Drawn, vehicles: Vehicles, pace: Pa
     places, velocities = (motion.at(each, pace.times) for each in ("position", "velocity"))
     up = lifts(motion, pace.times, shown.scenario.grid.step)
     poses = vehicle_poses(vehicles.kinds, places, velocities, up)
-    for vehicle, each, scales in zip(shown.scenario.vehicles, poses, vehicles.scales, strict=True):
+    for vehicle, each, scales, ringed in zip(
+        shown.scenario.vehicles, poses, vehicles.scales, vehicles.ringed, strict=True
+    ):
         path = _path("vehicles", vehicle)
         record_poses(meshcat, path, each, pace)
         if np.any(scales < 1.0):
             record_scale(meshcat, path, scales, pace)
-        if meshcat.HasPath(_path("radii", vehicle)):
+        if ringed:
             record_poses(meshcat, _path("radii", vehicle), each, pace)
 
 

@@ -107,7 +107,7 @@ const labels = element(overlay, "div", "labels");
 
 // ---------------------------------------------------------------- title, tools, transport
 
-const title = element(overlay, "section", "card title");
+const title = element(overlay, "section", "card headline");
 element(title, "h1", "", told.name).title = told.name;
 const clock = element(title, "div", "clock num");
 const clockValue = element(clock, "span");
@@ -325,7 +325,7 @@ function theme(toDark) {
   const [top, bottom] = toDark ? [[0.09, 0.11, 0.15], [0.03, 0.035, 0.05]] : [[0.87, 0.91, 0.96], [1, 1, 1]];
   viewer.set_property(["Background", "<object>"], "top_color", top);
   viewer.set_property(["Background", "<object>"], "bottom_color", bottom);
-  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", toDark ? 2.4 : 1.8);
+  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", toDark ? 1.9 : 1.4);
   paint();
 }
 
@@ -414,14 +414,13 @@ function showShells(on) {
     });
   }
   for (const shell of shells) shell.visible = on;
-  if (node(["radii"])) node(["radii"]).object.visible = on;
   paint();
 }
 
-for (const { title: words, paths } of [...told.layers, { title: "Names", paths: [] }]) {
+for (const { title: words, paths } of told.layers) {
   const line = element(layers, "label");
   const box = element(line, "input");
-  Object.assign(box, { type: "checkbox", checked: words !== "Shells" || !told.shell });
+  Object.assign(box, { type: "checkbox", checked: words !== "Shells" });
   box.dataset.layer = words;
   line.append(` ${words}`);
   box.addEventListener("change", () => show(words, box.checked));
@@ -590,7 +589,7 @@ function updateLabels() {
     if (tag.mark) {
       // what is too small to be seen is marked where it is
       tag.mark.style.color = inText(bodies[tag.vehicle][0].color);
-      tag.mark.hidden = ((top.y - at.y) / 2) * high > 4 || at.z > 1;
+      tag.mark.hidden = ((top.y - at.y) / 2) * high > 5.5 || at.z > 1;
       tag.mark.style.transform = `translate(${((at.x + 1) / 2) * wide}px, ${((1 - at.y) / 2) * high}px)`;
     }
     const x = ((top.x + 1) / 2) * wide;
@@ -717,10 +716,11 @@ function begin() {
   requestAnimationFrame(tick);
   window.drakeRho = {
     seek, play, loop, look, follow, colourBy, show, theme, fold, readings, tags, told,
-    /** Show a time as a frame of a film, without controls, and draw it at once. */
-    frame(time) {
+    /** Draw a time at once as a frame of a film, without controls, that plays at some rate. */
+    frame(time, rate) {
       if (!state.film) {
         state.film = true;
+        state.speed = rate / told.rate;
         play(false);
         document.body.classList.add("film");
         look(state.view, 0);
