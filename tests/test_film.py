@@ -16,6 +16,7 @@ from drake_rho.display.browser import BrowserError
 from drake_rho.display.film import FilmError, Footage, check_film, write_film
 from tests.browser import open_page
 from tests.test_animation import crossing
+from tests.test_cli import run
 
 
 def test_footage_holds_the_whole_flight_at_its_pace() -> None:
@@ -81,3 +82,17 @@ def test_a_film_that_fails_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_p
             rho.viewer_page(crossing(3)), tmp_path / "film.mp4", Footage(np.array([0.0]), 1.0)
         )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_line_makes_a_film(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open_page():
+        pass
+    kept, made = tmp_path / "plan.npz", tmp_path / "film.gif"
+    rho.save(crossing(3), kept)
+    words = ("show", str(kept), "--film", str(made), "--rate", "100")
+    status, out, _ = run(capsys, monkeypatch, *words)
+    assert (status, out) == (0, f"a film in {made}\n")
+    with Image.open(made) as found:
+        assert getattr(found, "n_frames", 1) == 3  # at 0, 8 and 10 s

@@ -223,8 +223,11 @@ def test_what_is_shown_can_be_chosen_and_the_table_sorted(tmp_path: Path) -> Non
 def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) -> None:
     with _opened(rho.viewer_page(_yard()), tmp_path) as page:
         page.evaluate("drakeRho.follow(1, 0)")
-        panel = page.locator(".panel").bounding_box()
-        assert panel is not None
+        panel, tools, transport = (
+            page.locator(f".{name}").evaluate("each => each.getBoundingClientRect().toJSON()")
+            for name in ("panel", "tools", "transport")
+        )
+        middle = panel["left"] / 2, (tools["bottom"] + transport["top"]) / 2
         for quarter in range(4):
             page.evaluate(
                 """quarter => {
@@ -238,7 +241,7 @@ def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) ->
             for time in (0.5, 3.0, 6.5):
                 page.evaluate("time => drakeRho.seek(time)", time)
                 where = _on_screen(page)
-                np.testing.assert_allclose(where[1], (panel["x"] / 2, 396.0), atol=2.0)
+                np.testing.assert_allclose(where[1], middle, atol=1.0)
                 names = page.locator(".label:not(.thing)")
                 for i, label in enumerate(names.all()):
                     box = label.bounding_box()

@@ -95,11 +95,11 @@ def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, obje
     if found.pairs is not None:
         apart = scenario.separation
         how = "" if apart is None or apart.is_round else f"heights divided by {apart.downwash:g}"
-        told.append(_curve("Separation of the closest two", how, found.pairs, vehicles, vehicles))
+        told.append(_curve("Least separation", how, found.pairs, vehicles, vehicles))
     if found.obstacles is not None:
         padded = bool(np.any(scenario.fleet.radii > 0.0))
-        how = "less the vehicle's radius" if padded else ""
-        told.append(_curve("Clearance from obstacles", how, found.obstacles, vehicles, bodies))
+        how = "from obstacles, less the vehicle's radius" if padded else "from obstacles"
+        told.append(_curve("Least clearance", how, found.obstacles, vehicles, bodies))
     for each in told:
         each["values"] = np.round(each["values"], decimals).tolist()
     return told

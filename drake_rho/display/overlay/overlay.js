@@ -449,11 +449,13 @@ let bodies = [];
 
 // ---------------------------------------------------------------- cameras
 
-/** What of the window is not under a card [px]. */
+/** What of the window is under cards at its sides [px]; above, tools may be, or in narrow ones below. */
 function free() {
-  const numbers = !document.body.classList.contains("folded") && innerWidth > 700;
-  const bottom = state.film ? 10 : 64;
-  return { left: 0, top: state.film ? 10 : 56, right: numbers ? 306 : 0, bottom };
+  const right = panel.offsetWidth ? innerWidth - panel.offsetLeft : 0;
+  const bars = [tools, transport].filter((bar) => bar.offsetWidth);
+  const [above, below] = [0, 1].map((low) => bars.filter((bar) => bar.offsetTop > innerHeight / 2 === Boolean(low)));
+  const top = Math.max(10, ...above.map((bar) => bar.offsetTop + bar.offsetHeight));
+  return { left: 0, top, right, bottom: innerHeight - Math.min(innerHeight - 10, ...below.map((bar) => bar.offsetTop)) };
 }
 
 function centred() {
