@@ -185,7 +185,7 @@ def test_numbers_of_a_fleet_with_radii_in_a_yard_and_names_that_are_text(tmp_pat
         assert page.locator(f'tr[title^="{NAMES[2]}"]').count() == 1
         assert "<cart>" in labels
         assert page.locator("#overlay img").count() == 0
-        assert page.title() == "drake_rho"
+        assert page.title() == "yard \N{EN DASH} drake_rho"
         _keep(page, "yard")
 
 

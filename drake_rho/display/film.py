@@ -110,7 +110,7 @@ def write_film(
     ending = Path(path).suffix.lower()
     with tempfile.TemporaryDirectory(prefix="drake_rho.") as folder:
         source, made = Path(folder) / "page.html", Path(folder) / f"film{ending}"
-        source.write_text(page)
+        source.write_text(page, "utf-8")
         pictures = _pictures(source, footage, ending, before, progress)
         (_write_mp4 if ending == ".mp4" else _write_gif)(pictures, made)
         with replacing(path) as file:

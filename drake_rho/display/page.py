@@ -1,7 +1,8 @@
 """One page that shows a flight: Drake's Meshcat scene, and over it names, numbers and controls.
 
-The page is Meshcat's own, in which nothing is changed, with three things at its end: a block of
-JSON with all that the overlay says, its style, and its script (`overlay/`). It needs no network.
+The page is Meshcat's own but for title and icon, with three things at its end: a block of JSON with
+all that the overlay says, its style, and its script. These are in `overlay/`; the script is one
+module in several files, which are joined in the order of their names. It needs no network.
 """
 
 from __future__ import annotations
@@ -55,12 +56,18 @@ def laid_over(page: str, data: dict[str, object]) -> str:
                 1,
             ),
             f'<script type="application/json" id="{_IDENTIFIER}">{_embedded(data)}</script>\n',
-            f"<style>\n{(_OVERLAY / 'overlay.css').read_text()}</style>\n",
-            f'<script type="module">\n{(_OVERLAY / "overlay.js").read_text()}</script>\n',
+            f"<style>\n{_overlay('.css')}</style>\n",
+            f'<script type="module">\n{_overlay(".js")}</script>\n',
             end,
             tail,
         ]
     )
+
+
+def _overlay(ending: str) -> str:
+    """What all files of the overlay with an ending hold, in the order of their names."""
+    found = [each for each in _OVERLAY.iterdir() if each.name.endswith(ending)]
+    return "\n".join(each.read_text("utf-8") for each in sorted(found, key=lambda each: each.name))
 
 
 def _embedded(data: dict[str, object]) -> str:
