@@ -8,7 +8,8 @@ import io
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -111,8 +112,8 @@ def write_film(
     with tempfile.TemporaryDirectory(prefix="drake_rho.") as folder:
         source, made = Path(folder) / "page.html", Path(folder) / f"film{ending}"
         source.write_text(page, "utf-8")
-        pictures = _pictures(source, footage, ending, before, progress)
-        (_write_mp4 if ending == ".mp4" else _write_gif)(pictures, made)
+        with closing(_pictures(source, footage, ending, before, progress)) as pictures:
+            (_write_mp4 if ending == ".mp4" else _write_gif)(pictures, made)
         with replacing(path) as file:
             file.write(made.read_bytes())
 
@@ -123,7 +124,7 @@ def _pictures(
     ending: str,
     before: str,
     progress: Callable[[], None],
-) -> Iterator[bytes]:
+) -> Generator[bytes, None, None]:
     """The page at several times, as JPEG for a film and as PNG for a GIF."""
     wide, high = _SIZES[ending]
     kind = {"format": "jpeg", "quality": 95} if ending == ".mp4" else {"format": "png"}
