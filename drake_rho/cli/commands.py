@@ -141,7 +141,7 @@ def show(
     step: StepOption = None,
     world: WorldOption = None,
 ) -> int:
-    """Show the swarm in the browser, or write it as one page or as a film.
+    """Show the swarm in the browser, or write it as a page or a film.
 
     The browser is served until the command is interrupted.
     """

@@ -352,7 +352,7 @@ class Shown(Document):
     page: str | None = None
     """file that was written"""
     film: str | None = None
-    """another one"""
+    """film that was written"""
     url: str | None = None
     """where the page is served until the command is interrupted"""
 
