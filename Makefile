@@ -18,9 +18,9 @@ animate: $(READY) ## Show Example 4 in the browser
 notebooks: $(VENV)/.notebooks ## Open the notebooks in JupyterLab
 	$(BIN)/jupyter lab notebooks
 
-pictures: $(READY) ## Take the README's picture of the swarm anew (needs Chromium)
+pictures: $(READY) ## Take the README's pictures of the swarm anew, still and moving (needs Chromium)
 	@sh tools/setup-browser $(VENV)
-	$(BIN)/python -m tests.screenshot figures/meshcat.png
+	$(BIN)/python -m tests.screenshot figures
 
 bench: $(VENV)/.bench ## Time it against others, and its growth (ten minutes, benchmarks/results)
 	$(BIN)/python -m benchmarks

@@ -65,6 +65,7 @@ if TYPE_CHECKING:
         separation_figure,
         velocities_figure,
     )
+    from drake_rho.display.page import viewer_page
     from drake_rho.display.paths import paths_figure
     from drake_rho.display.publish import save_figure
     from drake_rho.exports.export import export
@@ -158,6 +159,7 @@ __all__ = [
     "trefoil_swap",
     "velocities_figure",
     "verify",
+    "viewer_page",
     "winds",
     "worst_case",
 ]
@@ -175,6 +177,7 @@ _LATER = {
     "velocities_figure": "drake_rho.display.figures",
     "Exported": "drake_rho.exports.record",
     "export": "drake_rho.exports.export",
+    "viewer_page": "drake_rho.display.page",
     "Attack": "drake_rho.simulation.attack",
     "RecedingHorizonController": "drake_rho.simulation.systems",
     "WindyPointMass": "drake_rho.simulation.systems",

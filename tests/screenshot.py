@@ -1,22 +1,31 @@
-"""Take the README's picture of the swarm: `python -m tests.screenshot FILE`."""
+"""Take the README's pictures, still and moving: `python -m tests.screenshot FOLDER`."""
 
 import sys
+import tempfile
+from pathlib import Path
 
 import drake_rho as rho
+from drake_rho.display.film import Footage, write_film
 from tests.browser import open_page
 
+RATE = 6.0
+"""Seconds of flight in a second of the moving picture."""
 
-def main(path: str) -> None:
-    """Example 4 in Meshcat, when the vehicles are at the obstacle."""
-    meshcat = rho.animate(rho.plan_rho(rho.load_scenario("paper")))
-    with open_page() as (page, _):
-        page.goto(meshcat.web_url())
-        page.wait_for_function("typeof viewer !== 'undefined' && viewer.animator.duration > 0")
-        page.evaluate("viewer.animator.pause(); viewer.animator.seek(29.0)")
-        page.evaluate("document.querySelectorAll('.lil-gui, .dg').forEach(e => e.remove())")
-        page.wait_for_timeout(1000)
-        page.screenshot(path=path, clip={"x": 230, "y": 110, "width": 800, "height": 680})
+
+def main(folder: Path) -> None:
+    """Example 4: on its way to the obstacle, and from start to goal."""
+    flight = rho.plan_rho(rho.load_scenario("paper"))
+    html = rho.viewer_page(flight)
+    with tempfile.TemporaryDirectory() as scratch, open_page() as (page, _):
+        file = Path(scratch) / "page.html"
+        file.write_text(html)
+        page.goto(file.as_uri())
+        page.wait_for_function("window.drakeRho")
+        page.evaluate("drakeRho.frame(22, 1)")
+        page.screenshot(path=folder / "meshcat.png")
+    footage = Footage.of(flight.scenario.grid.duration, ".gif", RATE)
+    write_film(html, folder / "viewer.gif", footage)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(Path(sys.argv[1]))

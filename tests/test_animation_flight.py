@@ -88,7 +88,6 @@ def _look(page: Page, simulation: rho.Simulation, picture: str) -> None:
         for kind in ("predictions", "tubes"):
             seen = [number for number in _children(page, kind) if _visible(page, kind, number)]
             assert seen == [str(min(int(time / 1.25), 7) + 1)]
-    assert sorted(_children(page, "key")) == ["planned", "tube", "wind"]
     _seek(page, 4.0)
     page.wait_for_timeout(500)
     SCREENSHOTS.mkdir(exist_ok=True)
@@ -120,7 +119,7 @@ def test_what_there_is_not_is_not_shown() -> None:
     still = fly(dataclasses.replace(mission(), disturbance=None))
     meshcat = rho.animate(still)
     assert meshcat.HasPath("/flight/planned/scout")
-    for part in ("tube", "tubes", "wind", "key/wind", "key/tube"):
+    for part in ("tube", "tubes", "wind"):
         assert not meshcat.HasPath(f"/flight/{part}")
     calm = rho.animate(fly(mission()))
     assert calm.HasPath("/flight/tube/scout")
@@ -149,7 +148,7 @@ def test_a_light_scene_of_a_simulation_has_little_but_the_vehicles() -> None:
     simulation = fly(dataclasses.replace(asked, disturbance=around), replan_every=40)
     meshcat = rho.animate(simulation)
     assert meshcat.HasPath("/flight/vehicles")
-    for part in ("planned", "tube", "tubes", "wind", "predictions", "key"):
+    for part in ("planned", "tube", "tubes", "wind", "predictions"):
         assert not meshcat.HasPath(f"/flight/{part}")
 
 

@@ -132,10 +132,10 @@ def test_moving_obstacles_are_where_they_are_and_ghosts_until_they_are_known(sta
             )
             for number in ("1", "2", "3")
         }
-        assert sorted(children["1"]) == ["edges", "known", "name"]
+        assert sorted(children["1"]) == ["edges", "known"]
         assert sorted(children["2"]) == ["edges", "known", "unknown"]
         assert children["3"] == ["known"]
-        ball = _corners(page, "vehicles", "solo", "radius")
+        ball = _corners(page, "radii", "solo")
         position = plan.motion().at("position", 7.5)[0]
         np.testing.assert_allclose(np.linalg.norm(ball - position, axis=1), 0.2, rtol=1e-3)
         assert errors == []
@@ -147,7 +147,6 @@ def test_the_scene_holds_all_obstacles_but_not_the_whole_way_of_what_comes_from_
     scene = Scene.of(plan)
     assert scene.upper[0] > 31.0
     assert scene.size < 150.0
-    assert scene.vehicle_length == pytest.approx(max(0.3, 0.25 * scene.mark_length))
 
 
 def test_only_bends_of_a_way_are_recorded() -> None:

@@ -182,6 +182,11 @@ def test_bad_input_is_one_line_and_status_2(
         (["show", "paper", "--html", "room.png"], "--html: got 'room.png', expected"),
         (["show", "paper", "--html", "room"], "a file to write, ending in .html or .htm"),
         (["show", "paper", "--html", "nowhere/x.html"], "--html: got 'nowhere/x.html', expected"),
+        (
+            ["show", "paper", "--film", "film.avi"],
+            "--film: got 'film.avi', expected a file to write",
+        ),
+        (["show", "paper", "--film", "nowhere/x.gif"], "--film: got 'nowhere/x.gif', expected"),
         (["show", "paper", "--host", ""], "--host: got '', expected"),
         (["show", "paper", "--host", " "], "--host: got ' ', expected"),
         (["show", "paper", "--port", "80"], "'--port'"),

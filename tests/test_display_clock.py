@@ -13,10 +13,10 @@ from pydrake.math import RigidTransform
 
 import drake_rho as rho
 from drake_rho.display import space
-from drake_rho.display.animation import _record_motion
 from drake_rho.display.pace import Pace
 from drake_rho.display.scene import Scene
 from drake_rho.display.trails import record_light_trails, record_predictions, record_trails
+from drake_rho.display.vehicles import Vehicles, record_vehicles
 from drake_rho.motion.plan import Window
 from tests.scenarios import straight
 
@@ -105,7 +105,7 @@ def test_meshcat_is_told_the_same() -> None:
         record_trails(meshcat, scene, flight.plan, pace)
         record_light_trails(meshcat, scene, flight.plan, pace)
         record_predictions(meshcat, flight.windows, pace)
-        _record_motion(meshcat, flight.plan, pace)
+        record_vehicles(meshcat, flight.plan, Vehicles.of(scene, flight.plan, pace), pace)
         told.append(meshcat.told)
     for one, other in zip(*told, strict=True):
         assert one[:2] == other[:2]

@@ -8,6 +8,8 @@ import os
 import tempfile
 from pathlib import Path
 
+from drake_rho.display.film import ENDINGS as ENDINGS_OF_FILMS
+from drake_rho.display.film import check_film
 from drake_rho.display.formats import DOUBLE_COLUMN, check_width
 from drake_rho.motion.files import ENDINGS
 from drake_rho.scenario.files import check_replaceable
@@ -77,6 +79,18 @@ def check_writable(output: str | None, endings: tuple[str, ...], option: str) ->
         reason = getattr(error, "strerror", error)
         expected = f"a file to write, ending in {' or '.join(endings)} ({reason})"
         raise ValueError(f"{option}: got {output!r}, expected {expected}") from None
+
+
+def check_film_option(film: str | None) -> None:
+    """See that a film can be made and kept.
+
+    Raises:
+        ValueError: it cannot be kept, or has another ending.
+        DrakeRhoError: something is not installed.
+    """
+    if film is not None:
+        check_writable(film, ENDINGS_OF_FILMS, "--film")
+        check_film(film)
 
 
 def check_folder(folder: str | None) -> None:

@@ -7,6 +7,7 @@ import logging
 import sys
 import webbrowser
 import zipfile
+from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
@@ -16,6 +17,7 @@ from drake_rho.cli import described
 from drake_rho.cli.app import app_of
 from drake_rho.cli.campaigns import campaign, results
 from drake_rho.cli.checks import (
+    check_film_option,
     check_interface,
     check_kept,
     check_rate,
@@ -49,7 +51,7 @@ from drake_rho.cli.options import (
 from drake_rho.cli.planning import assign, fly, plan
 from drake_rho.cli.simulation import simulate
 from drake_rho.cli.streams import pipe_safe
-from drake_rho.display.flown import Flown
+from drake_rho.display.flown import Flown, drawn
 from drake_rho.motion.files import load
 from drake_rho.paper.study import REPEATS, run_study
 from drake_rho.planning.best import plan as best_plan
@@ -111,6 +113,14 @@ def show(
         str | None,
         typer.Option(metavar="FILE", help="Write one self-contained page here instead of serving."),
     ] = None,
+    film: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write a film here (.mp4, which needs ffmpeg, or .gif) instead of serving; of up "
+            "to 20 s, unless --rate says how fast it plays.",
+        ),
+    ] = None,
     host: Annotated[
         str, typer.Option(help="Network interface to serve on; '*' is every one.")
     ] = "localhost",
@@ -131,31 +141,59 @@ def show(
     step: StepOption = None,
     world: WorldOption = None,
 ) -> int:
-    """Show the swarm in the browser, or write it as one page.
+    """Show the swarm in the browser, or write it as a page or a film.
 
     The browser is served until the command is interrupted.
     """
-    from drake_rho.display.animation import animate
+    from drake_rho.display.page import viewer_page
 
     check_writable(html, (".html", ".htm"), "--html")
+    check_film_option(film)
     check_interface(host)
     check_rate(rate)
     with working("planning") as work:
         flown = _load_or_fly(source, duration, step, world, work)
     with working("drawing"):
-        meshcat = animate(flown, host=host, port=port, rate=rate, trails=trails)
+        page = viewer_page(flown, rate=rate, trails=trails)
+    if html is None and film is None:
+        return _serve(page, host, port, browser=browser)
+    written = []
     if html is not None:
         with replacing(html) as file:
-            file.write(meshcat.StaticHtml().encode())
-        return tell(Shown(page=html), f"one page in {html}")
+            file.write(page.encode())
+        written.append(f"one page in {html}")
+    if film is not None:
+        _film(page, film, flown, rate)
+        written.append(f"a film in {film}")
+    return tell(Shown(page=html, film=film), *written)
+
+
+def _serve(page: str, host: str, port: int, *, browser: bool) -> int:
+    """Serve a page until interrupted."""
+    from drake_rho.display.serve import serve
+
+    server = serve(page, host=host, port=port)
     wait_for_the_end = on_interrupt()
-    answer(Shown(url=meshcat.web_url()), f"{meshcat.web_url()}  (Ctrl-C ends)")
+    answer(Shown(url=server.url), f"{server.url}  (Ctrl-C ends)")
     sys.stdout.flush()
-    if browser and not webbrowser.open(meshcat.web_url()):
+    if browser and not webbrowser.open(server.url):
         remark("no browser found here: open the address in one")
     wait_for_the_end()
+    server.close()
     remark("ended")
     return 0
+
+
+def _film(page: str, path: str, flown: Flown, rate: float | None) -> None:
+    """Write a film of a page, and show how far it is."""
+    from drake_rho.display.film import Footage, write_film
+
+    duration = drawn(flown).scenario.grid.duration
+    footage = Footage.of(duration, Path(path).suffix.lower(), rate)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    with bar(*columns, TimeElapsedColumn()) as progress:
+        task = progress.add_task("filming", total=len(footage.times))
+        write_film(page, path, footage, progress=lambda: progress.advance(task))
 
 
 def _load_or_fly(

@@ -351,8 +351,10 @@ class Shown(Document):
 
     page: str | None = None
     """file that was written"""
+    film: str | None = None
+    """film that was written"""
     url: str | None = None
-    """where the scene is served until the command is interrupted"""
+    """where the page is served until the command is interrupted"""
 
 
 @record

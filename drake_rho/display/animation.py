@@ -1,38 +1,69 @@
-"""The swarm in Meshcat, Drake's own: the vehicles' way through the scene, and the replanning.
-
-/flight/vehicles/<name> in the scene tree is the vehicle's pose, x along its velocity; a `/` in
-its name is %2F there (`names.as_path`), so that no vehicle lies under another.
-"""
+"""The swarm in Meshcat, Drake's own: the vehicles' way through the scene, and the replanning."""
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatParams, Rgba
-from pydrake.geometry import Sphere as Ball
+from pydrake.geometry import Meshcat, MeshcatParams
 
 from drake_rho.display.bodies import add_obstacles, record_obstacles
 from drake_rho.display.disturbed import add_disturbed, record_disturbed
 from drake_rho.display.flown import Drawn, Flown, drawn, windows_of
-from drake_rho.display.names import as_path
 from drake_rho.display.pace import Pace
-from drake_rho.display.poses import headings, poses, record_poses
+from drake_rho.display.ports import on_free_port
 from drake_rho.display.scene import (
     ROOT,
     Scene,
     add_ends,
     add_light_goals,
     add_surroundings,
-    coloured,
     set_camera,
 )
-from drake_rho.display.shapes import aircraft
 from drake_rho.display.trails import record_light_trails, record_predictions, record_trails
+from drake_rho.display.vehicles import Vehicles, add_vehicles, record_vehicles
 from drake_rho.motion.simulation import Simulation
 
 _OF_EACH = 4
 """What moves of each vehicle of a simulation: itself, its ghost, its ball, its wind."""
 _MOST_TRAILS = 100
 """Most vehicles whose trails are drawn without being asked for: more would hide the vehicles."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stage:
+    """What is shown, and how: everything that a scene is drawn from."""
+
+    flown: Flown
+    """what was planned or flown"""
+    shown: Drawn
+    """the motions that are drawn"""
+    scene: Scene
+    """where everything is"""
+    pace: Pace
+    """when it is played"""
+    vehicles: Vehicles
+    """how vehicles are drawn"""
+
+    @classmethod
+    def of(cls, flown: Flown, rate: float | None = None) -> Stage:
+        """How something is shown at `rate` seconds of flight in a second; see `animate`.
+
+        Raises:
+            ValueError: `rate` is not positive.
+        """
+        if rate is not None and not (np.isfinite(rate) and rate > 0.0):
+            raise ValueError(f"rate: got {rate}, expected a positive number")
+        shown = drawn(flown)
+        scene = Scene.of(shown)
+        disturbed = isinstance(flown, Simulation) and not scene.light
+        pace = Pace.of(shown, rate, _OF_EACH if disturbed else 1)
+        return cls(flown, shown, scene, pace, Vehicles.of(scene, shown, pace))
+
+    @property
+    def few_enough_for_trails(self) -> bool:
+        """Whether trails are drawn without being asked for."""
+        return len(self.shown.positions) <= _MOST_TRAILS
 
 
 def animate(
@@ -49,18 +80,19 @@ def animate(
     Obstacles are translucent, and fainter until they are known; those that move do so. Trails grow
     as they are flown, starts are small balls and goals larger ones; with a `Flight`, each window's
     whole prediction is drawn as a thin line while it is the one that is flown. Colours are those of
-    the figures. Where there is a separation, a vehicle is drawn within half of it around its
-    position, so that what is apart does not touch, unless that would be too small to be seen in the
-    scene. A faint ball around a vehicle is its radius, which it keeps from obstacles.
+    the figures. A vehicle is drawn as an aircraft or a quadrotor, as `Vehicle.airframe` or its
+    limits say, and large enough to be seen, but smaller where it would reach into an obstacle, or
+    past the middle between it and another vehicle from which it keeps apart. A faint ball around it
+    is its radius, which it keeps from obstacles.
+
+    This is the scene alone; `viewer_page` is the same with names, numbers and controls over it.
 
     With a `Simulation` the vehicles are where they truly were. A ghost of each is where the plan in
     force had it, in a ball of the radius that its tube has then: while the disturbance is as the
-    scenario says, the vehicle is in it. An arrow is the wind on the vehicle; its key says how
-    strong.
+    scenario says, the vehicle is in it. An arrow is the wind on the vehicle.
 
     More than 24 vehicles make a light scene, in which little but the vehicles is an object: goals
-    are small, trails thin, and starts, names, predictions, ghosts and the wind are
-    left out.
+    are small, trails thin, and starts, predictions, ghosts and the wind are left out.
 
     Args:
         flown: what to show.
@@ -78,11 +110,15 @@ def animate(
         ValueError: `rate` is not positive.
         OSError: no port is free.
     """
-    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
-        raise ValueError(f"rate: got {rate}, expected a positive number")
-    plan, windows = drawn(flown), windows_of(flown)
+    stage = Stage.of(flown, rate)
     meshcat = start_meshcat(host, port) if meshcat is None else meshcat
-    scene = Scene.of(plan)
+    draw(meshcat, stage, trails=stage.few_enough_for_trails if trails is None else trails)
+    return meshcat
+
+
+def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
+    """Draw and record a stage in a Meshcat, which is emptied first."""
+    plan, scene, vehicles, pace = stage.shown, stage.scene, stage.vehicles, stage.pace
     meshcat.Delete(ROOT)
     meshcat.DeleteRecording()
     set_camera(meshcat, scene)
@@ -92,24 +128,21 @@ def animate(
         add_light_goals(meshcat, scene, plan.scenario)
     else:
         add_ends(meshcat, scene, plan.scenario)
-    _add_vehicles(meshcat, scene, plan)
-    disturbed = isinstance(flown, Simulation) and not scene.light
-    pace = Pace.of(plan, rate, _OF_EACH if disturbed else 1)
+    add_vehicles(meshcat, scene, plan, vehicles)
     meshcat.StartRecording(
         frames_per_second=pace.frames_per_second, set_visualizations_while_recording=False
     )
-    _record_motion(meshcat, plan, pace)
+    record_vehicles(meshcat, plan, vehicles, pace)
     record_obstacles(meshcat, scene, plan, pace)
-    if len(plan.positions) <= _MOST_TRAILS if trails is None else trails:
+    if trails:
         (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, pace)
     if not scene.light:
-        record_predictions(meshcat, windows, pace)
-        if isinstance(flown, Simulation):
-            add_disturbed(meshcat, scene, flown)
-            record_disturbed(meshcat, flown, pace)
+        record_predictions(meshcat, windows_of(stage.flown), pace)
+        if isinstance(stage.flown, Simulation):
+            add_disturbed(meshcat, scene, stage.flown, vehicles)
+            record_disturbed(meshcat, stage.flown, vehicles, pace)
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    return meshcat
 
 
 def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
@@ -123,34 +156,11 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
         OSError: no port is free, or the interface is not there.
         ValueError: the port is out of range.
     """
-    first = 7000 if port is None else port
-    if not 1024 <= first <= 65535:
-        raise ValueError(f"port: got {port}, expected 1024 to 65535")
-    for number in range(first, min(first + 100, 65536)):
+
+    def start(number: int) -> Meshcat | None:
         try:
             return Meshcat(MeshcatParams(host=host, port=number, show_stats_plot=False))
         except RuntimeError:  # in use
-            continue
-    raise OSError(f"no free port from {first} on {host}")
+            return None
 
-
-def _add_vehicles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
-    mesh = aircraft(scene.vehicle_length)
-    for vehicle, colour in coloured(plan.scenario):
-        path = _vehicle_path(vehicle.name)
-        meshcat.SetTriangleMesh(path, *mesh, rgba=colour)
-        if vehicle.radius > 0.0 and not scene.light:
-            faint = Rgba(colour.r(), colour.g(), colour.b(), 0.15)
-            meshcat.SetObject(f"{path}/radius", Ball(vehicle.radius), faint)
-
-
-def _record_motion(meshcat: Meshcat, plan: Drawn, pace: Pace) -> None:
-    motion = plan.motion()
-    positions = motion.at("position", pace.times)
-    ahead = headings(motion.at("velocity", pace.times))
-    for vehicle, each in zip(plan.scenario.vehicles, poses(positions, ahead), strict=True):
-        record_poses(meshcat, _vehicle_path(vehicle.name), each, pace)
-
-
-def _vehicle_path(name: str) -> str:
-    return f"{ROOT}/vehicles/{as_path(name)}"
+    return on_free_port(start, host, port)

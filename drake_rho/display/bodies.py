@@ -1,7 +1,7 @@
 """Obstacles in Meshcat: where they are at every time, as ghosts until they are known.
 
 /flight/obstacles/<number> in the scene tree is the obstacle's pose; under it are `known`, the
-obstacle, if it is known late `unknown`, its ghost, and if it has some its `edges` and `name`.
+obstacle, if it is known late `unknown`, its ghost, and if it has some its `edges`.
 """
 
 from __future__ import annotations
@@ -11,29 +11,24 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
 
 from drake_rho.display.flown import Drawn
-from drake_rho.display.names import brief
 from drake_rho.display.pace import Pace
-from drake_rho.display.scene import MOST_NAMES, ROOT, Scene
-from drake_rho.display.shapes import words
+from drake_rho.display.scene import ROOT, Scene
 from drake_rho.display.snapshots import ended, placed, ways
 from drake_rho.display.solids import put
-from drake_rho.display.style import view
 from drake_rho.display.surfaces import surface
 from drake_rho.display.trails import segments, show_between
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 
-_SOLID = Rgba(0.6, 0.6, 0.65, 0.45)
-_GHOST = Rgba(0.6, 0.6, 0.65, 0.12)
+_SOLID = Rgba(0.6, 0.63, 0.7, 0.5)
+_GHOST = Rgba(0.6, 0.63, 0.7, 0.12)
 _EDGES = Rgba(0.5, 0.5, 0.55)
-_LETTERS = Rgba(0.25, 0.25, 0.28)
 _WAY = Rgba(0.6, 0.6, 0.65)
 
 
 def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
     """Put all obstacles where they are at the first knot, the ways of a few that move as lines."""
     start, bodies = plan.scenario.grid.start, plan.scenario.bodies
-    named = [obstacle for obstacle in bodies if obstacle.name is not None]
     for number, obstacle in enumerate(bodies, start=1):
         path = _path(number)
         shape = ended(obstacle.shape, scene.lower, scene.upper)
@@ -42,11 +37,6 @@ def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
             put(shape, meshcat, f"{path}/unknown", _GHOST)
         if edges := surface(shape).edges:
             meshcat.SetLineSegments(f"{path}/edges", *segments(edges), rgba=_EDGES)
-        if obstacle.name is not None and obstacle.name.strip() and len(named) <= MOST_NAMES:
-            right, up, _ = view()
-            above = shape.extent[2] * np.eye(3)[2] + 0.3 * scene.mark_length * up
-            letters = words(brief(obstacle.name), 0.4 * scene.mark_length, above, right, up)
-            meshcat.SetTriangleMesh(f"{path}/name", *letters, rgba=_LETTERS)
         (place,) = _places(scene, obstacle, np.array([start]))
         meshcat.SetTransform(path, RigidTransform(place))
     for number, way in enumerate(ways(plan, bodies), start=1):

@@ -99,14 +99,74 @@ def nearest(plan: Drawn, obstacle: Obstacle) -> Approach:
 def least_clearances(plan: Drawn, obstacles: Sequence[Obstacle]) -> Clearances:
     """The clearances over time that are least of all obstacles, of which there is at least one."""
     times = dense_times(plan)
+    least, numbers = nearest_obstacles(plan, obstacles, times)
+    whole = np.tile(times, (len(least), 1))
+    return _with_least(plan, obstacles, Clearances(whole, least, numbers))
+
+
+def nearest_obstacles(
+    plan: Drawn, obstacles: Sequence[Obstacle], times: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """How much room each vehicle has beside the obstacle that leaves it least.
+
+    Args:
+        plan: where the vehicles are.
+        obstacles: what they keep clear of.
+        times: since the first knot [s], shape (M,).
+
+    Returns:
+        Clearances as in `Clearances` [m], inf where there is no obstacle, and indices of the
+        obstacles, both of shape (N, M).
+    """
     least = np.full((len(plan.positions), len(times)), np.inf)
     numbers = np.zeros(least.shape, dtype=np.int64)
     for index, obstacle in enumerate(obstacles):
         clearances = distances(plan, obstacle, times) - kept(plan, obstacle)[:, None]
         numbers[clearances < least] = index
         least = np.minimum(clearances, least)
-    whole = np.tile(times, (len(least), 1))
-    return _with_least(plan, obstacles, Clearances(whole, least, numbers))
+    return least, numbers
+
+
+def nearest_vehicles(positions: FloatArray) -> tuple[FloatArray, IntArray]:
+    """How far each vehicle is from the nearest other one, and which that is, over time.
+
+    Args:
+        positions: scaled as distances are to be measured [m], shape (N, M, 3).
+
+    Returns:
+        Distances [m], inf of a single vehicle, and indices, both of shape (N, M).
+    """
+    from scipy.spatial import cKDTree  # slow to load, so only where needed
+
+    count, times = positions.shape[:2]
+    if count == 1:
+        return np.full((1, times), np.inf), np.zeros((1, times), dtype=np.int64)
+    found = [cKDTree(positions[:, m]).query(positions[:, m], k=2) for m in range(times)]
+    away = np.array([distances[:, 1] for distances, _ in found]).T
+    # of two vehicles in the same place either may come first
+    others = np.array([np.where(i[:, 0] == np.arange(count), i[:, 1], i[:, 0]) for _, i in found])
+    return away, others.T
+
+
+def room_around(plan: Drawn, times: FloatArray) -> FloatArray:
+    """Radii of balls around vehicles that reach into nothing that they keep clear of.
+
+    These are obstacles, and where there is a separation other vehicles, of which each has half of
+    the way between two.
+
+    Args:
+        plan: where vehicles and obstacles are.
+        times: since the first knot [s], shape (M,).
+
+    Returns:
+        Radii [m], shape (N, M); inf where there is nothing, and not positive inside an obstacle.
+    """
+    clearances, _ = nearest_obstacles(plan, plan.scenario.bodies, times)
+    room: FloatArray = clearances + plan.scenario.fleet.radii[:, None]
+    if plan.scenario.separation is not None:
+        away, _ = nearest_vehicles(plan.motion().at("position", times))
+        room = np.minimum(room, away / 2.0)
+    return room
 
 
 def _with_least(plan: Drawn, obstacles: Sequence[Obstacle], sampled: Clearances) -> Clearances:

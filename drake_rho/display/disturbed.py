@@ -12,14 +12,15 @@ import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 
+from drake_rho.display.airframes import body
 from drake_rho.display.flown import drawn
-from drake_rho.display.key import Entry, add_key
 from drake_rho.display.names import as_path
 from drake_rho.display.pace import Pace
-from drake_rho.display.poses import headings, poses, record_poses
+from drake_rho.display.poses import headings, poses, record_poses, vehicle_poses
 from drake_rho.display.scene import ROOT, Scene, coloured
-from drake_rho.display.shapes import aircraft, arrow, octahedron, tube
+from drake_rho.display.shapes import arrow, tube
 from drake_rho.display.trails import record_windows
+from drake_rho.display.vehicles import Vehicles, record_scale
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tube import ErrorTube
@@ -30,8 +31,6 @@ _GHOST, _BALL, _TUBE = 0.35, 0.18, 0.08
 """How opaque things are."""
 _LEAST = 1e-6
 """Least that anything is scaled by: no object can be shown at a size of zero."""
-_SEEN = 2e-3
-"""Least radius that is seen, in diagonals of the scene."""
 _SIDES = 12
 """Of a tube's section."""
 _PER_STEP = 4
@@ -42,11 +41,15 @@ _FEWEST = 8
 """Fewest sections of a tube."""
 
 
-def add_disturbed(meshcat: Meshcat, scene: Scene, simulation: Simulation) -> None:
-    """Put ghosts, tubes, arrows and their key into the scene."""
-    ghost, along = aircraft(scene.vehicle_length), arrow(_arrow_length(scene))
-    for vehicle, colour in coloured(simulation.scenario):
+def add_disturbed(
+    meshcat: Meshcat, scene: Scene, simulation: Simulation, vehicles: Vehicles
+) -> None:
+    """Put ghosts, tubes and arrows into the scene."""
+    along = arrow(_arrow_length(vehicles, scene))
+    looks = zip(vehicles.kinds, vehicles.radii.tolist(), strict=True)
+    for (vehicle, colour), (kind, radius) in zip(coloured(simulation.scenario), looks, strict=True):
         name = as_path(vehicle.name)
+        ghost = body(kind, radius, light=scene.light)
         meshcat.SetTriangleMesh(f"{ROOT}/planned/{name}", *ghost, rgba=_faint(colour, _GHOST))
         if has_tube(simulation):
             meshcat.SetObject(f"{ROOT}/tube/{name}", Ball(1.0), _faint(colour, _BALL))
@@ -55,27 +58,30 @@ def add_disturbed(meshcat: Meshcat, scene: Scene, simulation: Simulation) -> Non
             meshcat.SetTriangleMesh(f"{ROOT}/wind/{name}", *along, rgba=_DARK)
     if has_tube(simulation):
         _add_tubes(meshcat, simulation)
-    add_key(meshcat, scene, _entries(scene, simulation), _DARK)
 
 
-def record_disturbed(meshcat: Meshcat, simulation: Simulation, pace: Pace) -> None:
+def record_disturbed(
+    meshcat: Meshcat, simulation: Simulation, vehicles: Vehicles, pace: Pace
+) -> None:
     """Record where plans were, how wide their tubes, and how the wind blew."""
     times = np.minimum(simulation.scenario.grid.start + pace.times, simulation.times[-1])
     places = np.swapaxes(simulation.nominal("position", times), 0, 1)
-    ahead = headings(np.swapaxes(simulation.nominal("velocity", times), 0, 1))
-    planned = poses(places, ahead)
+    velocities = np.swapaxes(simulation.nominal("velocity", times), 0, 1)
+    planned = vehicle_poses(vehicles.kinds, places, velocities, np.array([0.0, 0.0, 1.0]))
     wind, radii, most = _wind(simulation, times), _radii(simulation, times), strongest(simulation)
     blown = poses(drawn(simulation).motion().at("position", pace.times), headings(wind))
     for i, vehicle in enumerate(simulation.scenario.vehicles):
         name = as_path(vehicle.name)
         record_poses(meshcat, f"{ROOT}/planned/{name}", planned[i], pace)
+        if np.any(vehicles.scales[i] < 1.0):
+            record_scale(meshcat, f"{ROOT}/planned/{name}", vehicles.scales[i], pace)
         if has_tube(simulation):
             record_poses(meshcat, f"{ROOT}/tube/{name}", planned[i], pace)
-            _record_scale(meshcat, f"{ROOT}/tube/{name}", radii, pace)
+            record_scale(meshcat, f"{ROOT}/tube/{name}", np.maximum(radii, _LEAST), pace)
         if most > 0.0:
             record_poses(meshcat, f"{ROOT}/wind/{name}", blown[i], pace)
             parts = np.linalg.norm(wind[i], axis=1) / most
-            _record_scale(meshcat, f"{ROOT}/wind/{name}", parts, pace)
+            record_scale(meshcat, f"{ROOT}/wind/{name}", np.maximum(parts, _LEAST), pace)
     if has_tube(simulation):
         record_windows(meshcat, f"{ROOT}/tubes", simulation.flight.windows, pace)
 
@@ -123,14 +129,6 @@ def _see_through(meshcat: Meshcat, path: str) -> None:
     meshcat.SetProperty(f"{path}/<object>", "material.depthWrite", False)
 
 
-def _record_scale(meshcat: Meshcat, path: str, sizes: FloatArray, pace: Pace) -> None:
-    """Record that an object has sizes, shape (M,), at the times of a pace."""
-    sizes = np.maximum(sizes, _LEAST)
-    meshcat.SetProperty(path, "scale", [sizes[0]] * 3)
-    for time, size in zip(pace.times, sizes, strict=True):
-        meshcat.SetProperty(path, "scale", [size] * 3, pace.playback(time))
-
-
 def _wind(simulation: Simulation, times: FloatArray) -> FloatArray:
     """The wind at times on the scenario's clock [m/s²], shape (N, T, 3)."""
     m = np.searchsorted(simulation.times, times + 1e-9, side="right") - 1
@@ -144,26 +142,10 @@ def _radii(simulation: Simulation, times: FloatArray) -> FloatArray:
     return np.array(found, dtype=np.float64)
 
 
-def _arrow_length(scene: Scene) -> float:
+def _arrow_length(vehicles: Vehicles, scene: Scene) -> float:
     """Length of the arrow of the strongest wind [m]."""
-    return max(0.7 * scene.mark_length, 1.5 * scene.vehicle_length)
+    return max(0.7 * scene.mark_length, 2.0 * float(vehicles.radii.max()))
 
 
 def _faint(colour: Rgba, alpha: float) -> Rgba:
     return Rgba(colour.r(), colour.g(), colour.b(), alpha)
-
-
-def _entries(scene: Scene, simulation: Simulation) -> list[Entry]:
-    """What the additions mean."""
-    size, entries = 0.011 * scene.size, []
-    if (most := strongest(simulation)) > 0.0:
-        sign = arrow(_arrow_length(scene))
-        entries.append(Entry("wind", f"wind, this long for {most:.3g} m/s²", sign, _DARK))
-    ghost = _faint(_DARK, _GHOST)
-    entries.append(Entry("planned", "where the plan has it", aircraft(2.0 * size), ghost))
-    if has_tube(simulation):
-        most = float(simulation.radii().max())
-        text = f"where it can be, at most {most:.2g} m from there"
-        text += ", too little to be seen" if most < _SEEN * scene.size else ""
-        entries.append(Entry("tube", text, octahedron(size), _faint(_DARK, _BALL)))
-    return entries

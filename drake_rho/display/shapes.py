@@ -6,47 +6,23 @@ the column-major order that Drake asks for.
 
 from __future__ import annotations
 
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.path import Path
-from matplotlib.textpath import TextPath
-from matplotlib.tri import Triangulation
 
-from drake_rho.display.names import as_text
 from drake_rho.scenario.fields import FloatArray
 
 IntArray = npt.NDArray[np.int32]
 Mesh = tuple[FloatArray, IntArray]
 
 
-def _columns(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Mesh:
+def columns(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Mesh:
+    """Vertices and faces, a row each, as a mesh."""
     return (
         np.asfortranarray(np.asarray(vertices, dtype=np.float64).T),
         np.asfortranarray(np.asarray(faces, dtype=np.int32).T),
     )
-
-
-def aircraft(length: float) -> Mesh:
-    """A small aircraft around the origin: nose along +x, left wing along +y, fin along +z.
-
-    Args:
-        length: from nose to tail [m]; its span is a little more.
-    """
-    fuselage = [(0.55, 0, 0), (0.05, 0.08, 0), (0.05, 0, 0.1), (0.05, -0.08, 0), (0.05, 0, -0.06)]
-    tail = [(-0.45, 0, 0.02)]
-    wing = [(0.2, 0, 0.01), (-0.16, 0.6, 0.03), (-0.28, 0.6, 0.03), (-0.14, 0, 0.01)]
-    stabiliser = [(-0.3, 0, 0.02), (-0.43, 0.22, 0.03), (-0.5, 0.22, 0.03), (-0.44, 0, 0.02)]
-    fin = [(-0.26, 0, 0.04), (-0.44, 0, 0.27), (-0.52, 0, 0.27), (-0.45, 0, 0.02)]
-    vertices = np.array(fuselage + tail)
-    faces = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1), (5, 2, 1), (5, 3, 2), (5, 4, 3), (5, 1, 4)]
-    mirror = np.array([1.0, -1.0, 1.0])
-    for plate in (wing, mirror * wing, stabiliser, mirror * stabiliser, fin):
-        first = len(vertices)
-        vertices = np.concatenate([vertices, np.asarray(plate, dtype=np.float64)])
-        faces += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
-    return _columns(length * vertices, faces)
 
 
 def arrow(length: float) -> Mesh:
@@ -61,7 +37,7 @@ def arrow(length: float) -> Mesh:
         a, b = 4 * ring + corner, 4 * ring + (corner + 1) % 4
         faces += [(a, b, b + 4), (a, b + 4, a + 4)]
     faces += [(8 + corner, 8 + (corner + 1) % 4, 12) for corner in range(4)]
-    return _columns(length * vertices, faces)
+    return columns(length * vertices, faces)
 
 
 def octahedron(radius: float) -> Mesh:
@@ -71,7 +47,7 @@ def octahedron(radius: float) -> Mesh:
         (x, y, z) if (x + y + z) % 2 == 1 else (x, z, y)
         for x, y, z in product((0, 3), (1, 4), (2, 5))
     ]
-    return _columns(corners, faces)
+    return columns(corners, faces)
 
 
 def scattered(mesh: Mesh, places: FloatArray) -> Mesh:
@@ -80,7 +56,7 @@ def scattered(mesh: Mesh, places: FloatArray) -> Mesh:
     count = vertices.shape[1]
     copies = (vertices.T + places[:, None]).reshape(-1, 3)
     shifted = (faces.T + count * np.arange(len(places))[:, None, None]).reshape(-1, 3)
-    return _columns(copies, shifted)
+    return columns(copies, shifted)
 
 
 def tube(points: FloatArray, radius: float | FloatArray, sides: int = 3) -> Mesh:
@@ -107,38 +83,7 @@ def tube(points: FloatArray, radius: float | FloatArray, sides: int = 3) -> Mesh
     for ring, corner in product(range(len(points) - 1), range(sides)):
         a, b = sides * ring + corner, sides * ring + (corner + 1) % sides
         faces += [(a, b, a + sides), (b, b + sides, a + sides)]
-    return _columns(vertices, faces)
-
-
-def words(text: str, height: float, origin: FloatArray, right: FloatArray, up: FloatArray) -> Mesh:
-    """Filled letters in a plane.
-
-    Args:
-        text: what to write.
-        height: of a line [m].
-        origin: middle of the text's lower edge [m], shape (3,).
-        right: direction of writing, unit vector, shape (3,).
-        up: upward direction of the letters, unit vector, shape (3,).
-    """
-    path = TextPath((0, 0), as_text(text), size=1.0)
-    outlines = [np.asarray(outline, dtype=np.float64) for outline in path.to_polygons()]
-    points = np.concatenate([_densified(outline, 0.02) for outline in outlines])
-    points = np.unique(points.round(6), axis=0)
-    triangles = Triangulation(points[:, 0], points[:, 1]).triangles
-    middles = points[triangles].mean(axis=1)
-    crossed = np.sum([Path(outline).contains_points(middles) for outline in outlines], axis=0)
-    faces = triangles[crossed % 2 == 1]  # inside a letter, but not inside its hole
-    flat = height * (points - [points[:, 0].mean(), 0.0])
-    return _columns(origin + flat[:, :1] * right + flat[:, 1:] * up, faces)
-
-
-def _densified(outline: FloatArray, spacing: float) -> FloatArray:
-    """Points along a closed polygon, no two neighbours further apart than `spacing`."""
-    pieces = []
-    for start, end in pairwise(outline):
-        count = max(1, int(np.ceil(np.linalg.norm(end - start) / spacing)))
-        pieces.append(start + (end - start) * (np.arange(count) / count)[:, None])
-    return np.concatenate(pieces)
+    return columns(vertices, faces)
 
 
 def box_edges(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:

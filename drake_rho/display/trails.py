@@ -64,10 +64,15 @@ def record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: Pace) 
 
 def record_windows(meshcat: Meshcat, path: str, windows: Sequence[Window], pace: Pace) -> None:
     """Record that what is at `path`/<number> is seen while that window, from 1, is flown."""
-    starts = [window.plan.scenario.grid.step * window.first_knot for window in windows]
+    starts = first_times(windows)
     for number in range(1, len(windows) + 1):
         until = pace.playback(starts[number]) if number < len(windows) else None
         show_between(meshcat, f"{path}/{number}", pace.playback(starts[number - 1]), until)
+
+
+def first_times(windows: Sequence[Window]) -> list[float]:
+    """When each window began to be flown, since the first knot of the flight [s]."""
+    return [window.plan.scenario.grid.step * window.first_knot for window in windows]
 
 
 def _pieces(plan: Drawn, trails: int) -> list[tuple[int, int]]:

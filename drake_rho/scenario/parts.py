@@ -34,6 +34,8 @@ from drake_rho.scenario.shapes import TOLERANCE
 
 Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 """What a box can bound."""
+Airframe = Literal["aircraft", "quadrotor"]
+"""What a vehicle can be drawn as."""
 
 GRAVITY = 9.81
 """g [m/s²]: a vehicle with acceleration a has the thrust a + g e_z for each kilogram, z upwards."""
@@ -189,6 +191,9 @@ class Vehicle:
     separation"""
     waypoints: tuple[Waypoint, ...] = ()
     """where it passes on its way, numbered from 1 in reports; no two at the same time"""
+    airframe: Airframe | None = None
+    """what it is drawn as, aircraft or quadrotor; by its limits if not given. No plan depends on
+    it."""
 
     if TYPE_CHECKING:
 
@@ -200,6 +205,7 @@ class Vehicle:
             limits: Limits | None = None,
             radius: float = 0.0,
             waypoints: Sequence[Waypoint] = (),
+            airframe: Airframe | None = None,
         ) -> None: ...
 
     @model_validator(mode="after")

@@ -1,0 +1,172 @@
+// What is said beside the scene: time, vehicles and plots, and the controls.
+
+// ---------------------------------------------------------------- title, tools, transport
+
+const title = element(overlay, "section", "card headline");
+element(title, "h1", "", told.name).title = told.name;
+const clock = element(title, "div", "clock num");
+const clockValue = element(clock, "span");
+element(clock, "small", "", "s");
+const moment = element(title, "div", "soft num");
+
+const tools = element(overlay, "nav", "card tools");
+const views = Object.fromEntries(
+  Object.keys(VIEWS).map((name, index) => [
+    name,
+    button(tools, name[0].toUpperCase() + name.slice(1), `camera: ${name} (${index + 1})`, () => look(name)),
+  ]),
+);
+const followed = choice(
+  tools, "follow a vehicle", [["", "Follow…"], ...told.vehicles.map(({ label }, index) => [index, label])],
+  (value) => follow(value === "" ? null : Number(value)),
+);
+const coloured = choice(
+  tools, "colour by", [["vehicle", "Colour: vehicle"], ...Object.keys(told.ranges).map((by) => [by, `Colour: ${by}`])],
+  colourBy,
+);
+const menu = element(tools, "div", "menu");
+button(menu, "Show ▾", "what is shown", () => menu.classList.toggle("open"));
+const layers = element(menu, "div", "card");
+button(tools, "◐", "light or dark (d)", () => theme(!dark()));
+button(tools, "▤", "numbers (n)", () => fold(!document.body.classList.contains("folded")));
+
+const transport = element(overlay, "nav", "card transport");
+const playButton = button(transport, "", "play or pause (space)", () => play(!state.playing));
+playButton.className = "play";
+const slider = element(transport, "input");
+Object.assign(slider, { type: "range", min: 0, max: told.duration, step: "any", title: "time" });
+slider.addEventListener("input", () => seek(Number(slider.value)));
+const end = element(transport, "span", "soft num");
+choice(transport, "speed", SPEEDS.map((speed) => [speed, `${speed} ×`]), (value) => (state.speed = Number(value))).value = 1;
+const loopButton = button(transport, "↻", "again from the start (l)", () => loop(!state.loop));
+
+// ---------------------------------------------------------------- vehicles
+
+const panel = element(overlay, "aside", "card panel");
+const scroller = element(panel, "div", "rows");
+const table = element(scroller, "table");
+const heads = element(element(table, "thead"), "tr");
+const COLUMNS = { order: "vehicle", speed: "[m/s]", clearance: "clearance [m]" };
+for (const [key, text] of Object.entries(COLUMNS)) {
+  const head = element(heads, "th", "", text);
+  head.dataset.key = key;
+  head.addEventListener("click", () => {
+    state.descending = state.sort === key ? !state.descending : key === "speed";
+    state.sort = key;
+    update(true);
+  });
+}
+const body = element(table, "tbody");
+const more = button(panel, "", "all vehicles", () => {
+  state.unfolded = !state.unfolded;
+  update(true);
+});
+more.className = "more";
+more.hidden = told.vehicles.length <= FOLDED + 4;
+
+const rows = [];
+function row(place) {
+  if (rows[place]) return rows[place];
+  const line = element(body, "tr");
+  const name = element(line, "td");
+  const made = {
+    line, swatch: element(name, "i"), name: element(name, "span"),
+    speed: element(line, "td", "num"), clearance: element(line, "td", "num"), vehicle: -1,
+  };
+  line.addEventListener("click", () => follow(state.follow === made.vehicle ? null : made.vehicle));
+  return (rows[place] = made);
+}
+
+function sorted(now) {
+  const order = told.vehicles.map((_, index) => index);
+  const values = { speed: now.speeds, clearance: now.clearances }[state.sort];
+  const key = values ? (index) => values[index] ?? Infinity : (index) => index;
+  return order.sort((one, other) => (key(one) - key(other) || one - other) * (state.descending ? -1 : 1));
+}
+
+function updateTable(now, atOnce) {
+  if (atOnce || performance.now() - ordered > 1000) {
+    order = sorted(now); // once a second, to be read
+    ordered = performance.now();
+  }
+  const shown = state.unfolded ? order.length : FOLDED;
+  for (const head of heads.children) {
+    const active = head.dataset.key === state.sort;
+    head.className = active ? (state.descending ? "down" : "up") : "";
+  }
+  for (let place = 0; place < shown; place += 1) {
+    const index = order[place];
+    const each = row(place);
+    if (each.vehicle !== index) {
+      each.vehicle = index;
+      each.name.textContent = told.vehicles[index].label;
+    }
+    const clear = now.clearances[index];
+    each.swatch.style.background = colourOf(index, now);
+    each.speed.textContent = inDigits(now.speeds[index]);
+    each.clearance.textContent = inDigits(clear);
+    each.clearance.classList.toggle("bad", clear !== null && clear < -told.tolerance);
+    each.line.title = told.vehicles[index].name + (clear === null ? "" : ` – nearest: ${nearestName(now.nearest[index])}`);
+    each.line.classList.toggle("followed", state.follow === index);
+    each.line.hidden = false;
+  }
+  for (let place = shown; place < rows.length; place += 1) rows[place].line.hidden = true;
+  more.textContent = state.unfolded ? "fold" : `all ${order.length} vehicles`;
+}
+
+// ---------------------------------------------------------------- plots
+
+const WIDE = 264;
+const HIGH = 74;
+const plots = told.curves.map((curve) => {
+  const box = element(panel, "section", "plot");
+  const header = element(box, "header");
+  element(header, "span", "", curve.title).title = curve.how;
+  const value = element(header, "b", "num");
+  const svg = drawing(box, "svg", { viewBox: `0 0 ${WIDE} ${HIGH}`, preserveAspectRatio: "none" });
+  const [when, least] = curve.least;
+  const highest = curve.values.reduce((most, value) => Math.max(most, value), curve.limit ?? 0);
+  const bottom = Math.min(least, curve.limit ?? 0);
+  const lowest = bottom - (curve.limit === null ? 0 : 0.12 * (highest - bottom));
+  const x = (time) => (time / told.duration) * WIDE;
+  const y = (height) => HIGH - 4 - ((height - lowest) / (highest - lowest || 1)) * (HIGH - 10);
+  const points = thinned(curve).map((m) => `${x(curve.times[m]).toFixed(1)},${y(curve.values[m]).toFixed(2)}`);
+  drawing(svg, "path", { class: "curve", d: `M${points.join("L")}` });
+  if (curve.limit !== null) {
+    drawing(svg, "rect", { class: "forbidden", x: 0, width: WIDE, y: y(curve.limit), height: HIGH - y(curve.limit) });
+    drawing(svg, "line", { class: "limit", x1: 0, x2: WIDE, y1: y(curve.limit), y2: y(curve.limit) });
+  }
+  drawing(svg, "circle", { class: "lowest", cx: x(when), cy: y(least), r: 3.2 });
+  const now = drawing(svg, "line", { class: "now", y1: 0, y2: HIGH });
+  const drag = (event) => {
+    if (event.buttons === 1) seek(((event.clientX - svg.getBoundingClientRect().left) / svg.clientWidth) * told.duration);
+  };
+  svg.addEventListener("pointerdown", drag);
+  svg.addEventListener("pointermove", drag);
+  const limit = curve.limit === null ? "no limit" : `limit ${curve.limit} m${told.knotsOnly ? " at the knots" : ""}`;
+  const [who, whom] = curve.closest;
+  element(box, "footer", "", `least ${inDigits(least, "m")} at ${inDigits(told.start + when, "s")}, ${who} – ${whom}; ${limit}`);
+  if (curve.how) element(box, "footer", "", curve.how);
+  return { curve, value, now, x };
+});
+
+/** Points of a curve that show in a plot: of those in one pixel the lowest and the highest. */
+function thinned({ times, values }) {
+  const bins = new Map();
+  values.forEach((value, m) => {
+    const bin = Math.floor((times[m] / told.duration) * WIDE * 2);
+    const [low, high] = bins.get(bin) ?? [m, m];
+    bins.set(bin, [value < values[low] ? m : low, value > values[high] ? m : high]);
+  });
+  return [...bins.values()].flatMap(([low, high]) => (low === high ? [low] : [low, high].sort((a, b) => a - b)));
+}
+
+function updatePlots(now) {
+  plots.forEach(({ curve, value, now: line, x }, index) => {
+    const present = now.curves[index];
+    value.textContent = inDigits(present, "m");
+    value.classList.toggle("bad", curve.limit !== null && present < curve.limit - told.tolerance);
+    line.setAttribute("x1", x(state.time));
+    line.setAttribute("x2", x(state.time));
+  });
+}

@@ -1,0 +1,111 @@
+// Colours: by what is asked and in both themes; and the legend.
+
+// ---------------------------------------------------------------- colours and themes
+
+const dark = () => document.documentElement.classList.contains("dark");
+
+/** A colour as it is seen on the present background: greys turned round, dark ones lifted. */
+function seen(colour) {
+  if (!dark()) return colour;
+  const hsl = colour.getHSL({}, "srgb");
+  if (hsl.s < 0.15) return colour.clone().setHSL(hsl.h, hsl.s, hsl.l > 0.7 ? 0.22 : hsl.l > 0.5 ? 0.45 : 0.85, "srgb");
+  return colour.clone().setHSL(hsl.h, hsl.s, Math.max(hsl.l, 0.55), "srgb");
+}
+
+function onScale(by, value) {
+  const [low, high] = told.ranges[by];
+  const stops = SCALES[by];
+  const place = Math.min(1, Math.max(0, ((value ?? high) - low) / (high - low || 1))) * (stops.length - 1);
+  const first = Math.min(Math.floor(place), stops.length - 2);
+  return new THREE.Color(stops[first]).lerp(new THREE.Color(stops[first + 1]), place - first);
+}
+
+const own = told.vehicles.map(({ colour }) => new THREE.Color(colour));
+const inText = (colour) => `#${colour.getHexString()}`;
+
+function vehicleColour(index, now) {
+  if (state.colour === "vehicle") return seen(own[index]);
+  return onScale(state.colour, (state.colour === "speed" ? now.speeds : now.clearances)[index]);
+}
+const colourOf = (index, now) => inText(vehicleColour(index, now));
+
+const originals = new WeakMap();
+function originalOf(material) {
+  if (!originals.has(material)) originals.set(material, material.color.clone());
+  return originals.get(material);
+}
+
+/** Every material below a path of the scene that has a colour. */
+function materials(path) {
+  const found = [];
+  node(path)?.object.traverse(({ material }) => {
+    for (const each of [material ?? []].flat()) if (each.color) found.push(each);
+  });
+  return found;
+}
+
+function theme(toDark) {
+  document.documentElement.classList.toggle("dark", toDark);
+  const [top, bottom] = toDark ? [[0.09, 0.11, 0.15], [0.03, 0.035, 0.05]] : [[0.87, 0.91, 0.96], [1, 1, 1]];
+  viewer.set_property(["Background", "<object>"], "top_color", top);
+  viewer.set_property(["Background", "<object>"], "bottom_color", bottom);
+  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", toDark ? 1.9 : 1.4);
+  paint();
+}
+
+/** Give all that is in the scene its colour, in the present theme and by what is asked. */
+function paint() {
+  for (const material of materials([])) material.color.copy(seen(originalOf(material)));
+  paintTrails();
+  for (const shell of shells) shell.material.color.copy(seen(shell.userData.colour));
+  scale.parentElement.hidden = state.colour === "vehicle";
+  if (state.colour !== "vehicle") {
+    const [low, high] = told.ranges[state.colour];
+    const unit = state.colour === "speed" ? "m/s" : "m";
+    scale.style.background = `linear-gradient(90deg, ${SCALES[state.colour].join(", ")})`;
+    scaleText.textContent = `${inDigits(low)} to ${inDigits(high, unit)}${state.colour === "speed" ? "" : " and more"}`;
+  }
+  update(true);
+}
+
+/** Pieces of trails have the colour of what was when they were flown; those of a fleet their own. */
+function paintTrails() {
+  if (state.colour === "vehicle" || told.light) return;
+  const values = state.colour === "speed" ? told.speeds : told.clearances;
+  told.vehicles.forEach(({ path }, index) => {
+    for (const name of Object.keys(node(["trails", path])?.children ?? {})) {
+      const middle = (Number(name) + 0.5) * told.step;
+      const colour = onScale(state.colour, between(values[index], frameAt(middle)));
+      for (const material of materials(["trails", path, name])) material.color.copy(colour);
+    }
+  });
+}
+
+// ---------------------------------------------------------------- legend
+
+const SIGNS = {
+  aircraft: ["path", { d: "M2 8 L18 8 M10 8 L6 2 M10 8 L6 14 M4 8 L3 5 M4 8 L3 11" }],
+  quadrotor: ["path", { d: "M5 4 L15 12 M15 4 L5 12 M2 4h6 M12 4h6 M2 12h6 M12 12h6" }],
+  ends: ["path", { d: "M4 8m-2 0a2 2 0 1 0 4 0a2 2 0 1 0 -4 0 M14 8m-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0", fill: "currentColor" }],
+  goal: ["path", { d: "M10 3 L14 8 L10 13 L6 8 Z", fill: "currentColor" }],
+  prediction: ["path", { d: "M1 13 Q8 2 19 4", "stroke-width": 1 }],
+  obstacle: ["circle", { cx: 10, cy: 8, r: 6.5, fill: "#99a", stroke: "none", opacity: 0.7 }],
+  unknown: ["circle", { cx: 10, cy: 8, r: 6.5, fill: "#99a", stroke: "none", opacity: 0.25 }],
+  radius: ["circle", { cx: 10, cy: 8, r: 6, fill: "currentColor", stroke: "none", opacity: 0.25 }],
+  shell: ["path", { d: "M6 8m-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0 M15 8m-4 0a4 5 0 1 0 8 0a4 5 0 1 0 -8 0", "stroke-width": 1 }],
+    tube: ["path", { d: "M1 8 L19 8", "stroke-width": 9, opacity: 0.22 }],
+  wind: ["path", { d: "M2 8 L17 8 M12 4 L18 8 L12 12" }],
+};
+const [form, line] = SIGNS[told.vehicles[0].airframe];
+SIGNS.planned = [form, { ...line, opacity: 0.4 }];
+const legend = element(panel, "section", "legend");
+const scaleLine = element(legend, "div");
+const scale = element(scaleLine, "span", "bar");
+const scaleText = element(scaleLine, "span", "num");
+for (const { sign, text } of told.legend) {
+  const line = element(legend, "div");
+  const svg = drawing(line, "svg", { viewBox: "0 0 20 16" });
+  const [tag, attributes] = SIGNS[sign];
+  drawing(svg, tag, { fill: "none", stroke: "currentColor", "stroke-width": 1.8, ...attributes });
+  element(line, "span", "", text);
+}

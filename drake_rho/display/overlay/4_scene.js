@@ -1,0 +1,222 @@
+// What is moved in the scene, and what stands at places in it: shells, cameras, names.
+
+// ---------------------------------------------------------------- the scene
+
+/** A node of Meshcat's tree below /flight; `find` of its own would make what is not there. */
+function node(path) {
+  return ["flight", ...path].reduce((found, name) => found?.children[name], viewer.scene_tree);
+}
+
+/** A place in the scenario's coordinates, z upwards, in those of the camera, y upwards. */
+const inView = (x, y, z) => new THREE.Vector3(x, z, -y);
+let nodes = [];
+const placeOf = (index) => inView(...nodes[index].position.toArray());
+
+const shells = [];
+/** Half the separation around every vehicle; made when it is first asked for. */
+function showShells(on) {
+  if (on && shells.length === 0 && told.shell) {
+    const ball = new THREE.SphereGeometry(1, told.light ? 12 : 32, told.light ? 8 : 20);
+    const opacity = told.light ? 0.1 : 0.16;
+    told.vehicles.forEach((_, index) => {
+      const material = new THREE.MeshLambertMaterial({ transparent: true, opacity, depthWrite: false });
+      const shell = new THREE.Mesh(ball, material);
+      shell.scale.set(...told.shell);
+      shell.userData.colour = own[index];
+      node([]).object.add(shell);
+      shells.push(shell);
+    });
+  }
+  for (const shell of shells) shell.visible = on;
+  paint();
+}
+
+for (const { title: words, paths } of told.layers) {
+  const line = element(layers, "label");
+  const box = element(line, "input");
+  Object.assign(box, { type: "checkbox", checked: words !== "Shells" });
+  box.dataset.layer = words;
+  line.append(` ${words}`);
+  box.addEventListener("change", () => show(words, box.checked));
+  box.dataset.paths = paths.join(" ");
+}
+button(layers, "Meshcat's controls", "the scene's tree", () => document.body.classList.toggle("tree"));
+
+function show(layer, on) {
+  const box = [...layers.querySelectorAll("input")].find((each) => each.dataset.layer === layer);
+  box.checked = on;
+  if (layer === "Shells") showShells(on);
+  if (layer === "Names") labels.hidden = !on;
+  for (const path of box.dataset.paths.split(" ").filter(Boolean)) {
+    if (node([path])) node([path]).object.visible = on;
+  }
+  viewer.set_dirty();
+}
+
+function colourVehicles(now) {
+  told.vehicles.forEach((_, index) => {
+    const colour = vehicleColour(index, now);
+    for (const material of bodies[index]) material.color.copy(colour);
+  });
+}
+let bodies = [];
+
+// ---------------------------------------------------------------- cameras
+
+/** What of the window is under cards at its sides [px]; above, tools may be, or in narrow ones below. */
+function free() {
+  const right = panel.offsetWidth ? innerWidth - panel.offsetLeft : 0;
+  const bars = [tools, transport].filter((bar) => bar.offsetWidth);
+  const [above, below] = [0, 1].map((low) => bars.filter((bar) => bar.offsetTop > innerHeight / 2 === Boolean(low)));
+  const top = Math.max(10, ...above.map((bar) => bar.offsetTop + bar.offsetHeight));
+  return { left: 0, top, right, bottom: innerHeight - Math.min(innerHeight - 10, ...below.map((bar) => bar.offsetTop)) };
+}
+
+function centred() {
+  const { left, top, right, bottom } = free();
+  const [wide, high] = [viewer.dom_element.offsetWidth, viewer.dom_element.offsetHeight];
+  viewer.camera.setViewOffset(wide, high, (right - left) / 2, (bottom - top) / 2, wide, high);
+  viewer.set_dirty();
+}
+
+function direction([azimuth, elevation]) {
+  const [around, above] = [azimuth, elevation].map((degrees) => (degrees * Math.PI) / 180);
+  return inView(Math.cos(around) * Math.cos(above), Math.sin(around) * Math.cos(above), Math.sin(above));
+}
+
+/**
+ * From where all of the scene is seen in what is free of the window, and no further.
+ *
+ * A point that is `across` to one side and `depth` towards the camera is seen from the distance d
+ * if |across - middle| <= k (d - depth), so the least d and its middle follow in closed form.
+ */
+function whole(towards) {
+  const right = new THREE.Vector3(0, 1, 0).cross(towards).normalize();
+  const up = towards.clone().cross(right);
+  const { left, top, right: aside, bottom } = free();
+  const [wide, high] = [viewer.dom_element.offsetWidth, viewer.dom_element.offsetHeight];
+  const half = Math.tan((viewer.camera.fov * Math.PI) / 360);
+  const points = told.outline.map((point) => inView(...point));
+  const fit = (axis, size) => {
+    const k = (half * size) / high;
+    const most = points.reduce((found, point) => Math.max(found, point.dot(axis) + k * point.dot(towards)), -Infinity);
+    const least = points.reduce((found, point) => Math.min(found, point.dot(axis) - k * point.dot(towards)), Infinity);
+    return { distance: (most - least) / (2 * k), middle: (most + least) / 2 };
+  };
+  const across = fit(right, wide - left - aside - 90);
+  const above = fit(up, high - top - bottom - 60);
+  const nearest = points.reduce((found, point) => Math.max(found, point.dot(towards)), -Infinity);
+  const distance = Math.max(across.distance, above.distance, nearest + told.seen);
+  const depth = points.reduce((sum, point) => sum + point.dot(towards), 0) / points.length;
+  const inPlane = right.clone().multiplyScalar(across.middle).addScaledVector(up, above.middle);
+  return {
+    target: inPlane.clone().addScaledVector(towards, depth), position: inPlane.addScaledVector(towards, distance),
+  };
+}
+
+function moveCamera({ target, position }, seconds) {
+  const { camera, controls } = viewer;
+  const begin = { target: controls.target.clone(), position: camera.position.clone() };
+  state.tween = { begin, end: { target, position }, part: seconds > 0 ? 0 : 1, seconds };
+  stepCamera(0);
+}
+
+function stepCamera(elapsed) {
+  const { tween } = state;
+  if (!tween) return;
+  tween.part = tween.seconds > 0 ? Math.min(1, tween.part + elapsed / tween.seconds) : 1;
+  const eased = tween.part * tween.part * (3 - 2 * tween.part);
+  viewer.controls.target.lerpVectors(tween.begin.target, tween.end.target, eased);
+  viewer.camera.position.lerpVectors(tween.begin.position, tween.end.position, eased);
+  if (tween.part === 1) state.tween = null;
+  viewer.set_dirty();
+}
+
+/** Look from somewhere: at the vehicle that is followed, or else at the whole scene. */
+function look(view, seconds = 0.5) {
+  state.view = view;
+  for (const [name, each] of Object.entries(views)) each.classList.toggle("on", name === view);
+  centred();
+  const towards = direction(VIEWS[view]);
+  if (state.follow === null) return moveCamera(whole(towards), seconds);
+  const target = placeOf(state.follow);
+  const near = 16 * told.vehicles[state.follow].radius;
+  moveCamera({ target, position: target.clone().addScaledVector(towards, near) }, seconds);
+}
+
+function follow(index, seconds = 0.5) {
+  state.follow = index;
+  followed.value = index ?? "";
+  look(state.view, seconds);
+  update(true);
+}
+
+/** Keep what is followed where it is in the window, from wherever the user looks at it. */
+function keepFollowing() {
+  if (state.follow === null) return;
+  const place = placeOf(state.follow);
+  if (state.tween) {
+    const moved = place.clone().sub(state.tween.end.target);
+    for (const each of Object.values(state.tween.end)) each.add(moved);
+    stepCamera(0);
+    return;
+  }
+  const moved = place.sub(viewer.controls.target);
+  viewer.controls.target.add(moved);
+  viewer.camera.position.add(moved);
+}
+
+// ---------------------------------------------------------------- names
+
+/** Labels of vehicles, of a fleet only of the one that is followed, and of obstacles with names. */
+const tags = [
+  ...told.vehicles.map(({ label, radius }, index) => ({ text: label, vehicle: index, above: 0.6 * radius })),
+  ...told.obstacles.map(({ label, above }, index) => ({ text: label, number: index + 1, above })),
+].filter(({ text }) => text?.trim());
+
+function tagShown({ vehicle }) {
+  return vehicle === undefined || told.vehicles.length <= told.fleet || vehicle === state.follow;
+}
+
+function updateLabels() {
+  const { camera } = viewer;
+  camera.updateMatrixWorld();
+  const [wide, high] = [viewer.dom_element.offsetWidth, viewer.dom_element.offsetHeight];
+  const up = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
+  const placed = [];
+  for (const tag of tags) {
+    if (!tagShown(tag)) {
+      tag.label?.remove();
+      tag.mark?.remove();
+      tag.label = tag.mark = null;
+      continue;
+    }
+    if (!tag.label) {
+      tag.label = element(labels, "div", tag.vehicle === undefined ? "label thing" : "label", tag.text);
+      tag.width = tag.label.offsetWidth;
+      if (tag.vehicle !== undefined) tag.mark = element(labels, "div", "mark");
+    }
+    const object = tag.vehicle === undefined ? node(["obstacles", String(tag.number)])?.object : nodes[tag.vehicle];
+    if (!object) continue;
+    const place = inView(...object.position.toArray());
+    const shrunk = tag.above * (tag.vehicle === undefined ? 1 : object.scale.x);
+    const at = place.clone().project(camera);
+    const top = place.clone().addScaledVector(up, shrunk).project(camera);
+    if (tag.mark) {
+      // what is too small to be seen is marked where it is
+      tag.mark.style.color = inText(bodies[tag.vehicle][0].color);
+      tag.mark.hidden = ((top.y - at.y) / 2) * high > 5.5 || at.z > 1;
+      tag.mark.style.transform = `translate(${((at.x + 1) / 2) * wide}px, ${((1 - at.y) / 2) * high}px)`;
+    }
+    const x = ((top.x + 1) / 2) * wide;
+    let y = ((1 - top.y) / 2) * high - 25;
+    const hidden = top.z > 1 || x < -50 || y < -50 || x > wide + 50 || y > high + 50;
+    for (const other of hidden ? [] : placed) {
+      if (Math.abs(other.x - x) < (other.width + tag.width) / 2 && Math.abs(other.y - y) < 15) y = other.y - 15;
+    }
+    if (!hidden) placed.push({ x, y, width: tag.width });
+    Object.assign(tag, { x, y, hidden });
+    tag.label.style.display = hidden ? "none" : "";
+    tag.label.style.transform = `translate(${(x - tag.width / 2).toFixed(1)}px, ${y.toFixed(1)}px)`;
+  }
+}

@@ -1,0 +1,133 @@
+// Time: it moves all that is shown.
+
+
+let lastWritten = 0; // when the table was [ms]
+
+/** Bring all to the present time; the table ten times a second, or at once. */
+function update(atOnce = false) {
+  viewer.animator.seek(state.time / told.rate);
+  const now = readings();
+  clockValue.textContent = now.time.toFixed(told.duration < 100 ? 2 : 1).replace("-", "−");
+  slider.value = state.time;
+  const written = performance.now();
+  if (atOnce || written - lastWritten > 100) {
+    lastWritten = written;
+    updateTable(now, atOnce);
+    const window = told.windows.findLastIndex((begin) => begin <= state.time + 1e-9) + 1;
+    const pace = state.speed * told.rate;
+    moment.textContent = [
+      window ? `window ${window} of ${told.windows.length}` : "", pace === 1 ? "" : `${Number(pace.toPrecision(3))} × real time`,
+    ].filter(Boolean).join(" · ");
+  }
+  updatePlots(now);
+  if (state.colour !== "vehicle" || atOnce) colourVehicles(now);
+  shells.forEach((shell, index) => shell.position.copy(nodes[index].position));
+  keepFollowing();
+  viewer.set_dirty();
+}
+
+function seek(time) {
+  state.time = Math.min(told.duration, Math.max(0, time));
+  update(true);
+}
+
+function play(on) {
+  state.playing = on;
+  playButton.textContent = on ? "❚❚" : "▶";
+  if (on && state.time >= told.duration) seek(0);
+}
+
+function loop(on) {
+  state.loop = on;
+  loopButton.classList.toggle("on", on);
+}
+
+function colourBy(by) {
+  state.colour = by;
+  coloured.value = by;
+  paint();
+}
+
+function fold(on) {
+  document.body.classList.toggle("folded", on);
+  look(state.view);
+}
+
+let before = null;
+function tick(now) {
+  const elapsed = before === null ? 0 : Math.min(0.2, (now - before) / 1000);
+  before = now;
+  stepCamera(elapsed);
+  if (state.playing) {
+    state.time += elapsed * state.speed * told.rate;
+    if (state.time >= told.duration) {
+      state.time = state.loop ? 0 : told.duration;
+      if (!state.loop) play(false);
+    }
+    update();
+  }
+  requestAnimationFrame(tick);
+}
+
+const KEYS = {
+  Space: () => play(!state.playing), ArrowLeft: () => seek(state.time - told.step), ArrowRight: () => seek(state.time + told.step),
+  Home: () => seek(0), End: () => seek(told.duration), KeyL: () => loop(!state.loop), KeyD: () => theme(!dark()),
+  KeyN: () => fold(!document.body.classList.contains("folded")), Escape: () => follow(null),
+  Digit1: () => look("free"), Digit2: () => look("top"), Digit3: () => look("side"),
+};
+
+/** Meshcat's round things have corners; these have so many that they are not seen. */
+function round() {
+  node(["obstacles"])?.object.traverse((each) => {
+    const { type, parameters } = each.geometry ?? {};
+    if (type === "SphereGeometry") each.geometry = new THREE.SphereGeometry(parameters.radius, 64, 40);
+    if (each.material?.flatShading && type === "SphereGeometry") {
+      each.material.flatShading = false;
+      each.material.needsUpdate = true;
+    }
+  });
+}
+
+function begin() {
+  viewer.animator.pause();
+  round();
+  nodes = told.vehicles.map(({ path }) => node(["vehicles", path]).object);
+  bodies = told.vehicles.map(({ path }) => materials(["vehicles", path]));
+  viewer.render_callback = updateLabels;
+  end.textContent = `${inDigits(told.start + told.duration)} s`;
+  addEventListener("resize", centred);
+  addEventListener("keydown", (event) => {
+    if (event.target.tagName === "SELECT" || event.ctrlKey || event.metaKey || !KEYS[event.code]) return;
+    event.preventDefault();
+    KEYS[event.code]();
+  });
+  if (told.shell) showShells(false);
+  if (innerWidth <= 700) document.body.classList.add("folded");
+  loop(true);
+  play(true);
+  theme(matchMedia("(prefers-color-scheme: dark)").matches);
+  look("free", 0);
+  requestAnimationFrame(tick);
+  window.drakeRho = {
+    seek, play, loop, look, follow, colourBy, show, theme, fold, readings, tags, told,
+    /** Draw a time at once as a frame of a film, without controls, that plays at some rate. */
+    frame(time, rate) {
+      if (!state.film) {
+        state.film = true;
+        state.speed = rate / told.rate;
+        play(false);
+        document.body.classList.add("film");
+        look(state.view, 0);
+      }
+      seek(time);
+      viewer.render();
+    },
+  };
+}
+
+/** Begin when Meshcat has the whole scene: every vehicle, and its recording. */
+(function wait() {
+  const there = viewer.animator.actions.length > 0 && told.vehicles.every(({ path }) => node(["vehicles", path]));
+  if (there) begin();
+  else setTimeout(wait, 30);
+})();

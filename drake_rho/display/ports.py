@@ -1,0 +1,33 @@
+"""The next port that is free."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+_Server = TypeVar("_Server")
+_FIRST = 7000
+_TRIED = 100
+
+
+def on_free_port(
+    start: Callable[[int], _Server | None], host: str, port: int | None = None
+) -> _Server:
+    """Start a server on `port`, or on the next one that is free.
+
+    Args:
+        start: makes a server on a port, or None if that is taken.
+        host: network interface, for the message.
+        port: first port to try, at least 1024; 7000 if not given.
+
+    Raises:
+        OSError: no port is free.
+        ValueError: the port is out of range.
+    """
+    first = _FIRST if port is None else port
+    if not 1024 <= first <= 65535:
+        raise ValueError(f"port: got {port}, expected 1024 to 65535")
+    for number in range(first, min(first + _TRIED, 65536)):
+        if (server := start(number)) is not None:
+            return server
+    raise OSError(f"no free port from {first} on {host}")

@@ -1,0 +1,119 @@
+"""How vehicles are drawn: what they look like, how they lean, and how much room they take."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.display.airframes import airframes, body
+from drake_rho.display.animation import Stage
+from drake_rho.display.poses import headings, lifts, vehicle_poses
+from drake_rho.scenario.parts import Airframe
+from tests.scenarios import single
+from tests.test_animation import crossing
+
+
+def _kinds(limits: rho.Limits, airframe: Airframe | None = None) -> list[Airframe]:
+    """Of a vehicle that flies 10 m in 4 s."""
+    asked = single()
+    vehicles = (dataclasses.replace(asked.vehicles[0], airframe=airframe),)
+    plan = rho.plan_convex(dataclasses.replace(asked, vehicles=vehicles))
+    return airframes(
+        rho.Plan.from_accelerations(
+            dataclasses.replace(plan.scenario, limits=limits), plan.accelerations
+        )
+    )
+
+
+def test_a_vehicle_is_what_the_scenario_says_or_else_what_its_limits_allow() -> None:
+    assert _kinds(rho.Limits()) == ["quadrotor"]  # as it flies slowly
+    assert _kinds(rho.Limits(max_speed=120.0)) == ["aircraft"]
+    assert _kinds(rho.Limits(velocity=rho.Box([-200.0] * 3, [200.0] * 3))) == ["aircraft"]
+    assert _kinds(rho.Limits(max_speed=120.0, max_tilt=0.5)) == ["quadrotor"]
+    assert _kinds(rho.Limits(max_speed=120.0), "quadrotor") == ["quadrotor"]
+    assert _kinds(rho.Limits(), "aircraft") == ["aircraft"]
+    assert set(Stage.of(rho.plan_convex(rho.load_scenario("paper"))).vehicles.kinds) == {"aircraft"}
+
+
+@pytest.mark.parametrize("light", [True, False])
+@pytest.mark.parametrize("kind", ["aircraft", "quadrotor"])
+def test_a_body_fits_into_its_ball_and_is_the_same_on_both_sides(
+    kind: Airframe, light: bool
+) -> None:
+    vertices, faces = body(kind, 2.5, light=light)
+    assert np.linalg.norm(vertices, axis=0).max() == pytest.approx(2.5)
+    assert faces.max() == vertices.shape[1] - 1
+    mirrored = {tuple(each) for each in (vertices.T * [1, -1, 1]).round(6) + 0.0}
+    assert mirrored == {tuple(each) for each in vertices.T.round(6) + 0.0}
+    assert vertices[0].max() > 0.0 > vertices[0].min()
+
+
+@pytest.mark.parametrize("count", [3, 60])
+@pytest.mark.parametrize("separation", [rho.Separation(0.3, 2.0), rho.Separation(0.3, 0.5)])
+def test_what_is_apart_does_not_touch(count: int, separation: rho.Separation) -> None:
+    asked = crossing(count, separation=separation)
+    stage = Stage.of(asked)
+    positions = asked.motion().at("position", stage.pace.times)
+    radii = stage.vehicles.radii[:, None] * stage.vehicles.scales
+    true = 0.15 * min(1.0, separation.downwash)
+    for i in range(count):
+        for j in range(i):
+            apart = np.linalg.norm(positions[i] - positions[j], axis=1)
+            far = apart >= 2.0 * true  # they keep what the separation asks for
+            assert np.all((radii[i] + radii[j] <= apart)[far])
+    assert np.all(radii >= true - 1e-12)
+
+
+def test_no_vehicle_reaches_into_an_obstacle_also_between_frames() -> None:
+    flight = rho.plan_rho(rho.load_scenario("paper"))
+    stage, (sphere,) = Stage.of(flight), flight.scenario.spheres
+    assert stage.vehicles.note is not None
+    assert "points" in stage.vehicles.note
+    assert "smaller" in stage.vehicles.note
+    times = np.linspace(0.0, 49.0, 20_001)
+    offsets = np.linalg.norm(flight.plan.motion().at("position", times) - sphere.center, axis=2)
+    left = offsets - sphere.radius
+    for each, radius, scales in zip(left, stage.vehicles.radii, stage.vehicles.scales, strict=True):
+        drawn = radius * np.interp(times, stage.pace.times, scales)
+        # what is at the surface, or by the paper's leave beyond, is drawn as a point, nearly
+        assert np.all(drawn <= np.maximum(each, 0.0) + 2e-3 * radius)
+        assert drawn.max() == radius
+
+
+def test_what_is_as_large_as_it_is_says_nothing_and_else_how_many_times() -> None:
+    plan = rho.plan_convex(single())
+    for radius, said in ((5.0, None), (0.05, "times larger than life")):
+        vehicles = (dataclasses.replace(plan.scenario.vehicles[0], radius=radius),)
+        scenario = dataclasses.replace(plan.scenario, vehicles=vehicles, obstacles=())
+        stage = Stage.of(rho.Plan.from_accelerations(scenario, plan.accelerations))
+        note = stage.vehicles.note
+        assert (note is None) if said is None else (note is not None and said in note)
+        np.testing.assert_allclose(stage.vehicles.true, radius)
+
+
+def test_vehicles_lean_as_their_lift_asks_for() -> None:
+    rng = np.random.default_rng(4)
+    velocities, up = rng.normal(size=(2, 3, 7, 3))
+    up[..., 2] = 1.0 + np.abs(up[..., 2])
+    places = rng.normal(size=(3, 7, 3))
+    poses = vehicle_poses(["aircraft", "quadrotor", "aircraft"], places, velocities, up)
+    turns = poses[..., :3]
+    np.testing.assert_allclose(turns @ np.swapaxes(turns, 2, 3), np.eye(3) + 0.0 * turns, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(turns), 1.0)
+    np.testing.assert_array_equal(poses[..., 3], places)
+    np.testing.assert_allclose(turns[[0, 2], :, :, 0], headings(velocities)[[0, 2]])
+    np.testing.assert_allclose(turns[1, :, :, 2], up[1] / np.linalg.norm(up[1], axis=1)[:, None])
+    assert np.all(np.sum(turns[..., 2] * up, axis=2) > 0.0)
+    assert np.all(np.sum(turns[1, :, :, 0] * velocities[1] * [1, 1, 0], axis=1) > 0.0)
+
+
+def test_a_lift_is_the_mean_acceleration_of_a_step_against_gravity() -> None:
+    plan = rho.plan_convex(single())
+    h, motion = plan.scenario.grid.step, plan.motion()
+    lift = lifts(motion, plan.scenario.grid.elapsed[:-1] + h / 2.0, h)
+    expected = plan.accelerations + np.array([0.0, 0.0, 9.81])
+    expected[..., 2] = np.maximum(expected[..., 2], 9.81 / 2.0)
+    np.testing.assert_allclose(lift, expected, atol=1e-9)

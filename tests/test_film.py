@@ -1,0 +1,98 @@
+"""Films: every frame shows its time, and what is missing is told before any work."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import drake_rho as rho
+from drake_rho.display import browser, film
+from drake_rho.display.browser import BrowserError
+from drake_rho.display.film import FilmError, Footage, check_film, write_film
+from tests.browser import open_page
+from tests.test_animation import crossing
+from tests.test_cli import run
+
+
+def test_footage_holds_the_whole_flight_at_its_pace() -> None:
+    short = Footage.of(10.0, ".mp4")
+    assert (short.rate, len(short.times), short.times[-1]) == (1.0, 301, 10.0)
+    np.testing.assert_allclose(np.diff(short.times), 1.0 / 30.0)
+    long = Footage.of(49.0, ".gif")
+    assert len(long.times) == pytest.approx(20.0 * 12.5 + 1, abs=1)
+    assert (long.times[0], long.times[-1]) == (0.0, 49.0)
+    assert len(Footage.of(49.0, ".gif", 24.5).times) == 26
+
+
+@pytest.mark.parametrize("ending", [".gif", ".mp4"])
+def test_a_film_moves_from_the_first_to_the_last_instant(ending: str, tmp_path: Path) -> None:
+    if ending == ".mp4" and shutil.which("ffmpeg") is None:
+        pytest.skip("no ffmpeg is installed")
+    with open_page():  # skips where no browser is
+        pass
+    page, path, seen = rho.viewer_page(crossing(3)), tmp_path / f"film{ending}", []
+    footage = Footage(np.array([0.0, 5.0, 10.0]), 1.0)
+    write_film(page, path, footage, progress=lambda: seen.append(1))
+    assert len(seen) == 3
+    if ending == ".mp4":
+        command = ["ffmpeg", "-i", str(path), str(tmp_path / "frame%d.png")]
+        subprocess.run(command, check=True, capture_output=True)
+        pictures = [Image.open(tmp_path / f"frame{i}.png").convert("RGB") for i in (1, 2, 3)]
+        assert not (tmp_path / "frame4.png").exists()
+    else:
+        with Image.open(path) as found:
+            assert getattr(found, "n_frames", 1) == 3
+            pictures = []
+            for i in range(3):
+                found.seek(i)
+                pictures.append(found.convert("RGB"))
+    shown = [np.asarray(each, dtype=int) for each in pictures]
+    for one, other in ((0, 1), (1, 2), (0, 2)):
+        assert np.mean(np.abs(shown[one] - shown[other]).max(axis=2) > 40) > 1e-3
+
+
+def test_what_is_missing_is_told_before_any_work(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=r"expected a file that ends in \.mp4 or \.gif"):
+        check_film("film.avi")
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(FilmError, match=r"no ffmpeg here.*install it"):
+        check_film("film.mp4")
+    monkeypatch.undo()
+    monkeypatch.setattr(browser, "NAMES", ())
+    monkeypatch.setenv("PLAYWRIGHT_BROWSERS_PATH", str(tmp_path))
+    with pytest.raises(BrowserError, match=r"Chromium.*install"):
+        check_film("film.gif")
+
+
+def test_a_film_that_fails_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    if shutil.which("ffmpeg") is None:
+        pytest.skip("no ffmpeg is installed")
+    with open_page():
+        pass
+    monkeypatch.setattr(film, "_ENCODER", ("ffmpeg", "-loglevel", "error", "-i", "/nowhere"))
+    with pytest.raises(FilmError, match=r"ffmpeg failed: .*nowhere"):
+        write_film(
+            rho.viewer_page(crossing(3)), tmp_path / "film.mp4", Footage(np.array([0.0]), 1.0)
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_line_makes_a_film(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open_page():
+        pass
+    kept, made = tmp_path / "plan.npz", tmp_path / "film.gif"
+    rho.save(crossing(3), kept)
+    words = ("show", str(kept), "--film", str(made), "--rate", "100")
+    status, out, _ = run(capsys, monkeypatch, *words)
+    assert (status, out) == (0, f"a film in {made}\n")
+    with Image.open(made) as found:
+        assert getattr(found, "n_frames", 1) == 3  # at 0, 8 and 10 s

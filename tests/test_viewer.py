@@ -1,0 +1,364 @@
+"""The page over the scene, seen by a real browser: it says what the plan says, in any view."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page
+
+import drake_rho as rho
+from drake_rho.display.serve import serve
+from tests.browser import open_page
+from tests.test_animation import crossing
+from tests.test_display_flight import in_noise
+
+SCREENSHOTS = Path(__file__).parent / "screenshots"
+TIMES = (0.0, 10.5, 24.5, 31.25, 49.0)
+"""Of frames [s]: 32 in a second."""
+NAMES = ('<img src=x onerror="document.title=1">', "</script>'&amp;\"", "third")
+"""Markup and quotes, which are text wherever a name is shown."""
+
+
+@contextmanager
+def _opened(html: str, folder: Path) -> Iterator[Page]:
+    """A page opened from disk without a network; it asks for nothing and its console is empty."""
+    file = folder / "page.html"
+    file.write_text(html)
+    asked: list[str] = []
+    with open_page(offline=True) as (page, said):
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto(file.as_uri())
+        page.wait_for_function("window.drakeRho", timeout=60_000)
+        page.evaluate("drakeRho.play(false)")
+        yield page
+        assert [url for url in asked if not url.startswith("data:")] == [file.as_uri()]
+        assert said == []
+
+
+def _read(page: Page, time: float) -> dict[str, Any]:
+    found: dict[str, Any] = page.evaluate(
+        "time => { drakeRho.seek(time); return drakeRho.readings(); }", time
+    )
+    return found
+
+
+def _number(text: str) -> float:
+    return float(text.replace("\N{MINUS SIGN}", "-"))
+
+
+def _keep(page: Page, picture: str) -> None:
+    page.evaluate("() => new Promise(requestAnimationFrame)")
+    SCREENSHOTS.mkdir(exist_ok=True)
+    page.screenshot(path=SCREENSHOTS / f"viewer_{picture}.png")
+
+
+def _on_screen(page: Page) -> np.ndarray:
+    """Where the vehicles are in the window [px], by three.js from their objects, shape (N, 2)."""
+    places = page.evaluate(
+        """() => {
+            viewer.render();
+            const pane = viewer.dom_element;
+            return drakeRho.told.vehicles.map(({ path }) => {
+                const { object } = viewer.scene_tree.find(["flight", "vehicles", path]);
+                object.updateWorldMatrix(true, false);
+                const place = new MeshCat.THREE.Vector3().setFromMatrixPosition(object.matrixWorld);
+                const { x, y } = place.project(viewer.camera);
+                return [(x + 1) / 2 * pane.offsetWidth, (1 - y) / 2 * pane.offsetHeight];
+            });
+        }"""
+    )
+    return np.array(places)
+
+
+def _yard() -> rho.Plan:
+    """Three vehicles of a radius that keep apart between boxes; one box moves."""
+    vehicles = [
+        rho.Vehicle(name, rho.State([0, 1.5 * i, 1.5]), rho.State([12, 3 - 1.5 * i, 2]), radius=0.2)
+        for i, name in enumerate(NAMES)
+    ]
+    cart = rho.Obstacle(rho.Box([8, -3, 0], [9, -2, 1]), velocity=[0, 0.4, 0], name="<cart>")
+    scenario = rho.Scenario(
+        "yard",
+        rho.Grid(0.25, 33),
+        vehicles,
+        rho.Limits(acceleration=rho.Box([-4] * 3, [4] * 3), max_tilt=0.6),
+        [rho.Box([5, -2, 0], [6, 0.7, 3]), cart],
+        rho.Separation(0.5, 1.5),
+    )
+    return rho.plan(scenario)
+
+
+@pytest.fixture(scope="module")
+def paper() -> rho.Flight:
+    """Example 4."""
+    return rho.plan_rho(rho.load_scenario("paper"))
+
+
+def test_the_papers_page_says_what_the_plan_says(paper: rho.Flight, tmp_path: Path) -> None:
+    html = rho.viewer_page(paper)
+    assert len(html.encode()) < 6e6
+    (sphere,), motion = paper.scenario.spheres, paper.plan.motion()
+    with _opened(html, tmp_path) as page:
+        for time in TIMES:
+            said = _read(page, time)
+            position, velocity = (motion.at(q, time)[:, 0] for q in ("position", "velocity"))
+            clear = np.linalg.norm(position - sphere.center, axis=1) - sphere.radius
+            apart = [np.linalg.norm(a - b) for i, a in enumerate(position) for b in position[:i]]
+            np.testing.assert_allclose(said["speeds"], np.linalg.norm(velocity, axis=1), atol=1e-3)
+            np.testing.assert_allclose(said["clearances"], clear, atol=1e-3)
+            np.testing.assert_allclose(said["curves"], [min(apart), clear.min()], atol=1e-3)
+            rows = page.locator(".panel tbody tr").all_inner_texts()
+            shown = [row.split("\t") for row in rows]
+            assert [row[0].strip() for row in shown] == ["UAV-1", "UAV-2", "UAV-3", "UAV-4"]
+            for row, speed, least in zip(
+                shown, np.linalg.norm(velocity, axis=1), clear, strict=True
+            ):
+                numbers = [_number(text) for text in row[1:]]
+                np.testing.assert_allclose(numbers, [speed, least], rtol=5e-3, atol=5e-4)
+            _keep(page, f"paper_{time:g}")
+        least = page.evaluate("drakeRho.told.curves[1].least")
+        times = np.linspace(0.0, 49.0, 100_001)
+        offsets = np.linalg.norm(motion.at("position", times) - sphere.center, axis=2)
+        assert least[1] == pytest.approx(offsets.min() - sphere.radius, abs=1e-3)
+        assert "window 10 of 10" in page.locator(".headline").inner_text()
+        page.evaluate("drakeRho.seek(20)")
+        for view in ("top", "side"):
+            page.evaluate("view => drakeRho.look(view, 0)", view)
+            _keep(page, f"paper_{view}")
+
+
+def test_colours_are_by_vehicle_speed_or_clearance(paper: rho.Flight, tmp_path: Path) -> None:
+    speeds = np.linalg.norm(paper.plan.motion().at("velocity", np.array(TIMES)), axis=2)
+    with _opened(rho.viewer_page(paper), tmp_path) as page:
+        colour = """name => '#' + viewer.scene_tree.find(
+            ['flight', 'vehicles', name, '<object>']).object.material.color.getHexString()"""
+        assert page.evaluate(colour, "UAV-1") == "#0072b2"
+        page.evaluate("drakeRho.colourBy('speed')")
+        green = []
+        for time in TIMES:
+            page.evaluate("time => drakeRho.seek(time)", time)
+            green.append([int(page.evaluate(colour, f"UAV-{i}")[3:5], 16) for i in (1, 2, 3, 4)])
+        order = np.argsort(speeds.T.ravel())  # viridis has the more green, the higher it is
+        assert np.all(np.diff(np.array(green).ravel()[order]) >= -1)
+        _keep(page, "paper_speed")
+        page.evaluate("drakeRho.theme(true); drakeRho.colourBy('clearance'); drakeRho.seek(31.6)")
+        red, *_ = (int(page.evaluate(colour, "UAV-1")[i : i + 2], 16) for i in (1, 3, 5))
+        assert page.evaluate(colour, "UAV-1") == "#c4161c"  # nothing is left
+        assert red > 0
+        _keep(page, "paper_clearance_dark")
+        page.evaluate("drakeRho.theme(false); drakeRho.colourBy('vehicle')")
+        assert page.evaluate(colour, "UAV-1") == "#0072b2"
+
+
+def test_numbers_of_a_fleet_with_radii_in_a_yard_and_names_that_are_text(tmp_path: Path) -> None:
+    plan = _yard()
+    motion, bodies = plan.motion(), plan.scenario.bodies
+    with _opened(rho.viewer_page(plan), tmp_path) as page:
+        for time in (0.0, 2.5, 4.25, 5.5, 8.0):
+            said = _read(page, time)
+            position = motion.at("position", time)[:, 0]
+            clear = np.min([b.distances(position, np.full(3, time)) for b in bodies], axis=0) - 0.2
+            ways = position[:, None] - position + np.diag([np.inf] * 3)[..., None]
+            apart = np.linalg.norm(ways / [1.0, 1.0, 1.5], axis=2).min(axis=1)
+            np.testing.assert_allclose(
+                said["clearances"], np.minimum(clear, apart - 0.5), atol=1e-3
+            )
+            np.testing.assert_allclose(said["curves"], [apart.min(), clear.min()], atol=1e-3)
+        texts = [each.strip() for each in page.locator(".panel td:first-child").all_inner_texts()]
+        labels = [each.strip() for each in page.locator(".label").all_inner_texts()]
+        options = page.locator(".tools select").first.locator("option").all_inner_texts()
+        for name in NAMES[1:]:
+            assert name in texts
+            assert name in labels
+            assert name in options
+        assert any(each.startswith("<img src=x o") for each in texts)  # long: without its middle
+        assert page.locator(f'tr[title^="{NAMES[2]}"]').count() == 1
+        assert "<cart>" in labels
+        assert page.locator("#overlay img").count() == 0
+        assert page.title() == "yard \N{EN DASH} drake_rho"
+        _keep(page, "yard")
+
+
+def test_what_is_shown_can_be_chosen_and_the_table_sorted(tmp_path: Path) -> None:
+    plan = _yard()
+    with _opened(rho.viewer_page(plan), tmp_path) as page:
+        seen = """path => viewer.scene_tree.find(["flight", ...path]).object.visible"""
+        for layer, path in (
+            ("Trails", "trails"),
+            ("Radii", "radii"),
+            ("Starts and goals", "goals"),
+        ):
+            assert page.evaluate(seen, [path])
+            page.get_by_text("Show ▾").click()
+            page.locator(f'[data-layer="{layer}"]').click()
+            page.get_by_text("Show ▾").click()
+            assert not page.evaluate(seen, [path])
+        page.evaluate("drakeRho.seek(4); drakeRho.show('Shells', true)")
+        shells = page.evaluate(
+            """() => viewer.scene_tree.find(["flight"]).object.children
+                .filter((each) => each.isMesh)
+                .map((each) => [each.position.toArray(), each.scale.toArray()])"""
+        )
+        places = plan.motion().at("position", 4.0)[:, 0]
+        np.testing.assert_allclose([place for place, _ in shells], places, atol=1e-3)
+        np.testing.assert_allclose([size for _, size in shells], [[0.25, 0.25, 0.375]] * 3)
+        speeds = np.linalg.norm(plan.motion().at("velocity", 4.0)[:, 0], axis=1)
+        page.locator("th", has_text="m/s").click()
+        rows = page.locator(".panel tbody tr td:nth-child(2)").all_inner_texts()
+        np.testing.assert_allclose([float(row) for row in rows], np.sort(speeds)[::-1], rtol=5e-3)
+        page.evaluate("drakeRho.theme(true); drakeRho.look('top', 0)")
+        _keep(page, "yard_top_dark")
+
+
+def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) -> None:
+    with _opened(rho.viewer_page(_yard()), tmp_path) as page:
+        page.evaluate("drakeRho.follow(1, 0)")
+        panel, tools, transport = (
+            page.locator(f".{name}").evaluate("each => each.getBoundingClientRect().toJSON()")
+            for name in ("panel", "tools", "transport")
+        )
+        middle = panel["left"] / 2, (tools["bottom"] + transport["top"]) / 2
+        for quarter in range(4):
+            page.evaluate(
+                """quarter => {
+                    const { camera, controls } = viewer, angle = quarter * Math.PI / 2;
+                    const away = camera.position.distanceTo(controls.target);
+                    camera.position.set(Math.cos(angle), 0.3, Math.sin(angle))
+                        .normalize().multiplyScalar(away).add(controls.target);
+                }""",
+                quarter,
+            )
+            for time in (0.5, 3.0, 6.5):
+                page.evaluate("time => drakeRho.seek(time)", time)
+                where = _on_screen(page)
+                np.testing.assert_allclose(where[1], middle, atol=1.0)
+                names = page.locator(".label:not(.thing)")
+                for i, label in enumerate(names.all()):
+                    box = label.bounding_box()
+                    if box is None:  # behind the camera, or outside of the window
+                        continue
+                    turned = label.evaluate("each => getComputedStyle(each).transform")
+                    assert turned.startswith("matrix(1, 0, 0, 1, ")  # upright, and not mirrored
+                    assert box["x"] + box["width"] / 2 == pytest.approx(where[i, 0], abs=1.5)
+                    assert box["y"] + box["height"] < where[i, 1]
+                assert names.nth(1).is_visible()
+            _keep(page, f"followed_{quarter}")
+
+
+def test_a_folded_fleet_opens_and_a_single_one_is_named(tmp_path: Path) -> None:
+    plan = crossing(40, separation=rho.Separation(0.1))
+    with _opened(rho.viewer_page(plan), tmp_path) as page:
+        page.evaluate("drakeRho.seek(5)")
+        assert page.locator(".panel tbody tr").count() == 8
+        assert page.locator(".label").count() == 0
+        least = page.evaluate("Math.min(...drakeRho.readings().clearances)")
+        first = page.locator(".panel tbody tr td:nth-child(3)").first.inner_text()
+        assert _number(first) == pytest.approx(least, abs=6e-4)
+        _keep(page, "forty")
+        page.get_by_text("all 40 vehicles").click()
+        assert page.locator(".panel tbody tr:visible").count() == 40
+        page.evaluate("drakeRho.follow(17, 0); drakeRho.theme(true)")
+        page.evaluate("() => new Promise(requestAnimationFrame)")
+        assert page.locator(".label").all_inner_texts() == ["v18"]
+        _keep(page, "forty_followed_dark")
+
+
+def test_the_page_of_a_simulation_has_its_wind_and_tubes(tmp_path: Path) -> None:
+    simulation = in_noise()
+    with _opened(rho.viewer_page(simulation), tmp_path) as page:
+        for time in (0.5, 3.25, 4.0, 6.5, 9.5):
+            m = int(np.searchsorted(simulation.times, time - 1e-9))
+            speeds = np.linalg.norm(simulation.velocities[m], axis=1)
+            np.testing.assert_allclose(_read(page, time)["speeds"], speeds, atol=1e-3)
+        layers = [each.strip() for each in page.locator(".menu label").all_text_contents()]
+        assert {"Tubes", "Plans", "Wind", "Predictions"} <= set(layers)
+        page.evaluate("drakeRho.seek(4)")
+        _keep(page, "simulation")
+        for layer, path in (("Tubes", "tubes"), ("Predictions", "predictions"), ("Wind", "wind")):
+            page.evaluate("layer => drakeRho.show(layer, false)", layer)
+            assert not page.evaluate(
+                "path => viewer.scene_tree.find(['flight', path]).object.visible", path
+            )
+
+
+def test_time_runs_stops_and_begins_again(tmp_path: Path) -> None:
+    plan = crossing(3)
+    with _opened(rho.viewer_page(plan), tmp_path) as page:
+        page.evaluate("drakeRho.seek(9.5); drakeRho.play(true)")
+        page.wait_for_function("drakeRho.readings().time < 9", timeout=30_000)  # from the start
+        page.evaluate("drakeRho.loop(false); drakeRho.seek(9.8); drakeRho.play(true)")
+        page.wait_for_function("drakeRho.readings().time === 10", timeout=30_000)
+        page.keyboard.press("Home")
+        assert page.evaluate("drakeRho.readings().time") == 0
+        page.keyboard.press("ArrowRight")
+        assert page.evaluate("drakeRho.readings().time") == plan.scenario.grid.step
+        shown = page.evaluate(
+            "viewer.scene_tree.find(['flight', 'vehicles', 'v1']).object.position.toArray()"
+        )
+        np.testing.assert_allclose(shown, plan.positions[0, 1], atol=1e-3)
+
+
+def test_the_served_page_is_the_same(tmp_path: Path) -> None:
+    html = rho.viewer_page(crossing(3))
+    first, second = serve(html, port=7750), serve("second", port=7750)
+    try:
+        assert first.url != second.url
+        with open_page() as (page, said):
+            page.goto(first.url)
+            page.wait_for_function("window.drakeRho", timeout=60_000)
+            page.evaluate("drakeRho.play(false)")
+            assert _read(page, 5.0)["time"] == 5.0
+            answer = page.request.get(f"{first.url}/etc/passwd")
+            assert answer.status == 404
+            assert said == []
+    finally:
+        first.close()
+        second.close()
+    with pytest.raises(OSError, match=r"host: got 'nowhere\.invalid'"):
+        serve(html, host="nowhere.invalid")
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")
+def test_show_serves_on_this_machine_alone_and_ends_on_interrupt() -> None:
+    command = [sys.executable, "-m", "drake_rho", "show", "paper", "--no-browser", "--port", "7800"]
+    ran = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert ran.stdout is not None
+        address = re.search(r"http://localhost:(\d+)", ran.stdout.readline())
+        assert address is not None
+        port = int(address[1])
+        with socket.create_connection(("localhost", port), timeout=5):
+            listening = _addresses(port)
+        assert listening
+        assert set(listening) <= {"0100007F", "00000000000000000000000001000000"}
+        ran.send_signal(signal.SIGINT)
+        out, err = ran.communicate(timeout=30)
+    finally:
+        ran.kill()
+    assert ran.returncode == 0
+    assert "ended" in out
+    assert "Traceback" not in err
+
+
+def _addresses(port: int) -> list[str]:
+    """Local addresses that listen on a port, as the kernel has them."""
+    rows = [
+        line.split()[1:4]
+        for table in ("/proc/net/tcp", "/proc/net/tcp6")
+        for line in Path(table).read_text().splitlines()[1:]
+    ]
+    return [
+        local.split(":")[0]
+        for local, _, state in rows
+        if state == "0A" and int(local.split(":")[1], 16) == port
+    ]
