@@ -151,7 +151,7 @@ def _solved_soft(program: DenseProgram) -> Solution | None:
     needed, penalties = program.needed, program.penalties
     if len(np.unique(program.slacks)) < len(needed):
         return None  # penalties bound sums of multipliers
-    half: FloatArray = program.matrix @ program.matrix.T / 2.0
+    half: FloatArray = program.products / 2.0
     ridge = _RIDGE * half.max() * np.eye(len(needed))
     try:
         factor = np.linalg.cholesky(2.0 * half + ridge)
@@ -203,8 +203,9 @@ def _of_multipliers(
 ) -> Solution | None:
     """The solution with these multipliers of the rows; None if they are not those of an optimum."""
     x = y @ program.matrix / 2.0
-    slack = np.where(broken, program.needed - program.matrix @ x, 0.0)
-    short = program.needed - program.matrix @ x - slack
+    short = program.needed - program.matrix @ x
+    slack = np.where(broken, short, 0.0)
+    short -= slack
     gap = float(np.abs(y[~broken] * short[~broken]).sum())
     cost = float(x @ x + slack[broken] @ program.penalties[broken])
     largest = max(1.0, float(np.abs(program.needed).max()))
@@ -218,7 +219,7 @@ def _of_multipliers(
 def _solved_in_span(program: DenseProgram) -> Solution | None:
     """Soft rows in any case, with slacks as variables beside those of the span of the rows."""
     basis, triangle = np.linalg.qr(program.matrix.T)
-    reduced = dataclasses.replace(program, matrix=triangle.T)
+    reduced = dataclasses.replace(program, matrix=triangle.T, at_hand=None)
     found = _solved_quadratic(Quadratic.of_dense(reduced))
     if found is None:
         return None
