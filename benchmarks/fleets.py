@@ -9,14 +9,17 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
-from rich.progress import track
+from rich.progress import Progress
 
 import drake_rho as rho
-from benchmarks.memory import peak
 from benchmarks.sampling import Sampled, sample
-from benchmarks.tables import Cell
+from benchmarks.tables import Cell, commit
+from drake_rho.campaigns.memory import peak
+from drake_rho.campaigns.runs import SOLVED, Row
 
 SAMPLED = 1e-6
 """How much closer than the separation a sampled pair may be [m]: what the verifier allows, and
@@ -91,21 +94,33 @@ def attempt(
         bound: of the index of any plan, asked for where there is one that counts; not timed.
         memory: of all processes that plan, the largest until then [MB].
     """
-    count = len(scenario.vehicles)
     began = time.perf_counter()
+    plan, broken = None, ""
     try:
         plan = planner(scenario)
-        report = rho.verify(plan)
+        if violations := rho.verify(plan).violations:
+            broken = f"{violations[0].constraint} of {violations[0].vehicle}"
     except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
-        seconds = time.perf_counter() - began
-        fault = f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
-        return Trial(scenario.name, count, seconds, memory(), fault=fault)
+        plan, broken = None, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
     seconds, megabytes = time.perf_counter() - began, memory()
+    return _judged(scenario, plan, broken, seconds, megabytes, bound)
+
+
+def _judged(
+    scenario: rho.Scenario,
+    plan: rho.Plan | None,
+    broken: str,
+    seconds: float,
+    megabytes: float,
+    bound: Bound,
+) -> Trial:
+    """What became of a fleet, by the samples too; None is no plan, and `broken` says why."""
+    told = scenario.name, len(scenario.vehicles), seconds, megabytes
+    if plan is None:
+        return Trial(*told, fault=broken)
     found = sample(plan)
-    fault = "" if report.ok else f"{len(report.violations)} constraints broken"
-    fault = fault or (_fault(found, scenario) if scenario.between_knots else "")
-    least = np.nan if fault else bound(plan)
-    return Trial(scenario.name, count, seconds, megabytes, plan.cost, found, fault, least)
+    fault = broken or (_fault(found, scenario) if scenario.between_knots else "")
+    return Trial(*told, plan.cost, found, fault, np.nan if fault else bound(plan))
 
 
 def _fault(found: Sampled, scenario: rho.Scenario) -> str:
@@ -125,22 +140,59 @@ def attempts(
     what: str,
     planner: Planner = rho.plan_scp,
     bound: Bound = unbounded,
+    stores: Path | None = None,
 ) -> list[Trial]:
-    """Plan several fleets, one after another, in a process of their own.
+    """Plan several fleets, one after another: a campaign in a process of its own.
 
-    So the memory that is told is theirs, and what one benchmark leaves behind slows no other.
+    So the memory that is told is theirs, and what one benchmark leaves behind slows no other. Its
+    plans are kept, and judged as in `attempt` when all are there.
 
     Args:
-        makes: make the scenarios; what they are is sent to the process, so no lambdas.
-        what: for the progress bar.
-        planner: plans them; sent as well.
-        bound: as `attempt` takes it; sent as well.
+        makes: make the scenarios.
+        what: they are, for the progress bar and as the name of the store.
+        planner: plans them: a function of a module, with values for arguments if it is a `partial`.
+        bound: as `attempt` takes it.
+        stores: folder of stores, from which what was interrupted goes on if the commit is the same;
+            if not given, one that goes away.
     """
-    makes = list(makes)
+    given = [make() for make in makes]
+    study = _study(given, what, planner)
+    with TemporaryDirectory() as gone:
+        folder = stores or Path(gone)
+        folder.mkdir(parents=True, exist_ok=True)
+        results = _campaign(study, folder / f"{what}, {commit()}.sqlite")
+        rows = {row.key: row for row in results.rows()}
+        return [
+            _of_row(scenario, results, rows[run.key], bound)
+            for scenario, run in zip(given, study.runs(), strict=True)
+        ]
+
+
+def _study(scenarios: Sequence[rho.Scenario], what: str, planner: Planner) -> rho.Study:
+    bound = planner if isinstance(planner, partial) else partial(planner)
+    method = {"planner": "function", "function": bound.func, "arguments": bound.keywords}
+    return rho.Study(
+        what,
+        [{"name": f"{i}", "scenario": each} for i, each in enumerate(scenarios)],
+        [{"name": bound.func.__name__, **method}],
+        plans=True,
+    )
+
+
+def _campaign(study: rho.Study, store: Path) -> rho.Results:
+    """Do what is missing, with all cores for each run, as a user has them."""
     fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=fresh, initializer=_first_calls) as process:
-        done = process.map(partial(_make_and_attempt, planner, bound), makes)
-        return list(track(done, what, total=len(makes)))
+    with (
+        ProcessPoolExecutor(1, mp_context=fresh, initializer=_first_calls) as process,
+        Progress() as shown,
+    ):
+        task = shown.add_task(study.name, total=len(study))
+        return rho.campaign(
+            study,
+            store,
+            executor=process,
+            progress=lambda now: shown.update(task, completed=now.done),
+        )
 
 
 def _first_calls() -> None:
@@ -148,8 +200,15 @@ def _first_calls() -> None:
     rho.verify(rho.plan_scp(rho.random_transitions(4, np.random.default_rng(0))))
 
 
-def _make_and_attempt(planner: Planner, bound: Bound, make: Callable[[], rho.Scenario]) -> Trial:
-    return attempt(make(), planner, bound)
+def _of_row(scenario: rho.Scenario, results: rho.Results, row: Row, bound: Bound) -> Trial:
+    """The trial of a run that is in a store."""
+    seconds, megabytes = row.plan_seconds or np.nan, row.megabytes or np.nan
+    if row.status != SOLVED:
+        return _judged(scenario, None, f"{row.status}: {row.reason}", seconds, megabytes, bound)
+    plan = results.plan(row.key)
+    assert isinstance(plan, rho.Plan)  # noqa: S101  # no planner here gives anything else
+    seconds += row.verify_seconds or 0.0
+    return _judged(scenario, plan, row.reason, seconds, megabytes, bound)
 
 
 COLUMNS = (

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import drake_rho as rho
-from drake_rho.campaigns.runs import TIMES
+from drake_rho.campaigns.runs import MEASURED
 from drake_rho.campaigns.store import COLUMNS
 
-SAME = tuple(name for name in COLUMNS if name not in TIMES)
+SAME = tuple(name for name in COLUMNS if name not in MEASURED)
 """The columns that do not tell times."""
 
 
