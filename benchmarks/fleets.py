@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
 import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
-from rich.progress import Progress
 
 import drake_rho as rho
+from benchmarks.campaigns import planned
 from benchmarks.sampling import Sampled, sample
-from benchmarks.tables import Cell, commit
+from benchmarks.tables import Cell
+from drake_rho.campaigns.judgement import judge
 from drake_rho.campaigns.memory import peak
-from drake_rho.campaigns.runs import SOLVED, Row
+from drake_rho.campaigns.runs import Row
 
 SAMPLED = 1e-6
 """How much closer than the separation a sampled pair may be [m]: what the verifier allows, and
@@ -95,11 +92,10 @@ def attempt(
         memory: of all processes that plan, the largest until then [MB].
     """
     began = time.perf_counter()
-    plan, broken = None, ""
+    plan: rho.Plan | None = None
     try:
         plan = planner(scenario)
-        if violations := rho.verify(plan).violations:
-            broken = f"{violations[0].constraint} of {violations[0].vehicle}"
+        broken = judge(plan).broken
     except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
         plan, broken = None, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
     seconds, megabytes = time.perf_counter() - began, memory()
@@ -114,12 +110,13 @@ def _judged(
     megabytes: float,
     bound: Bound,
 ) -> Trial:
-    """What became of a fleet, by the samples too; None is no plan, and `broken` says why."""
+    """What became of a fleet, by the samples too; `broken` is a constraint, or why is no plan."""
     told = scenario.name, len(scenario.vehicles), seconds, megabytes
     if plan is None:
         return Trial(*told, fault=broken)
     found = sample(plan)
-    fault = broken or (_fault(found, scenario) if scenario.between_knots else "")
+    fault = f"{broken} is broken" if broken else ""
+    fault = fault or (_fault(found, scenario) if scenario.between_knots else "")
     return Trial(*told, plan.cost, found, fault, np.nan if fault else bound(plan))
 
 
@@ -142,73 +139,24 @@ def attempts(
     bound: Bound = unbounded,
     stores: Path | None = None,
 ) -> list[Trial]:
-    """Plan several fleets, one after another: a campaign in a process of its own.
-
-    So the memory that is told is theirs, and what one benchmark leaves behind slows no other. Its
-    plans are kept, and judged as in `attempt` when all are there.
+    """Plan several fleets, one after another, as a campaign; judge the plans when all are there.
 
     Args:
         makes: make the scenarios.
-        what: they are, for the progress bar and as the name of the store.
-        planner: plans them: a function of a module, with values for arguments if it is a `partial`.
+        what: they are, as `planned` takes it.
+        planner: plans them; as `planned` takes it.
         bound: as `attempt` takes it.
-        stores: folder of stores, from which what was interrupted goes on if the commit is the same;
-            if not given, one that goes away.
+        stores: folder in which what was interrupted goes on; as `planned` takes it.
     """
     given = [make() for make in makes]
-    study = _study(given, what, planner)
-    with TemporaryDirectory() as gone:
-        folder = stores or Path(gone)
-        folder.mkdir(parents=True, exist_ok=True)
-        results = _campaign(study, folder / f"{what}, {commit()}.sqlite")
-        rows = {row.key: row for row in results.rows()}
-        return [
-            _of_row(scenario, results, rows[run.key], bound)
-            for scenario, run in zip(given, study.runs(), strict=True)
-        ]
+    done = planned(given, what, planner, stores)
+    return [_of_run(each, *found, bound) for each, found in zip(given, done, strict=True)]
 
 
-def _study(scenarios: Sequence[rho.Scenario], what: str, planner: Planner) -> rho.Study:
-    bound = planner if isinstance(planner, partial) else partial(planner)
-    method = {"planner": "function", "function": bound.func, "arguments": bound.keywords}
-    return rho.Study(
-        what,
-        [{"name": f"{i}", "scenario": each} for i, each in enumerate(scenarios)],
-        [{"name": bound.func.__name__, **method}],
-        plans=True,
-    )
-
-
-def _campaign(study: rho.Study, store: Path) -> rho.Results:
-    """Do what is missing, with all cores for each run, as a user has them."""
-    fresh = multiprocessing.get_context("spawn")
-    with (
-        ProcessPoolExecutor(1, mp_context=fresh, initializer=_first_calls) as process,
-        Progress() as shown,
-    ):
-        task = shown.add_task(study.name, total=len(study))
-        return rho.campaign(
-            study,
-            store,
-            executor=process,
-            progress=lambda now: shown.update(task, completed=now.done),
-        )
-
-
-def _first_calls() -> None:
-    """What is loaded and set up with the first plan is not to count for it."""
-    rho.verify(rho.plan_scp(rho.random_transitions(4, np.random.default_rng(0))))
-
-
-def _of_row(scenario: rho.Scenario, results: rho.Results, row: Row, bound: Bound) -> Trial:
-    """The trial of a run that is in a store."""
-    seconds, megabytes = row.plan_seconds or np.nan, row.megabytes or np.nan
-    if row.status != SOLVED:
-        return _judged(scenario, None, f"{row.status}: {row.reason}", seconds, megabytes, bound)
-    plan = results.plan(row.key)
-    assert isinstance(plan, rho.Plan)  # noqa: S101  # no planner here gives anything else
-    seconds += row.verify_seconds or 0.0
-    return _judged(scenario, plan, row.reason, seconds, megabytes, bound)
+def _of_run(scenario: rho.Scenario, row: Row, plan: rho.Plan | None, bound: Bound) -> Trial:
+    broken = row.reason if plan is not None else f"{row.status}: {row.reason}"
+    seconds = (row.plan_seconds or 0.0) + (row.verify_seconds or 0.0)
+    return _judged(scenario, plan, broken, seconds, row.megabytes or np.nan, bound)
 
 
 COLUMNS = (

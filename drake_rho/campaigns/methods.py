@@ -201,7 +201,7 @@ class ByFunction(Runs):
     """that it is one"""
     function: Annotated[str, BeforeValidator(name_of)]
     """its name, as package.module:function, or in Python the function itself; called with the
-    scenario and the arguments, it returns a plan, a flight or a simulation"""
+    scenario and the arguments, it returns a plan, a flight or a simulation of it"""
     arguments: dict[str, JsonValue] = dataclasses.field(default_factory=dict)
     """further ones, by name"""
     certify: bool = False
@@ -218,6 +218,8 @@ class ByFunction(Runs):
         if not isinstance(planned, Planned):
             kind = type(planned).__name__
             raise TypeError(f"{self.function}: got {kind}, expected a plan, flight or simulation")
+        if planned.scenario != scenario:  # it would be judged by another one
+            raise ValueError(f"{self.function}: got a plan of another scenario, expected of this")
         return _judged(planned, seconds, self.certify)
 
 
