@@ -37,6 +37,9 @@ def planned(
 
     Yields:
         The row, and the plan; None if there is none.
+
+    Raises:
+        ValueError: the `partial` has arguments without names.
     """
     study = _study(scenarios, what, planner)
     with TemporaryDirectory() as gone:
@@ -54,6 +57,8 @@ def _study(
     scenarios: Sequence[rho.Scenario], what: str, planner: Callable[[rho.Scenario], rho.Plan]
 ) -> rho.Study:
     work = planner if isinstance(planner, partial) else partial(planner)
+    if work.args:
+        raise ValueError(f"planner: got {work}, expected one whose arguments have names")
     method = {"planner": "function", "function": work.func, "arguments": work.keywords}
     return rho.Study(
         what,

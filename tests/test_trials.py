@@ -47,3 +47,8 @@ def test_what_does_not_hold_does_not_count(wrong: str, words: str) -> None:
     assert not trial.counts
     assert trial.fault.startswith(words)
     assert (trial.sampled is None) == np.isnan(trial.index) == (wrong == "late")
+
+
+def test_arguments_have_names() -> None:
+    with pytest.raises(ValueError, match="expected one whose arguments have names"):
+        fleets.attempts(FOUR, "four", partial(rho.plan_scp, FOUR[0]()))
