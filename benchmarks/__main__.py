@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -45,6 +46,9 @@ FLIGHT = (
 FLOWN_MISSIONS = ("flight_crazyflow",)
 """Of these, the ones of missions in files: `run(folder) -> Table`."""
 
+CAMPAIGNS = ("fleet_b1", "fleet_b2", "fleet_b3", "world_b6", "world_b7", "world_b8")
+"""Those among them that are campaigns, whose stores may be kept: `run(..., stores) -> Table`."""
+
 WORLDS = ("world_b6", "world_b7", "world_b8")
 """Those among the draws and the missions that are of worlds with obstacles."""
 
@@ -76,6 +80,11 @@ def main() -> None:
     parser.add_argument(
         "--missions", type=Path, help="folder with missions of the LSC planner, or of LSC-DR"
     )
+    parser.add_argument(
+        "--stores",
+        type=Path,
+        help=f"folder in which {', '.join(CAMPAIGNS)} keep their runs, to go on if interrupted",
+    )
     arguments = parser.parse_args()
     unknown = [name for name in arguments.names if name not in known]
     if unknown:
@@ -106,6 +115,8 @@ def main() -> None:
 
 def _run(name: str, arguments: argparse.Namespace) -> Table:
     run = import_module(f"benchmarks.{name}").run
+    if name in CAMPAIGNS:
+        run = partial(run, stores=arguments.stores)
     table: Table
     if name in RACES:
         table = run(arguments.repetitions)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -31,10 +32,12 @@ def scenario(vehicles: int, seed: int) -> rho.Scenario:
     return rho.random_transitions(vehicles, rng, duration=duration, step=STEP, name=name)
 
 
-def run(seeds: int = 50) -> Table:
-    """Plan `seeds` fleets of each size."""
+def run(seeds: int = 50, stores: Path | None = None) -> Table:
+    """Plan `seeds` fleets of each size; `stores` is as `attempts` takes it."""
     found = {
-        count: attempts((partial(scenario, count, seed) for seed in range(seeds)), f"{count} each")
+        count: attempts(
+            [partial(scenario, count, seed) for seed in range(seeds)], f"B1, {count}", stores=stores
+        )
         for count in DURATIONS
     }
     rows: list[tuple[Cell, ...]] = []
@@ -78,10 +81,10 @@ leave open, is fixed to what they publish for DMPC, rounded up to whole steps: 3
 and 9.8 s. A fleet of seed s is `random_transitions(N, default_rng(s))`. It counts if `verify`
 finds nothing broken, at any instant, and no two vehicles are closer than 0.35 m - 1 µm at any of
 100 samples of each step, computed apart from the package. `plan_scp` plans it; a time runs from the
-scenario record to the verified plan, the samples not included. Fleets are planned one after another
-in a process of their own for each size, after a small one that is not counted. Index, distance
-and memory (the process's largest, of which the interpreter and Drake take some 125 MB) are of
-this run."""
+scenario record to the verified plan, the samples not included. The fleets of a
+size are a campaign: planned one after another in a process of their own, after a small one that is
+not counted. Index, distance and memory (the process's largest, of which the interpreter, Drake and
+what a campaign needs take some 170 MB) are of this run."""
 
 _LIMITATIONS = """\
 Limitations. The published lines are quoted: their times are of MATLAB and quadprog on another

@@ -18,8 +18,8 @@ TIMED = 60
 """Vehicles of the missions whose time is a goal."""
 
 
-def run(folder: Path | None = None) -> Table:
-    """Plan every mission in `folder`.
+def run(folder: Path | None = None, stores: Path | None = None) -> Table:
+    """Plan every mission in `folder`; `stores` is as `attempts` takes it.
 
     Raises:
         Skipped: there is none; the missions are no part of this project.
@@ -31,7 +31,7 @@ def run(folder: Path | None = None) -> Table:
     grid = rho.Grid.lasting(DURATION, step=STEP)
     makes = [partial(rho.load_lsc_mission, path, grid=grid) for path in paths]
     found: dict[int, list[Trial]] = {}
-    for trial in attempts(makes, "missions"):
+    for trial in attempts(makes, "B3", stores=stores):
         found.setdefault(trial.vehicles, []).append(trial)
     every = [trial for trials in found.values() for trial in trials]
     timed = [trial.seconds for trial in found.get(TIMED, [])]

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
 import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from pathlib import Path
 
 import numpy as np
-from rich.progress import track
 
 import drake_rho as rho
-from benchmarks.memory import peak
+from benchmarks.campaigns import planned
 from benchmarks.sampling import Sampled, sample
 from benchmarks.tables import Cell
+from drake_rho.campaigns.judgement import judge
+from drake_rho.campaigns.memory import peak
+from drake_rho.campaigns.runs import Row
 
 SAMPLED = 1e-6
 """How much closer than the separation a sampled pair may be [m]: what the verifier allows, and
@@ -91,21 +91,33 @@ def attempt(
         bound: of the index of any plan, asked for where there is one that counts; not timed.
         memory: of all processes that plan, the largest until then [MB].
     """
-    count = len(scenario.vehicles)
     began = time.perf_counter()
+    plan: rho.Plan | None = None
     try:
         plan = planner(scenario)
-        report = rho.verify(plan)
+        broken = judge(plan).broken
     except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
-        seconds = time.perf_counter() - began
-        fault = f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
-        return Trial(scenario.name, count, seconds, memory(), fault=fault)
+        plan, broken = None, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
     seconds, megabytes = time.perf_counter() - began, memory()
+    return _judged(scenario, plan, broken, seconds, megabytes, bound)
+
+
+def _judged(
+    scenario: rho.Scenario,
+    plan: rho.Plan | None,
+    broken: str,
+    seconds: float,
+    megabytes: float,
+    bound: Bound,
+) -> Trial:
+    """What became of a fleet, by the samples too; `broken` is a constraint, or why is no plan."""
+    told = scenario.name, len(scenario.vehicles), seconds, megabytes
+    if plan is None:
+        return Trial(*told, fault=broken)
     found = sample(plan)
-    fault = "" if report.ok else f"{len(report.violations)} constraints broken"
+    fault = f"{broken} is broken" if broken else ""
     fault = fault or (_fault(found, scenario) if scenario.between_knots else "")
-    least = np.nan if fault else bound(plan)
-    return Trial(scenario.name, count, seconds, megabytes, plan.cost, found, fault, least)
+    return Trial(*told, plan.cost, found, fault, np.nan if fault else bound(plan))
 
 
 def _fault(found: Sampled, scenario: rho.Scenario) -> str:
@@ -125,31 +137,26 @@ def attempts(
     what: str,
     planner: Planner = rho.plan_scp,
     bound: Bound = unbounded,
+    stores: Path | None = None,
 ) -> list[Trial]:
-    """Plan several fleets, one after another, in a process of their own.
-
-    So the memory that is told is theirs, and what one benchmark leaves behind slows no other.
+    """Plan several fleets, one after another, as a campaign; judge the plans when all are there.
 
     Args:
-        makes: make the scenarios; what they are is sent to the process, so no lambdas.
-        what: for the progress bar.
-        planner: plans them; sent as well.
-        bound: as `attempt` takes it; sent as well.
+        makes: make the scenarios.
+        what: they are, as `planned` takes it.
+        planner: plans them; as `planned` takes it.
+        bound: as `attempt` takes it.
+        stores: folder in which what was interrupted goes on; as `planned` takes it.
     """
-    makes = list(makes)
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=fresh, initializer=_first_calls) as process:
-        done = process.map(partial(_make_and_attempt, planner, bound), makes)
-        return list(track(done, what, total=len(makes)))
+    given = [make() for make in makes]
+    done = planned(given, what, planner, stores)
+    return [_of_run(each, *found, bound) for each, found in zip(given, done, strict=True)]
 
 
-def _first_calls() -> None:
-    """What is loaded and set up with the first plan is not to count for it."""
-    rho.verify(rho.plan_scp(rho.random_transitions(4, np.random.default_rng(0))))
-
-
-def _make_and_attempt(planner: Planner, bound: Bound, make: Callable[[], rho.Scenario]) -> Trial:
-    return attempt(make(), planner, bound)
+def _of_run(scenario: rho.Scenario, row: Row, plan: rho.Plan | None, bound: Bound) -> Trial:
+    broken = row.reason if plan is not None else f"{row.status}: {row.reason}"
+    seconds = (row.plan_seconds or 0.0) + (row.verify_seconds or 0.0)
+    return _judged(scenario, plan, broken, seconds, row.megabytes or np.nan, bound)
 
 
 COLUMNS = (

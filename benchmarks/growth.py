@@ -22,8 +22,8 @@ from matplotlib.ticker import NullFormatter
 from rich.progress import track
 
 import drake_rho as rho
-from benchmarks.memory import peak
 from benchmarks.tables import RESULTS, Cell, Goal, Table
+from drake_rho.campaigns.memory import peak
 from drake_rho.display.formats import DOUBLE_COLUMN
 from drake_rho.display.publish import save_figure, styled
 from drake_rho.display.style import COLOURS, MARKERS

@@ -19,7 +19,7 @@ from rich.progress import track
 
 import drake_rho as rho
 from benchmarks.tables import Goal, Table
-from drake_rho.campaigns.runs import TIMES, Done, Run, row_of
+from drake_rho.campaigns.runs import MEASURED, Done, Run, row_of
 from drake_rho.campaigns.store import COLUMNS, Store, StoreError
 from drake_rho.campaigns.study import study_to_json
 from drake_rho.campaigns.workers import Workers
@@ -169,7 +169,7 @@ def _victims(client: int, kind: str, chance: random.Random) -> list[int]:
 
 def _rows(store: Path) -> list[tuple[object, ...]]:
     """All rows but for the columns that tell times; none if there is no store yet."""
-    names = ", ".join(name for name in COLUMNS if name not in TIMES)
+    names = ", ".join(name for name in COLUMNS if name not in MEASURED)
     try:
         rho.Results(store)
     except (StoreError, TypeError):  # killed before its tables were made

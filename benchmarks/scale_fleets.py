@@ -13,8 +13,8 @@ import drake_rho as rho
 from benchmarks import fleet_b1
 from benchmarks.fleet_b2 import LARGEST, LONGER, scenario
 from benchmarks.fleets import COLUMNS, Planner, Trial, attempt, attempts, summary
-from benchmarks.memory import peak
 from benchmarks.tables import Cell, Goal, Table
+from drake_rho.campaigns.memory import peak
 
 SMALL, DOUBLE, TEN_THOUSAND, LONGEST = 200, 2000, 10_000, 30.0
 """Sizes that are planned on processes, and the flight time of the smallest and the largest [s]."""

@@ -90,7 +90,7 @@ def conditions(packages: Sequence[str]) -> dict[str, str]:
         "cores": str(os.cpu_count()),
         "system": f"{platform.system()} {platform.machine()}",
         "Python": platform.python_version(),
-        "commit": _commit(),
+        "commit": commit(),
     }
     for package in packages:
         try:
@@ -109,7 +109,7 @@ def _processor() -> str:
     return next(names, platform.processor())
 
 
-def _commit() -> str:
+def commit() -> str:
     """The commit, and whether tracked files differ from it."""
     command = ["git", "describe", "--always", "--dirty=, with changes not committed"]
     try:

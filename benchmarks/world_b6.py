@@ -33,13 +33,15 @@ def scenario(mission: Path, world: Path, duration: float) -> rho.Scenario:
     return dataclasses.replace(loaded, name=f"{world.parent.name} {world.stem}, {duration:g} s")
 
 
-def run(folder: Path | None = None) -> Table:
+def run(folder: Path | None = None, stores: Path | None = None) -> Table:
     """Plan the mission of every world in `folder`, which has the worlds in folders of their kinds.
+
+    `stores` is as `attempts` takes it.
 
     Raises:
         Skipped: there is none; the worlds are no part of this project.
     """
-    found = _planned(folder) if folder else {}
+    found = _planned(folder, stores) if folder else {}
     if not found:
         where = f"no worlds in {folder}" if folder else "no folder given"
         raise Skipped(f"{where}; they are `world` and `missions` of qwerty35/lsc_dr_planner")
@@ -57,16 +59,16 @@ def run(folder: Path | None = None) -> Table:
     )
 
 
-def _planned(folder: Path) -> dict[tuple[str, float], list[Trial]]:
+def _planned(folder: Path, stores: Path | None) -> dict[tuple[str, float], list[Trial]]:
     """The worlds of each kind, for each duration."""
     found: dict[tuple[str, float], list[Trial]] = {}
-    planner = partial(plan_within, LIMIT)
+    planner = partial(plan_within, seconds=LIMIT)
     for kind, (mission, durations) in KINDS.items():
         worlds = sorted((folder / kind).glob("*.csv"), key=_number)
         for duration in durations if worlds else ():
             makes = [partial(scenario, folder / mission, world, duration) for world in worlds]
-            what = f"{kind}, {duration:g} s"
-            found[kind, duration] = attempts(makes, what, planner, unhindered)
+            what = f"B6, {kind}, {duration:g} s"
+            found[kind, duration] = attempts(makes, what, planner, unhindered, stores)
     return found
 
 

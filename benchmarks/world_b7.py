@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -27,15 +28,16 @@ def scenario(boxes: int, seed: int) -> rho.Scenario:
     return rho.trefoil_swap(boxes, rng, duration=DURATION, step=STEP, name=name)
 
 
-def run(seeds: int = 20) -> Table:
-    """Plan `seeds` draws for each number of boxes."""
-    planner = partial(plan_within, LIMIT)
+def run(seeds: int = 20, stores: Path | None = None) -> Table:
+    """Plan `seeds` draws for each number of boxes; `stores` is as `attempts` takes it."""
+    planner = partial(plan_within, seconds=LIMIT)
     found = {
         boxes: attempts(
             [partial(scenario, boxes, seed) for seed in range(seeds)],
-            f"{boxes} boxes",
+            f"B7, {boxes} boxes",
             planner,
             unhindered,
+            stores,
         )
         for boxes in BOXES
     }

@@ -7,6 +7,7 @@ import statistics
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -51,14 +52,18 @@ def scenario(obstacles: int, seed: int) -> rho.Scenario:
     return rho.random_field(obstacles, np.random.default_rng(seed), name=name)
 
 
-def run(seeds: int = 50) -> Table:
-    """Ask the oracle, plan, and run the peer for `seeds` draws of each number of obstacles."""
+def run(seeds: int = 50, stores: Path | None = None) -> Table:
+    """Ask the oracle, plan, and run the peer for `seeds` draws of each number of obstacles.
+
+    Plans are runs of a campaign; `stores` is as `attempts` takes it. The oracle and the peer are
+    not: what they give is no plan, but a verdict, and a curve that `verify` cannot judge.
+    """
     rows: list[tuple[Cell, ...]] = []
     plans, laps, answers = list[Trial](), list[Lap](), list[Answer]()
     for count in OBSTACLES:
         draws = range(seeds)
         asked = _in_processes(partial(_ask, count), draws, f"{count}: is there a way", 2)
-        planned = _planned(count, seeds)
+        planned = _planned(count, seeds, stores)
         flown = _in_processes(partial(_fly, count), draws, f"{count}: graphs of convex sets", 1)
         ways = [answer.verdict == "way" for answer in asked]
         rows += [_row(count, ways, planned, flown), _row_of_peer(count, ways, planned, flown)]
@@ -83,13 +88,13 @@ def run(seeds: int = 50) -> Table:
     )
 
 
-def _planned(count: int, seeds: int) -> list[Trial]:
+def _planned(count: int, seeds: int, stores: Path | None) -> list[Trial]:
     """All draws, of which the first are certified too."""
     makes = [partial(scenario, count, seed) for seed in range(seeds)]
-    planner, bound = partial(plan_within, LIMIT), partial(certified, PATIENCE)
-    first = attempts(makes[:CERTIFIED], f"{count}: plans, certified", planner, bound)
+    planner, bound = partial(plan_within, seconds=LIMIT), partial(certified, PATIENCE)
+    first = attempts(makes[:CERTIFIED], f"B8, {count}: certified", planner, bound, stores)
     rest = makes[CERTIFIED:]
-    return first + (attempts(rest, f"{count}: plans", planner) if rest else [])
+    return first + (attempts(rest, f"B8, {count}", planner, stores=stores) if rest else [])
 
 
 Found = TypeVar("Found")

@@ -48,7 +48,7 @@ def at_most(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def plan_within(seconds: float, scenario: rho.Scenario) -> rho.Plan:
+def plan_within(scenario: rho.Scenario, seconds: float) -> rho.Plan:
     """The package's plan.
 
     Raises:

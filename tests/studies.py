@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sqlite3
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import drake_rho as rho
-from drake_rho.campaigns.runs import TIMES
+from drake_rho.campaigns.runs import MEASURED
 from drake_rho.campaigns.store import COLUMNS
 
-SAME = tuple(name for name in COLUMNS if name not in TIMES)
+SAME = tuple(name for name in COLUMNS if name not in MEASURED)
 """The columns that do not tell times."""
 
 
@@ -52,6 +55,21 @@ def small(repetitions: int = 4, **changes: Any) -> rho.Study:
         "seed": 7,
     }
     return rho.Study(**(fields | changes))
+
+
+def own(scenario: rho.Scenario, *, megabytes: int = 0, wrong: str = "") -> rho.Plan:
+    """A planner that is none of the package's methods: takes memory, and does something wrong."""
+    taken = np.ones(megabytes * 2**17)
+    if wrong == "late":
+        raise TimeoutError(f"not done in {len(taken)} s")
+    if wrong == "nothing":
+        return None  # type: ignore[return-value]  # to be noticed
+    careless = rho.plan_convex(scenario.without_separation())
+    if wrong == "another":
+        return careless
+    if wrong == "separation":
+        return dataclasses.replace(careless, scenario=scenario)
+    return rho.plan(scenario)
 
 
 def table(path: Path, columns: tuple[str, ...] = SAME) -> list[tuple[Any, ...]]:

@@ -28,7 +28,8 @@ from drake_rho.campaigns.sources import FromFile
 from drake_rho.campaigns.store import Store, StoreError
 from drake_rho.campaigns.study import study_to_json
 from drake_rho.campaigns.workers import Workers
-from tests.studies import small, table
+from tests.scenarios import fleet
+from tests.studies import own, small, table
 
 
 @pytest.fixture(scope="module")
@@ -195,6 +196,63 @@ def test_a_run_that_raises_anything_is_a_row(
     wrong = [words for words in found if words[0] != "infeasible"]
     assert wrong == [("error", "ZeroDivisionError: on use")] * len(wrong)
     assert len(wrong) >= 2
+
+
+def test_functions_are_methods(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
+    """By name and as themselves, here and on processes: what the method of the same name finds."""
+    names = ("method", "scenario", "repetition", "status", "reason", "verified", "cost", "programs")
+    methods: list[dict[str, Any]] = [
+        {"name": "best", "planner": "function", "function": "drake_rho:plan"},
+        {"name": "convex", "planner": "function", "function": rho.plan_convex},
+    ]
+    rho.campaign(small(), tmp_path / "methods.sqlite")
+    with Workers(1) as workers:
+        functions = small(methods=methods)
+        results = rho.campaign(functions, tmp_path / "runs.sqlite", executor=workers)
+    found = table(tmp_path / "runs.sqlite", names)
+    assert sorted(found) == sorted(table(tmp_path / "methods.sqlite", names))
+    assert {row.key for row in results.rows()}.isdisjoint(row[0] for row in expected)
+
+
+def test_what_a_function_does_wrong_is_told_in_its_row(tmp_path: Path) -> None:
+    by_own = {"planner": "function", "function": own}
+    wrongs = ("", "late", "nothing", "another", "separation")
+    methods = [
+        {"name": wrong or "right", **by_own, "arguments": {"wrong": wrong}} for wrong in wrongs
+    ]
+    crossing = fleet([[-5, 0, 0], [0, -5, 0]], [[5, 0, 0], [0, 5, 0]])
+    given = [{"name": "crossing", "scenario": crossing}]
+    results = rho.campaign(small(1, scenarios=given, methods=methods), tmp_path / "runs.sqlite")
+    rows = {row.method: row for row in results.rows()}
+    assert (rows["late"].status, rows["late"].reason) == ("error", "TimeoutError: not done in 0 s")
+    assert rows["nothing"].status == "error"
+    assert "got NoneType, expected a plan, flight or simulation" in rows["nothing"].reason
+    assert rows["another"].status == "error"
+    assert "got a plan of another scenario" in rows["another"].reason
+    assert rows["separation"].status == "solved"
+    assert rows["separation"].reason.startswith("separation of v")
+    assert [row.method for row in rows.values() if row.verified] == ["right"]
+
+
+def test_times_and_memory_are_those_of_the_run(tmp_path: Path) -> None:
+    by_own = {"planner": "function", "function": own}
+    methods = [
+        {"name": f"{taken}", **by_own, "arguments": {"megabytes": taken}} for taken in (0, 300)
+    ]
+    with Workers(1) as workers:
+        study = small(methods=methods)
+        results = rho.campaign(study, tmp_path / "runs.sqlite", executor=workers)
+    rows = list(results.rows())
+    assert {row.status for row in rows} == {"solved", "infeasible"}
+    for row in rows:
+        assert row.plan_seconds is not None
+        assert row.run_seconds is not None
+        assert (row.verify_seconds is None) == (row.status == "infeasible")
+        assert 0.0 < row.plan_seconds + (row.verify_seconds or 0.0) < row.run_seconds
+    before, after = (next(row for row in rows if row.method == name) for name in ("0", "300"))
+    assert before.megabytes is not None
+    assert after.megabytes is not None
+    assert 290.0 < after.megabytes - before.megabytes < 400.0
 
 
 def test_what_is_drawn_and_makes_no_scenario_is_a_row(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import math
 from math import comb
@@ -125,6 +126,12 @@ def test_exports_hold_every_row(results: rho.Results, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"expected the ending \.csv or \.parquet"):
         results.export(tmp_path / "runs.xlsx")
     assert not (tmp_path / "runs.xlsx").exists()
+
+
+def test_rows_are_records(results: rho.Results) -> None:
+    rows = [dataclasses.astuple(row) for row in results.rows()]
+    assert sorted(rows) == sorted(table(results.path, COLUMNS))
+    assert {type(row.verified) for row in results.rows()} == {bool}
 
 
 def test_plans_come_back(results: rho.Results) -> None:

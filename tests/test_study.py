@@ -172,6 +172,10 @@ def test_a_file_is_looked_for_beside_the_study(tmp_path: Path) -> None:
     assert second.scenario == rho.load_scenario("paper")
 
 
+def _function(name: str, **arguments: Any) -> dict[str, Any]:
+    return {"name": "m", "planner": "function", "function": name, "arguments": arguments}
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -185,6 +189,22 @@ def test_a_file_is_looked_for_beside_the_study(tmp_path: Path) -> None:
         (
             {"methods": [{"name": "m", "planner": "plan", "tolerance": 1}]},
             "tolerance: got 1, expected no field of this name",
+        ),
+        (
+            {"methods": [_function("drake_rho:plann")]},
+            "function: got 'drake_rho:plann', expected a function that can be imported, as "
+            "package.module:function; AttributeError:",
+        ),
+        (
+            {"methods": [_function("nowhere.planners:mine")]},
+            "package.module:function; ModuleNotFoundError: No module named 'nowhere'",
+        ),
+        ({"methods": [_function("<lambda>")]}, "function: got '<lambda>', expected a function"),
+        ({"methods": [_function("drake_rho:__version__")]}, "expected a function that can be"),
+        (
+            {"methods": [_function("drake_rho:plan_convex", tolerance=1)]},
+            "arguments: got {'tolerance': 1}, expected those that the function takes after the "
+            "scenario; got an unexpected keyword argument 'tolerance'",
         ),
         (
             {"scenarios": [{"name": "a", "generator": "random_transitions"}]},

@@ -10,11 +10,12 @@ from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field, JsonValue
 from pydrake.solvers import ClarabelSolver, OsqpSolver, SolverInterface
 
 from drake_rho.assurance.optimality import certify
 from drake_rho.campaigns.blowing import AnyWind
+from drake_rho.campaigns.functions import check_arguments, name_of, named
 from drake_rho.campaigns.judgement import Judgement, judge
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
@@ -53,6 +54,8 @@ class Found:
     """how good it is"""
     seconds: float
     """what it took to plan or fly, before it was judged [s]"""
+    verify_seconds: float
+    """what it took to judge it [s]"""
     bound: float | None = None
     """no plan costs less [m²/s⁴]; None if it was not asked for"""
 
@@ -185,12 +188,43 @@ class BySimulate(Runs):
             wind=wind,
             rng=estimate_rng if self.estimates else None,
         )
+        return _judged(simulation, time.perf_counter() - began)
+
+
+@record
+class ByFunction(Runs):
+    """By a function of one's own, so that other planners are compared, and judged alike."""
+
+    name: Name
+    """in tables and figures"""
+    planner: Literal["function"]
+    """that it is one"""
+    function: Annotated[str, BeforeValidator(name_of)]
+    """its name, as package.module:function, or in Python the function itself; called with the
+    scenario and the arguments, it returns a plan, a flight or a simulation of it"""
+    arguments: dict[str, JsonValue] = dataclasses.field(default_factory=dict)
+    """further ones, by name"""
+    certify: bool = False
+    """whether a lower bound of the cost is found too, which takes longer than the plan"""
+
+    def __post_init__(self) -> None:
+        check_arguments(named(self.function), self.arguments)
+
+    def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
+        """Plan one scenario."""
+        began = time.perf_counter()
+        planned = named(self.function)(scenario, **self.arguments)
         seconds = time.perf_counter() - began
-        return Found(simulation, judge(simulation), seconds)
+        if not isinstance(planned, Planned):
+            kind = type(planned).__name__
+            raise TypeError(f"{self.function}: got {kind}, expected a plan, flight or simulation")
+        if planned.scenario != scenario:  # it would be judged by another one
+            raise ValueError(f"{self.function}: got a plan of another scenario, expected of this")
+        return _judged(planned, seconds, self.certify)
 
 
 AnyMethod = Annotated[
-    ByPlan | ByPlanConvex | ByPlanRho | BySimulate, Field(discriminator="planner")
+    ByPlan | ByPlanConvex | ByPlanRho | BySimulate | ByFunction, Field(discriminator="planner")
 ]
 """One of the methods, told apart by its planner."""
 
@@ -199,6 +233,14 @@ def _found(work: Callable[..., Plan | Flight], solver: SolverName, bounded: bool
     """Do some planning with a solver, and judge what comes of it."""
     began = time.perf_counter()
     planned = work(solver=_SOLVERS[solver]())
-    seconds = time.perf_counter() - began
-    bound = certify(planned).lower_bound if bounded else None
-    return Found(planned, judge(planned), seconds, bound)
+    return _judged(planned, time.perf_counter() - began, bounded)
+
+
+def _judged(planned: Planned, seconds: float, bounded: bool = False) -> Found:
+    """What took some seconds, with its judgement, and a bound if it is wanted."""
+    began = time.perf_counter()
+    judgement = judge(planned)
+    verify_seconds = time.perf_counter() - began
+    flight = planned.flight if isinstance(planned, Simulation) else planned
+    bound = certify(flight).lower_bound if bounded else None
+    return Found(planned, judgement, seconds, verify_seconds, bound)

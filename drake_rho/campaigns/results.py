@@ -9,12 +9,14 @@ import json
 import math
 import tempfile
 from collections import Counter
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drake_rho.campaigns.runs import Row
 from drake_rho.campaigns.statistics import (
     Comparison,
     Failure,
@@ -81,6 +83,14 @@ class Results:
         with reading(self.path) as connection:
             frame = pd.read_sql_query(f"SELECT {', '.join(COLUMNS)} FROM runs", connection)  # noqa: S608
         return frame.astype({"verified": bool, "vehicles": "Int64", "programs": "Int64"})
+
+    def rows(self) -> Iterator[Row]:
+        """All rows as records, in the order in which they were written."""
+        query = f"SELECT {', '.join(COLUMNS)} FROM runs ORDER BY rowid"  # noqa: S608
+        with reading(self.path) as connection:
+            for values in connection.execute(query):
+                told = dict(zip(COLUMNS, values, strict=True))
+                yield Row(**(told | {"verified": bool(told["verified"])}))
 
     def export(self, path: str | Path) -> None:
         """Write all rows, one a run, whole or not at all.

@@ -9,7 +9,8 @@ import json
 import platform
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
+from drake_rho.campaigns.memory import peak
 from drake_rho.campaigns.methods import AnyMethod, Found, Runs
 from drake_rho.campaigns.sources import AnySource
 from drake_rho.motion.files import save
@@ -88,17 +90,21 @@ class Row:
     programs: int | None = None
     """quadratic programs that were solved"""
     plan_seconds: float | None = None
-    """what it took to plan or fly [s]"""
+    """what it took to plan or fly, or until that failed [s]"""
+    verify_seconds: float | None = None
+    """what it took to judge that [s]"""
     run_seconds: float | None = None
     """what the whole run took, making the scenario and judging included [s]"""
+    megabytes: float | None = None
+    """the most memory that the process had taken when it had planned and judged [MB]"""
     finished: str
     """when, in coordinated universal time"""
     versions: str
     """of what computed it"""
 
 
-TIMES = ("plan_seconds", "run_seconds", "finished")
-"""The columns that may be others when a run is repeated."""
+MEASURED = ("plan_seconds", "verify_seconds", "run_seconds", "megabytes", "finished")
+"""The columns that may be others when a run is repeated: times and memory."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -152,7 +158,9 @@ def do(run: Run) -> Done:
         chance, later = generators(run.seed)
         scenario = _drawn(run, chance, told)
         if scenario is not None:
-            found = _method(run.method_json).run(scenario, later)
+            method = _method(run.method_json)
+            with _measured(told):
+                found = method.run(scenario, later)
             told |= _told(found)
             plan = _packed(found) if run.keep else None
     except InfeasibleError as error:
@@ -212,7 +220,18 @@ def _told(found: Found) -> dict[str, Any]:
         "verified": not broken,
         "bound": found.bound,
         "plan_seconds": found.seconds,
+        "verify_seconds": found.verify_seconds,
     }
+
+
+@contextmanager
+def _measured(told: dict[str, Any]) -> Iterator[None]:
+    """Tell how long a block takes, which is all that is known where it fails, and the memory."""
+    began = time.perf_counter()
+    try:
+        yield
+    finally:
+        told |= {"plan_seconds": time.perf_counter() - began, "megabytes": peak()}
 
 
 def _packed(found: Found) -> bytes:

@@ -118,7 +118,7 @@ class Group:
     cost: Quantiles
     """of these runs [m²/s⁴]"""
     seconds: Quantiles
-    """to plan, of all runs that were solved [s]"""
+    """to plan or to fail, of all runs [s]"""
 
 
 @dataclasses.dataclass(frozen=True)

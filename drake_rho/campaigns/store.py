@@ -20,7 +20,7 @@ from drake_rho.scenario.errors import DrakeRhoError
 _APPLICATION = 0x72686F31
 """By which an SQLite file says whose it is: 'rho1'."""
 
-FORMAT = 1
+FORMAT = 2
 """Of the tables, in the file's `user_version`."""
 
 _PATIENCE = 30.0

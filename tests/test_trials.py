@@ -1,0 +1,54 @@
+"""Fleets of the benchmarks: planned as campaigns, judged, and gone on with."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+
+pytest.importorskip("benchmarks")  # a source archive has the tests without them
+
+from benchmarks import fleets
+from benchmarks.fleet_b1 import scenario
+from tests.studies import own
+
+FOUR = [partial(scenario, 4, seed) for seed in range(3)]
+
+
+def test_a_campaign_of_fleets_finds_what_planning_each_does() -> None:
+    def twice(plan: rho.Plan) -> float:
+        return 2.0 * plan.cost
+
+    for trial, make in zip(fleets.attempts(FOUR, "four", bound=twice), FOUR, strict=True):
+        alone = fleets.attempt(make(), bound=twice)
+        assert trial.counts
+        assert (trial.name, trial.vehicles, trial.index) == (alone.name, 4, alone.index)
+        assert trial.sampled == alone.sampled
+        assert trial.bound == 2.0 * rho.plan_scp(make()).cost
+
+
+def test_an_interrupted_one_goes_on(tmp_path: Path) -> None:
+    first = fleets.attempts(FOUR[:2], "four", stores=tmp_path)
+    again = fleets.attempts(FOUR, "four", stores=tmp_path)
+    assert again[:2] == first  # with the times of the first
+    assert len(list(tmp_path.glob("four, *.sqlite"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [("late", "error: TimeoutError: not done in 0 s"), ("separation", "separation of v")],
+)
+def test_what_does_not_hold_does_not_count(wrong: str, words: str) -> None:
+    (trial,) = fleets.attempts(FOUR[1:2], "wrong", partial(own, wrong=wrong))
+    assert not trial.counts
+    assert trial.fault.startswith(words)
+    assert (trial.sampled is None) == np.isnan(trial.index) == (wrong == "late")
+
+
+def test_arguments_have_names() -> None:
+    with pytest.raises(ValueError, match="expected one whose arguments have names"):
+        fleets.attempts(FOUR, "four", partial(rho.plan_scp, FOUR[0]()))
