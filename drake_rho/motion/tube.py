@@ -14,6 +14,7 @@ import numpy.typing as npt
 from drake_rho.motion.gains import Loop, best_gains, largest_wind
 from drake_rho.motion.radii import Pieces, Radii
 from drake_rho.motion.sampled_loop import Responses
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
@@ -24,7 +25,7 @@ _SAMPLE = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ErrorTube:
+class ErrorTube(metaclass=Described):
     """The radii of the balls in which the errors of position, velocity and feedback stay.
 
     Any error in its ball is reached by some wind and some errors of the estimate, at that time.

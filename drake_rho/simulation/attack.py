@@ -18,6 +18,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tube import ErrorTube, error_tube
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, locked
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import adopted, fly_plan
@@ -58,7 +59,7 @@ class AimedWind(WindOverTime):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Attack:
+class Attack(metaclass=Described):
     """What the worst wind does to a plan."""
 
     constraint: str

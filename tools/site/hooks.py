@@ -92,4 +92,3 @@ def repository_path(place: str) -> str:
         return folders[place]
     first, _, rest = place.partition("/")
     return f"{folders[first]}/{rest}" if rest and first in folders else f"docs/{place}"
-
