@@ -279,8 +279,8 @@ class Scenario:
 
         Args:
             grid: what is left of the flight.
-            positions: p[1] [m], shape (N, 3).
-            velocities: v[1] [m/s], shape (N, 3).
+            positions: at its first knot [m], shape (N, 3).
+            velocities: at its first knot [m/s], shape (N, 3).
             before: accelerations just before [m/s²], shape (N, 3).
             tracking: since when feedback holds the vehicles to their plan, if it does.
         """

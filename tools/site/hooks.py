@@ -33,14 +33,21 @@ _LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
 _SCRIPT_FROM_ELSEWHERE = re.compile(r'<script[^>]*\bsrc="(?:https?:[^"]*)?"[^>]*></script>')
 
 
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Make no page for what a server does not find: its links lead nowhere on a disk."""
+    config.theme.static_templates.discard("404.html")
+    return config
+
+
 @event_priority(100)  # before mkdocs-jupyter, which makes pages of the notebooks
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add what is not under docs/: figures, notebooks, results and the gallery's pictures."""
     found = [ROOT / "CHANGELOG.md", *(ROOT / "figures").iterdir()]
-    found += (ROOT / "benchmarks" / "results").glob("*.md")
-    for path in found:
+    results = sorted((ROOT / "benchmarks" / "results").glob("*.md"))
+    for path in [*found, *results]:
         place = site_path(path.relative_to(ROOT).as_posix())
         files.append(File.generated(config, place or path.name, abs_src_path=str(path)))
+    files.append(File.generated(config, "results/index.md", content=_contents(results)))
     made = [write_with_mathml(each, MADE) for each in (ROOT / "notebooks").glob("*.ipynb")]
     made += draw_gallery(ROOT / "docs" / "gallery.md", MADE)
     for path in made:
@@ -92,3 +99,10 @@ def repository_path(place: str) -> str:
         return folders[place]
     first, _, rest = place.partition("/")
     return f"{folders[first]}/{rest}" if rest and first in folders else f"docs/{place}"
+
+
+def _contents(results: list[Path]) -> str:
+    """A page that lists the tables that benchmarks wrote."""
+    titles = [path.read_text().partition("\n")[0].lstrip("# ") for path in results]
+    lines = [f"- [{title}]({path.name})" for title, path in zip(titles, results, strict=True)]
+    return "\n".join(["# What benchmarks measured", "", *lines, ""])

@@ -1,0 +1,67 @@
+"""What `help` shows of a record: its fields with their units, and nothing of how it is made."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import pydoc
+from typing import Any
+
+import pytest
+
+import drake_rho as rho
+from drake_rho.scenario.described import Described
+
+RECORDS = [
+    name
+    for name in rho.__all__
+    if isinstance(getattr(rho, name), type) and dataclasses.is_dataclass(getattr(rho, name))
+]
+
+
+def _help(record: type) -> str:
+    return pydoc.plain(pydoc.render_doc(record))
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_help_shows_every_field_and_nothing_of_pydantic(name: str) -> None:
+    record: Any = getattr(rho, name)
+    assert type(record) is Described
+    text, fields = _help(record), dataclasses.fields(record)
+    own = inspect.cleandoc(vars(record)["__doc__"])
+    assert own.splitlines()[0] in text
+    for field in fields:
+        assert f" {field.name} (" in text, field.name
+    for word in ("pydantic", "Annotated", "__dataclass", "_equal", "FieldInfo"):
+        assert word not in text, word
+
+
+def test_help_has_units_types_and_defaults() -> None:
+    text = _help(rho.Grid)
+    assert "Grid(step, knots, start=0.0)" in text
+    assert "step (float): h, the time from one knot to the next [s]" in text
+    assert "knots (int): K, the number of knots" in text
+    text = _help(rho.Plan)
+    assert "positions (array): p[k] at the knots [m], shape (N, K, 3)" in text
+    assert "limits=..." in _help(rho.Scenario)
+
+
+def test_completion_shows_fields_and_methods_only() -> None:
+    assert [name for name in dir(rho.Grid) if name.startswith("_")] == []
+    assert {"duration", "times", "lasting"} <= set(dir(rho.Grid))
+    assert {"step", "knots", "start", "duration"} <= set(dir(rho.Grid(1.0, 2)))
+
+
+def test_the_schema_describes_a_record_without_its_list_of_fields() -> None:
+    kinds = rho.scenario_schema()["$defs"]
+    assert kinds["Grid"]["description"] == inspect.cleandoc(vars(rho.Grid)["__doc__"])
+    assert "Attributes:" not in json.dumps(rho.scenario_schema())
+
+
+def test_a_record_whose_source_is_not_at_hand_keeps_its_own_docstring() -> None:
+    made: dict[str, Any] = {"Described": Described}
+    text = 'class R(metaclass=Described):\n    """Of a string."""\n    a: int = 0\n'
+    exec(text, made)  # noqa: S102  # written above
+    record: Any = dataclasses.dataclass(made["R"])
+    assert record.__doc__ == "Of a string."
