@@ -24,15 +24,15 @@ def _help(record: type) -> str:
     return pydoc.plain(pydoc.render_doc(record))
 
 
-@pytest.mark.parametrize("name", RECORDS)
-def test_help_shows_every_field_and_nothing_of_pydantic(name: str) -> None:
-    record: Any = getattr(rho, name)
+@pytest.mark.parametrize("kind", RECORDS)
+def test_help_shows_every_field_and_nothing_of_pydantic(kind: str) -> None:
+    record: Any = getattr(rho, kind)
     assert type(record) is Described
-    text, fields = _help(record), dataclasses.fields(record)
+    text, fields = _help(record), record.__dataclass_fields__
     own = inspect.cleandoc(vars(record)["__doc__"])
     assert own.splitlines()[0] in text
-    for field in fields:
-        assert f" {field.name} (" in text, field.name
+    for name in fields:
+        assert f" {name} (" in text, name
     for word in ("pydantic", "Annotated", "__dataclass", "_equal", "FieldInfo"):
         assert word not in text, word
 
