@@ -183,6 +183,11 @@ def certify(
     Raises:
         InfeasibleError: no plan was found to take multipliers from.
         SolverError: the solvers fail numerically.
+
+    Examples:
+        >>> certificate = rho.certify(rho.plan(rho.load_scenario("paper")))
+        >>> certificate.is_globally_optimal
+        True
     """
     plan = flown.plan if isinstance(flown, Flight) else flown
     scenario, vehicles = plan.scenario, len(plan.scenario.vehicles)

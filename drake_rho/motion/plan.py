@@ -34,6 +34,13 @@ class Plan(metaclass=Described):
     Raises:
         ValueError: an array has another shape than the scenario asks for, or a value that is no
             finite number.
+
+    Examples:
+        >>> plan = rho.plan(rho.load_scenario("paper"))
+        >>> plan.positions.shape
+        (4, 50, 3)
+        >>> plan.trajectory("UAV-1").value(24.5).ravel().round(1).tolist()  # Drake's, at any time
+        [2789.0, 1535.6, 2126.7]
     """
 
     scenario: Scenario

@@ -213,6 +213,12 @@ def error_tube(
 
     Raises:
         ValueError: the initial radii are not two finite numbers that are not negative.
+
+    Examples:
+        >>> scenario = rho.load_scenario("courier")
+        >>> tube = rho.error_tube(scenario)
+        >>> print(f"{tube.position(scenario.grid.end):.3f} m")
+        0.241 m
     """
     disturbance = scenario.disturbance or Disturbance(0.0)
     tube = ErrorTube(disturbance, scenario.grid, gains or (0.0, 0.0), initial)
@@ -253,6 +259,10 @@ def largest_disturbance(
 
     Raises:
         ValueError: the scenario has no disturbance, or the radius is negative or no number.
+
+    Examples:
+        >>> print(f"{rho.largest_disturbance(rho.load_scenario('courier'), 0.5):.3f} m/s²")
+        0.636 m/s²
     """
     if not position >= 0.0:
         raise ValueError(f"position: got {position}, expected a radius of at least 0 in m")

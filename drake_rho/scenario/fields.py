@@ -166,11 +166,12 @@ def record(cls: type[_Record]) -> type[_Record]:
     if all their fields are. The docstring under a field is its description in the JSON schema and
     in `help`, which shows nothing of pydantic.
     """
+    told = inspect.cleandoc(cls.__doc__ or "").partition("\n\nExamples:")[0]
     config = ConfigDict(
         extra="forbid",
         arbitrary_types_allowed=True,
         use_attribute_docstrings=True,
-        json_schema_extra={"description": inspect.cleandoc(cls.__doc__ or "")},
+        json_schema_extra={"description": told},
     )
     made: Any = pydantic_dataclass(described(cls), frozen=True, eq=False, config=config)
     validate: Callable[..., None] = made.__init__

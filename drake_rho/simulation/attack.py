@@ -117,6 +117,11 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
     Raises:
         ValueError: the scenario has no disturbance, is under way, or has nothing to keep clear of;
             or the plan is for other vehicles or another grid.
+
+    Examples:
+        >>> scenario = rho.load_scenario("courier")
+        >>> rho.attack(scenario, rho.plan(scenario)).clearance > 0.0
+        True
     """
     around = scenario.disturbance
     if around is None or around.tracking is not None:
