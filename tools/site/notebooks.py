@@ -44,4 +44,7 @@ def with_mathml(text: str) -> str:
 def _mathml(latex: str, display: str) -> str:
     # `aligned` is known by the name of the environment that stands alone only
     known = latex.replace("{aligned}", "{align*}").replace(r"\tfrac", r"\frac")
-    return convert(known, display=display)
+    mathml: str = convert(known, display=display)
+    return re.sub(
+        r'columnalign="(left|right)"', r'style="text-align: \1"', mathml
+    )  # as browsers do
