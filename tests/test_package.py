@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+import drake_rho as rho
+
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
@@ -38,7 +40,7 @@ def test_a_wheel_has_every_file_of_the_package_and_nothing_else(wheel: zipfile.Z
 
 def test_the_installed_metadata_are_those_of_the_project() -> None:
     found = importlib.metadata.metadata("drake-rho")
-    assert found["Version"] == PROJECT["version"]
+    assert found["Version"] == PROJECT["version"] == rho.__version__
     assert found["Summary"] == PROJECT["description"]
     assert found["License-Expression"] == PROJECT["license"]
     assert found["Requires-Python"] == PROJECT["requires-python"]
