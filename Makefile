@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help reproduce animate notebooks pictures bench bench-fleet bench-world bench-flight bench-scale test lint format clean
+.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale test lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -21,6 +21,10 @@ notebooks: $(VENV)/.notebooks ## Open the notebooks in JupyterLab
 pictures: $(READY) ## Take the README's pictures of the swarm anew, still and moving (needs Chromium)
 	@sh tools/setup-browser $(VENV)
 	$(BIN)/python -m tests.screenshot figures
+
+docs: $(READY) ## Build the documentation into site/, and check its links (open site/index.html)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	$(BIN)/python -m tools.site.links site
 
 bench: $(VENV)/.bench ## Time it against others, and its growth (ten minutes, benchmarks/results)
 	$(BIN)/python -m benchmarks
@@ -52,7 +56,7 @@ format: $(READY) ## Put the code in the project's format
 	$(BIN)/ruff check --fix .
 
 clean: ## Remove the environment and all caches
-	rm -rf $(VENV) .venv-* .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) .venv-* build site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(READY): pyproject.toml constraints.txt tools/setup

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.assurance.report import Check
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.records import Scenario
 
 _LINES, _REASONS, _SHOWN = 12, 3, 5
@@ -14,7 +15,7 @@ _LINES, _REASONS, _SHOWN = 12, 3, 5
 
 
 @dataclasses.dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(metaclass=Described):
     """Why there is no plan, and what would mend it; prints in at most twelve lines."""
 
     scenario: Scenario

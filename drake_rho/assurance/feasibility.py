@@ -47,6 +47,16 @@ def diagnose(
 
     Raises:
         SolverError: the solvers fail numerically.
+
+    Examples:
+        >>> scenario = rho.Scenario(
+        ...     "hurry",
+        ...     rho.Grid.lasting(10.0, step=0.25),
+        ...     [rho.Vehicle("scout", rho.State([0, 0, 2]), rho.State([20, 0, 2]))],
+        ...     limits=rho.Limits(max_acceleration=0.7),
+        ... )
+        >>> rho.diagnose(scenario).conflicts
+        {'scout': ('goal x', 'maximum acceleration from 0 s to 9.75 s')}
     """
     bearable, trials = None, _Trials(solver, progress)
     try:

@@ -33,6 +33,7 @@ from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.scp import iterate
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
@@ -56,7 +57,7 @@ _ENOUGH = 1e-8
 
 
 @dataclasses.dataclass(frozen=True)
-class VehicleCertificate:
+class VehicleCertificate(metaclass=Described):
     """What is known of the part of a plan that one vehicle has, or several that pairs couple."""
 
     vehicle: str
@@ -83,7 +84,7 @@ class VehicleCertificate:
 
 
 @dataclasses.dataclass(frozen=True)
-class Certificate:
+class Certificate(metaclass=Described):
     """How far a plan is above the optimum; prints as a short table."""
 
     scenario: Scenario
@@ -182,6 +183,11 @@ def certify(
     Raises:
         InfeasibleError: no plan was found to take multipliers from.
         SolverError: the solvers fail numerically.
+
+    Examples:
+        >>> certificate = rho.certify(rho.plan(rho.load_scenario("paper")))
+        >>> certificate.is_globally_optimal
+        True
     """
     plan = flown.plan if isinstance(flown, Flight) else flown
     scenario, vehicles = plan.scenario, len(plan.scenario.vehicles)

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from drake_rho.motion.plan import Sighting
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import Quantity, Scenario
 
@@ -30,7 +31,7 @@ _LONGEST = 12
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Check:
+class Check(metaclass=Described):
     """How one vehicle keeps one constraint, at the instant where it does so worst."""
 
     vehicle: str
@@ -128,7 +129,7 @@ class Printed:
 
 
 @dataclasses.dataclass(frozen=True)
-class Report:
+class Report(metaclass=Described):
     """What `verify` found; prints as a short table."""
 
     scenario: Scenario

@@ -58,6 +58,11 @@ def verify(flown: Plan | Flight | Simulation) -> Report:
 
     Returns:
         A report; `report.ok` says whether all holds.
+
+    Examples:
+        >>> report = rho.verify(rho.plan(rho.load_scenario("paper")))
+        >>> report.ok
+        True
     """
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is told as no number
         if isinstance(flown, Simulation):

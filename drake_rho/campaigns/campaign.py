@@ -82,6 +82,17 @@ def campaign(
         StoreError: the store is another study's or version's, or cannot be written.
         CampaignError: the executor failed. What was done before is kept, as it is when the call is
             interrupted: the same call goes on.
+
+    Examples:
+        >>> study = rho.Study(
+        ...     name="thrice",
+        ...     scenarios=[{"name": "paper", "file": "paper"}],
+        ...     methods=[{"name": "best", "planner": "plan"}],
+        ...     repetitions=3,
+        ... )
+        >>> results = rho.campaign(study, folder / "runs.sqlite")
+        >>> len(results.frame())
+        3
     """
     study = study.resolved()
     with Store(store, study) as kept:

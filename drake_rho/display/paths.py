@@ -70,6 +70,10 @@ def paths_figure(
 
     Raises:
         ValueError: the width is none that letters can be read at.
+
+    Examples:
+        >>> figure = rho.paths_figure(rho.plan(rho.load_scenario("paper")))
+        >>> path = rho.save_figure(figure, folder / "paths.png")
     """
     plan, figure = drawn(flown), Figure(figsize=(check_width(width), width))
     bodies = as_bodies(plan.scenario.obstacles if obstacles is None else obstacles)

@@ -45,6 +45,12 @@ def export(
         ValueError: the format, the ending, the rate or the kind of motion is none that can be
             written so, or there is no place to write to.
         OSError: it cannot be written in the end.
+
+    Examples:
+        >>> plan = rho.plan(rho.load_scenario("courier"))
+        >>> written = rho.export(plan, folder / "plan.csv", format="csv", rate=50)
+        >>> [file.name for file in written.files]
+        ['plan.csv']
     """
     return check_export(path, format, rate).write(flown, Path(path), rate)
 

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from drake_rho.exports.clearance import Spare
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Exported:
+class Exported(metaclass=Described):
     """The files of an export; prints as what there is to know of it."""
 
     path: Path

@@ -59,6 +59,12 @@ def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
     Raises:
         ValueError: the ending is that of another format, or a number is beyond any flight.
         OSError: the file cannot be written.
+
+    Examples:
+        >>> plan = rho.plan(rho.load_scenario("paper"))
+        >>> rho.save(plan, folder / "plan.npz")
+        >>> rho.load(folder / "plan.npz").cost == plan.cost
+        True
     """
     if (ending := Path(path).suffix) and ending.lower() not in ENDINGS:
         raise ValueError(

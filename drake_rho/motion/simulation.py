@@ -11,6 +11,7 @@ import numpy.typing as npt
 from drake_rho.motion.plan import Flight, told
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import ErrorTube, error_tube, tube_of
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
@@ -20,7 +21,7 @@ _EARLY = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Simulation:
+class Simulation(metaclass=Described):
     """What came of a scenario when it was flown with a receding horizon and feedback.
 
     Between two times the command and the wind are constant, so that the motion of a point mass is

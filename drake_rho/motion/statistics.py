@@ -6,6 +6,8 @@ import dataclasses
 
 from pydantic import ConfigDict
 
+from drake_rho.scenario.described import Described
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Searched:
@@ -33,7 +35,7 @@ class Searched:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Statistics:
+class Statistics(metaclass=Described):
     """What it took to find a plan."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")  # for reading it from files

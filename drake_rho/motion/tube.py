@@ -14,6 +14,7 @@ import numpy.typing as npt
 from drake_rho.motion.gains import Loop, best_gains, largest_wind
 from drake_rho.motion.radii import Pieces, Radii
 from drake_rho.motion.sampled_loop import Responses
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
@@ -24,7 +25,7 @@ _SAMPLE = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ErrorTube:
+class ErrorTube(metaclass=Described):
     """The radii of the balls in which the errors of position, velocity and feedback stay.
 
     Any error in its ball is reached by some wind and some errors of the estimate, at that time.
@@ -212,6 +213,12 @@ def error_tube(
 
     Raises:
         ValueError: the initial radii are not two finite numbers that are not negative.
+
+    Examples:
+        >>> scenario = rho.load_scenario("courier")
+        >>> tube = rho.error_tube(scenario)
+        >>> print(f"{tube.position(scenario.grid.end):.3f} m")
+        0.241 m
     """
     disturbance = scenario.disturbance or Disturbance(0.0)
     tube = ErrorTube(disturbance, scenario.grid, gains or (0.0, 0.0), initial)
@@ -252,6 +259,10 @@ def largest_disturbance(
 
     Raises:
         ValueError: the scenario has no disturbance, or the radius is negative or no number.
+
+    Examples:
+        >>> print(f"{rho.largest_disturbance(rho.load_scenario('courier'), 0.5):.3f} m/s²")
+        0.636 m/s²
     """
     if not position >= 0.0:
         raise ValueError(f"position: got {position}, expected a radius of at least 0 in m")

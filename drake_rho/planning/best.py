@@ -76,6 +76,11 @@ def plan(
     Raises:
         InfeasibleError: a vehicle has no plan without the obstacles, or no way round was found.
         SolverError: the solvers fail numerically.
+
+    Examples:
+        >>> plan = rho.plan(rho.load_scenario("paper"))
+        >>> plan
+        <Plan of paper: 4 vehicles, 50 knots, cost 16741.4 m²/s⁴>
     """
     options = options or DEFAULTS
     coupling = coupling or coupling_for(scenario, options)

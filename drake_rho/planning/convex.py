@@ -48,6 +48,10 @@ def plan_convex(
         InfeasibleError: no step has a solution; it names the constraints in the way.
         SolverError: the solvers fail numerically.
         ValueError: a step does not divide the duration, or the reference does not fit.
+
+    Examples:
+        >>> rho.plan_convex(rho.load_scenario("paper"))
+        <Plan of paper: 4 vehicles, 50 knots, cost 20920.4 m²/s⁴>
     """
     check_room(scenario)
     others = [_grid(step, scenario.grid) for step in steps]

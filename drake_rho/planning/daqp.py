@@ -21,6 +21,7 @@ from drake_rho.planning.dense import DenseProgram, Program
 from drake_rho.planning.errors import NotInstalledError
 from drake_rho.planning.quadratic import Quadratic
 from drake_rho.planning.solution import Solution
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import BoolArray, FloatArray
 
 NAME = "DAQP"
@@ -70,7 +71,7 @@ _FAR = 1e8
 
 
 @dataclasses.dataclass(frozen=True)
-class Daqp:
+class Daqp(metaclass=Described):
     """DAQP as `solver=`, beside Drake's solvers: fast where programs are small and dense.
 
     Linear programs, those with states (variables that equations tie to others and that cost

@@ -25,7 +25,13 @@ smaller steps rather than to its last digit at once, and no certificate asks for
 
 @record
 class Options:
-    """Tolerances and bounds of the iterated planners."""
+    """Tolerances and bounds of the iterated planners.
+
+    Examples:
+        >>> plan = rho.plan(rho.load_scenario("paper"), options=rho.Options(tolerance=1e-3))
+        >>> plan.statistics.tolerance
+        0.001
+    """
 
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     """relative fall of the cost in one linearisation below which an iteration has converged; a

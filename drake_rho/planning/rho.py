@@ -261,6 +261,11 @@ def plan_rho(
         InfeasibleError: the first window has no solution, with the fallback neither.
         SolverError: the solvers fail numerically in the first window, with the fallback too.
         ValueError: `replan_every` is not a whole number of at least 1.
+
+    Examples:
+        >>> flight = rho.plan_rho(rho.load_scenario("paper"), replan_every=5)
+        >>> len(flight.windows), flight.plan
+        (10, <Plan of paper: 4 vehicles, 50 knots, cost 17027.2 m²/s⁴>)
     """
     began = clock.perf_counter()
     horizon = RecedingHorizon(

@@ -19,7 +19,13 @@ _LEVEL = 1e-12
 
 @record
 class Cylinder(Shape):
-    """A circular cylinder along one of the axes of the coordinates."""
+    """A circular cylinder along one of the axes of the coordinates.
+
+    Examples:
+        >>> pole = rho.Cylinder([0, 0, 1], 0.5, 2.0)
+        >>> pole.signed_distance(np.array([2.0, 0.0, 1.0]))
+        np.float64(1.5)
+    """
 
     center: Vector
     """its middle, halfway up [m]; where it has no ends, any point of its axis"""

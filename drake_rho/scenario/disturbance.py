@@ -40,6 +40,11 @@ class Disturbance:
 
     A vehicle moves by p'' = a + u + w: a is planned, w unknown, and u the feedback, constant from
     one sample to the next and linear in the estimated error of `delay` samples ago.
+
+    Examples:
+        >>> wind = rho.Disturbance(acceleration=0.5, feedback_every=0.05)
+        >>> wind.acceleration
+        0.5
     """
 
     acceleration: NotNegative

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Callable
 from contextlib import suppress
 from difflib import get_close_matches
@@ -21,6 +22,7 @@ from pydantic import (
 )
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from drake_rho.scenario.described import described, signature_of
 from drake_rho.scenario.errors import ScenarioError, Words
 
 FloatArray = npt.NDArray[np.float64]
@@ -161,14 +163,17 @@ def record(cls: type[_Record]) -> type[_Record]:
     """Make `cls` a frozen, validated dataclass that raises `ScenarioError` on bad input.
 
     Fields are checked when the record is made; unknown names are refused; two records are equal
-    if all their fields are. The docstring under a field is its description in the JSON schema.
+    if all their fields are. The docstring under a field is its description in the JSON schema and
+    in `help`, which shows nothing of pydantic.
     """
+    told = inspect.cleandoc(cls.__doc__ or "").partition("\n\nExamples:")[0]
     config = ConfigDict(
         extra="forbid",
         arbitrary_types_allowed=True,
         use_attribute_docstrings=True,
+        json_schema_extra={"description": told},
     )
-    made: Any = pydantic_dataclass(cls, frozen=True, eq=False, config=config)
+    made: Any = pydantic_dataclass(described(cls), frozen=True, eq=False, config=config)
     validate: Callable[..., None] = made.__init__
 
     names = [field.name for field in dataclasses.fields(made)]
@@ -185,6 +190,7 @@ def record(cls: type[_Record]) -> type[_Record]:
         raise refusal  # out here it has no context, whose values may not get to another process
 
     made.__init__ = init
+    made.__signature__ = signature_of(made)
     made.__eq__ = _equal
     made.__reduce__ = _reduce
     made.__hash__ = None  # arrays inside: equal by value, so not usable as a key

@@ -25,7 +25,12 @@ _LIBRARY = files("drake_rho.scenario") / "library"
 
 
 def library() -> tuple[str, ...]:
-    """Names of the scenarios that come with the package."""
+    """Names of the scenarios that come with the package.
+
+    Examples:
+        >>> "paper" in rho.library()
+        True
+    """
     names = (entry.name for entry in _LIBRARY.iterdir())
     return tuple(sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml")))
 
@@ -38,6 +43,11 @@ def load_scenario(source: str | Path) -> Scenario:
 
     Raises:
         ScenarioError: there is no such scenario, or it is not a valid one.
+
+    Examples:
+        >>> scenario = rho.load_scenario("paper")
+        >>> len(scenario.vehicles), scenario.grid.knots, scenario.obstacles[0].radius
+        (4, 50, 1000.0)
     """
     if isinstance(source, str) and source in library():
         return scenario_from_yaml((_LIBRARY / f"{source}.yaml").read_text(encoding="utf-8"))

@@ -70,6 +70,11 @@ def random_transitions(
     Raises:
         ScenarioError: an argument makes no sense, or so many vehicles do not fit in the volume:
             there was none in `TRIES` random places for the next.
+
+    Examples:
+        >>> scenario = rho.random_transitions(8, np.random.default_rng(1))
+        >>> len(scenario.vehicles), scenario.separation
+        (8, Separation(distance=0.35, downwash=2.0))
     """
     check_count("n", n, "vehicles")
     volume = volume or flight_cube(4.0)
@@ -108,6 +113,11 @@ def circle_swap(
 
     Raises:
         ScenarioError: an argument makes no sense, or neighbours are closer than the separation.
+
+    Examples:
+        >>> scenario = rho.circle_swap(6, radius=5.0, duration=8.0, step=0.2)
+        >>> scenario.vehicles[0].goal.position.tolist()
+        [-5.0, 0.0, 0.0]
     """
     check_count("n", n, "vehicles")
     if not 1.0 / LARGEST <= radius <= LARGEST:

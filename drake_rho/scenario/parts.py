@@ -43,7 +43,13 @@ GRAVITY = 9.81
 
 @record
 class Grid:
-    """The knots k = 1..K of a flight and the step h between them."""
+    """The knots k = 1..K of a flight and the step h between them.
+
+    Examples:
+        >>> grid = rho.Grid(step=0.5, knots=5)
+        >>> grid.duration, grid.times.tolist()
+        (2.0, [0.0, 0.5, 1.0, 1.5, 2.0])
+    """
 
     step: Positive
     """h, the time from one knot to the next [s]"""
@@ -95,7 +101,12 @@ class Grid:
 
 @record
 class State:
-    """Where a vehicle is and how it moves at one knot."""
+    """Where a vehicle is and how it moves at one knot.
+
+    Examples:
+        >>> rho.State([0, 0, 1]).velocity.tolist()  # at rest
+        [0.0, 0.0, 0.0]
+    """
 
     position: Vector
     """p [m]"""
@@ -121,6 +132,11 @@ class Limits:
 
     Thrust and tilt are those of a + g e_z, the acceleration that rotors have to make for the
     vehicle to fly with a: g = 9.81 m/s² (`GRAVITY`), e_z upwards. Hovering is always allowed.
+
+    Examples:
+        >>> slow = rho.Limits(max_speed=2.0)
+        >>> rho.Limits(max_speed=4.0, max_tilt=0.5).overridden_by(slow).max_speed
+        2.0
     """
 
     position: Box | None = None
@@ -160,7 +176,12 @@ class Limits:
 
 @record
 class Waypoint:
-    """A place that a vehicle passes at a time, which need not be that of a knot."""
+    """A place that a vehicle passes at a time, which need not be that of a knot.
+
+    Examples:
+        >>> rho.Waypoint(3.0, [5, 0, 2], within=0.2).within
+        0.2
+    """
 
     time: Finite
     """on the scenario's clock, after the first knot and before the last [s]"""
@@ -176,7 +197,13 @@ class Waypoint:
 
 @record
 class Vehicle:
-    """A point mass with a start and a goal."""
+    """A point mass with a start and a goal.
+
+    Examples:
+        >>> rho.Vehicle("", rho.State([0, 0, 1]), rho.State([4, 0, 1]))
+        Traceback (most recent call last):
+        drake_rho.scenario.errors.ScenarioError: vehicle.name: got '', expected at least 1 character
+    """
 
     name: Name
     """unique within the scenario"""
@@ -231,7 +258,12 @@ class Vehicle:
 
 @record
 class Separation:
-    """How far every pair of vehicles keeps apart: norm((dx, dy, dz / downwash)) >= distance."""
+    """How far every pair of vehicles keeps apart: norm((dx, dy, dz / downwash)) >= distance.
+
+    Examples:
+        >>> rho.Separation(0.35, downwash=2.0).shape.semi_axes.tolist()
+        [0.35, 0.35, 0.7]
+    """
 
     distance: Positive
     """least distance of two vehicles side by side [m]"""

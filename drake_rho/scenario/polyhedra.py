@@ -22,7 +22,12 @@ _ON_PLANE = 1e-13
 
 @record
 class Box(Shape):
-    """Lower and upper bound on each axis: a limit of a quantity, or an obstacle."""
+    """Lower and upper bound on each axis: a limit of a quantity, or an obstacle.
+
+    Examples:
+        >>> rho.Box([0, 0, 0], [2, 2, 1]).center.tolist()
+        [1.0, 1.0, 0.5]
+    """
 
     lower: Vector
     """least x, y and z"""
@@ -81,7 +86,13 @@ class Box(Shape):
 
 @record
 class Polytope(Shape):
-    """The convex hull of some points."""
+    """The convex hull of some points.
+
+    Examples:
+        >>> tetrahedron = rho.Polytope([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        >>> tetrahedron.extent.tolist()
+        [0.5, 0.5, 0.5]
+    """
 
     vertices: Points
     """its corners; points inside are of no consequence [m], shape (V, 3), V >= 4"""

@@ -28,7 +28,12 @@ _THINNEST = 1e-3 / LARGEST
 
 @record
 class Sphere(Quadric):
-    """A ball, the paper's obstacle (8)."""
+    """A ball, the paper's obstacle (8).
+
+    Examples:
+        >>> rho.Sphere([0, 0, 0], 2.0).signed_distance(np.array([3.0, 0.0, 0.0]))
+        np.float64(1.0)
+    """
 
     center: Vector
     """p_m [m]"""
@@ -77,7 +82,12 @@ class Sphere(Quadric):
 
 @record
 class Ellipsoid(Quadric):
-    """An ellipsoid whose axes are those of the coordinates."""
+    """An ellipsoid whose axes are those of the coordinates.
+
+    Examples:
+        >>> rho.Ellipsoid([0, 0, 0], [3, 2, 1]).support(np.array([0.0, 1.0, 0.0]))
+        np.float64(2.0)
+    """
 
     center: Vector
     """its middle [m]"""

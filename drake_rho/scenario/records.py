@@ -58,7 +58,19 @@ __all__ = [
 
 @record
 class Scenario:
-    """Everything a planner needs to know."""
+    """Everything a planner needs to know.
+
+    Examples:
+        >>> scenario = rho.Scenario(
+        ...     "short hop",
+        ...     rho.Grid.lasting(5.0, step=0.25),
+        ...     [rho.Vehicle("scout", rho.State([0, 0, 1]), rho.State([4, 0, 1]), radius=0.2)],
+        ...     limits=rho.Limits(max_speed=2.0),
+        ...     obstacles=[rho.Sphere([2, 0.1, 1], 0.5)],
+        ... )
+        >>> print(f"{rho.plan(scenario).cost:.2f} m²/s⁴")
+        8.39 m²/s⁴
+    """
 
     name: Name
     """shown in figures and reports"""
@@ -279,8 +291,8 @@ class Scenario:
 
         Args:
             grid: what is left of the flight.
-            positions: p[1] [m], shape (N, 3).
-            velocities: v[1] [m/s], shape (N, 3).
+            positions: at its first knot [m], shape (N, 3).
+            velocities: at its first knot [m/s], shape (N, 3).
             before: accelerations just before [m/s²], shape (N, 3).
             tracking: since when feedback holds the vehicles to their plan, if it does.
         """

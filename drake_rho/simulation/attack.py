@@ -18,6 +18,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tube import ErrorTube, error_tube
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, locked
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import adopted, fly_plan
@@ -58,7 +59,7 @@ class AimedWind(WindOverTime):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Attack:
+class Attack(metaclass=Described):
     """What the worst wind does to a plan."""
 
     constraint: str
@@ -116,6 +117,11 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
     Raises:
         ValueError: the scenario has no disturbance, is under way, or has nothing to keep clear of;
             or the plan is for other vehicles or another grid.
+
+    Examples:
+        >>> scenario = rho.load_scenario("courier")
+        >>> rho.attack(scenario, rho.plan(scenario)).clearance > 0.0
+        True
     """
     around = scenario.disturbance
     if around is None or around.tracking is not None:

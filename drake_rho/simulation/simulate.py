@@ -52,6 +52,12 @@ def simulate(
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
         ValueError: an argument makes no sense.
+
+    Examples:
+        >>> scenario = rho.load_scenario("courier")
+        >>> flown = rho.simulate(scenario, wind=rho.winds.constant(scenario, [0, 1, 0]))
+        >>> rho.verify(flown).ok
+        True
     """
     if plant not in PLANTS:
         raise ValueError(f"plant: got {plant!r}, expected None or 'quadrotor'")

@@ -16,6 +16,7 @@ from drake_rho.motion.sampled_loop import (
     WIND_AT_END,
 )
 from drake_rho.motion.tube import ErrorTube, error_tube
+from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
@@ -26,7 +27,7 @@ _EARLY = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class WorstCase(WindOverTime):
+class WorstCase(WindOverTime, metaclass=Described):
     """What drives every vehicle to the largest error in one direction at one time: a wind.
 
     A callable like the others of `drake_rho.simulation.winds`, constant between its switching

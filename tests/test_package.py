@@ -1,0 +1,57 @@
+"""The package as others get it: its metadata, what is in its wheel, and how it is cited."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+import drake_rho as rho
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """The wheel as the build backend makes it."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = f"import hatchling.build as b; print(b.build_wheel({str(folder)!r}))"
+    done = subprocess.run(
+        [sys.executable, "-c", build], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return zipfile.ZipFile(folder / done.stdout.split()[-1])
+
+
+def test_a_wheel_has_every_file_of_the_package_and_nothing_else(wheel: zipfile.ZipFile) -> None:
+    packed = {name for name in wheel.namelist() if ".dist-info/" not in name}
+    source = ROOT / "drake_rho"
+    files = [path for path in source.rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    assert packed == {path.relative_to(ROOT).as_posix() for path in files}
+    assert {"drake_rho/py.typed", "drake_rho/scenario/library/paper.yaml"} <= packed
+
+
+def test_the_installed_metadata_are_those_of_the_project() -> None:
+    found = importlib.metadata.metadata("drake-rho")
+    assert found["Version"] == PROJECT["version"] == rho.__version__
+    assert found["Summary"] == PROJECT["description"]
+    assert found["License-Expression"] == PROJECT["license"]
+    assert found["Requires-Python"] == PROJECT["requires-python"]
+
+
+def test_it_is_cited_by_the_version_that_it_has() -> None:
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert cited["cff-version"] == "1.2.0"
+    assert cited["version"] == PROJECT["version"]
+    assert cited["license"] == PROJECT["license"]
+    assert {"message", "title", "authors", "references"} <= set(cited)
+    (bibtex,) = re.findall(r"```bibtex\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert f"version = {{{PROJECT['version']}}}" in bibtex
+    assert bibtex.count("{") == bibtex.count("}")

@@ -1,0 +1,144 @@
+"""The documentation site: what it says is run, names everything, and its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+import drake_rho as rho
+from tests.guides import blocks, follow
+from tools.site.gallery import scenes
+from tools.site.hooks import on_page_markdown, repository_path, site_path
+from tools.site.links import broken_links
+from tools.site.notebooks import with_mathml
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+GUIDES = sorted([DOCS / "quick_start.md", *(DOCS / "guides").glob("*.md")])
+TASKS = 10
+"""What a newcomer may want to do, each with code to copy."""
+
+
+@pytest.mark.parametrize("page", GUIDES, ids=lambda page: page.stem)
+def test_what_a_guide_says_can_be_done(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    follow(page)
+
+
+@pytest.mark.parametrize("page", GUIDES, ids=lambda page: page.stem)
+def test_code_to_copy_is_short(page: Path) -> None:
+    for block in blocks(page):
+        if block.language == "python":
+            assert len(block.text.splitlines()) < 15, block.text
+
+
+def test_every_task_leads_to_code_or_a_command() -> None:
+    text = (DOCS / "guides" / "index.md").read_text()
+    tasks = re.findall(r"^\| .*\]\((\w+\.md)(?:#[\w-]+)?\) \|$", text, flags=re.MULTILINE)
+    assert len(tasks) == TASKS
+    for page in tasks:
+        languages = {block.language for block in blocks(DOCS / "guides" / page)}
+        assert languages & {"python", "sh"}, page
+
+
+def test_the_gallery_has_scenes_of_every_kind() -> None:
+    text = (DOCS / "gallery.md").read_text()
+    assert len(scenes(DOCS / "gallery.md")) == text.count("## ") == text.count("![") >= 10
+
+
+@pytest.mark.parametrize("name", scenes(DOCS / "gallery.md"))
+def test_a_scene_of_the_gallery_is_planned_and_drawn(name: str) -> None:
+    found: dict[str, object] = {}
+    exec(scenes(DOCS / "gallery.md")[name], found)  # noqa: S102  # the page's own
+    figure = found["figure"]
+    assert figure.axes  # type: ignore[attr-defined]  # matplotlib's
+
+
+def test_every_public_name_is_in_the_api_once() -> None:
+    pages = [page.read_text() for page in (DOCS / "api").glob("*.md")]
+    named = re.findall(r"^::: drake_rho\.(\w+)$", "\n".join(pages), flags=re.MULTILINE)
+    assert sorted(named) == sorted(rho.__all__)
+    listed = re.findall(r"\]\[drake_rho\.(\w+)\]", (DOCS / "api" / "index.md").read_text())
+    assert sorted(listed) == sorted(rho.__all__)
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    text = (ROOT / "mkdocs.yml").read_text()
+    listed = set(re.findall(r"([\w/]+\.(?:md|ipynb))$", text, flags=re.MULTILINE))
+    pages = {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")}
+    notebooks = {f"notebooks/{path.name}" for path in (ROOT / "notebooks").glob("*.ipynb")}
+    assert listed == pages | notebooks | {"changelog.md"}
+
+
+def test_links_to_the_repository_lead_to_where_it_is_in_the_site() -> None:
+    class File:
+        src_uri = "guides/fleet.md"
+
+    class Page:
+        file = File()
+
+    def there(text: str) -> str:
+        return on_page_markdown(text, Page())  # type: ignore[arg-type]  # all that it looks at
+
+    assert there("[a](../../figures/fig03.png)") == "[a](../figures/fig03.png)"
+    assert there("![a](../../figures/fig03.png)") == "![a](../figures/fig03.png)"
+    assert there("[b](../../benchmarks/results)") == "[b](../results/index.md)"
+    assert there("[b](../fleets.md#how)") == "[b](../fleets.md#how)"
+    assert there("[c](../../CHANGELOG.md)") == "[c](../changelog.md)"
+    assert there("[plan.py](../../drake_rho/motion/plan.py)") == "`plan.py`"
+    assert there("[d](https://drake.mit.edu) [e](#here)") == "[d](https://drake.mit.edu) [e](#here)"
+    for path in ("docs/api/index.md", "CHANGELOG.md", "benchmarks/results/world_b6.md"):
+        assert repository_path(str(site_path(path))) == path
+
+
+def test_formulas_are_mathml() -> None:
+    text = with_mathml("with $p_1$ and\n$$\\begin{aligned}a&=b\\\\c&=d\\end{aligned}$$")
+    assert text.startswith(
+        'with <math xmlns="http://www.w3.org/1998/Math/MathML" display="inline">'
+    )
+    assert 'display="block"' in text
+    assert text.count("<mtr>") == 2
+    assert "$" not in text
+    for path in (ROOT / "notebooks").glob("*.ipynb"):
+        assert "\\begin" not in with_mathml(path.read_text().replace("\\\\", "\\"))
+
+
+@pytest.mark.parametrize(
+    ("page", "complaint"),
+    [
+        ('<a href="b.html">', "a.html links to b.html, which is not there"),
+        ('<img src="c.png">', "a.html links to c.png, which is not there"),
+        ('<a href="#there">', "a.html links to #there, where there is no such place"),
+        ('<script src="https://x.org/y.js"></script>', "a.html loads https://x.org/y.js"),
+        ('<link rel="stylesheet" href="//x.org/y.css">', "a.html loads //x.org/y.css"),
+        ('<iframe src="http://localhost:7000">', "a.html loads http://localhost:7000"),
+        ('<p id="here"><a href="a.html#here">', None),
+        ('<p id="über"><a href="#%C3%BCber">', None),
+        ('<a href="https://drake.mit.edu"><a href="mailto:a@b.c"><a href="#">', None),
+        ('<iframe src="about:srcdoc" srcdoc="&lt;a href=b.html&gt;">', None),
+    ],
+)
+def test_what_is_wrong_with_a_page_is_told(
+    page: str, complaint: str | None, tmp_path: Path
+) -> None:
+    (tmp_path / "a.html").write_text(page)
+    assert broken_links(tmp_path) == ([] if complaint is None else [complaint])
+
+
+def test_the_site_asks_nobody_for_fonts_or_scripts() -> None:
+    class Loader(yaml.SafeLoader):
+        pass
+
+    config = yaml.load((ROOT / "mkdocs.yml").read_text(), Loader)  # noqa: S506  # a safe one
+    assert config["theme"]["font"] is False
+    assert config["use_directory_urls"] is False
+    assert config["extra"]["polyfills"] == ["assets/iframe-worker.js"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert any("mkdocs-material" in each for each in extras["optional-dependencies"]["docs"])

@@ -1,0 +1,33 @@
+"""The gallery's pictures, drawn by the code that stands below them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+_SCENE = re.compile(
+    r"!\[[^\]]*\]\(gallery/(?P<name>\w+)\.png\)(?:(?!\]\(gallery/).)*?^```python\n(?P<code>.*?)^```",
+    flags=re.DOTALL | re.MULTILINE,
+)
+
+
+def scenes(page: Path) -> dict[str, str]:
+    """The code of every scene of the gallery, by the name of its picture."""
+    return {found["name"]: found["code"] for found in _SCENE.finditer(page.read_text())}
+
+
+def draw_gallery(page: Path, folder: Path) -> list[Path]:
+    """Run the code of every scene, which leaves its picture in `figure`, and write the pictures.
+
+    Returns:
+        Their paths, `gallery/NAME.png` in the folder, in the page's order.
+    """
+    drawn = []
+    for name, code in scenes(page).items():
+        left: dict[str, object] = {}
+        exec(compile(code, f"{page.name}: {name}", "exec"), left)  # noqa: S102  # the page's own
+        path = folder / "gallery" / f"{name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        left["figure"].savefig(path, dpi=110)  # type: ignore[attr-defined]  # matplotlib's
+        drawn.append(path)
+    return drawn

@@ -1,0 +1,108 @@
+"""What MkDocs is told beyond `mkdocs.yml`: pages from elsewhere in the repository, and their links.
+
+Links are written for the repository, where anyone can follow them in an editor. In the site a file
+of the repository is where `PLACES` puts it; a link to one that is not in the site becomes its text.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.plugins import event_priority
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+from tools.site.gallery import draw_gallery
+from tools.site.notebooks import write_with_mathml
+
+ROOT = Path(__file__).parents[2]
+MADE = ROOT / "build" / "site"
+PLACES = {
+    "docs": "",
+    "figures": "figures",
+    "notebooks": "notebooks",
+    "benchmarks/results": "results",
+    "CHANGELOG.md": "changelog.md",
+}
+"""Where the files of a folder of the repository, or one file, are in the site."""
+
+_LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
+_SCRIPT_FROM_ELSEWHERE = re.compile(r'<script[^>]*\bsrc="(?:https?:[^"]*)?"[^>]*></script>')
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Make no page for what a server does not find: its links lead nowhere on a disk."""
+    config.theme.static_templates.discard("404.html")
+    return config
+
+
+@event_priority(100)  # before mkdocs-jupyter, which makes pages of the notebooks
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add what is not under docs/: figures, notebooks, results and the gallery's pictures."""
+    found = [ROOT / "CHANGELOG.md", *(ROOT / "figures").iterdir()]
+    results = sorted((ROOT / "benchmarks" / "results").glob("*.md"))
+    for path in [*found, *results]:
+        place = site_path(path.relative_to(ROOT).as_posix())
+        files.append(File.generated(config, place or path.name, abs_src_path=str(path)))
+    files.append(File.generated(config, "results/index.md", content=_contents(results)))
+    made = [write_with_mathml(each, MADE) for each in (ROOT / "notebooks").glob("*.ipynb")]
+    made += draw_gallery(ROOT / "docs" / "gallery.md", MADE)
+    for path in made:
+        place = path.relative_to(MADE).as_posix()
+        files.append(File(place, str(MADE), config.site_dir, config.use_directory_urls))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """The page with its links as they are in the site."""
+    here = page.file.src_uri
+    source = repository_path(here)
+
+    def link(found: re.Match[str]) -> str:
+        text, target = found.groups()
+        path, _, anchor = target.partition("#")
+        if ":" in target or not path:
+            return found.group()
+        wanted = site_path(posixpath.normpath(posixpath.join(posixpath.dirname(source), path)))
+        if wanted is None:
+            return f"`{text}`" if text.endswith(".py") else text
+        relative = posixpath.relpath(wanted, posixpath.dirname(here) or ".")
+        return f"[{text}]({relative}{'#' + anchor if anchor else ''})"
+
+    return _LINK.sub(link, markdown)
+
+
+def on_post_page(output: str, **_: object) -> str:
+    """The page without scripts of others: formulas are MathML, and nothing is asked for."""
+    return _SCRIPT_FROM_ELSEWHERE.sub("", output)
+
+
+def site_path(path: str) -> str | None:
+    """Where a file of the repository is in the site, or None."""
+    for folder, place in PLACES.items():
+        if path == folder and "." not in folder:
+            return posixpath.join(place, "index.md")
+        if path == folder:
+            return place
+        if path.startswith(folder + "/"):
+            return posixpath.join(place, path.removeprefix(folder + "/"))
+    return None
+
+
+def repository_path(place: str) -> str:
+    """Which file of the repository is at a place in the site: the inverse of `site_path`."""
+    folders = {where: folder for folder, where in PLACES.items() if where}
+    if place in folders:
+        return folders[place]
+    first, _, rest = place.partition("/")
+    return f"{folders[first]}/{rest}" if rest and first in folders else f"docs/{place}"
+
+
+def _contents(results: list[Path]) -> str:
+    """A page that lists the tables that benchmarks wrote."""
+    titles = [path.read_text().partition("\n")[0].lstrip("# ") for path in results]
+    lines = [f"- [{title}]({path.name})" for title, path in zip(titles, results, strict=True)]
+    return "\n".join(["# What benchmarks measured", "", *lines, ""])

@@ -1,0 +1,50 @@
+"""Notebooks with their formulas as MathML, which browsers show without a script."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+from latex2mathml.converter import convert
+
+_FORMULA = re.compile(r"\$\$(.+?)\$\$|\$(.+?)\$", flags=re.DOTALL)
+
+
+def write_with_mathml(notebook: Path, folder: Path) -> Path:
+    """Write a copy of a notebook whose text has MathML in place of LaTeX.
+
+    Args:
+        notebook: the file, without outputs.
+        folder: where the copy is written, as `notebooks/NAME.ipynb`.
+
+    Returns:
+        The copy's path.
+    """
+    content = json.loads(notebook.read_text())
+    for cell in content["cells"]:
+        if cell["cell_type"] == "markdown":
+            cell["source"] = with_mathml("".join(cell["source"]))
+    copy = folder / "notebooks" / notebook.name
+    copy.parent.mkdir(parents=True, exist_ok=True)
+    copy.write_text(json.dumps(content))
+    return copy
+
+
+def with_mathml(text: str) -> str:
+    """Text with MathML in place of its formulas in LaTeX, inline and displayed."""
+
+    def formula(found: re.Match[str]) -> str:
+        displayed, inline = found.groups()
+        return _mathml(displayed, "block") if displayed else _mathml(inline, "inline")
+
+    return _FORMULA.sub(formula, text)
+
+
+def _mathml(latex: str, display: str) -> str:
+    # `aligned` is known by the name of the environment that stands alone only
+    known = latex.replace("{aligned}", "{align*}").replace(r"\tfrac", r"\frac")
+    mathml: str = convert(known, display=display)
+    return re.sub(
+        r'columnalign="(left|right)"', r'style="text-align: \1"', mathml
+    )  # as browsers do
