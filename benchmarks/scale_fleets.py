@@ -84,21 +84,26 @@ def run() -> Table:
     )
 
 
-def with_daqp(scenario: rho.Scenario, executor: Executor | None = None) -> rho.Plan:
+def with_daqp(scenario: rho.Scenario) -> rho.Plan:
     """`rho.plan` with DAQP for its programs."""
-    return rho.plan(scenario, solver=rho.Daqp(), executor=executor)
+    return rho.plan(scenario, solver=rho.Daqp())
+
+
+def _decoupled(scenario: rho.Scenario, executor: Executor | None = None) -> rho.Plan:
+    """The same as all sizes beyond 500 are planned."""
+    return rho.plan(scenario, coupling=rho.decoupled, solver=rho.Daqp(), executor=executor)
 
 
 def _on_processes(vehicles: int, duration: float, count: int) -> Trial:
     """One fleet, whose programs are solved by some processes that have planned before."""
     fresh = get_context("forkserver")
     with ProcessPoolExecutor(count, mp_context=fresh) as workers:
-        list(workers.map(with_daqp, [scenario(SMALL, 1, LONGEST)] * count))
+        list(workers.map(_decoupled, [scenario(SMALL, 1, LONGEST)] * count))
 
         def memory() -> float:
             return peak() + sum(workers.map(_peak_of_one, range(count)))
 
-        planner = partial(with_daqp, executor=workers)
+        planner = partial(_decoupled, executor=workers)
         return attempt(scenario(vehicles, 0, duration), planner, memory=memory)
 
 
@@ -121,4 +126,5 @@ _ABOUT = f"""\
 Random transitions by `rho.plan`: in a cube with a cubic metre for each vehicle, and those of B1, 20
 vehicles in 4 m³, of {SEEDS} seeds. Times are from the scenario to the verified plan; memory is the
 largest of the process, and of those that plan for it, until then. Plans are judged by dense samples
-as well. Processes are started, and have planned a fleet of {SMALL}, before the time begins."""
+as well. Processes are started, and have planned a fleet of {SMALL}, before the time begins; what
+they plan is decoupled, whatever its size."""

@@ -152,7 +152,7 @@ def _solved_soft(program: DenseProgram) -> Solution | None:
     needed, penalties = program.needed, program.penalties
     if len(np.unique(program.slacks)) < len(needed):
         return None  # penalties bound sums of multipliers
-    half: FloatArray = program.products / 2.0
+    half: FloatArray = program.matrix @ program.matrix.T / 2.0
     ridge = _RIDGE * half.max() * np.eye(len(needed))
     try:
         factor = np.linalg.cholesky(2.0 * half + ridge)
@@ -220,7 +220,7 @@ def _of_multipliers(
 def _solved_in_span(program: DenseProgram) -> Solution | None:
     """Soft rows in any case, with slacks as variables beside those of the span of the rows."""
     basis, triangle = np.linalg.qr(program.matrix.T)
-    reduced = dataclasses.replace(program, matrix=triangle.T, at_hand=None)
+    reduced = dataclasses.replace(program, matrix=triangle.T)
     found = _solved_quadratic(Quadratic.of_dense(reduced))
     if found is None:
         return None

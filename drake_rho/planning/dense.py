@@ -32,13 +32,6 @@ class DenseProgram:
     """the number of each row's slack: soft rows with the same number share it, shape (R,)"""
     linear: bool = False
     """whether only slack costs anything"""
-    at_hand: FloatArray | None = None
-    """the products of the rows with each other, where they are known already, shape (R, R)"""
-
-    @property
-    def products(self) -> FloatArray:
-        """matrix @ matrix.T."""
-        return self.matrix @ self.matrix.T if self.at_hand is None else self.at_hand
 
     @property
     def soft(self) -> bool:
