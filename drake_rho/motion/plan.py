@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from copy import copy
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -12,7 +11,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import tube_of
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray, locked
+from drake_rho.scenario.fields import FloatArray, IntArray, locked, unchecked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -88,17 +87,12 @@ class Plan(metaclass=Described):
 
     def with_statistics(self, statistics: Statistics) -> Plan:
         """This plan with another account of what it took."""
-        plan = copy(self)
-        object.__setattr__(plan, "statistics", statistics)
-        return plan
+        return unchecked(self, statistics=statistics)
 
     def found_around(self, reference: Plan) -> Plan:
         """This plan with its reference, of which only the motion is kept."""
-        plan, motion = copy(self), copy(reference)
-        object.__setattr__(motion, "reference", None)
-        object.__setattr__(motion, "statistics", Statistics())
-        object.__setattr__(plan, "reference", motion)
-        return plan
+        motion = unchecked(reference, reference=None, statistics=Statistics())
+        return unchecked(self, reference=motion)
 
     @property
     def times(self) -> FloatArray:
@@ -200,11 +194,14 @@ class Plan(metaclass=Described):
 
     def tail(self, knot: int) -> Plan:
         """What is left of the plan from `knot` (counted from 0) on, as a plan of its own."""
-        return Plan(
-            self.remainder(knot),
-            self.positions[:, knot:],
-            self.velocities[:, knot:],
-            self.accelerations[:, knot:],
+        return unchecked(
+            self,
+            scenario=self.remainder(knot),
+            positions=self.positions[:, knot:],
+            velocities=self.velocities[:, knot:],
+            accelerations=self.accelerations[:, knot:],
+            statistics=Statistics(),
+            reference=None,
         )
 
 

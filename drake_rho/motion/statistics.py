@@ -64,8 +64,7 @@ class Statistics(metaclass=Described):
 
     def __add__(self, other: Statistics) -> Statistics:
         """Counts and times of both; the rest as in `other`, which came later, if it says so."""
-        return dataclasses.replace(
-            other,
+        return Statistics(
             programs=self.programs + other.programs,
             rows=self.rows + other.rows,
             linearisations=self.linearisations + other.linearisations,

@@ -178,11 +178,11 @@ class HalfSpaces:
         """
         if len(self) <= 1:
             return self
-        later = np.diff(self.times)
+        later = self.times[1:] - self.times[:-1]
         follows = (later > 0.0) & (later < gap)
-        follows &= (np.diff(self.vehicles) == 0) & (np.diff(self.sides) == 0)
-        if np.isfinite(gap):
-            follows &= np.diff(self.partners) == 0
+        alike = [self.vehicles, self.sides] + [self.partners] * bool(np.isfinite(gap))
+        for labels in alike:
+            follows &= labels[1:] == labels[:-1]
         if not follows.any():
             return self
         margins = self.margins(motion) / self.tolerances

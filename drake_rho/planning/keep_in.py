@@ -45,13 +45,10 @@ class KeepInBox(Constraint):
         if between:
             return self._violated_between(motion, vehicles)
         values = motion.values(self.quantity)[:, self.first : self.first + len(self.times)]
-        lower, upper, tolerances = self.bounds.lower, self.bounds.upper, self.bounds.tolerances
-        before = motion.before
+        (least, most), before = self._extremes, motion.before
         if len(vehicles) < len(values):
-            values, lower, upper = values[vehicles], lower[vehicles], upper[vehicles]
-            tolerances, before = tolerances[vehicles], before[vehicles]
-        room = BROKEN * tolerances
-        least, most = (lower - room)[:, None], (upper + room)[:, None]
+            values, before = values[vehicles], before[vehicles]
+            least, most = least[vehicles], most[vehicles]
         if self.margins.tube is not None:
             inside = self._margins[:, None]
             least, most = least + inside, most - inside
@@ -68,6 +65,12 @@ class KeepInBox(Constraint):
             broken &= self._asked(before)
         which, sides, knots = np.nonzero(broken)
         return self.rows(vehicles[which], sides, self.times[knots])
+
+    @cached_property
+    def _extremes(self) -> tuple[FloatArray, FloatArray]:
+        """The least and the greatest values that break nothing without margins, (N, 1, 3) each."""
+        room = BROKEN * self.bounds.tolerances
+        return (self.bounds.lower - room)[:, None], (self.bounds.upper + room)[:, None]
 
     @cached_property
     def _margins(self) -> FloatArray:
@@ -117,6 +120,7 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
     only positions can break theirs: velocity is linear there, acceleration and jerk are constant.
     """
     times, boxes = scenario.grid.elapsed, list[Constraint]()
+    margins = margins_of(scenario)
     for number, quantity in enumerate(QUANTITIES):
         bounds = scenario.fleet.bounds(quantity)
         if bounds is None:
@@ -130,7 +134,7 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
                 bounds=bounds,
                 times=times[1:-1] if inner else times[:-1],
                 first=int(inner),
-                margins=margins_of(scenario),
+                margins=margins,
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),
             )
         )

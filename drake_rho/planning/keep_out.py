@@ -49,6 +49,14 @@ class Places:
     knots: IntArray | None = None
     """at which knots, if all are at knots, shape (R,)"""
 
+    @classmethod
+    def at_inner_knots(cls, motion: Motion) -> Places:
+        """All vehicles of a motion at all of its inner knots, one vehicle after the other."""
+        count, steps, _ = motion.accelerations.shape
+        whose, knots = np.divmod(np.arange(count * (steps - 1)), steps - 1)
+        knots += 1
+        return cls(whose, whose, motion.step * knots, knots)
+
     def position(self, motion: Motion, vehicles: IntArray) -> FloatArray:
         """Positions of vehicles at these times [m], shape (R, 3)."""
         if self.knots is None:
@@ -110,6 +118,8 @@ class KeepOutOfObstacle(KeepOut):
 
     obstacle: Obstacle
     """what is avoided"""
+    inner_knots: Places
+    """where rows are asked for at knots: all vehicles at all inner ones"""
     start: float
     """time of the first knot on the scenario's clock, on which it moves [s]"""
     kept: FloatArray
@@ -184,7 +194,7 @@ class KeepOutOfObstacle(KeepOut):
 
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
         """Inner knots inside."""
-        places = self._inner_knots.select(np.isin(self._inner_knots.vehicles, vehicles))
+        places = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
         below = self.radius(places) - BROKEN * self.obstacle.shape.tolerance
         return places.select(distances < below)
@@ -213,24 +223,16 @@ class KeepOutOfObstacle(KeepOut):
     @cached_property
     def _asked(self) -> HalfSpaces:
         """The rows at all inner knots."""
-        return self.rows(self._inner_knots)
+        return self.rows(self.inner_knots)
 
     @cached_property
     def _room(self) -> FloatArray:
         """How far outside of what is kept the reference is at inner knots [m], shape (N, K-2)."""
-        offsets = self.offsets(self.reference, self._inner_knots)
+        offsets = self.offsets(self.reference, self.inner_knots)
         distances = self.obstacle.shape.signed_distance(offsets).reshape(len(self.kept), -1)
         inside = self.margins.knots["position"][1:-1]
         room: FloatArray = distances - self.kept[:, None] - inside
         return room
-
-    @cached_property
-    def _inner_knots(self) -> Places:
-        """All inner knots of all vehicles, one vehicle after the other."""
-        count, knots = len(self.kept), np.arange(1, self.reference.accelerations.shape[1])
-        whose = np.repeat(np.arange(count), len(knots))
-        times: FloatArray = np.float64(self.reference.step) * knots
-        return Places(whose, whose, np.tile(times, count), np.tile(knots, count))
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
         """Rows at the same instants."""
@@ -257,6 +259,10 @@ class KeepOutOfObstacle(KeepOut):
 
 def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacle]:
     """The obstacles known at the start, linearised (15) around a motion of the same vehicles."""
+    known = scenario.known
+    if not known:
+        return []
+    inner_knots, margins = Places.at_inner_knots(reference), margins_of(scenario)
     return [
         KeepOutOfObstacle(
             number=FIRST + number,
@@ -266,11 +272,12 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacl
             searches=sys.maxsize * scenario.between_knots,
             every_instant=scenario.between_knots,
             obstacle=obstacle,
+            inner_knots=inner_knots,
             start=scenario.grid.start,
             kept=scenario.fleet.radii + obstacle.deviation,
-            margins=margins_of(scenario),
+            margins=margins,
         )
-        for number, obstacle in scenario.known
+        for number, obstacle in known
     ]
 
 

@@ -201,14 +201,20 @@ class RecedingHorizon:
         left = tail.scenario
         away = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
         tracking = tracked_anew(self.scenario, left)
-        if not np.any(beyond(left, away, 0.0, 0.0, ROUNDING)):
-            around = left.disturbance and unchecked(left.disturbance, tracking=tracking)
-            left = unchecked(left, disturbance=around)
-        else:
+        if beyond(left, away, 0.0, 0.0, ROUNDING).any():
             before = left.fleet.accelerations_before
             left = left.from_states(left.grid, positions, velocities, before, tracking)
+        elif left.disturbance is not None:
+            left = unchecked(left, disturbance=unchecked(left.disturbance, tracking=tracking))
         off = beyond(left, away, *tube_and_estimate(tail.scenario))
-        window = self._planner.next(left, knot, tail, on_plan=not off.any())
+        nothing_new = (
+            left is tail.scenario
+            and not last.infeasible
+            and len(left.known) == len(last.plan.scenario.known)
+        )
+        window = self._planner.next(
+            left, knot, tail, on_plan=not off.any(), nothing_new=nothing_new
+        )
         if left.disturbance is None or not off.any():
             return window
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from functools import partial
 from itertools import chain, islice
@@ -99,10 +99,12 @@ def solve(
         raise ValueError(f"solver: got {_name(first)}, expected one available and enabled here")
     solutions: dict[int, Solution] = {}
     almost: dict[int, Solution] = {}
-    attempts = _attempts(first, quick=quick)
+    attempts: Iterable[tuple[Solver, _Options]] = _attempts(first, quick=quick)
     if retry > 0:  # others first: this one's solutions do not keep their rows
         attempts = sorted(attempts, key=lambda attempt: _name(attempt[0]) == _name(first))
     for attempt, options in attempts:
+        if len(solutions) == len(programs):
+            break
         left = [
             index
             for index, program in enumerate(programs)
@@ -163,16 +165,18 @@ def is_dense(solver: Solver | None) -> bool:
     return isinstance(solver or DEFAULT(), Daqp)
 
 
-def _attempts(first: Solver, *, quick: bool) -> list[tuple[Solver, _Options]]:
-    clarabel = [(ClarabelSolver(), _CLARABEL), (ClarabelSolver(), _CLARABEL_AGAIN)]
+def _attempts(first: Solver, *, quick: bool) -> Iterator[tuple[Solver, _Options]]:
+    """Who is asked, one after the other: mostly nobody but the first."""
+    name = _name(first)
+    if name != "Clarabel":
+        yield first, _OSQP if name == "OSQP" else {}
     if quick:
-        clarabel.insert(0, (ClarabelSolver(), _CLARABEL_QUICK))
-    others = [*clarabel, (OsqpSolver(), _OSQP), (ClpSolver(), {})]
-    if _name(first) == "Clarabel":
-        return others
-    if isinstance(first, Daqp):
-        return [(first, {}), *others]
-    return [(first, _OSQP if _name(first) == "OSQP" else {}), *clarabel]
+        yield ClarabelSolver(), _CLARABEL_QUICK
+    yield ClarabelSolver(), _CLARABEL
+    yield ClarabelSolver(), _CLARABEL_AGAIN
+    if name in ("Clarabel", "DAQP"):
+        yield OsqpSolver(), _OSQP
+        yield ClpSolver(), {}
 
 
 def _knows(solver: Solver, program: Program) -> bool:

@@ -24,6 +24,7 @@ from drake_rho.planning.minimum_violation import minimum_breach, minimum_violati
 from drake_rho.planning.room import lacks
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Scenario
 
 
@@ -88,7 +89,15 @@ class WindowPlanner:
             raise window
         return window
 
-    def next(self, scenario: Scenario, first_knot: int, tail: Plan, *, on_plan: bool) -> Window:
+    def next(
+        self,
+        scenario: Scenario,
+        first_knot: int,
+        tail: Plan,
+        *,
+        on_plan: bool,
+        nothing_new: bool = False,
+    ) -> Window:
         """A later window, which has a plan in any case.
 
         Where vehicles are disturbed and the tail holds, the planner is asked a second time, around
@@ -99,9 +108,12 @@ class WindowPlanner:
             first_knot: where in the whole flight the window starts, counted from 0.
             tail: what is left of the previous prediction.
             on_plan: whether the vehicles are in the tail's tube, so that it is valid as it is.
+            nothing_new: whether it begins just as the window before has it, with the same obstacles
+                and no tube, so that there is room at its start.
         """
-        followed = _moved(tail, scenario)
-        reasons = lacks(scenario, margins_of(scenario), under_way=True)
+        followed, reasons = _moved(tail, scenario), dict[str, tuple[str, ...]]()
+        if not nothing_new:
+            reasons = lacks(scenario, margins_of(scenario), under_way=True)
         window = (
             InfeasibleError(reasons) if reasons else self._planned(scenario, first_knot, followed)
         )
@@ -179,7 +191,7 @@ def least_breach(reference: Plan, solver: Solver | None = None) -> Plan:
 def _moved(tail: Plan, scenario: Scenario) -> Plan:
     """The rest of a plan, flown from another start to the same goals with the least change."""
     if scenario.fleet is tail.scenario.fleet:
-        return Plan(scenario, tail.positions, tail.velocities, tail.accelerations)
+        return unchecked(tail, scenario=scenario)
     there = MinimumEffort.of(scenario).motion.accelerations
     here = MinimumEffort.of(tail.scenario).motion.accelerations
     changed = np.asarray(tail.accelerations + there - here, dtype=np.float64)

@@ -105,7 +105,7 @@ class Fleet:
         there is one, by which others may move it aside; 1 m for a vehicle that stays at the origin.
         """
         T = self._grid.duration
-        ways = np.stack(
+        ways = np.array(
             [
                 self.goal_positions - self.start_positions,
                 1e-6 * self.start_positions,
@@ -151,7 +151,8 @@ class Fleet:
             return None
         lower, upper = sides
         scale = self.scale(quantity)[:, None]
-        return Bounds(lower, upper, TOLERANCE * np.clip(upper - lower, 1e-3 * scale, scale))
+        width = np.minimum(np.maximum(upper - lower, 1e-3 * scale), scale)
+        return Bounds(lower, upper, TOLERANCE * width)
 
     def _make_sides(self, quantity: Quantity) -> tuple[FloatArray, FloatArray] | None:
         """Lower and upper bounds, each of shape (N, 3)."""
