@@ -182,13 +182,14 @@ class Plan(metaclass=Described):
 
         What is further outside, in a plan that breaks limits, stays where it is.
         """
-        fleet, everyone = self.scenario.fleet, np.arange(len(values))
+        fleet = self.scenario.fleet
         if (bounds := fleet.bounds(quantity)) is not None:
-            nearest = np.clip(values, bounds.lower, bounds.upper)
+            nearest = np.minimum(np.maximum(values, bounds.lower), bounds.upper)
             values = np.where(np.abs(values - nearest) <= bounds.tolerances, nearest, values)
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
-                held = limit.sets.excess(everyone, values) <= limit.sets.tolerances
+                excess = limit.sets.excess(np.arange(len(values)), values)
+                held = excess <= limit.sets.tolerances
                 values = np.where(held[:, None], limit.sets.nearest(values), values)
         return values
 

@@ -87,9 +87,10 @@ def _plan(scenario: Scenario, reference: Plan | None, solver: Solver | None) -> 
     if scenario.separation is not None:
         plan = Subproblem(scenario, coupling_for(scenario), solver).around(free)
         return plan.with_statistics(free.statistics + plan.statistics)
-    if not scenario.known:
+    obstacles = obstacles_of(scenario, free.motion())
+    if not obstacles:
         return free
-    planes.keep_to(obstacles_of(scenario, free.motion()), reference=free)
+    planes.keep_to(obstacles, reference=free)
     return planes.plan(free)
 
 

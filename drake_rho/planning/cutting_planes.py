@@ -149,11 +149,11 @@ class CuttingPlanes:
             broken |= self._add([self._of_planned(rows) for rows in warm])
             self._lost = []  # nothing was solved yet
         for _ in range(MAX_ROUNDS):
-            if not np.any(broken):
+            if not broken.any():
                 if infeasible and self._scenario.separation is not None:
                     return infeasible  # what pairs do between is worth nothing now
                 broken = self._add_violated(look, np.flatnonzero(moved), searches, between=True)
-                if not np.any(broken):
+                if not broken.any():
                     return infeasible
                 moved[:], number, searches = False, 0, searches + 1
             pending = self._with_groups(np.flatnonzero(broken))
@@ -250,7 +250,7 @@ class CuttingPlanes:
             SolverError: someone has none, or they were no help.
         """
         rounds = self._inexact[solved]
-        if not np.any(rounds):
+        if not rounds.any():
             return
         left = np.setdiff1d(solved[rounds > 0], self._with_groups(np.flatnonzero(broken)))
         if len(left) > 0 or rounds.max() > _MAX_INEXACT:

@@ -138,7 +138,7 @@ def _solved_hard(program: DenseProgram) -> Solution | None:
     if flag == _INFEASIBLE:
         return _refuted(matrix, needed, matrix.shape[1], lambda weights: weights, info)
     y = -2.0 * info["lam"]
-    kept = flag == _OPTIMAL and bool(np.all(matrix @ x >= needed - 10 * _HARD["primal_tol"]))
+    kept = flag == _OPTIMAL and (matrix @ x >= needed - 10 * _HARD["primal_tol"]).all()
     return _solution(x, lambda: y, info) if kept else None
 
 

@@ -10,6 +10,7 @@ import abc
 import dataclasses
 import sys
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -81,7 +82,7 @@ class Constraint(abc.ABC):
             reach: up to how many knots away from a broken row its neighbours are wanted too.
         """
 
-    @property
+    @cached_property
     def none(self) -> HalfSpaces:
         """No rows."""
         return HalfSpaces(self, *_NONE)
@@ -158,13 +159,13 @@ class HalfSpaces:
         values = motion.each_at(quantity, self.vehicles, self.times)
         if self.constraint.coupled:
             values = values - motion.each_at(quantity, self.partners, self.times)
-        margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
+        margins: FloatArray = np.vecdot(self.normals, values) - self.bounds
         return margins
 
     def margins_at(self, motion: Motion, knots: IntArray) -> FloatArray:
         """`margins` of rows about positions of single vehicles at given knots, shape (R,)."""
         values = motion.positions[self.vehicles, knots]
-        margins: FloatArray = np.einsum("ri,ri->r", self.normals, values) - self.bounds
+        margins: FloatArray = np.vecdot(self.normals, values) - self.bounds
         return margins
 
     def worst(self, motion: Motion, pieces: int, *, gap: float) -> HalfSpaces:
@@ -212,7 +213,7 @@ class HalfSpaces:
 
     def select(self, rows: BoolArray | IntArray | slice) -> HalfSpaces:
         """Some of the rows."""
-        return HalfSpaces(self.constraint, *(array[rows] for array in self._arrays()))
+        return HalfSpaces(self.constraint, *[array[rows] for array in self._arrays()])
 
     def and_also(self, more: HalfSpaces) -> HalfSpaces:
         """These rows, then more of the same constraint."""
@@ -264,11 +265,13 @@ def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> Int
         margins: of all broken rows, stretch by stretch, shape (R,).
         pieces: into how many each stretch is cut.
     """
-    first = np.flatnonzero(np.append(True, ~follows))
-    length = np.diff(np.append(first, len(margins)))
-    place = np.arange(len(margins)) - np.repeat(first, length)
-    piece = np.repeat(np.arange(len(first)) * pieces, length)
-    piece += place * pieces // np.maximum(np.repeat(length, length), pieces)
+    begins = np.ones(len(margins), dtype=bool)
+    begins[1:] = ~follows
+    stretch = np.cumsum(begins) - 1
+    place = np.arange(len(margins)) - np.flatnonzero(begins)[stretch]
+    piece = stretch * pieces + place * pieces // np.maximum(np.bincount(stretch)[stretch], pieces)
     order = np.lexsort((margins, piece))
-    worst: IntArray = order[np.append(True, np.diff(piece[order]) != 0)]
+    piece = piece[order]
+    begins[1:] = piece[1:] != piece[:-1]
+    worst: IntArray = order[begins]
     return worst

@@ -146,7 +146,7 @@ class KeepOutOfObstacle(KeepOut):
         """
         shape, x = self.obstacle.shape, self.offsets(self.reference, places)
         directions = shape.outward(x)
-        squares = np.einsum("ri,ri->r", x, x)
+        squares = np.vecdot(x, x)
         for row in np.flatnonzero(squares <= shape.tolerance**2):
             at = places.times[row : row + 1]
             way = self.reference.each_at("velocity", places.vehicles[row : row + 1], at)
@@ -167,7 +167,7 @@ class KeepOutOfObstacle(KeepOut):
             sides=np.zeros(len(places), dtype=int),
             times=places.times,
             normals=normals,
-            bounds=beyond + np.einsum("ri,ri->r", normals, centers),
+            bounds=beyond + np.vecdot(normals, centers),
             tolerances=np.full(len(places), shape.tolerance),
         )
 
@@ -207,7 +207,7 @@ class KeepOutOfObstacle(KeepOut):
         """
         asked = vehicles if len(vehicles) < len(self.kept) else slice(None)
         moved = motion.positions[asked, 1:-1] - self.reference.positions[asked, 1:-1]
-        far = np.sqrt(np.einsum("pki,pki->pk", moved, moved)) >= self._room[asked]
+        far = np.sqrt(np.vecdot(moved, moved)) >= self._room[asked]
         if not far.any():
             return self.none
         every = np.zeros_like(self._room, dtype=bool)

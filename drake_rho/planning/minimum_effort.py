@@ -31,8 +31,8 @@ class Goals:
             accelerations: of `vehicles` [m/s²], shape (P, K-1, 3).
             vehicles: their indices, shape (P,).
         """
-        missed = np.einsum("gj,pjx->pgx", self.rows, accelerations) - self.values[vehicles]
-        closed: FloatArray = accelerations - np.einsum("gj,pgx->pjx", self.rows, missed)
+        missed = self.rows @ accelerations - self.values[vehicles]
+        closed: FloatArray = accelerations - self.rows.T @ missed
         return closed
 
 
@@ -75,7 +75,7 @@ class MinimumEffort:
         fleet, grid = scenario.fleet, scenario.grid
         terminal = TerminalState(grid)
         values, missed = terminal.values(*terminal.changes(fleet))
-        accelerations = np.einsum("gj,ngx->njx", terminal.rows, values)
+        accelerations = terminal.rows.T @ values
         return cls(
             grid,
             Goals(terminal.rows, values),
@@ -131,7 +131,8 @@ class TerminalState:
         rest = further / T - triangle[1, 0] * first
         if triangle.shape[1] == 1:
             return first[:, None], T * rest
-        return np.stack([first, rest / triangle[1, 1]], axis=1), np.zeros_like(rest)
+        values = np.concatenate([first[:, None], (rest / triangle[1, 1])[:, None]], axis=1)
+        return values, np.zeros(rest.shape)
 
 
 @lru_cache(maxsize=256)

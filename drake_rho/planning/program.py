@@ -100,14 +100,14 @@ def programs_of(
     size = np.bincount(groups)[: len(count)]
     in_sparse = _cheaper_sparse(changes.grid.knots - 1, size, count, _DENSE if dense else 1.0)
     alone = ~in_sparse & (size == 1)
-    begun: Begun = {}
-    for group, own in each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
-        vehicles = np.flatnonzero(groups == group)
-        if in_sparse[group]:
-            yield _sparse(changes, vehicles, own, linear, begun)
-        else:
-            yield _reduced_group(changes, vehicles, own, linear, dense)
     if not alone.all():
+        begun: Begun = {}
+        for group, own in each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
+            vehicles = np.flatnonzero(groups == group)
+            if in_sparse[group]:
+                yield _sparse(changes, vehicles, own, linear, begun)
+            else:
+                yield _reduced_group(changes, vehicles, own, linear, dense)
         rows = [part.select(alone[groups[part.vehicles]]) for part in rows]
     yield from _reduced(changes, [part for part in rows if len(part) > 0], linear, dense)
 
@@ -140,7 +140,7 @@ def _reduced(changes: Changes, rows: Sequence[Rows], linear: bool, dense: bool) 
     sizes = np.bincount(vehicles)[vehicles]
     order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
     responses, which = _responses(changes.grid, rows)
-    which, lengths = which[order], np.sqrt(np.einsum("uj,uj->u", responses, responses))
+    which, lengths = which[order], np.sqrt(np.vecdot(responses, responses))
     responses, lengths = changes.inside(responses / lengths[:, None]), lengths[which]
     normals = np.concatenate([part.normals for part in rows])[order]
     needed = np.concatenate([part.needed for part in rows])[order]
@@ -150,7 +150,7 @@ def _reduced(changes: Changes, rows: Sequence[Rows], linear: bool, dense: bool) 
     vehicles, sizes = vehicles[order], sizes[order]
     units = changes.units[vehicles]
     needed, penalties = needed / (lengths * units), penalties * lengths / units
-    for size in np.unique(sizes)[::-1].tolist():
+    for size in np.flatnonzero(np.bincount(sizes))[::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
         inside = responses[which[own]]
         matrix = inside[:, :, None] * normals[own, None, :]
@@ -264,7 +264,7 @@ def _in_span(
         matrices = np.swapaxes(triangles, 1, 2)
     rows = zip(matrices, needed, penalties, slacks, strict=True)
     programs = [DenseProgram(*each, linear) for each in rows]
-    return Batch(groups, programs, basis, np.ones_like(needed))
+    return Batch(groups, programs, basis, np.ones(needed.shape))
 
 
 def _sparse(

@@ -187,7 +187,7 @@ class RecedingHorizon:
         """The scenario, from where the vehicles are if they are not at their starts."""
         scenario, fleet = self.scenario, self.scenario.fleet
         away = positions - fleet.start_positions, velocities - fleet.start_velocities
-        if not np.any(beyond(scenario, away, *estimated_within(scenario))):
+        if not beyond(scenario, away, *estimated_within(scenario)).any():
             return scenario
         before = fleet.accelerations_before
         return scenario.from_states(
@@ -294,10 +294,10 @@ def plan_rho(
 def _with_sightings(window: Window, before: Window) -> Window:
     """A window that says which obstacles it learned of, and which of those seen late it breaks."""
     scenario = window.plan.scenario
-    known = {number for number, _ in before.plan.scenario.known}
     late = {number for number, obstacle in scenario.known if obstacle.known_from > 0.0}
     if not late:
         return window
+    known = {number for number, _ in before.plan.scenario.known}
     broken = breaches_of(scenario, window.plan).inside.keys() & late
     return dataclasses.replace(
         window, learned=tuple(sorted(late - known)), not_avoided=tuple(sorted(broken))

@@ -114,7 +114,7 @@ class WorkingSet:
             The rows that are new, and those that were in, must hold, and are not kept.
         """
         known = self.known(rows, motion)
-        if not np.any(known):
+        if not known.any():
             self.add(rows)
             return rows, rows.constraint.none
         new = rows.select(~known)

@@ -117,8 +117,9 @@ class Fleet:
                 *(1e-6 * each.positions for each in self.waypoints),
             ]
         )
-        squares = np.einsum("wni,wni->wn", ways, ways)
-        lengths: FloatArray = np.sqrt(np.fmax.reduce(squares))  # what is free is a NaN
+        lengths: FloatArray = np.sqrt(
+            np.fmax.reduce(np.vecdot(ways, ways))
+        )  # what is free is a NaN
         lengths = np.maximum(lengths, self._aside)
         lengths[lengths == 0.0] = 1.0
         return lengths

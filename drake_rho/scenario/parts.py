@@ -27,6 +27,7 @@ from drake_rho.scenario.fields import (
     Vector,
     locked,
     record,
+    unchecked,
 )
 from drake_rho.scenario.polyhedra import Box
 from drake_rho.scenario.quadrics import Ellipsoid
@@ -96,7 +97,7 @@ class Grid:
 
     def from_knot(self, knot: int) -> Grid:
         """What is left of the grid from a knot on, counted from 0."""
-        return Grid(self.step, self.knots - knot, self.start + self.step * knot)
+        return unchecked(self, knots=self.knots - knot, start=self.start + self.step * knot)
 
 
 @record

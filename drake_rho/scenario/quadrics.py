@@ -68,16 +68,22 @@ class Sphere(Quadric):
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
         """Distance from the centre less the radius."""
-        distance: FloatArray = np.linalg.norm(x, axis=-1) - self.radius
+        distance: FloatArray = _lengths(x) - self.radius
         return distance
 
     def outward(self, x: FloatArray) -> FloatArray:
         """The direction of x from the centre; at the centre, that of the x axis."""
-        lengths = np.sqrt(np.einsum("...i,...i->...", x, x))[..., None]
+        lengths = _lengths(x)[..., None]
         if np.all(lengths > 0.0):
             normals: FloatArray = x / lengths
             return normals
         return np.where(lengths > 0.0, x / np.where(lengths > 0.0, lengths, 1.0), np.eye(3)[0])
+
+
+def _lengths(x: FloatArray) -> FloatArray:
+    """Of vectors, shape (..., 3): in half the time of `np.linalg.norm`."""
+    lengths: FloatArray = np.sqrt(np.vecdot(x, x))
+    return lengths
 
 
 @record
