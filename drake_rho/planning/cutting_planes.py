@@ -152,11 +152,11 @@ class CuttingPlanes:
             if not broken.any():
                 if infeasible and self._scenario.separation is not None:
                     return infeasible  # what pairs do between is worth nothing now
-                broken = self._add_violated(look, np.flatnonzero(moved), searches, between=True)
+                broken = self._add_violated(look, moved.nonzero()[0], searches, between=True)
                 if not broken.any():
                     return infeasible
                 moved[:], number, searches = False, 0, searches + 1
-            pending = self._with_groups(np.flatnonzero(broken))
+            pending = self._with_groups(broken.nonzero()[0])
             failed = self._solve(pending)
             moved[pending] = True
             if failed:
@@ -195,7 +195,7 @@ class CuttingPlanes:
 
     def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
         """Put rows in; say whose are new, or were in and are not kept."""
-        about, self._lost = self._mask(self._planned[:0]), []
+        about, self._lost = np.zeros(len(self.effort.units), dtype=bool), []
         for part in rows:
             new, lost = self.working.enter(part, self.motion)
             if len(lost) > 0:

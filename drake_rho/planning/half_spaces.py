@@ -268,7 +268,7 @@ def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> Int
     begins = np.ones(len(margins), dtype=bool)
     begins[1:] = ~follows
     stretch = np.cumsum(begins) - 1
-    place = np.arange(len(margins)) - np.flatnonzero(begins)[stretch]
+    place = np.arange(len(margins)) - begins.nonzero()[0][stretch]
     piece = stretch * pieces + place * pieces // np.maximum(np.bincount(stretch)[stretch], pieces)
     order = np.lexsort((margins, piece))
     piece = piece[order]

@@ -53,7 +53,7 @@ class KeepInBox(Constraint):
             inside = self._margins[:, None]
             least, most = least + inside, most - inside
         low, high = values < least, values > most
-        if not (low.any() or high.any()):
+        if not (low | high).any():
             return self.none
         broken = np.concatenate([low, high], axis=2)
         if self.quantity == "jerk":  # the first acceleration may be free of a jerk limit

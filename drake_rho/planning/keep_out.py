@@ -147,7 +147,7 @@ class KeepOutOfObstacle(KeepOut):
         shape, x = self.obstacle.shape, self.offsets(self.reference, places)
         directions = shape.outward(x)
         squares = np.vecdot(x, x)
-        for row in np.flatnonzero(squares <= shape.tolerance**2):
+        for row in (squares <= shape.tolerance**2).nonzero()[0]:
             at = places.times[row : row + 1]
             way = self.reference.each_at("velocity", places.vehicles[row : row + 1], at)
             side = side_of(np.zeros(3), (way - self.obstacle.velocities(self.start + at))[0])
@@ -212,7 +212,7 @@ class KeepOutOfObstacle(KeepOut):
             return self.none
         every = np.zeros_like(self._room, dtype=bool)
         every[asked] = far
-        which = np.flatnonzero(every)
+        which = every.reshape(-1).nonzero()[0]
         rows, knots = self._asked.select(which), 1 + which % every.shape[1]
         broken = rows.margins_at(motion, knots) < -BROKEN * rows.tolerances
         if reach == 0 or not broken.any():

@@ -121,12 +121,12 @@ def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: 
         rows: of each group.
         operations: in the time of one of the reduced space's with Clarabel.
     """
+    many: BoolArray = rows > _FEW
+    if not many.any():
+        return many
     width = 3 * vehicles * steps
     entries = 4 * rows + 9 * width  # of the rows, and of dynamics and accelerations
-    cheaper: BoolArray = (rows > _FEW) & (
-        rows**2 * (width + 5 * rows) > operations * _SPARSE * entries
-    )
-    return cheaper
+    return many & (rows**2 * (width + 5 * rows) > operations * _SPARSE * entries)
 
 
 def _reduced(changes: Changes, rows: Sequence[Rows], linear: bool, dense: bool) -> Iterator[Batch]:
@@ -150,7 +150,7 @@ def _reduced(changes: Changes, rows: Sequence[Rows], linear: bool, dense: bool) 
     vehicles, sizes = vehicles[order], sizes[order]
     units = changes.units[vehicles]
     needed, penalties = needed / (lengths * units), penalties * lengths / units
-    for size in np.flatnonzero(np.bincount(sizes))[::-1].tolist():
+    for size in np.bincount(sizes).nonzero()[0][::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
         inside = responses[which[own]]
         matrix = inside[:, :, None] * normals[own, None, :]

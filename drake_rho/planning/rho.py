@@ -283,8 +283,9 @@ def plan_rho(
         solver=solver,
         progress=progress,
     )
+    times = scenario.grid.times
     for knot in horizon.knots:
-        horizon.step(horizon.planned(knot), scenario.grid.times[knot])
+        horizon.step(horizon.planned(knot), times[knot])
     flight = horizon.flight
     seconds = clock.perf_counter() - began
     statistics = dataclasses.replace(flight.plan.statistics, seconds=seconds)
