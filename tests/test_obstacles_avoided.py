@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.planning.solve import Solver
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes import Shape
 from tests.shapes import KINDS, random_shape
@@ -234,6 +235,30 @@ def test_what_is_seen_too_late_is_told_and_the_flight_goes_on(tmp_path: object) 
     again = rho.load(path)
     assert isinstance(again, rho.Flight)
     assert again.sightings == flown.sightings
+
+
+def test_windows_that_begin_inside_of_what_is_seen_late_look_for_no_way_round_it() -> None:
+    """Neither the first of them, which learns of it, nor those that the ones before led inside."""
+    asked = list[float]()
+
+    def planner(
+        scenario: rho.Scenario, *, reference: rho.Plan | None, solver: Solver | None
+    ) -> rho.Plan:
+        asked.append(scenario.grid.start)
+        return rho.plan_convex(scenario, reference=reference, solver=solver)
+
+    asks = late(3.8)
+    flown = rho.plan_rho(asks, replan_every=1, planner=planner)
+    windows = [each.plan for each in flown.windows if each.plan.scenario.known]
+    inside = {
+        plan.times[0]
+        for plan in windows
+        if asks.bodies[0].shape.signed_distance(plan.positions[0, 0] - [5, 0.1, 0]) < 0.2 - 1e-3
+    }
+    assert len(inside) >= 2
+    assert windows[0].times[0] in inside
+    assert inside.isdisjoint(asked)
+    assert {plan.times[0] for plan in windows} - inside <= set(asked)
 
 
 def test_windows_see_an_obstacle_where_it_is_then() -> None:
