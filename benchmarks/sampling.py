@@ -21,7 +21,7 @@ from drake_rho.scenario.fields import FloatArray
 SAMPLES = 100
 """Of every step."""
 
-MANY = 2000
+MANY = 1000
 """Vehicles beyond which there are a tenth as many samples, and not every pair is visited."""
 
 

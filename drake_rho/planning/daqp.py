@@ -48,8 +48,12 @@ _STIFF = 1e-7
 _MAY_BE_BROKEN = 8
 """DAQP's code for a row that may be broken at the cost of its slack squared."""
 
-_MOST_TRIALS = 30
+_MOST_TRIALS = 60
 """Guesses of which rows are broken; four are needed in the mean."""
+
+_TOGETHER = 15
+"""Guesses that put all wrong rows right at once. If they go round in circles, those after them put
+the first one right only."""
 
 _ZERO = 1e-11
 """Length below which a row counts as zero, in DAQP as well."""
@@ -159,7 +163,7 @@ def _solved_soft(program: DenseProgram) -> Solution | None:
     except np.linalg.LinAlgError:
         return None
     broken, seconds = np.zeros(len(needed), dtype=bool), 0.0
-    for _ in range(_MOST_TRIALS):
+    for trial in range(_MOST_TRIALS):
         y = np.where(broken, penalties, 0.0)
         left: FloatArray = np.where(broken, -_INFINITE, needed - half @ y)
         found = _least_norm(factor, left, np.isfinite(penalties))
@@ -178,7 +182,10 @@ def _solved_soft(program: DenseProgram) -> Solution | None:
             for _ in range(2):  # what the ridge has left
                 y[pulling] += np.linalg.solve(own, (needed - half @ y)[pulling])
             return _of_multipliers(program, y, broken, seconds)
-        broken = (broken | above) & ~kept
+        wrong = above | kept
+        if trial >= _TOGETHER:
+            wrong[wrong.nonzero()[0][1:]] = False
+        broken ^= wrong
     return None
 
 
@@ -191,7 +198,7 @@ def _least_norm(
     """
     upper, sense = np.full(len(needed), _INFINITE), np.zeros(len(needed), dtype=np.int32)
     *_, flag, info = _package().solve(None, None, matrix, upper, needed, sense, **_HARD)
-    if contradictory := flag == _INFEASIBLE:
+    if contradictory := flag != _OPTIMAL:
         sense[soft] = _MAY_BE_BROKEN
         options = {**_HARD, "rho_soft": _STIFF}
         *_, flag, info = _package().solve(None, None, matrix, upper, needed, sense, **options)

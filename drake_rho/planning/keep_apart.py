@@ -241,6 +241,7 @@ def pairs_of(
     penalty: float = np.inf,
     aside: bool = False,
     rounds: int = sys.maxsize,
+    of: IntArray | None = None,
 ) -> KeepApart:
     """The pairs of a scenario with a separation, linearised around a motion of its vehicles.
 
@@ -251,13 +252,14 @@ def pairs_of(
         penalty: cost of each metre by which a row is broken.
         aside: whether each close encounter of the reference gets one direction all along.
         rounds: in how many rounds broken rows at the knots are added.
+        of: vehicles of which each pair has one or two, rising indices; all if not given.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
     margins = margins_of(scenario)
     kept = separation.distance + most_beside(separation, margins)
-    near = pairs_within(separation, reference, NEAR * kept, between=False)
+    near = pairs_within(separation, reference, NEAR * kept, between=False, of=of)
     within = kept * (1.0 if soft else GRAZING)
-    grazing = pairs_within(separation, reference, within, between=scenario.between_knots)
+    grazing = pairs_within(separation, reference, within, between=scenario.between_knots, of=of)
     shape = separation.shape
     if soft:
         shape = Ellipsoid(shape.center, ROOM * shape.semi_axes)

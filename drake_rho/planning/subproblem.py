@@ -202,6 +202,7 @@ class Subproblem:
                     penalty=penalty,
                     aside=number == 0,
                     rounds=rounds,
+                    of=found.vehicles,
                 )
             )
         return self._solve(reference, constraints, found.vehicles)
