@@ -13,7 +13,7 @@ from drake_rho.planning.scp import restored
 from drake_rho.planning.subproblem import Subproblem
 
 
-def crowd(n: int = 48, duration: float = 6.8, distance: float = 0.3128) -> rho.Scenario:
+def crowd(n: int = 48, duration: float = 6.8, distance: float = 0.32) -> rho.Scenario:
     """Vehicles that all meet in the middle of a circle, with little time to spare."""
     return rho.circle_swap(
         n,

@@ -46,7 +46,7 @@ const panel = element(overlay, "aside", "card panel");
 const scroller = element(panel, "div", "rows");
 const table = element(scroller, "table");
 const heads = element(element(table, "thead"), "tr");
-const COLUMNS = { order: "vehicle", speed: "[m/s]", clearance: "clearance [m]" };
+const COLUMNS = { order: "vehicle", speed: "speed [m/s]", clearance: "clearance [m]" };
 for (const [key, text] of Object.entries(COLUMNS)) {
   const head = element(heads, "th", "", text);
   head.dataset.key = key;
@@ -143,7 +143,8 @@ const plots = told.curves.map((curve) => {
   };
   svg.addEventListener("pointerdown", drag);
   svg.addEventListener("pointermove", drag);
-  const limit = curve.limit === null ? "no limit" : `limit ${curve.limit} m${told.knotsOnly ? " at the knots" : ""}`;
+  const knots = told.knotsOnly ? ", asked at the knots only: closer between them is allowed" : "";
+  const limit = curve.limit === null ? "none is asked for" : `limit ${curve.limit} m${knots}`;
   const [who, whom] = curve.closest;
   element(box, "footer", "", `least ${inDigits(least, "m")} at ${inDigits(told.start + when, "s")}, ${who} – ${whom}; ${limit}`);
   if (curve.how) element(box, "footer", "", curve.how);
