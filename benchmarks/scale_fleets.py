@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+import time
 from concurrent.futures import Executor, ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -18,6 +19,9 @@ from drake_rho.campaigns.memory import peak
 
 SMALL, DOUBLE, TEN_THOUSAND, LONGEST = 200, 2000, 10_000, 30.0
 """Sizes that are planned on processes, and the flight time of the smallest and the largest [s]."""
+
+PATIENCE = 900.0
+"""After how long a fleet on processes is given up [s]."""
 
 WORKERS = 2
 """Processes for the largest."""
@@ -90,8 +94,20 @@ def with_daqp(scenario: rho.Scenario) -> rho.Plan:
 
 
 def _decoupled(scenario: rho.Scenario, executor: Executor | None = None) -> rho.Plan:
-    """The same as all sizes beyond 500 are planned."""
-    return rho.plan(scenario, coupling=rho.decoupled, solver=rho.Daqp(), executor=executor)
+    """The same as all sizes beyond 500 are planned; given up after `PATIENCE`."""
+    began = time.perf_counter()
+
+    def watch(words: str) -> None:
+        if time.perf_counter() - began > PATIENCE:
+            raise TimeoutError(f"no plan in {PATIENCE:g} s, {words}")
+
+    return rho.plan(
+        scenario,
+        coupling=rho.decoupled,
+        solver=rho.Daqp(),
+        executor=executor,
+        progress=watch,
+    )
 
 
 def _on_processes(vehicles: int, duration: float, count: int) -> Trial:

@@ -159,7 +159,9 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     else:
         entries.append(("goal", "goal"))
     if detailed and len(windows_of(stage.flown)) > 0:
-        entries.append(("prediction", "rest of the plan that is flown, in the colour of its window"))
+        entries.append(
+            ("prediction", "rest of the plan that is flown, in the colour of its window")
+        )
     if scenario.bodies:
         entries.append(("obstacle", "to keep out of"))
     if any(obstacle.known_from > max(scenario.grid.start, 0.0) for obstacle in scenario.bodies):

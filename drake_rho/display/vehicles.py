@@ -64,7 +64,9 @@ class Vehicles:
         """What has to be said of their size; nothing if they are drawn as large as they are."""
         if np.all(self.radii <= self.true):
             return None
-        beside = ", smaller, with a ring, where they would reach into something" if self.shrink else ""
+        beside = (
+            ", smaller, with a ring, where they would reach into something" if self.shrink else ""
+        )
         if not np.all(self.true > 0.0):
             return f"vehicles are points, drawn to be seen{beside}"
         times = float((self.radii / self.true).max())
