@@ -316,8 +316,13 @@ def test_what_cannot_be_drawn_is_refused_before_work(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("worked before all was known to be good")
 
-    for name in ("best_plan", "plan_rho", "run_study", "read"):
-        monkeypatch.setattr(commands, name, never)
+    for module, names in (
+        ("commands", ("best_plan", "plan_rho", "run_study", "read")),
+        ("planning", ("best_plan", "plan_convex", "plan_rho", "read")),
+        ("simulation", ("read",)),
+    ):
+        for name in names:
+            monkeypatch.setattr(f"drake_rho.cli.{module}.{name}", never)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["drake-rho", *words])
     status = status_of(lambda: commands.app(standalone_mode=False))

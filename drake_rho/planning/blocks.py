@@ -8,7 +8,6 @@ from concurrent.futures import Executor
 from functools import partial
 
 import numpy as np
-from pydrake.solvers import SolverId
 
 from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.dense import Program
@@ -32,19 +31,6 @@ class OnWorkers:
     """a Drake solver or `Daqp()`; Clarabel if it is None"""
     executor: Executor
     """any of PEP 3148; to processes a Drake solver cannot be sent"""
-
-    def available(self) -> bool:
-        """Whether the solver is."""
-        return self.solver is None or bool(self.solver.available())
-
-    def enabled(self) -> bool:
-        """Whether the solver is."""
-        return self.solver is None or bool(self.solver.enabled())
-
-    def solver_id(self) -> SolverId:
-        """That of the solver; it is not None."""
-        assert self.solver is not None  # noqa: S101  # whoever asks has looked
-        return self.solver.solver_id()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

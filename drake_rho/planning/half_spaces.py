@@ -14,9 +14,8 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from drake_rho.motion.dynamics import Motion, response, sparse_response
+from drake_rho.motion.dynamics import Motion, response
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
 
@@ -195,10 +194,6 @@ class HalfSpaces:
         It is the same along every axis, so row r stands for responses[r, j] normals[r] · a[j].
         """
         return response(self.constraint.quantity, grid.step, grid.knots, self.times)
-
-    def sparse_responses(self, grid: Grid) -> csr_array:
-        """`responses` as a sparse array, for many rows."""
-        return sparse_response(self.constraint.quantity, grid.step, grid.knots, self.times)
 
     def slacks(self) -> IntArray:
         """Numbers from 0, the same for rows that share a slack if they may be broken, shape (R,).
