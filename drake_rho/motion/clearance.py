@@ -30,8 +30,15 @@ _STEPS = 60
 _FEW = 4
 """How many times as many as are asked for there have to be before a tree of those few pays."""
 
+_HANDFUL = 32
+"""Points up to which all pairs are looked at: trees would take longer."""
+
 _MANY = 100
 """Points beyond which the trees of several instants are searched side by side."""
+
+_INSTANTS = 3
+"""Instants for which one tree is searched: trees of fewer take longer, and with more there are more
+pairs to look at."""
 
 _LAST_DIGIT = 1e-15
 """Relative change of a root below which it is found."""
@@ -108,7 +115,7 @@ def close_pairs(
     p, v = separation.scaled(motion.positions[:, :-1]), separation.scaled(motion.velocities[:, :-1])
     a = separation.scaled(motion.accelerations)
     middle, reach = p + h / 2 * (v + h / 4 * a), _reach(h, v, a)
-    one, other, k = _pairs_at(middle, within + 2.0 * reach.max(axis=0), of)
+    one, other, k = _pairs_at(middle, within, reach, of)
     # of their common way nothing is lost or gained: it leaves fewer, and minima take long
     apart, v_apart, a_apart = (each[one, k] - each[other, k] for each in (middle, v, a))
     near = np.linalg.norm(apart, axis=1) - _reach(h, v_apart, a_apart) < within
@@ -122,7 +129,7 @@ def close_pairs_at_knots(
 ) -> CloseApproaches:
     """Vehicles closer than a distance at the knots, pair by pair; arguments as for all instants."""
     p = separation.scaled(motion.positions)
-    one, other, k = _pairs_at(p, np.full(p.shape[1], within), of)
+    one, other, k = _pairs_at(p, within, np.zeros(p.shape[:2]), of)
     distances = np.linalg.norm(p[one, k] - p[other, k], axis=1)
     times: FloatArray = k * np.float64(motion.step)
     return CloseApproaches(one, other, times, distances)
@@ -153,39 +160,92 @@ def _closest_below(
 
 
 def _pairs_at(
-    points: FloatArray, radii: FloatArray, of: IntArray | None
+    points: FloatArray, within: float, reach: FloatArray, of: IntArray | None
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Pairs of points (N, T, 3) closer than `radii` (T,) at each of T instants.
+    """Pairs of points (N, T, 3) closer than a distance and the reach of both, at T instants.
 
     Args:
         points: where everyone is.
-        radii: how close.
+        within: how close.
+        reach: how much closer each may come, shape (N, T).
         of: indices of points of which each pair has one or two; all if not given.
 
     Returns:
         Indices, rising, of the two and of the instant, pair by pair and in the order of time.
     """
-    from scipy.spatial import cKDTree  # slow to load, so only where needed
-
+    if len(points) <= _HANDFUL:
+        return _of_all_pairs(points, within, reach, of)
     some = of if of is not None and _FEW * len(of) < len(points) else None
 
-    def pairs_at(k: int) -> IntArray:
-        tree = cKDTree(points[:, k], balanced_tree=False, compact_nodes=False)
-        if some is not None:
-            return _pairs_of(some, points[:, k], tree, radii[k])
-        pairs: IntArray = tree.query_pairs(radii[k], output_type="ndarray")
-        return pairs
+    def pairs_from(first: int) -> IntArray:
+        own = slice(first, first + _INSTANTS)
+        found = _pairs_during(points[:, own], within, reach[:, own], some)
+        found[2] += first
+        return found
 
+    firsts = range(0, points.shape[1], _INSTANTS)
     each_of = threads().map if len(points) > _MANY else map
-    found = list(each_of(pairs_at, range(len(radii))))
-    one, other = np.concatenate(found).T
-    instants = np.repeat(np.arange(len(found)), list(map(len, found)))
+    one, other, instants = np.concatenate(list(each_of(pairs_from, firsts)), axis=1)
     if of is not None and some is None:
         asked = np.isin(np.arange(len(points)), of)
         wanted = asked[one] | asked[other]
         one, other, instants = one[wanted], other[wanted], instants[wanted]
     order = np.argsort((one * points.shape[0] + other) * points.shape[1] + instants)
     return one[order], other[order], instants[order]
+
+
+def _of_all_pairs(
+    points: FloatArray, within: float, reach: FloatArray, of: IntArray | None
+) -> tuple[IntArray, IntArray, IntArray]:
+    """`_pairs_at` without trees."""
+    one, other = np.triu_indices(len(points), 1)
+    if of is not None:
+        asked = np.isin(np.arange(len(points)), of)
+        wanted = asked[one] | asked[other]
+        one, other = one[wanted], other[wanted]
+    apart = points[one] - points[other]
+    close = np.vecdot(apart, apart) <= (within + reach[one] + reach[other]) ** 2
+    which, instants = np.nonzero(close)
+    return one[which], other[which], instants
+
+
+def _pairs_during(
+    points: FloatArray, within: float, reach: FloatArray, some: IntArray | None
+) -> IntArray:
+    """`_pairs_at` for a few instants, those of `some` if given; pairs and instants, shape (3, M).
+
+    One tree is searched for all of them, in the middle of which pairs are as much further apart as
+    both get from where they are then. Where that is far, each instant has its own.
+    """
+    from scipy.spatial import cKDTree  # slow to load, so only where needed
+
+    count = points.shape[1]
+    middle = points[:, count // 2]
+    ways = points - middle[:, None]
+    away = np.sqrt(np.vecdot(ways, ways).max(axis=1))
+    if count > 1 and float(away.max()) > within:
+        each = [
+            _pairs_during(points[:, k : k + 1], within, reach[:, k : k + 1], some)
+            for k in range(count)
+        ]
+        for k, found in enumerate(each):
+            found[2] = k
+        return np.concatenate(each, axis=1)
+    away += reach.max(axis=1)
+    tree = cKDTree(middle, balanced_tree=False, compact_nodes=False)
+    furthest = within + 2.0 * float(away.max())
+    if some is None:
+        pairs: IntArray = tree.query_pairs(furthest, output_type="ndarray")
+    else:
+        pairs = _pairs_of(some, middle, tree, furthest)
+    one, other = pairs.T
+    apart = middle[one] - middle[other]
+    near = np.vecdot(apart, apart) <= (within + away[one] + away[other]) ** 2
+    one, other = one[near], other[near]
+    apart = points[one] - points[other]
+    close = np.vecdot(apart, apart) <= (within + reach[one] + reach[other]) ** 2
+    which, instants = np.nonzero(close)
+    return np.stack([one[which], other[which], instants])
 
 
 def _pairs_of(some: IntArray, points: FloatArray, tree: cKDTree, radius: float) -> IntArray:

@@ -140,6 +140,8 @@ class Motion:
         if quantity in ("acceleration", "jerk"):
             return pick(self.accelerations if quantity == "acceleration" else self.jerks(), k)
         s = (times - k * self.step)[:, None]
+        if quantity == "position" and not s.any():  # at knots, as most are
+            return pick(self.positions, k)
         v, a = pick(self.velocities, k), pick(self.accelerations, k)
         velocities: FloatArray = v + s * a
         if quantity == "velocity":

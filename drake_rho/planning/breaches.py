@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_rho.motion.clearance import CloseApproaches
-from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.margins import margins_of
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
@@ -65,7 +65,7 @@ class Breaches:
 
     def is_almost_out(self, scenario: Scenario) -> bool:
         """Whether what is too close is so by little, and the motion can be flown."""
-        if len(self.unflyable) + len(self.beyond) > 0:
+        if len(self.unflyable) > 0:
             return False
         apart = 0.0 if scenario.separation is None else scenario.separation.distance
         if np.any(self.pairs.distances <= (1.0 - _ALMOST) * apart):
@@ -101,36 +101,63 @@ class Breaches:
         )
 
 
-def breaches_of(scenario: Scenario, plan: Plan) -> Breaches:
-    """What a plan breaks, or a reference that cannot be flown."""
+def breaches_of(
+    scenario: Scenario, plan: Plan, before: tuple[Plan, Breaches] | None = None
+) -> Breaches:
+    """What a plan breaks, or a reference that cannot be flown.
+
+    Args:
+        scenario: what is asked.
+        plan: of the same vehicles.
+        before: another plan and what it breaks; vehicles that fly the same are not looked at again.
+    """
     motion, between = plan.motion(), scenario.between_knots
     apart, margins = scenario.separation, margins_of(scenario)
     obstacles = obstacles_of(scenario, motion)
     approaches = {each.number - FIRST: each.approaches(motion) for each in obstacles}
-    return Breaches(
-        _NONE if apart is None else too_close(apart, motion, margins, between=between),
-        {number: found for number, found in approaches.items() if len(found) > 0},
-        _unflyable(scenario, motion),
-        _beyond(scenario, motion),
-    )
+    inside = {number: found for number, found in approaches.items() if len(found) > 0}
+    moved = None if before is None else _moved(before[0].motion(), motion)
+    pairs = _NONE
+    if apart is not None:
+        pairs = too_close(apart, motion, margins, between=between, of=moved)
+    everyone = np.arange(len(scenario.vehicles))
+    looked = everyone if moved is None else moved
+    unflyable, beyond = _unflyable(scenario, motion, looked), _beyond(scenario, motion, looked)
+    if before is not None and moved is not None:
+        old = before[1]
+        pairs = pairs.and_also(
+            old.pairs.select(~np.isin(old.pairs.one, moved) & ~np.isin(old.pairs.other, moved))
+        )
+        unflyable = np.union1d(unflyable, np.setdiff1d(old.unflyable, moved))
+        beyond = np.union1d(beyond, np.setdiff1d(old.beyond, moved))
+    return Breaches(pairs, inside, unflyable, beyond)
 
 
-def _unflyable(scenario: Scenario, motion: Motion) -> IntArray:
-    """Vehicles that do not get where the motion says that they are."""
-    flown = Motion.from_starts(scenario.fleet, motion.accelerations, motion.step)
-    missed = np.abs(flown.positions - motion.positions).max(axis=(1, 2))
-    return np.flatnonzero(missed > TOLERANCE * scenario.fleet.lengths)
+def _moved(before: Motion, after: Motion) -> IntArray:
+    """Vehicles that fly something else, or are said to be elsewhere."""
+    same = np.all(before.accelerations == after.accelerations, axis=(1, 2))
+    same &= np.all(before.positions == after.positions, axis=(1, 2))
+    return np.flatnonzero(~same)
 
 
-def _beyond(scenario: Scenario, motion: Motion) -> IntArray:
-    """Vehicles that break limits or miss waypoints at knots, or do not end at their goals."""
-    everyone, fleet = np.arange(len(scenario.vehicles)), scenario.fleet
+def _unflyable(scenario: Scenario, motion: Motion, vehicles: IntArray) -> IntArray:
+    """Those of some vehicles that do not get where the motion says that they are."""
+    fleet = scenario.fleet
+    start = fleet.start_positions[vehicles], fleet.start_velocities[vehicles]
+    positions, _ = roll_out(*start, motion.accelerations[vehicles], motion.step)
+    missed = np.abs(positions - motion.positions[vehicles]).max(axis=(1, 2), initial=0.0)
+    return vehicles[missed > TOLERANCE * fleet.lengths[vehicles]]
+
+
+def _beyond(scenario: Scenario, motion: Motion, vehicles: IntArray) -> IntArray:
+    """Those of some vehicles that break limits or miss waypoints at knots, or miss their goals."""
+    fleet = scenario.fleet
     missed = np.abs(motion.positions[:, -1] - fleet.goal_positions).max(axis=1)
     late = np.abs(motion.velocities[:, -1] - fleet.goal_velocities).max(axis=1)
     off = (missed > TOLERANCE * fleet.lengths) | (late > TOLERANCE * fleet.scale("velocity"))
-    found = [np.flatnonzero(off)]
+    found = [vehicles[off[vehicles]]]
     for constraint in convex_constraints(scenario):
-        rows = constraint.violated(motion, everyone)
+        rows = constraint.violated(motion, vehicles)
         found.append(rows.vehicles[rows.margins(motion) < -rows.tolerances])
     return np.unique(np.concatenate(found))
 

@@ -11,6 +11,7 @@ What is found is a reference and no plan: it is approximate, and nothing else is
 from __future__ import annotations
 
 import dataclasses
+from concurrent.futures import Executor
 
 import numpy as np
 
@@ -43,6 +44,9 @@ _WHOLE = 2
 _STALE = 0.5
 """What the pressure of a pair counts for that was in a group: others have not had their turn."""
 
+_LIMITS = 1e3
+"""Times what breaking a separation costs, for limits and obstacles where that may be broken."""
+
 _ACROSS = FIRST - 1
 """Number of the constraint of pairs of two groups."""
 
@@ -60,11 +64,21 @@ class InGroups:
             the first one of a fleet that is larger than a group.
     """
 
-    def __init__(self, scenario: Scenario, effort: MinimumEffort, most: int) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        effort: MinimumEffort,
+        most: int,
+        executor: Executor | None = None,
+    ) -> None:
         count = len(scenario.vehicles)
-        most = _WHOLE * most if count <= _WHOLE * most else most
-        self.groups: IntArray | None = np.zeros(count, dtype=int) if count <= most else None
+        self.groups: IntArray | None = None
+        if most == 1:
+            self.groups = np.arange(count)
+        elif count <= _WHOLE * most:
+            self.groups, most = np.zeros(count, dtype=int), count
         self._scenario, self._effort, self._most = scenario, effort, most
+        self._executor = executor
         self._active = list[HalfSpaces]()
 
     def reference(self, plan: Plan, tolerance: float) -> Plan:
@@ -100,18 +114,38 @@ class InGroups:
                 break
         return Plan.from_accelerations(self._scenario, best.accelerations, spent)
 
-    def around(self, reference: Motion) -> tuple[Motion, Statistics]:
-        """One linearisation; the groups of the next are found from its multipliers."""
-        pairs = pairs_of(self._scenario, reference, coupled)
+    def around(
+        self,
+        reference: Motion,
+        *,
+        penalty: float = np.inf,
+        aside: bool = False,
+        vehicles: IntArray | None = None,
+        rounds: int = _ROUNDS,
+    ) -> tuple[Motion, Statistics]:
+        """One linearisation; the groups of the next are found from its multipliers.
+
+        Args:
+            reference: around which.
+            penalty: cost of each metre by which a pair is too close; limits cost more.
+            aside: whether each close encounter of the reference gets one direction all along.
+            vehicles: which of them are planned, rising indices; the others fly the reference.
+            rounds: in how many broken rows are added.
+        """
+        pairs = pairs_of(
+            self._scenario, reference, coupled, penalty=penalty, aside=aside, of=vehicles
+        )
         across = dataclasses.replace(pairs, number=_ACROSS, coupled=False, share=decoupled.share)
         others = [*convex_constraints(self._scenario), *obstacles_of(self._scenario, reference)]
+        others = [dataclasses.replace(each, penalty=_LIMITS * penalty) for each in others]
         if self.groups is None:
             self.groups = self._first_groups(pairs)
-        rows = _Rows(self._scenario, self._effort, self.groups, across)
+        planned = np.arange(len(self.groups)) if vehicles is None else vehicles
+        rows = _Rows(self._scenario, self._effort, self.groups, across, planned, self._executor)
         known = {constraint.number: constraint for constraint in (*others, pairs)}
         for active in self._active:
             rows.enter(known[active.constraint.number].renewed(active))
-        for number in range(_ROUNDS):
+        for number in range(rounds):
             if number > 0 or len(rows.program) > 0:
                 rows.program.solve()
             if not rows.enter_broken([*others, pairs], number):
@@ -166,14 +200,23 @@ class _Rows:
     """The rows of one linearisation, those of pairs written as their groups ask."""
 
     def __init__(
-        self, scenario: Scenario, effort: MinimumEffort, groups: IntArray, across: KeepApart
+        self,
+        scenario: Scenario,
+        effort: MinimumEffort,
+        groups: IntArray,
+        across: KeepApart,
+        planned: IntArray,
+        executor: Executor | None,
     ) -> None:
         count = len(scenario.vehicles)
         constraints = first_number(scenario) + len(scenario.fleet.waypoints)
-        self.program = LeastNorm(effort, groups)
+        others = np.setdiff1d(np.arange(count), planned)
+        motion = effort.motion.with_some(others, across.reference.accelerations[others])
+        self.program = LeastNorm(effort, groups, motion, executor)
+        self._planned, self._is_planned = planned, np.ones(count, dtype=bool)
+        self._is_planned[others] = False
         self._working = WorkingSet(Keys(constraints, count, scenario.grid))
         self._groups, self._across, self._gap = groups, across, 1.5 * scenario.grid.step
-        self._everyone = np.arange(count)
 
     def enter_broken(self, constraints: list[Constraint], number: int) -> bool:
         """Put the worst rows in that the motion breaks; whether there were any.
@@ -183,7 +226,7 @@ class _Rows:
         motion, before = self.program.motion, len(self.program)
         for constraint in constraints:
             for between in (False, True)[: 1 + (number > 0 and constraint.searches > 0)]:
-                rows = constraint.violated(motion, self._everyone, between=between)
+                rows = constraint.violated(motion, self._planned, between=between)
                 self.enter(rows.worst(motion, 2**number, gap=self._gap))
         return len(self.program) > before
 
@@ -191,6 +234,7 @@ class _Rows:
         """Put in those that are not in yet."""
         if rows.constraint.number == FIRST:
             inside = self._groups[rows.vehicles] == self._groups[rows.partners]
+            inside &= self._is_planned[rows.vehicles] & self._is_planned[rows.partners]
             apart = rows.select(~inside)
             rows = rows.select(inside)
             if len(apart) > 0:
@@ -200,6 +244,7 @@ class _Rows:
             self._enter(rows)
 
     def _enter(self, rows: HalfSpaces) -> None:
+        rows = rows.select(self._is_planned[rows.vehicles])
         new, _ = self._working.enter(rows, self.program.motion)
         if len(new) > 0:
             self.program.add(new)

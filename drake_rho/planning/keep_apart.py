@@ -29,6 +29,9 @@ NAME = "separation"
 NEAR = 1.6
 """Pairs within so many times the separation at a knot of the reference have rows there."""
 
+NEAR_SOFT = 1.3
+"""The same where rows may be broken: what comes near others has rows in the next step."""
+
 GRAZING = 1.1
 """Times the separation within which closest approaches of the reference between its knots have
 rows; where these may be broken at a cost, only those that are too close."""
@@ -146,17 +149,15 @@ class KeepApart(KeepOut):
         directions: FloatArray = x / np.maximum(distances, 1e-300)[:, None]
         at_centre = np.flatnonzero(distances <= self.kept.tolerance)
         if len(at_centre) > 0:
-            ways = self.shape.scaled(self.ways(places))
-            for row in at_centre:
-                directions[row] = side_of(np.zeros(3), ways[row])
+            ways = self.shape.scaled(self.ways(places.select(at_centre)))
+            directions[at_centre] = side_of(np.zeros_like(ways), ways)
         if self.aside:
-            offsets = self.shape.scaled(self.offsets(self.reference, places))
-            ways = self.shape.scaled(self.ways(places))
-            distances = np.linalg.norm(offsets, axis=1)
             close = distances < self.kept.distance
-            for rows in _encounters(places, close, self.reference.step):
-                nearest = rows[np.argmin(distances[rows])]
-                directions[rows] = side_of(offsets[nearest], ways[nearest])
+            rows, numbers = _encounters(places, close, self.reference.step)
+            order = np.lexsort((distances[rows], numbers))
+            nearest = rows[order[np.flatnonzero(np.diff(numbers[order], prepend=-1))]]
+            ways = self.shape.scaled(self.ways(places.select(nearest)))
+            directions[rows] = side_of(x[nearest], ways)[numbers]
         normals: FloatArray = directions * self.shape.scales
         normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
         if self.margins.most > 0.0 and not (self.kept.is_round or self.aside):
@@ -257,7 +258,8 @@ def pairs_of(
     separation, soft = separation_of(scenario), np.isfinite(penalty)
     margins = margins_of(scenario)
     kept = separation.distance + most_beside(separation, margins)
-    near = pairs_within(separation, reference, NEAR * kept, between=False, of=of)
+    around = (NEAR_SOFT if soft else NEAR) * kept
+    near = pairs_within(separation, reference, around, between=False, of=of)
     within = kept * (1.0 if soft else GRAZING)
     grazing = pairs_within(separation, reference, within, between=scenario.between_knots, of=of)
     shape = separation.shape
@@ -287,12 +289,13 @@ def places_of(found: CloseApproaches) -> Places:
     return Places(found.one, found.other, found.times)
 
 
-def _encounters(places: Places, close: BoolArray, step: float) -> list[IntArray]:
-    """The close places of each pair that follow each other, as indices."""
+def _encounters(places: Places, close: BoolArray, step: float) -> tuple[IntArray, IntArray]:
+    """The close places, as indices, and the number of the encounter that each is of.
+
+    Close places of a pair that follow each other are one encounter.
+    """
     rows = np.flatnonzero(close)
-    if len(rows) == 0:
-        return []
-    follows = np.diff(places.vehicles[rows]) == 0
-    follows &= np.diff(places.partners[rows]) == 0
-    follows &= np.diff(places.times[rows]) < 1.5 * step
-    return np.split(rows, np.flatnonzero(~follows) + 1)
+    follows = np.diff(places.vehicles[rows], prepend=-1) == 0
+    follows &= np.diff(places.partners[rows], prepend=-1) == 0
+    follows &= np.diff(places.times[rows], prepend=-np.inf) < 1.5 * step
+    return rows, np.cumsum(~follows) - 1

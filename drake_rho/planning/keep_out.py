@@ -68,7 +68,7 @@ class Places:
         """R."""
         return len(self.times)
 
-    def select(self, which: BoolArray) -> Places:
+    def select(self, which: BoolArray | IntArray) -> Places:
         """Some of them."""
         knots = None if self.knots is None else self.knots[which]
         return Places(self.vehicles[which], self.partners[which], self.times[which], knots)
@@ -281,18 +281,22 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacl
     ]
 
 
-def across(direction: FloatArray) -> FloatArray:
-    """A unit vector orthogonal to `direction`, shape (3,): the same one every time."""
-    least = np.eye(3)[np.argmin(np.abs(direction))]
-    across = np.cross(direction, least)
-    length = float(np.linalg.norm(across))
-    return across / length if length else np.array([0.0, 0.0, 1.0])
+def across(directions: FloatArray) -> FloatArray:
+    """Unit vectors orthogonal to directions (..., 3): always the same ones."""
+    least = np.eye(3)[np.argmin(np.abs(directions), axis=-1)]
+    normals = np.cross(directions, least)
+    lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+    some = lengths > 0.0
+    found: FloatArray = np.where(some, normals / np.where(some, lengths, 1.0), [0.0, 0.0, 1.0])
+    return found
 
 
-def side_of(offset: FloatArray, way: FloatArray) -> FloatArray:
-    """A unit vector orthogonal to `way`, on the side of `offset` if it has one; both (3,)."""
-    speed = float(np.linalg.norm(way))
-    ahead = way / speed if speed > 0.0 else np.zeros(3)
-    side = offset - (offset @ ahead) * ahead
-    length = float(np.linalg.norm(side))
-    return side / length if length > 1e-3 * np.linalg.norm(offset) else across(ahead)
+def side_of(offsets: FloatArray, ways: FloatArray) -> FloatArray:
+    """Unit vectors orthogonal to `ways`, on the sides of `offsets` if these have one, (..., 3)."""
+    speeds = np.linalg.norm(ways, axis=-1, keepdims=True)
+    ahead = np.where(speeds > 0.0, ways / np.where(speeds > 0.0, speeds, 1.0), 0.0)
+    sides = offsets - np.vecdot(offsets, ahead)[..., None] * ahead
+    lengths = np.linalg.norm(sides, axis=-1, keepdims=True)
+    has_one = lengths > 1e-3 * np.linalg.norm(offsets, axis=-1, keepdims=True)
+    found: FloatArray = np.where(has_one, sides / np.where(has_one, lengths, 1.0), across(ahead))
+    return found

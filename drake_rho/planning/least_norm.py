@@ -1,9 +1,9 @@
 """Programs of groups of vehicles by their duals: approximate, and fast.
 
-With u the accelerations of a group less those of minimum effort, the least norm(u)² that keeps rows
-M u >= b is that of u = M.T @ y, where y >= 0 minimises norm(M.T @ y)² / 2 - b · y. That needs no
-more than the products of rows with each other, M @ M.T, whose size is the number of rows. It is
-solved by the active-set method of Lawson and Hanson for non-negative least squares, from the last
+With u the accelerations of a group less those of minimum effort, the least norm(u)² + penalties ·
+slacks with M u + slack >= b is that of u = M.T @ y, where y minimises norm(M.T @ y)² / 2 - b · y
+within 0 <= y <= penalties / 2. That needs no more than the products of rows with each other,
+M @ M.T, whose size is the number of rows. It is solved by an active-set method, from the last
 multipliers.
 
 A row is a response in time times a normal in space times the signs of one vehicle or two, and so is
@@ -12,14 +12,22 @@ the product of two rows that of these three.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from itertools import pairwise
+from typing import get_args
+
 import numpy as np
 from scipy.linalg.lapack import dposv
-from scipy.sparse import csr_array
 
+from drake_rho.motion.dynamics import Motion, response
+from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.half_spaces import HalfSpaces
-from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.planning.minimum_effort import Changes, MinimumEffort
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.parts import Quantity
 
 _RIDGE = 1e-9
 """What is added to the squared length of rows, which are of length one: rows of neighbouring
@@ -34,6 +42,132 @@ _MOST = 10
 _FIXED = 1e-9
 """Part of a row's length that is left where the goals decide all the rest, and it is left out."""
 
+_BLOCK = 8000
+"""Rows in a block, those of some hundred vehicles: tens of milliseconds of work. It does not depend
+on who does it, so that neither do the last digits of what is found."""
+
+_QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Duals:
+    """Rows of some groups, one group after the other, as processes can be sent them."""
+
+    changes: Changes
+    """what they are about"""
+    groups: IntArray
+    """the number of the group of each row, rising, shape (R,)"""
+    one: IntArray
+    """the vehicle of each, shape (R,)"""
+    other: IntArray
+    """the vehicle whose part is taken off, or -1, shape (R,)"""
+    quantities: IntArray
+    """what they bound, as numbers of `_QUANTITIES`, shape (R,)"""
+    times: FloatArray
+    """when [s], shape (R,)"""
+    normals: FloatArray
+    """unit vectors, shape (R, 3)"""
+    needed: FloatArray
+    """what the motions of minimum effort leave to be done, in the quantity's unit, shape (R,)"""
+    most: FloatArray
+    """bounds on the multipliers: half the cost of each unit of slack, shape (R,)"""
+    multipliers: FloatArray
+    """where to begin, shape (R,)"""
+
+    def __len__(self) -> int:
+        """R."""
+        return len(self.times)
+
+    def select(self, rows: IntArray | slice) -> Duals:
+        """Some of the rows."""
+        arrays = {each: getattr(self, each)[rows] for each in _ARRAYS}
+        return dataclasses.replace(self, **arrays)
+
+    def and_also(self, more: Duals) -> Duals:
+        """These rows, then more."""
+        pairs = {each: (getattr(self, each), getattr(more, each)) for each in _ARRAYS}
+        return dataclasses.replace(self, **{k: np.concatenate(v) for k, v in pairs.items()})
+
+    @one_for_arrays()
+    def solved(self) -> tuple[FloatArray, IntArray, FloatArray]:
+        """The multipliers, the vehicles, and what is added to their accelerations (V, K-1, 3).
+
+        Raises:
+            SolverError: the multipliers of a group are not found.
+        """
+        inside, which, lengths = self._responses()
+        multipliers, vehicles, added = np.zeros(len(self)), [], []
+        ends = np.flatnonzero(np.diff(self.groups)) + 1
+        for first, last in pairwise([0, *ends.tolist(), len(self)]):
+            own = slice(first, last)
+            responses = inside[which[own]]
+            several, signs = self._signs(own)
+            y = self._solved(own, responses, lengths[own], signs)
+            multipliers[own] = y
+            vehicles.append(several)
+            pull = y[:, None] * self.normals[own]
+            if signs is None:
+                added.append((responses.T @ pull)[None])
+            else:
+                parts = [(signs * pull[:, axis]) @ responses for axis in range(3)]
+                added.append(np.stack(parts, axis=2))
+        return multipliers, np.concatenate(vehicles), np.concatenate(added)
+
+    def _responses(self) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Responses that leave goals alone (U, K-1), which of them is each row's, and its length.
+
+        A row that the goals decide has length zero.
+        """
+        grid = self.changes.grid
+        keys = np.stack([self.quantities.astype(np.float64), self.times])
+        instants, which = np.unique(keys, axis=1, return_inverse=True)
+        every = np.zeros((instants.shape[1], grid.knots - 1))
+        for number in np.unique(instants[0]).tolist():
+            own = instants[0] == number
+            quantity = _QUANTITIES[int(number)]
+            every[own] = response(quantity, grid.step, grid.knots, instants[1, own])
+        inside = self.changes.inside(every)
+        before, lengths = (np.sqrt(np.vecdot(each, each)) for each in (every, inside))
+        lengths[lengths <= _FIXED * before] = 0.0
+        which = which.reshape(-1)
+        return inside, which, lengths[which] * np.where(self.other >= 0, np.sqrt(2.0), 1.0)
+
+    def _signs(self, own: slice) -> tuple[IntArray, FloatArray | None]:
+        """The vehicles of a group, and their signs in its rows, (G, R); None if it is one alone."""
+        one, other = self.one[own], self.other[own]
+        if other.max() < 0 and one[0] == one[-1]:
+            several = one[:1]
+            if (one == one[0]).all():
+                return several, None
+        several = np.unique(np.concatenate([one, other[other >= 0]]))
+        signs = (several[:, None] == one).astype(np.float64)
+        signs -= several[:, None] == other
+        return several, signs
+
+    def _solved(
+        self, own: slice, responses: FloatArray, lengths: FloatArray, signs: FloatArray | None
+    ) -> FloatArray:
+        """The multipliers of the rows of one group."""
+        normals = self.normals[own]
+        products = (responses @ responses.T) * (normals @ normals.T)
+        if signs is not None:
+            products *= signs.T @ signs
+        scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+        products *= scales[:, None] * scales
+        products.flat[:: len(products) + 1] += _RIDGE
+        needed = scales * self.needed[own]
+        unit = max(float(np.abs(needed).max()), np.finfo(float).tiny)
+        scales /= unit
+        begin, most = self.multipliers[own] * lengths / unit, self.most[own] * lengths / unit
+        y: FloatArray = multipliers_of(products, needed / unit, begin, most)
+        y *= unit * unit * scales
+        return y
+
+
+_ARRAYS = tuple(
+    each.name for each in dataclasses.fields(Duals) if each.name != "changes"
+)
+
 
 class LeastNorm:
     """The motions of least cost that keep some rows, which are added by and by.
@@ -41,43 +175,54 @@ class LeastNorm:
     Args:
         effort: of the scenario.
         groups: for each vehicle the number of its group, shape (N,).
+        motion: what those fly who have no rows; motions of minimum effort if not given.
+        executor: where programs are solved; here if not given.
 
     Attributes:
         motion: of all vehicles, as last solved.
         programs: how many were solved.
     """
 
-    def __init__(self, effort: MinimumEffort, groups: IntArray) -> None:
-        steps = effort.grid.knots - 1
-        self.motion, self.programs = effort.motion, 0
-        self._effort, self._groups, self._parts = effort, groups, list[HalfSpaces]()
-        self._one = self._other = np.zeros(0, dtype=int)
-        self._responses, self._normals = np.zeros((0, steps)), np.zeros((0, 3))
-        self._needed = self._multipliers = np.zeros(0)
+    def __init__(
+        self,
+        effort: MinimumEffort,
+        groups: IntArray,
+        motion: Motion | None = None,
+        executor: Executor | None = None,
+    ) -> None:
+        self.motion, self.programs = motion or effort.motion, 0
+        self._effort, self._groups, self._executor = effort, groups, executor
+        self._parts = list[HalfSpaces]()
+        nobody, nothing = np.zeros(0, dtype=int), np.zeros(0)
+        self._rows = Duals(
+            effort.changes,
+            *(nobody, nobody, nobody, nobody),
+            *(nothing, np.zeros((0, 3)), nothing, nothing, nothing),
+        )
         self._pending = np.zeros(len(groups), dtype=bool)
 
     def __len__(self) -> int:
         """How many rows there are."""
-        return len(self._needed)
+        return len(self._rows)
 
     def add(self, rows: HalfSpaces) -> None:
         """Add rows; the vehicles of those that couple two are of the same group."""
-        other = rows.partners if rows.constraint.coupled else np.full(len(rows), -1)
-        responses = rows.responses(self._effort.grid)
-        inside = self._effort.changes.inside(responses)
-        several = 2.0 if rows.constraint.coupled else 1.0
-        lengths = np.sqrt(several * np.einsum("rj,rj->r", inside, inside))
-        fixed = lengths <= _FIXED * np.sqrt(np.einsum("rj,rj->r", responses, responses))
-        scales = np.where(fixed, 0.0, 1.0 / np.where(fixed, 1.0, lengths))
-        needed = -scales * rows.margins(self._effort.motion)
+        constraint = rows.constraint
         self._parts.append(rows)
-        self._one = np.append(self._one, rows.vehicles)
-        self._other = np.append(self._other, other)
-        self._responses = np.concatenate([self._responses, scales[:, None] * inside])
-        self._normals = np.concatenate([self._normals, rows.normals])
-        self._needed = np.append(self._needed, needed)
-        self._multipliers = np.append(self._multipliers, np.zeros(len(rows)))
-        self._pending[self._groups[rows.vehicles]] = True
+        more = Duals(
+            self._effort.changes,
+            groups=self._groups[rows.vehicles],
+            one=rows.vehicles,
+            other=rows.partners if constraint.coupled else np.full(len(rows), -1),
+            quantities=np.full(len(rows), _QUANTITIES.index(constraint.quantity)),
+            times=rows.times,
+            normals=rows.normals,
+            needed=-rows.margins(self._effort.motion),
+            most=np.full(len(rows), constraint.penalty / 2.0),
+            multipliers=np.zeros(len(rows)),
+        )
+        self._rows = self._rows.and_also(more)
+        self._pending[more.groups] = True
 
     def solve(self) -> None:
         """Find the motions of the groups that have new rows.
@@ -85,86 +230,99 @@ class LeastNorm:
         Raises:
             SolverError: it comes to no end.
         """
-        groups = self._groups[self._one]
-        rows = np.flatnonzero(self._pending[groups])
-        rows = rows[np.argsort(groups[rows], kind="stable")]
-        ends = np.flatnonzero(np.diff(groups[rows])) + 1
-        for own in np.split(rows, ends) if len(rows) > 0 else ():
-            self._multipliers[own] = self._solved(own)
-            self.programs += 1
-        self._move(self._pending[self._groups])
+        rows = np.flatnonzero(self._pending[self._rows.groups])
+        rows = rows[np.argsort(self._rows.groups[rows], kind="stable")]
         self._pending[:] = False
+        if len(rows) == 0:
+            return
+        own = self._rows.select(rows)
+        found = list(self._solved(list(_in_blocks(own))))
+        self._rows.multipliers[rows] = np.concatenate([y for y, _, _ in found])
+        vehicles = np.concatenate([each for _, each, _ in found])
+        added = np.concatenate([each for _, _, each in found])
+        order = np.argsort(vehicles)
+        vehicles, added = vehicles[order], added[order]
+        least = self._effort.motion.accelerations
+        self.motion = self.motion.with_some(vehicles, least[vehicles] + added)
+        self.programs += len(np.unique(own.groups))
+
+    def _solved(
+        self, blocks: list[Duals]
+    ) -> Iterator[tuple[FloatArray, IntArray, FloatArray]]:
+        if self._executor is None or len(blocks) == 1:
+            return map(Duals.solved, blocks)
+        return self._executor.map(Duals.solved, blocks)
 
     def pressing(self) -> list[tuple[HalfSpaces, FloatArray]]:
-        """The rows with multipliers above zero, as they were added, and these [m/s²]."""
+        """The rows with multipliers above zero, as they were added, and these.
+
+        A multiplier is half of what the cost rises with each unit that a row asks for.
+        """
+        if not self._parts:
+            return []
         ends = np.cumsum(list(map(len, self._parts)))[:-1]
-        every = zip(self._parts, np.split(self._multipliers, ends), strict=True)
+        every = zip(self._parts, np.split(self._rows.multipliers, ends), strict=True)
         return [(rows.select(y > 0.0), y[y > 0.0]) for rows, y in every]
 
-    def _solved(self, own: IntArray) -> FloatArray:
-        """The multipliers of the rows of one group."""
-        responses, normals, needed = self._responses[own], self._normals[own], self._needed[own]
-        signs = self._signs(own)
-        products = (signs.T @ signs).toarray()
-        products *= (responses @ responses.T) * (normals @ normals.T)
-        np.fill_diagonal(products, products.diagonal() + _RIDGE)
-        unit = np.abs(needed).max(initial=np.finfo(float).tiny)
-        multipliers: FloatArray = unit * multipliers_of(
-            products, needed / unit, self._multipliers[own] / unit
-        )
-        return multipliers
 
-    def _signs(self, rows: IntArray) -> csr_array:
-        """The sign of each vehicle in some rows, shape (N, R)."""
-        one, other = self._one[rows], self._other[rows]
-        place, both = np.arange(len(rows)), np.flatnonzero(other >= 0)
-        values = np.append(np.ones(len(rows)), -np.ones(len(both)))
-        where = np.append(one, other[both]), np.append(place, both)
-        return csr_array((values, where), shape=(len(self._groups), len(rows)))
-
-    def _move(self, moved: BoolArray) -> None:
-        """Let some vehicles fly what the multipliers say."""
-        vehicles = np.flatnonzero(moved)
-        rows = np.flatnonzero((self._multipliers > 0.0) & moved[self._one])
-        weighted = self._multipliers[rows, None] * self._responses[rows]
-        each = weighted[:, :, None] * self._normals[rows, None, :]
-        least = self._effort.motion.accelerations
-        changes = self._signs(rows) @ each.reshape(len(rows), least[0].size)
-        accelerations = least[vehicles] + changes[vehicles].reshape(-1, *least.shape[1:])
-        self.motion = self.motion.with_some(vehicles, accelerations)
+def _in_blocks(rows: Duals) -> Iterator[Duals]:
+    """About `_BLOCK` rows at a time; those of a group stay together."""
+    begins = np.flatnonzero(np.diff(rows.groups, prepend=-1))
+    cuts = begins[np.flatnonzero(np.diff(begins // _BLOCK, prepend=-1))]
+    for first, last in pairwise([*cuts.tolist(), len(rows)]):
+        yield rows.select(slice(first, last))
 
 
-def multipliers_of(products: FloatArray, needed: FloatArray, y: FloatArray) -> FloatArray:
-    """The y >= 0 that minimises y · products @ y / 2 - needed · y (Lawson and Hanson).
+def multipliers_of(
+    products: FloatArray, needed: FloatArray, y: FloatArray, most: FloatArray
+) -> FloatArray:
+    """The y, 0 <= y <= most, that minimises y · products @ y / 2 - needed · y.
 
-    Several rows become active at once, all that are broken half as much as the worst. The cost
-    falls no less: those whose multipliers would be below zero leave again before they move.
+    By the active-set method of Lawson and Hanson, with upper bounds as well (Stark and Parker).
+    Several multipliers leave their bounds at once, all whose slope is half as steep as the
+    steepest. The cost falls no less: those that would leave again at once stay before they move.
 
     Args:
         products: positive definite, shape (R, R).
         needed: shape (R,).
-        y: where to begin, at least 0; what is zero and broken there begins as active, shape (R,).
+        y: where to begin, shape (R,); what is zero, and less than it needs, begins as free.
+        most: above 0, may be infinite, shape (R,).
 
     Raises:
         SolverError: it comes to no end, or `products` is not what it should be.
     """
-    active = (y > 0.0) | (needed - products @ y > _BROKEN)
+    y = np.minimum(np.maximum(y, 0.0), most)
+    full = y >= most
+    free = ~full & ((y > 0.0) | (needed - products @ y > _BROKEN))
+    left = needed - products @ np.where(full, most, 0.0)
     for _ in range(_MOST * len(y)):
-        rows = np.flatnonzero(active)
-        z = np.zeros_like(y)
+        rows = free.nonzero()[0]
+        z, failed = np.zeros(0), 0
         if len(rows) > 0:
-            _, z[rows], failed = dposv(products[rows[:, None], rows], needed[rows])
-            if failed:
-                break
-        leaving = np.flatnonzero(active & (z <= 0.0))
-        if len(leaving) > 0:
-            parts = y[leaving] / np.maximum(y[leaving] - z[leaving], np.finfo(float).tiny)
-            y = y + parts.min() * (z - y)
-            active[leaving[parts <= parts.min()]] = False
-            y[~active] = 0.0
-            continue
-        y, broken = z, np.where(active, 0.0, needed - products @ z)
-        if broken.max() <= _BROKEN:
-            return y
-        active |= broken > 0.5 * broken.max()
+            _, z, failed = dposv(products[rows[:, None], rows], left[rows])
+        if failed:
+            break
+        out = ((z <= 0.0) | (z >= most[rows])).nonzero()[0]
+        if len(out) > 0:
+            gone, bounds = rows[out], np.where(z[out] <= 0.0, 0.0, most[rows[out]])
+            way, before = z[out] - y[gone], bounds - y[gone]
+            parts = np.divide(before, way, out=np.zeros(len(out)), where=way != 0.0)
+            part = max(float(parts.min()), 0.0)
+            y[rows] += part * (z - y[rows])
+            first = (parts <= part).nonzero()[0]
+            gone, bounds = gone[first], bounds[first]
+            y[gone], free[gone], full[gone] = bounds, False, bounds > 0.0
+        else:
+            y[rows] = z
+            steep = needed - products @ y
+            steep[free] = 0.0
+            steep[full] *= -1.0
+            worst = float(steep.max())
+            if worst <= _BROKEN:
+                return y
+            gone = (steep > 0.5 * worst).nonzero()[0]
+            bounds = y[gone]
+            free[gone], full[gone] = True, False
+        if bounds.any():  # some are at their upper bounds now, or no longer
+            left = needed - products @ np.where(full, most, 0.0)
     raise SolverError("the multipliers of a group were not found")

@@ -12,7 +12,7 @@ from drake_rho.scenario.records import Scenario
 SMALL_FLEET = 6
 """Vehicles up to which a fleet is iterated to `COUPLED_SMALL`."""
 
-ALONE, COUPLED_SMALL, COUPLED, GROUPED, DECOUPLED = 1e-9, 1e-7, 1e-3, 1e-2, 2.5e-2
+ALONE, COUPLED_SMALL, COUPLED, GROUPED, DECOUPLED = 1e-9, 1e-7, 1e-3, 1e-2, 5e-2
 """Tolerances where none is given. In fleets that keep apart every iteration moves all vehicles and
 a further digit takes as long as all before; small ones are quick, and can be certified. In groups,
 at most a few per cent are left where the cost falls by less. Decoupled, it falls ever more slowly,

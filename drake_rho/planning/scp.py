@@ -20,11 +20,15 @@ from drake_rho.scenario.fields import IntArray
 Follow = Callable[[Plan, Plan], Plan]
 """What is linearised around next, of a reference and the plan that was found around it."""
 
-MAX_RESTORATIONS = 20
+MAX_RESTORATIONS = 30
 """Bound on the penalties of one restoration."""
 
 GROWTH = 3.0
 """How fast the penalty grows."""
+
+_MOST = 1e3
+"""Times the first penalty beyond which penalties grow no more: more than what is gained by being
+too close costs nothing more, but digits."""
 
 _CLOSER = 10.0
 """Times the first penalty for a reference that is a way among obstacles and cannot be flown: what
@@ -144,7 +148,7 @@ def restored(
     first = _first_penalty(plan, subproblem.least_cost)
     if not subproblem.is_flown(plan):
         first *= _CLOSER
-    penalties = (first * growth**number for number in range(most))
+    penalties = (first * min(growth**number, _MOST) for number in range(most))
     return iterate(subproblem, plan, 1.0, penalties, progress=progress, follow=follow)
 
 

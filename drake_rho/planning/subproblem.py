@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
 
 import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.breaches import Breaches, breaches_of
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
@@ -25,6 +27,10 @@ from drake_rho.scenario.records import Scenario
 _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
 with fewer they come out inside of some, and on the wrong side of others."""
+
+_ROUNDS_OF_REFERENCES = 5
+"""Rounds of rows in a step of the restoration of large fleets; the first steps take fewer, as all
+that they find moves on."""
 
 
 def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
@@ -85,7 +91,7 @@ class Subproblem:
         self,
         scenario: Scenario,
         coupling: Coupling = coupled,
-        solver: Solver | None = None,
+        solver: Solver | OnWorkers | None = None,
         most: int = DEFAULTS.max_group,
     ) -> None:
         count = len(scenario.vehicles)
@@ -96,8 +102,14 @@ class Subproblem:
         self._coupling, self._solver = coupling, solver
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
         self._looked: tuple[Plan, Breaches] | None = None
-        in_groups = apart and coupling.in_groups
-        self._groups = InGroups(scenario, self._effort, most) if in_groups else None
+        self._rough: Plan | None = None
+        self._groups = self._alone = None
+        if apart and not coupling.together:
+            executor = solver.executor if isinstance(solver, OnWorkers) else None
+            self._alone = InGroups(scenario, self._effort, 1, executor)
+            self._groups = self._alone
+            if coupling.in_groups:
+                self._groups = InGroups(scenario, self._effort, most, executor)
 
     @property
     def least_cost(self) -> float:
@@ -187,6 +199,9 @@ class Subproblem:
                 return self.around(reference)
             except (InfeasibleError, SolverError):  # not yet
                 pass
+        elif self._alone is not None and len(found.inside) + len(found.unflyable) == 0:
+            with suppress(SolverError):
+                return self._drawn_apart(reference, penalty, number)
         motion, rounds = reference.motion(), number // 2
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
         constraints = self._limits(penalty)
@@ -207,6 +222,22 @@ class Subproblem:
             )
         return self._solve(reference, constraints, found.vehicles)
 
+    def _drawn_apart(self, reference: Plan, penalty: float, number: int) -> Plan:
+        """A motion in which pairs are further apart, to linearise around: it need not keep limits.
+
+        Args and errors are those of `restored`.
+        """
+        assert self._alone is not None  # noqa: S101  # there is a separation
+        motion, spent = self._alone.around(
+            reference.motion(),
+            penalty=penalty,
+            aside=number == 0,
+            vehicles=self._look_at(reference).vehicles,
+            rounds=min(number + 1, _ROUNDS_OF_REFERENCES),
+        )
+        self._rough = Plan.from_accelerations(self.scenario, motion.accelerations, spent)
+        return self._rough
+
     def _limits(self, penalty: float) -> list[Constraint]:
         """What vehicles keep in while they are restored."""
         return convex_constraints(self.scenario)
@@ -222,7 +253,7 @@ class Subproblem:
     def holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown within limits, keeps apart and out of obstacles."""
         found = self._look_at(plan)
-        return len(found.pairs) == 0 and found.is_of_pairs_only
+        return plan is not self._rough and len(found.pairs) == 0 and found.is_of_pairs_only
 
     def almost_holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown and is too close to nothing by more than a little."""
@@ -236,7 +267,7 @@ class Subproblem:
         """What a plan breaks; looked for once."""
         if self._looked is None or self._looked[0] is not plan:
             _check_fits(plan, self.scenario)
-            self._looked = plan, breaches_of(self.scenario, plan)
+            self._looked = plan, breaches_of(self.scenario, plan, self._looked)
         return self._looked[1]
 
     def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
