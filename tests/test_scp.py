@@ -221,7 +221,7 @@ def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart(
     assert caught.value.statistics.linearisations == 3
 
 
-def test_penalties_of_a_restoration_triple_from_what_it_costs_to_move_aside() -> None:
+def test_penalties_of_a_restoration_triple_from_what_it_costs_to_move_aside_up_to_a_bound() -> None:
     asked = through_the_middle(2)
     careless = rho.plan(asked.without_separation())
     start = rho.Plan.from_accelerations(asked, careless.accelerations)
@@ -236,8 +236,9 @@ def test_penalties_of_a_restoration_triple_from_what_it_costs_to_move_aside() ->
         restored(start, Noted(asked, decoupled))
     assert set(caught.value.conflicts) == {"v0", "v1"}
     penalties = np.array([penalty for penalty, _ in noted])
-    assert [number for _, number in noted] == list(range(20))
-    np.testing.assert_allclose(penalties[1:] / penalties[:-1], 3.0)
+    assert [number for _, number in noted] == list(range(30))
+    np.testing.assert_allclose(penalties[1:7] / penalties[:6], 3.0)
+    np.testing.assert_allclose(penalties[7:], 1000.0 * penalties[0])
     # a plan's cost for each vehicle, and that of a metre aside and back at 4 d / T² all along
     known = careless.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
     assert penalties[0] == pytest.approx(known)

@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.margins import margins_of
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning import breaches as module_of_breaches
 from drake_rho.planning import subproblem as module
+from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.close_pairs import too_close
+from drake_rho.planning.in_groups import InGroups
 from drake_rho.planning.keep_apart import KeepApart, coupled, decoupled, pairs_of
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.subproblem import Subproblem, plan_around
@@ -155,8 +161,9 @@ def test_the_plan_of_minimum_violation_minds_obstacles_and_accelerations() -> No
 def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones_look_longer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = through_the_middle(2)
-    careless = rho.plan(asked.without_separation())
+    """Of a fleet that is in trouble with an obstacle too, as others are restored by references."""
+    asked = dataclasses.replace(through_the_middle(2), obstacles=(rho.Sphere([1, 0, 0], 0.5),))
+    careless = rho.plan(asked.without_separation().without_obstacles())
     start = rho.Plan.from_accelerations(asked, careless.accelerations)
     made: list[KeepApart] = []
 
@@ -168,5 +175,67 @@ def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones
     for number in range(4):
         Subproblem(asked, decoupled).restored(start, 7.0, number)
     assert [each.aside for each in made] == [True, False, False, False]
-    assert [each.rounds for each in made] == [1, 1, 2, 2]
+    assert [each.rounds for each in made] == [4, 4, 5, 5]
     assert {each.penalty for each in made} == {7.0}
+
+
+def test_pairs_are_brought_apart_by_references_which_hold_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = through_the_middle(3)
+    careless = rho.plan(asked.without_separation())
+    plan = rho.Plan.from_accelerations(asked, careless.accelerations)
+    made: list[dict[str, Any]] = []
+    around = InGroups.around
+
+    def noted(self: InGroups, reference: Motion, **options: Any) -> tuple[Motion, Statistics]:
+        made.append(options)
+        return around(self, reference, **options)
+
+    monkeypatch.setattr(InGroups, "around", noted)
+    subproblem = Subproblem(asked, decoupled)
+    breaches = [subproblem.worst_breach(plan)]
+    for number in range(20):
+        if subproblem.almost_holds(plan):
+            break
+        plan = subproblem.restored(plan, 10.0 * 3.0**number, number)
+        breaches.append(subproblem.worst_breach(plan))
+        assert not subproblem.holds(plan)  # whatever it looks like
+    assert breaches[-1] < 0.05 < breaches[0]
+    assert [each["aside"] for each in made] == [True] + [False] * (len(made) - 1)
+    assert [each["rounds"] for each in made] == [min(k + 1, 5) for k in range(len(made))]
+    assert [each["penalty"] for each in made] == [10.0 * 3.0**k for k in range(len(made))]
+    plan = subproblem.restored(plan, 1e6, 20)
+    assert subproblem.holds(plan)
+    assert rho.verify(plan).ok
+
+
+def test_what_did_not_move_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaches are the same as of a look at everyone."""
+    rng = np.random.default_rng(5)
+    asked = rho.random_transitions(12, rng, duration=5.0)
+    plan = rho.plan(asked.without_separation())
+    plan = rho.Plan.from_accelerations(asked, plan.accelerations)
+    found, looked = breaches_of(asked, plan), list[int]()
+    search = module_of_breaches.too_close
+
+    def noted(*args: Any, **options: Any) -> CloseApproaches:
+        looked.append(len(options["of"]))
+        return search(*args, **options)
+
+    for _ in range(6):
+        accelerations = np.array(plan.accelerations)
+        some = rng.permutation(12)[:3]
+        accelerations[some] += rng.normal(size=accelerations[some].shape)
+        after = rho.Plan.from_accelerations(asked, accelerations)
+        with monkeypatch.context() as patched:
+            patched.setattr(module_of_breaches, "too_close", noted)
+            again = breaches_of(asked, after, (plan, found))
+        plan, found = after, breaches_of(asked, after)
+        assert len(found.pairs) > 0
+        for name in ("one", "other", "times", "distances"):
+            one, other = getattr(again.pairs, name), getattr(found.pairs, name)
+            np.testing.assert_allclose(one, other, rtol=1e-14)
+        np.testing.assert_array_equal(again.beyond, found.beyond)
+        np.testing.assert_array_equal(again.vehicles, found.vehicles)
+    assert looked == [3] * 6

@@ -15,6 +15,7 @@ from concurrent.futures import Executor
 
 import numpy as np
 
+from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
@@ -157,6 +158,17 @@ class InGroups:
         return program.motion, Statistics(
             programs=program.programs, rows=len(program), linearisations=1
         )
+
+    def regroup(self, pairs: CloseApproaches, within: float) -> None:
+        """Make groups of those that are too close.
+
+        Args:
+            pairs: that are; how much a pair presses is how much closer than `within` it is.
+            within: a distance that none of them has [m].
+        """
+        self.groups = np.arange(len(self._scenario.vehicles))
+        if len(pairs) > 0:
+            self.groups = self._grouped(pairs.one, pairs.other, within - pairs.distances)
 
     def _first_groups(self, pairs: KeepApart) -> IntArray:
         """Groups of those who would be longest in each other's way if they flew as if alone."""

@@ -20,8 +20,11 @@ from drake_rho.scenario.fields import IntArray
 Follow = Callable[[Plan, Plan], Plan]
 """What is linearised around next, of a reference and the plan that was found around it."""
 
-MAX_RESTORATIONS = 30
+MAX_RESTORATIONS = 100
 """Bound on the penalties of one restoration."""
+
+PATIENCE = 20
+"""Penalties after which a restoration is given up if there are no fewer vehicles in trouble."""
 
 GROWTH = 3.0
 """How fast the penalty grows."""
@@ -50,7 +53,8 @@ def iterate(
     Without penalties the plan has to keep its constraints. Every iterate then does, and the
     iteration ends when the cost falls by less than the tolerance: of each vehicle by itself, of
     fleets that keep apart as a whole. With penalties, pairs of the plan may be too close, and one
-    penalty after the other is tried until they are not (feasibility restoration).
+    penalty after the other is tried until they are not (feasibility restoration), or until as many
+    vehicles as before are left in trouble for `PATIENCE` of them.
 
     Args:
         subproblem: what is solved in each iteration.
@@ -69,6 +73,7 @@ def iterate(
         InfeasibleError: no penalty keeps the pairs apart.
     """
     restoring, falling = penalties is not None, np.arange(len(plan.accelerations))
+    fewest, since = len(falling) + 1, 0
     converged, spent, around = False, plan.statistics, plan
     for number, penalty in enumerate(islice(penalties or repeat(np.inf), most)):
         if restoring and subproblem.holds(plan):
@@ -87,6 +92,10 @@ def iterate(
         if restoring:
             far = follow is not None and not subproblem.almost_holds(after)
             plan, around = after, follow(around, after) if follow and far else after
+            if (left := len(subproblem.in_trouble(after))) < fewest:
+                fewest, since = left, number
+            if number - since >= PATIENCE:
+                break
             continue
         plan, falling = _better(subproblem, plan, after, falling, tolerance)
         if converged := len(falling) == 0:

@@ -11,6 +11,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.breaches import Breaches, breaches_of
+from drake_rho.planning.close_pairs import separation_of
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
@@ -28,7 +29,10 @@ _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
 with fewer they come out inside of some, and on the wrong side of others."""
 
-_ROUNDS_OF_REFERENCES = 5
+_TOGETHER = 5
+"""Bound on the vehicles of a group while pairs are too close."""
+
+_ROUNDS_OF_REFERENCES = 4
 """Rounds of rows in a step of the restoration of large fleets; the first steps take fewer, as all
 that they find moves on."""
 
@@ -103,13 +107,12 @@ class Subproblem:
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
         self._looked: tuple[Plan, Breaches] | None = None
         self._rough: Plan | None = None
-        self._groups = self._alone = None
+        self._groups = self._restoring = None
         if apart and not coupling.together:
             executor = solver.executor if isinstance(solver, OnWorkers) else None
-            self._alone = InGroups(scenario, self._effort, 1, executor)
-            self._groups = self._alone
-            if coupling.in_groups:
-                self._groups = InGroups(scenario, self._effort, most, executor)
+            size = most if coupling.in_groups else 1
+            self._groups = InGroups(scenario, self._effort, size, executor)
+            self._restoring = InGroups(scenario, self._effort, _TOGETHER, executor)
 
     @property
     def least_cost(self) -> float:
@@ -194,14 +197,20 @@ class Subproblem:
             SolverError: the solvers fail numerically.
         """
         found = self._look_at(reference)
+        vehicles = found.vehicles
         if found.is_almost_out(self.scenario):
             try:
+                if 0 < len(vehicles) < len(self.labels):
+                    self.around(reference, vehicles)  # if they have no plan, nobody else needs one
                 return self.around(reference)
-            except (InfeasibleError, SolverError):  # not yet
+            except InfeasibleError as error:  # not yet
+                stuck = [self.scenario.index_of(name) for name in error.conflicts]
+                vehicles = np.union1d(vehicles, stuck).astype(int)
+            except SolverError:
                 pass
-        elif self._alone is not None and len(found.inside) + len(found.unflyable) == 0:
+        if self._restoring is not None and len(found.inside) + len(found.unflyable) == 0:
             with suppress(SolverError):
-                return self._drawn_apart(reference, penalty, number)
+                return self._drawn_apart(reference, penalty, number, vehicles)
         motion, rounds = reference.motion(), number // 2
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
         constraints = self._limits(penalty)
@@ -217,22 +226,26 @@ class Subproblem:
                     penalty=penalty,
                     aside=number == 0,
                     rounds=rounds,
-                    of=found.vehicles,
+                    of=vehicles,
                 )
             )
-        return self._solve(reference, constraints, found.vehicles)
+        return self._solve(reference, constraints, vehicles)
 
-    def _drawn_apart(self, reference: Plan, penalty: float, number: int) -> Plan:
+    def _drawn_apart(
+        self, reference: Plan, penalty: float, number: int, vehicles: IntArray
+    ) -> Plan:
         """A motion in which pairs are further apart, to linearise around: it need not keep limits.
 
-        Args and errors are those of `restored`.
+        Args and errors are those of `restored`; the vehicles are those that are planned.
         """
-        assert self._alone is not None  # noqa: S101  # there is a separation
-        motion, spent = self._alone.around(
+        assert self._restoring is not None  # noqa: S101  # there is a separation
+        pairs = self._look_at(reference).pairs
+        self._restoring.regroup(pairs, 2.0 * separation_of(self.scenario).distance)
+        motion, spent = self._restoring.around(
             reference.motion(),
             penalty=penalty,
             aside=number == 0,
-            vehicles=self._look_at(reference).vehicles,
+            vehicles=vehicles,
             rounds=min(number + 1, _ROUNDS_OF_REFERENCES),
         )
         self._rough = Plan.from_accelerations(self.scenario, motion.accelerations, spent)
@@ -258,6 +271,10 @@ class Subproblem:
     def almost_holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown and is too close to nothing by more than a little."""
         return self._look_at(plan).is_almost_out(self.scenario)
+
+    def in_trouble(self, plan: Plan) -> IntArray:
+        """The vehicles that break something, rising."""
+        return self._look_at(plan).vehicles
 
     def worst_breach(self, plan: Plan) -> float:
         """By how much a plan is too close to something at most [m]; 0 if it is to nothing."""
