@@ -61,7 +61,7 @@ class CloseApproaches:
         """M."""
         return len(self.times)
 
-    def select(self, which: BoolArray | IntArray) -> CloseApproaches:
+    def select(self, which: BoolArray | IntArray | slice) -> CloseApproaches:
         """Only some of them."""
         return CloseApproaches(
             self.one[which], self.other[which], self.times[which], self.distances[which]

@@ -30,11 +30,15 @@ _ROUNDS_AMONG_OBSTACLES = 4
 with fewer they come out inside of some, and on the wrong side of others."""
 
 _TOGETHER = 5
-"""Bound on the vehicles of a group while pairs are too close."""
+"""Bound on the vehicles of a group while few pairs are too close."""
 
-_ROUNDS_OF_REFERENCES = 4
-"""Rounds of rows in a step of the restoration of large fleets; the first steps take fewer, as all
-that they find moves on."""
+_FEW = 0.25
+"""Part of a fleet up to which those in trouble are brought apart in groups: groups of many rows
+take long, and while many are in trouble all that is found moves on."""
+
+_ROUNDS_OF_MANY, _ROUNDS_OF_FEW = 2, 4
+"""Rounds of rows in which vehicles are brought apart; in the first step there is one. With one for
+many all the time, those that are kept apart come too close between."""
 
 
 def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
@@ -239,14 +243,15 @@ class Subproblem:
         Args and errors are those of `restored`; the vehicles are those that are planned.
         """
         assert self._restoring is not None  # noqa: S101  # there is a separation
-        pairs = self._look_at(reference).pairs
-        self._restoring.regroup(pairs, 2.0 * separation_of(self.scenario).distance)
+        pairs, few = self._look_at(reference).pairs, len(vehicles) <= _FEW * len(self.labels)
+        within = 2.0 * separation_of(self.scenario).distance
+        self._restoring.regroup(pairs if few else pairs.select(slice(0)), within)
         motion, spent = self._restoring.around(
             reference.motion(),
             penalty=penalty,
             aside=number == 0,
             vehicles=vehicles,
-            rounds=min(number + 1, _ROUNDS_OF_REFERENCES),
+            rounds=min(number + 1, _ROUNDS_OF_FEW if few else _ROUNDS_OF_MANY),
         )
         self._rough = Plan.from_accelerations(self.scenario, motion.accelerations, spent)
         return self._rough
