@@ -12,7 +12,7 @@ from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
 from drake_rho.planning.keep_apart import decoupled
-from drake_rho.planning.scp import iterate, restored
+from drake_rho.planning.scp import PATIENCE, iterate, restored
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 from tests.scenarios import fleet, scenarios, through_the_middle
@@ -221,7 +221,7 @@ def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart(
     assert caught.value.statistics.linearisations == 3
 
 
-def test_penalties_of_a_restoration_triple_from_what_it_costs_to_move_aside_up_to_a_bound() -> None:
+def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -> None:
     asked = through_the_middle(2)
     careless = rho.plan(asked.without_separation())
     start = rho.Plan.from_accelerations(asked, careless.accelerations)
@@ -236,7 +236,7 @@ def test_penalties_of_a_restoration_triple_from_what_it_costs_to_move_aside_up_t
         restored(start, Noted(asked, decoupled))
     assert set(caught.value.conflicts) == {"v0", "v1"}
     penalties = np.array([penalty for penalty, _ in noted])
-    assert [number for _, number in noted] == list(range(30))
+    assert [number for _, number in noted] == list(range(1 + PATIENCE))  # nobody is out of trouble
     np.testing.assert_allclose(penalties[1:7] / penalties[:6], 3.0)
     np.testing.assert_allclose(penalties[7:], 1000.0 * penalties[0])
     # a plan's cost for each vehicle, and that of a metre aside and back at 4 d / T² all along

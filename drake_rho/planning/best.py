@@ -21,6 +21,7 @@ from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.progress import Progress, tell, within
+from drake_rho.planning.restoration import Restoration
 from drake_rho.planning.room import check_room
 from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, iterate, restored
 from drake_rho.planning.solve import Solver
@@ -207,7 +208,7 @@ def _brought_apart(
     scenario, spent = start.scenario, Statistics()
     failure: InfeasibleError | SolverError | None = None
     for reference, growth, most in _attempts(start):
-        subproblem = Subproblem(scenario, decoupled, solver)
+        subproblem = Restoration(scenario, solver)
         try:
             plan = restored(reference, subproblem, progress, growth=growth, most=most)
         except (InfeasibleError, SolverError) as error:

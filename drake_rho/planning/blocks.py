@@ -33,6 +33,11 @@ class OnWorkers:
     """any of PEP 3148; to processes a Drake solver cannot be sent"""
 
 
+def executor_of(solver: Solver | OnWorkers | None) -> Executor | None:
+    """Where programs are solved, if not here."""
+    return solver.executor if isinstance(solver, OnWorkers) else None
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answers:
     """What was found for groups of equally many vehicles and rows."""

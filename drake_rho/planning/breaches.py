@@ -65,8 +65,12 @@ class Breaches:
 
     def is_almost_out(self, scenario: Scenario) -> bool:
         """Whether what is too close is so by little, and the motion can be flown."""
-        if len(self.unflyable) > 0:
+        if len(self.unflyable) + len(self.beyond) > 0:
             return False
+        return self.is_almost_clear(scenario)
+
+    def is_almost_clear(self, scenario: Scenario) -> bool:
+        """Whether what is too close is so by little."""
         apart = 0.0 if scenario.separation is None else scenario.separation.distance
         if np.any(self.pairs.distances <= (1.0 - _ALMOST) * apart):
             return False
@@ -146,7 +150,8 @@ def _unflyable(scenario: Scenario, motion: Motion, vehicles: IntArray) -> IntArr
     start = fleet.start_positions[vehicles], fleet.start_velocities[vehicles]
     positions, _ = roll_out(*start, motion.accelerations[vehicles], motion.step)
     missed = np.abs(positions - motion.positions[vehicles]).max(axis=(1, 2), initial=0.0)
-    return vehicles[missed > TOLERANCE * fleet.lengths[vehicles]]
+    found: IntArray = vehicles[missed > TOLERANCE * fleet.lengths[vehicles]]
+    return found
 
 
 def _beyond(scenario: Scenario, motion: Motion, vehicles: IntArray) -> IntArray:

@@ -1,11 +1,14 @@
-"""References for large fleets: linearisations in which groups of vehicles are coupled.
+"""References for fleets: linearisations in which groups of vehicles are coupled.
 
 Two that are planned apart each yield half of what a reference leaves between them, and leave what
 one could gain by the other's giving way. In groups, pairs have one row about their difference, and
 only pairs of two groups yield half each. Groups are of those that press most on each other in one
-linearisation, and others in the next, so that every pair that presses is in a group by and by.
+linearisation, and others in the next, so that every pair that presses is in a group by and by. A
+group may be one vehicle alone.
 
-What is found is a reference and no plan: it is approximate, and nothing else is taken from it.
+What is found is a reference and no plan: it is approximate, and nothing else is taken from it. From
+a plan, references cost less and less; from a motion in which pairs are too close, they are further
+apart, as rows may be broken at a penalty.
 """
 
 from __future__ import annotations
@@ -58,11 +61,13 @@ class InGroups:
     Args:
         scenario: what is asked; it has a separation.
         effort: its minimum effort.
-        most: bound on the vehicles of a group; a fleet of up to twice as many is one.
+        most: bound on the vehicles of a group; a fleet of up to twice as many is one, unless it is
+            1: each by itself.
+        executor: where programs are solved; here if not given.
 
     Attributes:
         groups: for each vehicle the number of its group in the next linearisation; None before
-            the first one of a fleet that is larger than a group.
+            the first one of a fleet that is larger than a group of several.
     """
 
     def __init__(
@@ -191,7 +196,7 @@ class InGroups:
             one.append(first)
             other.append(second)
             pressures.append(np.where(same, _STALE, 1.0) * multipliers)
-        if len(self.groups) > self._most and one:
+        if len(self.groups) > self._most > 1 and one:
             self.groups = self._grouped(*map(np.concatenate, (one, other, pressures)))
 
     def _grouped(self, one: IntArray, other: IntArray, pressures: FloatArray) -> IntArray:

@@ -16,7 +16,7 @@ import dataclasses
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from itertools import pairwise
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -80,13 +80,25 @@ class Duals:
 
     def select(self, rows: IntArray | slice) -> Duals:
         """Some of the rows."""
-        arrays = {each: getattr(self, each)[rows] for each in _ARRAYS}
-        return dataclasses.replace(self, **arrays)
+        return Duals(self.changes, *[array[rows] for array in self._arrays()])
 
     def and_also(self, more: Duals) -> Duals:
         """These rows, then more."""
-        pairs = {each: (getattr(self, each), getattr(more, each)) for each in _ARRAYS}
-        return dataclasses.replace(self, **{k: np.concatenate(v) for k, v in pairs.items()})
+        pairs = zip(self._arrays(), more._arrays(), strict=True)
+        return Duals(self.changes, *map(np.concatenate, pairs))
+
+    def _arrays(self) -> tuple[Any, ...]:
+        return (
+            self.groups,
+            self.one,
+            self.other,
+            self.quantities,
+            self.times,
+            self.normals,
+            self.needed,
+            self.most,
+            self.multipliers,
+        )
 
     @one_for_arrays()
     def solved(self) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -135,10 +147,8 @@ class Duals:
     def _signs(self, own: slice) -> tuple[IntArray, FloatArray | None]:
         """The vehicles of a group, and their signs in its rows, (G, R); None if it is one alone."""
         one, other = self.one[own], self.other[own]
-        if other.max() < 0 and one[0] == one[-1]:
-            several = one[:1]
-            if (one == one[0]).all():
-                return several, None
+        if other.max() < 0 and (one == one[0]).all():
+            return one[:1], None
         several = np.unique(np.concatenate([one, other[other >= 0]]))
         signs = (several[:, None] == one).astype(np.float64)
         signs -= several[:, None] == other
@@ -162,11 +172,6 @@ class Duals:
         y: FloatArray = multipliers_of(products, needed / unit, begin, most)
         y *= unit * unit * scales
         return y
-
-
-_ARRAYS = tuple(
-    each.name for each in dataclasses.fields(Duals) if each.name != "changes"
-)
 
 
 class LeastNorm:
@@ -246,9 +251,7 @@ class LeastNorm:
         self.motion = self.motion.with_some(vehicles, least[vehicles] + added)
         self.programs += len(np.unique(own.groups))
 
-    def _solved(
-        self, blocks: list[Duals]
-    ) -> Iterator[tuple[FloatArray, IntArray, FloatArray]]:
+    def _solved(self, blocks: list[Duals]) -> Iterator[tuple[FloatArray, IntArray, FloatArray]]:
         if self._executor is None or len(blocks) == 1:
             return map(Duals.solved, blocks)
         return self._executor.map(Duals.solved, blocks)

@@ -37,8 +37,8 @@ class Options:
     """relative fall of the cost in one linearisation below which an iteration has converged; a
     vehicle that nothing couples stops when its part falls by less than this part of the whole. If
     not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled, 1e-2 in
-    groups and 2.5e-2 decoupled; among obstacles other than balls and ellipsoids 1e-6, 1e-4, 5e-3,
-    1e-2 and 2.5e-2. It stands in the plan's `statistics.tolerance`"""
+    groups and 5e-2 decoupled; among obstacles other than balls and ellipsoids 1e-6, 1e-4, 5e-3,
+    1e-2 and 5e-2. It stands in the plan's `statistics.tolerance`"""
     max_iterations: Annotated[Count, Field(ge=1)] = 200
     """bound on the linearisations of one call; of those in groups, on the plans they lead to"""
     max_coupled: Annotated[Count, Field(ge=1)] = 15

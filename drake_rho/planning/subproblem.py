@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from contextlib import suppress
 
 import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.blocks import OnWorkers
+from drake_rho.planning.blocks import OnWorkers, executor_of
 from drake_rho.planning.breaches import Breaches, breaches_of
-from drake_rho.planning.close_pairs import separation_of
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
@@ -28,17 +26,6 @@ from drake_rho.scenario.records import Scenario
 _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
 with fewer they come out inside of some, and on the wrong side of others."""
-
-_TOGETHER = 5
-"""Bound on the vehicles of a group while few pairs are too close."""
-
-_FEW = 0.25
-"""Part of a fleet up to which those in trouble are brought apart in groups: groups of many rows
-take long, and while many are in trouble all that is found moves on."""
-
-_ROUNDS_OF_MANY, _ROUNDS_OF_FEW = 2, 4
-"""Rounds of rows in which vehicles are brought apart; in the first step there is one. With one for
-many all the time, those that are kept apart come too close between."""
 
 
 def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
@@ -110,13 +97,10 @@ class Subproblem:
         self._coupling, self._solver = coupling, solver
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
         self._looked: tuple[Plan, Breaches] | None = None
-        self._rough: Plan | None = None
-        self._groups = self._restoring = None
+        self._groups: InGroups | None = None
         if apart and not coupling.together:
-            executor = solver.executor if isinstance(solver, OnWorkers) else None
             size = most if coupling.in_groups else 1
-            self._groups = InGroups(scenario, self._effort, size, executor)
-            self._restoring = InGroups(scenario, self._effort, _TOGETHER, executor)
+            self._groups = InGroups(scenario, self._effort, size, executor_of(solver))
 
     @property
     def least_cost(self) -> float:
@@ -154,8 +138,8 @@ class Subproblem:
     def improved(self, plan: Plan, vehicles: IntArray, tolerance: float) -> Plan:
         """The plan of least cost with obstacles and pairs linearised around a plan.
 
-        In groups, it is linearised around what these find first, which costs less, unless that is
-        of no use. The plan itself is given where they find nothing better by the tolerance.
+        Unless all are coupled, it is linearised around what groups find first, which costs less,
+        if that is of use. The plan itself is given where they find nothing better by the tolerance.
 
         Args:
             plan: keeps every constraint.
@@ -201,20 +185,11 @@ class Subproblem:
             SolverError: the solvers fail numerically.
         """
         found = self._look_at(reference)
-        vehicles = found.vehicles
         if found.is_almost_out(self.scenario):
             try:
-                if 0 < len(vehicles) < len(self.labels):
-                    self.around(reference, vehicles)  # if they have no plan, nobody else needs one
                 return self.around(reference)
-            except InfeasibleError as error:  # not yet
-                stuck = [self.scenario.index_of(name) for name in error.conflicts]
-                vehicles = np.union1d(vehicles, stuck).astype(int)
-            except SolverError:
+            except (InfeasibleError, SolverError):  # not yet
                 pass
-        if self._restoring is not None and len(found.inside) + len(found.unflyable) == 0:
-            with suppress(SolverError):
-                return self._drawn_apart(reference, penalty, number, vehicles)
         motion, rounds = reference.motion(), number // 2
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
         constraints = self._limits(penalty)
@@ -230,31 +205,10 @@ class Subproblem:
                     penalty=penalty,
                     aside=number == 0,
                     rounds=rounds,
-                    of=vehicles,
+                    of=found.vehicles,
                 )
             )
-        return self._solve(reference, constraints, vehicles)
-
-    def _drawn_apart(
-        self, reference: Plan, penalty: float, number: int, vehicles: IntArray
-    ) -> Plan:
-        """A motion in which pairs are further apart, to linearise around: it need not keep limits.
-
-        Args and errors are those of `restored`; the vehicles are those that are planned.
-        """
-        assert self._restoring is not None  # noqa: S101  # there is a separation
-        pairs, few = self._look_at(reference).pairs, len(vehicles) <= _FEW * len(self.labels)
-        within = 2.0 * separation_of(self.scenario).distance
-        self._restoring.regroup(pairs if few else pairs.select(slice(0)), within)
-        motion, spent = self._restoring.around(
-            reference.motion(),
-            penalty=penalty,
-            aside=number == 0,
-            vehicles=vehicles,
-            rounds=min(number + 1, _ROUNDS_OF_FEW if few else _ROUNDS_OF_MANY),
-        )
-        self._rough = Plan.from_accelerations(self.scenario, motion.accelerations, spent)
-        return self._rough
+        return self._solve(reference, constraints, found.vehicles)
 
     def _limits(self, penalty: float) -> list[Constraint]:
         """What vehicles keep in while they are restored."""
@@ -271,7 +225,7 @@ class Subproblem:
     def holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown within limits, keeps apart and out of obstacles."""
         found = self._look_at(plan)
-        return plan is not self._rough and len(found.pairs) == 0 and found.is_of_pairs_only
+        return len(found.pairs) == 0 and found.is_of_pairs_only
 
     def almost_holds(self, plan: Plan) -> bool:
         """Whether a plan can be flown and is too close to nothing by more than a little."""

@@ -1,0 +1,104 @@
+"""Fleets whose vehicles are too close to each other, brought apart by references.
+
+While pairs are too close, a step of the restoration needs no plan but something to linearise
+around next. So it is found as groups find references (`drake_rho.planning.in_groups`), by programs
+in which a penalty bounds multipliers. Not until almost everyone is clear of everyone is there a
+program with hard rows for every vehicle, by the solver that was asked for.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.blocks import OnWorkers, executor_of
+from drake_rho.planning.close_pairs import separation_of
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.in_groups import InGroups
+from drake_rho.planning.keep_apart import decoupled
+from drake_rho.planning.solve import Solver
+from drake_rho.planning.subproblem import Subproblem
+from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.records import Scenario
+
+_TOGETHER = 5
+"""Bound on the vehicles of a group while few pairs are too close."""
+
+_FEW = 0.25
+"""Part of a fleet up to which those in trouble are brought apart in groups: groups of many rows
+take long, and while many are in trouble all that is found moves on."""
+
+_ROUNDS_OF_MANY, _ROUNDS_OF_FEW = 2, 4
+"""Rounds of rows in which vehicles are brought apart; in the first step there is one. With one for
+many all the time, those that are kept apart come too close between."""
+
+
+class Restoration(Subproblem):
+    """The steps of a fleet's restoration. What is inside of obstacles is for programs with slack.
+
+    Args:
+        scenario: what is asked; it has a separation.
+        solver: a Drake solver or `Daqp()`, perhaps on an executor; Clarabel if not given.
+    """
+
+    def __init__(self, scenario: Scenario, solver: Solver | OnWorkers | None = None) -> None:
+        super().__init__(scenario, decoupled, solver)
+        self._apart = InGroups(scenario, self._effort, _TOGETHER, executor_of(solver))
+        self._rough: Plan | None = None
+        self._refused: InfeasibleError | None = None
+
+    def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
+        """As for every subproblem; what is not a plan yet need not keep limits."""
+        found = self._look_at(reference)
+        if len(found.inside) + len(found.unflyable) > 0:
+            return super().restored(reference, penalty, number)
+        vehicles = found.vehicles
+        if found.is_almost_clear(self.scenario):
+            try:
+                return self._kept(reference, vehicles)
+            except InfeasibleError as error:  # not yet
+                self._refused = error
+                stuck = [self.scenario.index_of(name) for name in error.conflicts]
+                vehicles = np.union1d(vehicles, stuck).astype(int)
+            except SolverError:
+                return super().restored(reference, penalty, number)
+        with suppress(SolverError):
+            return self._brought_apart(reference, penalty, number, vehicles)
+        return super().restored(reference, penalty, number)
+
+    def holds(self, plan: Plan) -> bool:
+        """As for every subproblem; what only is to be linearised around holds nothing."""
+        return plan is not self._rough and super().holds(plan)
+
+    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
+        """What a plan does not keep out of or, if that is nothing, why it was not one."""
+        if self._refused is not None and len(self.in_trouble(plan)) == 0 and not self.holds(plan):
+            self._refused.statistics = spent
+            return self._refused
+        return super().failure(plan, spent)
+
+    def _kept(self, reference: Plan, vehicles: IntArray) -> Plan:
+        """A plan of everyone, if those that are still in trouble have one: nobody else needs it."""
+        if 0 < len(vehicles) < len(self.labels):
+            self.around(reference, vehicles)
+        return self.around(reference)
+
+    def _brought_apart(
+        self, reference: Plan, penalty: float, number: int, vehicles: IntArray
+    ) -> Plan:
+        """What some vehicles fly at a penalty, and the others as in the reference."""
+        pairs, few = self._look_at(reference).pairs, len(vehicles) <= _FEW * len(self.labels)
+        within = 2.0 * separation_of(self.scenario).distance
+        self._apart.regroup(pairs if few else pairs.select(slice(0)), within)
+        motion, spent = self._apart.around(
+            reference.motion(),
+            penalty=penalty,
+            aside=number == 0,
+            vehicles=vehicles,
+            rounds=min(number + 1, _ROUNDS_OF_FEW if few else _ROUNDS_OF_MANY),
+        )
+        self._rough = Plan.from_accelerations(self.scenario, motion.accelerations, spent)
+        return self._rough
