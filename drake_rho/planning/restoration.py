@@ -31,9 +31,9 @@ _FEW = 0.25
 """Part of a fleet up to which those in trouble are brought apart in groups: groups of many rows
 take long, and while many are in trouble all that is found moves on."""
 
-_ROUNDS_OF_MANY, _ROUNDS_OF_FEW = 2, 4
-"""Rounds of rows in which vehicles are brought apart; in the first step there is one. With one for
-many all the time, those that are kept apart come too close between."""
+_ROUNDS = 4
+"""Rounds of rows in a step; the first steps have fewer, as all that they find moves on. With two
+all the time, two fifths of a large fleet stay in trouble: who is kept from one meets another."""
 
 
 class Restoration(Subproblem):
@@ -98,7 +98,7 @@ class Restoration(Subproblem):
             penalty=penalty,
             aside=number == 0,
             vehicles=vehicles,
-            rounds=min(number + 1, _ROUNDS_OF_FEW if few else _ROUNDS_OF_MANY),
+            rounds=min(number + 1, _ROUNDS),
         )
         self._rough = Plan.from_accelerations(self.scenario, motion.accelerations, spent)
         return self._rough

@@ -88,7 +88,8 @@ def iterate(
         spent += after.statistics
         if progress is not None:
             worst = subproblem.worst_breach(after) if restoring else 0.0
-            progress(_words(spent.linearisations, after.cost, worst))
+            left = len(subproblem.in_trouble(after)) if worst > 0.0 else 0
+            progress(_words(spent.linearisations, after.cost, worst, left))
         if restoring:
             far = follow is not None and not subproblem.almost_holds(after)
             plan, around = after, follow(around, after) if follow and far else after
@@ -106,9 +107,9 @@ def iterate(
     return plan.with_statistics(done)
 
 
-def _words(linearisations: int, cost: float, worst: float) -> str:
+def _words(linearisations: int, cost: float, worst: float, left: int) -> str:
     times = "once" if linearisations == 1 else f"{linearisations} times"
-    breach = f", worst breach {worst:.3g} m" if worst > 0.0 else ""
+    breach = f", worst breach {worst:.3g} m, {left} vehicles in trouble" if worst > 0.0 else ""
     return f"linearised {times}, cost {cost:.6g} m²/s⁴{breach}"
 
 
