@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho.planning import best
 from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.scp import restored
 from drake_rho.planning.subproblem import Subproblem
 
@@ -34,12 +36,31 @@ def careless(scenario: rho.Scenario) -> rho.Plan:
 
 def test_what_meets_at_one_point_is_brought_apart() -> None:
     scenario = crowd()
-    with pytest.raises(InfeasibleError):
-        restored(careless(scenario), Subproblem(scenario, decoupled))
     plan = rho.plan(scenario)
     assert rho.verify(plan).ok
     again = rho.plan(scenario)
     np.testing.assert_array_equal(plan.accelerations, again.accelerations)
+
+
+def test_where_restoration_comes_to_no_end_it_begins_with_the_vehicles_spread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scenario = crowd(20, 9.0, 0.4)
+    begun: list[rho.Plan] = []
+
+    def in_vain(reference: rho.Plan, subproblem: Subproblem, *args: Any, **named: Any) -> rho.Plan:
+        begun.append(reference)
+        if len(begun) <= 2:
+            raise InfeasibleError({"v0": ("separation from v1",)}, scenario=scenario)
+        return restored(reference, subproblem, *args, **named)
+
+    monkeypatch.setattr(best, "restored", in_vain)
+    assert rho.verify(rho.plan(scenario)).ok
+    start, *bent = begun
+    assert len(bent) == 2
+    for number, reference in enumerate(bent):
+        wanted = spread(start, number).accelerations
+        np.testing.assert_array_equal(reference.accelerations, wanted)
 
 
 @pytest.mark.parametrize("number", range(SPREADS))

@@ -269,13 +269,13 @@ def test_groups_without_new_rows_are_not_solved_again(asked: rho.Scenario, first
 
 
 @pytest.mark.parametrize("solver", [None, rho.Daqp()])
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, 4])
 def test_in_groups_the_index_is_almost_that_of_the_coupled_plan(
     seed: int, solver: rho.Daqp | None
 ) -> None:
     asked = crowd(seed)
     least, halves = (rho.plan(asked, coupling=each).cost for each in (rho.coupled, rho.decoupled))
-    assert halves > 1.05 * least
+    assert halves > 1.1 * least
     plan = rho.plan(asked, coupling=rho.grouped, options=SMALL, solver=solver)
     assert plan.cost < WITHIN * least
     assert plan.statistics.converged

@@ -21,7 +21,9 @@ from drake_rho.planning.in_groups import InGroups
 from drake_rho.planning.keep_apart import KeepApart, coupled, decoupled, pairs_of
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.restoration import Restoration
+from drake_rho.planning.scp import restored
 from drake_rho.planning.subproblem import Subproblem, plan_around
+from drake_rho.scenario.fields import IntArray
 from tests.scenarios import box, fleet, single, through_the_middle
 from tests.tolerances import INDEX, MOTION
 
@@ -208,6 +210,21 @@ def test_pairs_are_brought_apart_by_references_which_hold_nothing(
     plan = subproblem.restored(plan, 1e6, 20)
     assert subproblem.holds(plan)
     assert rho.verify(plan).ok
+
+
+def test_where_hard_rows_have_no_solution_the_reason_is_theirs() -> None:
+    """However far apart references are: they are no plans."""
+    asked = through_the_middle(3)
+    careless = rho.plan(asked.without_separation())
+
+    class Refusing(Restoration):
+        def around(self, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
+            raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=self.scenario)
+
+    with pytest.raises(rho.InfeasibleError) as caught:
+        restored(rho.Plan.from_accelerations(asked, careless.accelerations), Refusing(asked))
+    assert caught.value.conflicts == {"v1": ("acceleration box",)}
+    assert caught.value.statistics.linearisations > 1
 
 
 def test_what_did_not_move_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:

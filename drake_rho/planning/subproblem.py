@@ -124,7 +124,7 @@ class Subproblem:
         constraints = constraints_around(self.scenario, reference)
         if self.scenario.separation is None:
             return self._solve(reference, constraints, vehicles)
-        pairs = pairs_of(self.scenario, reference.motion(), self._coupling)
+        pairs = pairs_of(self.scenario, reference.motion(), self._coupling, of=vehicles)
         try:
             return self._solve(reference, [*constraints, pairs], vehicles)
         except InfeasibleError:
