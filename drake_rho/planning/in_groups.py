@@ -68,6 +68,7 @@ class InGroups:
     Attributes:
         groups: for each vehicle the number of its group in the next linearisation; None before
             the first one of a fleet that is larger than a group of several.
+        settled: whether the last reference fell by less than the tolerance in its last step.
     """
 
     def __init__(
@@ -84,7 +85,7 @@ class InGroups:
         elif count <= _WHOLE * most:
             self.groups, most = np.zeros(count, dtype=int), count
         self._scenario, self._effort, self._most = scenario, effort, most
-        self._executor = executor
+        self._executor, self.settled = executor, False
         self._active = list[HalfSpaces]()
 
     def reference(self, plan: Plan, tolerance: float) -> Plan:
@@ -103,7 +104,7 @@ class InGroups:
         """
         spent = Statistics()
         best = around = plan.motion()
-        cost = plan.cost
+        cost, settled = plan.cost, False
         for number in range(_AHEAD):
             after, statistics = self.around(around)
             spent += statistics
@@ -116,8 +117,9 @@ class InGroups:
             if fallen > 0.0:
                 around = after if number == 0 else _ahead(best, after)
                 best, cost = after, cost - fallen
-            if fallen <= tolerance * cost:
+            if settled := fallen <= tolerance * cost:
                 break
+        self.settled = settled
         return Plan.from_accelerations(self._scenario, best.accelerations, spent)
 
     def around(

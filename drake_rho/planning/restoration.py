@@ -44,6 +44,8 @@ class Restoration(Subproblem):
         solver: a Drake solver or `Daqp()`, perhaps on an executor; Clarabel if not given.
     """
 
+    steepest = 1e3  # more than being too close can gain changes nothing, but takes digits
+
     def __init__(self, scenario: Scenario, solver: Solver | OnWorkers | None = None) -> None:
         super().__init__(scenario, decoupled, solver)
         self._apart = InGroups(scenario, self._effort, _TOGETHER, executor_of(solver))

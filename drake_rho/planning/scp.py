@@ -29,10 +29,6 @@ PATIENCE = 20
 GROWTH = 3.0
 """How fast the penalty grows."""
 
-_MOST = 1e3
-"""Times the first penalty beyond which penalties grow no more: more than what is gained by being
-too close costs nothing more, but digits."""
-
 _CLOSER = 10.0
 """Times the first penalty for a reference that is a way among obstacles and cannot be flown: what
 is drawn aside from it too far comes out on other sides of them."""
@@ -99,7 +95,7 @@ def iterate(
                 break
             continue
         plan, falling = _better(subproblem, plan, after, falling, tolerance)
-        if converged := len(falling) == 0:
+        if converged := len(falling) == 0 or subproblem.settled:
             break
     if restoring and (failure := subproblem.failure(plan, spent)) is not None:
         raise failure
@@ -158,7 +154,7 @@ def restored(
     first = _first_penalty(plan, subproblem.least_cost)
     if not subproblem.is_flown(plan):
         first *= _CLOSER
-    penalties = (first * min(growth**number, _MOST) for number in range(most))
+    penalties = (first * min(growth**number, subproblem.steepest) for number in range(most))
     return iterate(subproblem, plan, 1.0, penalties, progress=progress, follow=follow)
 
 

@@ -79,8 +79,13 @@ class Subproblem:
     Attributes:
         scenario: as given.
         planes: the programs that were solved last.
+        steepest: times the first penalty up to which penalties of a restoration grow.
+        settled: whether the last linearisation of a fleet that is not coupled gained less than the
+            tolerance.
         labels: vehicles whose iterations stop together have the same one, shape (N,).
     """
+
+    steepest = 1e9
 
     def __init__(
         self,
@@ -92,6 +97,7 @@ class Subproblem:
         count = len(scenario.vehicles)
         self.scenario = scenario
         self.planes: CuttingPlanes | None = None
+        self.settled = False
         apart = scenario.separation is not None
         self.labels: IntArray = np.zeros(count, dtype=int) if apart else np.arange(count)
         self._coupling, self._solver = coupling, solver
@@ -159,6 +165,8 @@ class Subproblem:
             if reference.cost >= (1.0 - tolerance) * plan.cost:
                 return plan.with_statistics(spent)
             after = self.around(reference)
+            fallen = reference.cost - after.cost
+            self.settled = self._groups.settled and fallen <= tolerance * reference.cost
             if after.cost < plan.cost:
                 return after.with_statistics(spent + after.statistics)
             spent += after.statistics
