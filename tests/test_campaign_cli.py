@@ -125,7 +125,7 @@ def test_another_study_is_refused(
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_a_campaign_on_workers_that_is_ended_goes_on(how: signal.Signals, tmp_path: Path) -> None:
-    study = small(20)
+    study = small(60)  # so many that it is not done before it is ended
     (tmp_path / "study.yaml").write_text(study_to_json(study))
     store = tmp_path / "runs.sqlite"
     command = [sys.executable, "-m", "drake_rho", "campaign", str(tmp_path / "study.yaml")]

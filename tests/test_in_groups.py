@@ -221,6 +221,27 @@ def test_rows_with_a_penalty_are_broken_where_that_costs_less(
     assert found < float(np.sum(hard.motion.accelerations**2))
 
 
+def test_what_the_goal_decides_is_left_out(asked: rho.Scenario, first: Plan) -> None:
+    """A row at the last knot says what the goal says: whatever it needs, nothing changes."""
+    effort, rows = MinimumEffort.of(asked), _rows(asked, first)
+    box_rows = rows[0]
+    at_goal = dataclasses.replace(
+        box_rows.select(slice(1)),
+        constraint=dataclasses.replace(box_rows.constraint, quantity="position"),
+        times=np.array([asked.grid.duration]),
+        bounds=np.array([1e3]),
+    )
+    with_it, without = (LeastNorm(effort, np.arange(len(asked.vehicles))) for _ in range(2))
+    for program in (with_it, without):
+        program.add(box_rows)
+    with_it.add(at_goal)
+    for program in (with_it, without):
+        program.solve()
+    np.testing.assert_allclose(
+        with_it.motion.accelerations, without.motion.accelerations, atol=1e-9
+    )
+
+
 def test_programs_on_an_executor_are_the_same_to_the_last_digit(
     asked: rho.Scenario, first: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:

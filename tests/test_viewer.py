@@ -175,6 +175,7 @@ def test_numbers_of_a_fleet_with_radii_in_a_yard_and_names_that_are_text(tmp_pat
             )
             np.testing.assert_allclose(said["curves"], [apart.min(), clear.min()], atol=1e-3)
         texts = [each.strip() for each in page.locator(".panel td:first-child").all_inner_texts()]
+        page.locator(".label", has_text="<cart>").wait_for(state="attached")  # with the next frame
         labels = [each.strip() for each in page.locator(".label").all_inner_texts()]
         options = page.locator(".tools select").first.locator("option").all_inner_texts()
         for name in NAMES[1:]:

@@ -168,7 +168,8 @@ class Duals:
         needed = scales * self.needed[own]
         unit = max(float(np.abs(needed).max()), np.finfo(float).tiny)
         scales /= unit
-        begin, most = self.multipliers[own] * lengths / unit, self.most[own] * lengths / unit
+        begin, most = self.multipliers[own] * lengths / unit, np.ones_like(lengths)
+        np.multiply(self.most[own], lengths / unit, out=most, where=lengths > 0.0)
         y: FloatArray = multipliers_of(products, needed / unit, begin, most)
         y *= unit * unit * scales
         return y
