@@ -80,8 +80,8 @@ class Subproblem:
         scenario: as given.
         planes: the programs that were solved last.
         steepest: times the first penalty up to which penalties of a restoration grow.
-        settled: whether the last linearisation of a fleet that is not coupled gained less than the
-            tolerance.
+        settled: whether the last linearisation of a fleet that is not coupled changed the cost by
+            less than the tolerance.
         labels: vehicles whose iterations stop together have the same one, shape (N,).
     """
 
@@ -165,8 +165,8 @@ class Subproblem:
             if reference.cost >= (1.0 - tolerance) * plan.cost:
                 return plan.with_statistics(spent)
             after = self.around(reference)
-            fallen = reference.cost - after.cost
-            self.settled = self._groups.settled and fallen <= tolerance * reference.cost
+            change = abs(reference.cost - after.cost)
+            self.settled = self._groups.settled and change <= tolerance * reference.cost
             if after.cost < plan.cost:
                 return after.with_statistics(spent + after.statistics)
             spent += after.statistics
