@@ -125,8 +125,9 @@ def test_what_is_said_of_convergence_is_true_of_fleets(coupling: Coupling) -> No
     again = Subproblem(asked, coupling).around(plan)
     assert again.cost <= plan.cost * (1 + INDEX)
     assert plan.cost - again.cost < 1e-3 * plan.cost
+    crowd = rho.random_transitions(6, np.random.default_rng(1), duration=4.6, step=0.2)
     once = rho.plan(
-        asked, coupling=coupling, options=rho.Options(tolerance=1e-15, max_iterations=1)
+        crowd, coupling=coupling, options=rho.Options(tolerance=1e-15, max_iterations=1)
     )
     assert not once.statistics.converged
     assert once.statistics.tolerance == 1e-15

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.planning import blocks
+from drake_rho.planning import blocks, solve
 from drake_rho.planning.blocks import OnWorkers, solve_all
 from drake_rho.planning.keep_apart import coupled, pairs_of
 from drake_rho.planning.minimum_effort import MinimumEffort
@@ -58,6 +59,8 @@ def fleet(seed: int = 0, vehicles: int = 20) -> rho.Scenario:
 def test_processes_give_the_same_plan_to_the_last_digit(
     solver: rho.Daqp | None, processes: ProcessPoolExecutor
 ) -> None:
+    if solver is None and solve.DEFAULT is not ClarabelSolver:
+        pytest.skip("other processes do not know of another default")
     here = rho.plan(fleet(), solver=solver)
     there = rho.plan(fleet(), solver=solver, executor=processes)
     np.testing.assert_array_equal(there.accelerations, here.accelerations)
