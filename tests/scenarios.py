@@ -224,6 +224,12 @@ def straight(count: int, names: Sequence[str] | None = None) -> rho.Plan:
     return rho.plan_convex(asked)
 
 
+def careless(scenario: rho.Scenario) -> rho.Plan:
+    """The plan of vehicles that do not know of each other."""
+    alone = rho.plan_convex(scenario.without_separation())
+    return rho.Plan.from_accelerations(scenario, alone.accelerations)
+
+
 def through_the_middle(count: int, **options: Any) -> rho.Scenario:
     """Vehicles on a circle of radius 5 m, each to the opposite point: all meet in one point."""
     angles = 2.0 * np.pi * np.arange(count) / count

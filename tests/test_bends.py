@@ -13,6 +13,7 @@ from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.scp import restored
 from drake_rho.planning.subproblem import Subproblem
+from tests.scenarios import careless
 
 
 def crowd(n: int = 48, duration: float = 6.8, distance: float = 0.32) -> rho.Scenario:
@@ -26,12 +27,6 @@ def crowd(n: int = 48, duration: float = 6.8, distance: float = 0.32) -> rho.Sce
         limits=rho.Limits(acceleration=rho.Box([-3] * 3, [3] * 3)),
         separation=rho.Separation(distance),
     )
-
-
-def careless(scenario: rho.Scenario) -> rho.Plan:
-    """The plan of vehicles that do not know of each other."""
-    alone = rho.plan_convex(scenario.without_separation())
-    return rho.Plan.from_accelerations(scenario, alone.accelerations)
 
 
 def test_what_meets_at_one_point_is_brought_apart() -> None:

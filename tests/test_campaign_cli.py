@@ -125,13 +125,18 @@ def test_another_study_is_refused(
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_a_campaign_on_workers_that_is_ended_goes_on(how: signal.Signals, tmp_path: Path) -> None:
-    study = small(60)  # so many that it is not done before it is ended
+    study = small(20)
     (tmp_path / "study.yaml").write_text(study_to_json(study))
     store = tmp_path / "runs.sqlite"
     command = [sys.executable, "-m", "drake_rho", "campaign", str(tmp_path / "study.yaml")]
     command += ["--store", str(store), "--workers", "2"]
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=_minds_interrupts,
     )
     while process.poll() is None and _count(store) < 5:
         time.sleep(0.01)
@@ -152,6 +157,11 @@ def test_a_campaign_on_workers_that_is_ended_goes_on(how: signal.Signals, tmp_pa
     assert len(again) == len({row[0] for row in again}) == len(study)
     rho.campaign(study, tmp_path / "alone.sqlite")
     assert again == table(tmp_path / "alone.sqlite")
+
+
+def _minds_interrupts() -> None:
+    """Whatever the tests were started with: shells let what is in the background ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _count(store: Path) -> int:

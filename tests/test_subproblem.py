@@ -24,7 +24,7 @@ from drake_rho.planning.restoration import Restoration
 from drake_rho.planning.scp import restored
 from drake_rho.planning.subproblem import Subproblem, plan_around
 from drake_rho.scenario.fields import IntArray
-from tests.scenarios import box, fleet, single, through_the_middle
+from tests.scenarios import box, careless, fleet, single, through_the_middle
 from tests.tolerances import INDEX, MOTION
 
 
@@ -63,8 +63,7 @@ def test_who_is_not_planned_flies_the_reference() -> None:
 def test_vehicles_in_nobodys_way_fly_the_reference_while_others_are_brought_apart() -> None:
     starts = np.array([[-5, 0, 0], [0, 30, 0], [5, 0, 0]])
     asked = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
-    careless = rho.plan(asked.without_separation())
-    start = rho.Plan.from_accelerations(asked, careless.accelerations)
+    start = careless(asked)
     subproblem = Subproblem(asked, decoupled)
     assert not subproblem.holds(start)
     after = subproblem.restored(start, 1e3, 0)
@@ -82,11 +81,11 @@ def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -
     """Three in a row through one point: each at the time of its closest approach."""
     starts = np.array([[-5, 0, 0], [5, 0, 0], [0.0, -5, 0]])
     asked = fleet(starts, np.array([[5, 0, 0], [-5, 0, 0], [0.8, 5, 0]]))
-    careless = rho.plan(asked.without_separation())
-    error = Subproblem(asked).failure(careless, rho.Statistics(programs=7))
-    assert error is not None
+    alone = rho.plan(asked.without_separation())
+    error = Subproblem(asked).failure(alone, rho.Statistics(programs=7))
+    assert isinstance(error, rho.InfeasibleError)
     times = np.linspace(0.0, 10.0, 100_001)
-    x = careless.motion().at("position", times)
+    x = alone.motion().at("position", times)
     moment = times[np.argmin(np.linalg.norm(x[0] - x[2], axis=1))]
     reasons = "separation from v1 at 5 s", f"separation from v2 at {moment:.4g} s"
     assert error.conflicts["v0"] == reasons
@@ -104,9 +103,9 @@ def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -
 
 def test_a_coupled_fleet_without_a_solution_says_the_reasons_of_each_vehicle() -> None:
     asked = through_the_middle(2, grid=rho.Grid(5.0, 3))
-    careless = rho.plan(asked.without_separation())
+    alone = rho.plan(asked.without_separation())
     with pytest.raises(rho.InfeasibleError) as caught:
-        Subproblem(asked, coupled).around(dataclasses.replace(careless, scenario=asked))
+        Subproblem(asked, coupled).around(dataclasses.replace(alone, scenario=asked))
     for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
         assert f"separation from {partner} at 5 s" in caught.value.conflicts[vehicle]
         assert caught.value.obstacles[vehicle] == frozenset([0])
@@ -165,8 +164,7 @@ def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = through_the_middle(2)
-    careless = rho.plan(asked.without_separation())
-    start = rho.Plan.from_accelerations(asked, careless.accelerations)
+    start = careless(asked)
     made: list[KeepApart] = []
 
     def noted(*args: Any, **options: Any) -> KeepApart:
@@ -185,8 +183,7 @@ def test_pairs_are_brought_apart_by_references_which_hold_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = through_the_middle(3)
-    careless = rho.plan(asked.without_separation())
-    plan = rho.Plan.from_accelerations(asked, careless.accelerations)
+    plan = careless(asked)
     made: list[dict[str, Any]] = []
     around = InGroups.around
 
@@ -215,24 +212,49 @@ def test_pairs_are_brought_apart_by_references_which_hold_nothing(
 def test_where_hard_rows_have_no_solution_the_reason_is_theirs() -> None:
     """However far apart references are: they are no plans."""
     asked = through_the_middle(3)
-    careless = rho.plan(asked.without_separation())
 
     class Refusing(Restoration):
         def around(self, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
             raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=self.scenario)
 
     with pytest.raises(rho.InfeasibleError) as caught:
-        restored(rho.Plan.from_accelerations(asked, careless.accelerations), Refusing(asked))
+        restored(careless(asked), Refusing(asked))
     assert caught.value.conflicts == {"v1": ("acceleration box",)}
     assert caught.value.statistics.linearisations > 1
+
+
+def test_plans_of_some_around_references_of_others_hold_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where groups fail once there were references, slack takes over, and everyone has to plan."""
+    asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
+    around, fails = InGroups.around, [False, True]
+
+    def at_times(self: InGroups, *args: Any, **options: Any) -> tuple[Motion, Statistics]:
+        if fails and fails.pop(0):
+            raise rho.SolverError("the multipliers of a group were not found")
+        return around(self, *args, **options)
+
+    monkeypatch.setattr(InGroups, "around", at_times)
+    subproblem, planned = Restoration(asked), list[bool]()
+    kept = Subproblem.around
+
+    def noted(self: Subproblem, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
+        planned.append(vehicles is None)
+        return kept(self, reference, vehicles)
+
+    monkeypatch.setattr(Subproblem, "around", noted)
+    plan = restored(careless(asked), subproblem)
+    assert not fails
+    assert planned[-1]  # everyone, with hard rows
+    assert rho.verify(plan).ok
 
 
 def test_what_did_not_move_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaches are the same as of a look at everyone."""
     rng = np.random.default_rng(5)
     asked = rho.random_transitions(12, rng, duration=5.0)
-    plan = rho.plan(asked.without_separation())
-    plan = rho.Plan.from_accelerations(asked, plan.accelerations)
+    plan = careless(asked)
     found, looked = breaches_of(asked, plan), list[int]()
 
     def noted(*args: Any, **options: Any) -> CloseApproaches:

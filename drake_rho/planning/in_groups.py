@@ -104,7 +104,7 @@ class InGroups:
         """
         spent = Statistics()
         best = around = plan.motion()
-        cost, settled = plan.cost, False
+        cost, self.settled = plan.cost, False
         for number in range(_AHEAD):
             after, statistics = self.around(around)
             spent += statistics
@@ -117,9 +117,9 @@ class InGroups:
             if fallen > 0.0:
                 around = after if number == 0 else _ahead(best, after)
                 best, cost = after, cost - fallen
-            if settled := fallen <= tolerance * cost:
+            self.settled = fallen <= tolerance * cost
+            if self.settled:
                 break
-        self.settled = settled
         return Plan.from_accelerations(self._scenario, best.accelerations, spent)
 
     def around(

@@ -8,8 +8,6 @@ program with hard rows for every vehicle, by the solver that was asked for.
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 
 from drake_rho.motion.plan import Plan
@@ -49,8 +47,9 @@ class Restoration(Subproblem):
     def __init__(self, scenario: Scenario, solver: Solver | OnWorkers | None = None) -> None:
         super().__init__(scenario, decoupled, solver)
         self._apart = InGroups(scenario, self._effort, _TOGETHER, executor_of(solver))
-        self._rough: Plan | None = None
-        self._refused: InfeasibleError | None = None
+        self._found: Plan | None = None
+        self._roughly = False
+        self._refused: InfeasibleError | SolverError = SolverError("no plan was tried yet")
 
     def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
         """As for every subproblem; what is not a plan yet need not keep limits."""
@@ -65,33 +64,39 @@ class Restoration(Subproblem):
                 self._refused = error
                 stuck = [self.scenario.index_of(name) for name in error.conflicts]
                 vehicles = np.union1d(vehicles, stuck).astype(int)
-            except SolverError:
-                return super().restored(reference, penalty, number)
-        with suppress(SolverError):
+            except SolverError as error:  # it names nobody: all look for another reference
+                self._refused, vehicles = error, np.arange(len(self.labels))
+        try:
             return self._brought_apart(reference, penalty, number, vehicles)
-        return super().restored(reference, penalty, number)
+        except SolverError:
+            return super().restored(reference, penalty, number)
 
     def holds(self, plan: Plan) -> bool:
-        """As for every subproblem; what only is to be linearised around holds nothing."""
-        return plan is not self._rough and super().holds(plan)
+        """As for every subproblem, but that after references only hard rows of everyone count."""
+        return (plan is self._found or not self._roughly) and super().holds(plan)
 
-    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
+    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | SolverError | None:
         """What a plan does not keep out of or, if that is nothing, why it was not one."""
-        if self._refused is not None and len(self.in_trouble(plan)) == 0 and not self.holds(plan):
-            self._refused.statistics = spent
-            return self._refused
-        return super().failure(plan, spent)
+        if self.holds(plan) or len(self.in_trouble(plan)) > 0:
+            return super().failure(plan, spent)
+        self._refused.statistics = spent
+        return self._refused
 
     def _kept(self, reference: Plan, vehicles: IntArray) -> Plan:
         """A plan of everyone, if those that are still in trouble have one: nobody else needs it."""
         if 0 < len(vehicles) < len(self.labels):
             self.around(reference, vehicles)
-        return self.around(reference)
+        self._found = self.around(reference)
+        return self._found
 
     def _brought_apart(
         self, reference: Plan, penalty: float, number: int, vehicles: IntArray
     ) -> Plan:
-        """What some vehicles fly at a penalty, and the others as in the reference."""
+        """What some vehicles fly at a penalty, and the others as in the reference.
+
+        Raises:
+            SolverError: the multipliers of a group are not found.
+        """
         pairs, few = self._look_at(reference).pairs, len(vehicles) <= _FEW * len(self.labels)
         within = 2.0 * separation_of(self.scenario).distance
         self._apart.regroup(pairs if few else pairs.select(slice(0)), within)
@@ -102,5 +107,5 @@ class Restoration(Subproblem):
             vehicles=vehicles,
             rounds=min(number + 1, _ROUNDS),
         )
-        self._rough = Plan.from_accelerations(self.scenario, motion.accelerations, spent)
-        return self._rough
+        self._roughly = True
+        return Plan.from_accelerations(self.scenario, motion.accelerations, spent)

@@ -67,6 +67,7 @@ def iterate(
 
     Raises:
         InfeasibleError: no penalty keeps the pairs apart.
+        SolverError: the solvers fail numerically where they are apart.
     """
     restoring, falling = penalties is not None, np.arange(len(plan.accelerations))
     fewest, since = len(falling) + 1, 0

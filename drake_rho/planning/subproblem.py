@@ -165,9 +165,9 @@ class Subproblem:
             if reference.cost >= (1.0 - tolerance) * plan.cost:
                 return plan.with_statistics(spent)
             after = self.around(reference)
-            change = abs(reference.cost - after.cost)
-            self.settled = self._groups.settled and change <= tolerance * reference.cost
             if after.cost < plan.cost:
+                change = abs(reference.cost - after.cost)
+                self.settled = self._groups.settled and change <= tolerance * reference.cost
                 return after.with_statistics(spent + after.statistics)
             spent += after.statistics
         except (InfeasibleError, SolverError) as error:
@@ -254,7 +254,7 @@ class Subproblem:
             self._looked = plan, breaches_of(self.scenario, plan, self._looked)
         return self._looked[1]
 
-    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | None:
+    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | SolverError | None:
         """What a plan does not keep out of, and when; None if it keeps out of everything."""
         return None if self.holds(plan) else self._look_at(plan).error(self.scenario, spent)
 
