@@ -95,7 +95,7 @@ def closest_approach(motion: Motion, center: FloatArray) -> tuple[FloatArray, Fl
     p, v = motion.positions[..., :-1, :] - center, motion.velocities[..., :-1, :]
     s = nearest_moments(p, v, a, h)
     at = p + s[..., None] * (v + s[..., None] / 2 * a)
-    return h * np.arange(a.shape[-2]) + s, np.linalg.norm(at, axis=-1)
+    return h * np.arange(a.shape[-2]) + s, _lengths(at)
 
 
 def close_pairs(
@@ -118,7 +118,7 @@ def close_pairs(
     one, other, k = _pairs_at(middle, within, reach, of)
     # of their common way nothing is lost or gained: it leaves fewer, and minima take long
     apart, v_apart, a_apart = (each[one, k] - each[other, k] for each in (middle, v, a))
-    near = np.linalg.norm(apart, axis=1) - _reach(h, v_apart, a_apart) < within
+    near = _lengths(apart) - _reach(h, v_apart, a_apart) < within
     one, other, k = one[near], other[near], k[near]
     relative = p[one, k] - p[other, k], v_apart[near], a_apart[near]
     return _closest_below(within, h, one, other, k, *relative)
@@ -130,16 +130,23 @@ def close_pairs_at_knots(
     """Vehicles closer than a distance at the knots, pair by pair; arguments as for all instants."""
     p = separation.scaled(motion.positions)
     one, other, k = _pairs_at(p, within, np.zeros(p.shape[:2]), of)
-    distances = np.linalg.norm(p[one, k] - p[other, k], axis=1)
+    distances = _lengths(p[one, k] - p[other, k])
     times: FloatArray = k * np.float64(motion.step)
     return CloseApproaches(one, other, times, distances)
 
 
 def _reach(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
     """How far motions get in a step from where they are in the middle of it."""
-    reach: FloatArray = np.linalg.norm(v + step / 2 * a, axis=-1)
-    reach += step / 4 * np.linalg.norm(a, axis=-1)
-    return step / 2 * reach
+    reach = _lengths(v + step / 2 * a)
+    reach += step / 4 * _lengths(a)
+    reach *= step / 2
+    return reach
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    """Of vectors (..., 3): their norms, three times as fast as by the function for any norm."""
+    lengths: FloatArray = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    return lengths
 
 
 def _closest_below(
@@ -155,7 +162,7 @@ def _closest_below(
     if len(k) == 0:
         return CloseApproaches(one, other, np.zeros(0), np.zeros(0))
     s = nearest_moments(p, v, a, step)[:, None]
-    distances = np.linalg.norm(p + s * (v + s / 2 * a), axis=1)
+    distances = _lengths(p + s * (v + s / 2 * a))
     return CloseApproaches(one, other, step * k + s[:, 0], distances).select(distances < within)
 
 
@@ -269,8 +276,7 @@ def nearest_moments(
         return product
 
     def distance(s: FloatArray) -> FloatArray:
-        length: FloatArray = np.linalg.norm(p + s[..., None] * (v + s[..., None] / 2 * a), axis=-1)
-        return length
+        return _lengths(p + s[..., None] * (v + s[..., None] / 2 * a))
 
     # half the derivative of the squared length: c0 + c1 s + c2 s² + c3 s³
     coefficients = dot(p, v), dot(v, v) + dot(p, a), 1.5 * dot(v, a), 0.5 * dot(a, a)

@@ -292,5 +292,8 @@ class Separation:
 
         Args:
             positions: of vehicles, or differences of two [m], shape (..., 3).
+
+        Returns:
+            The same, perhaps the very array.
         """
-        return self.shape.scaled(positions)
+        return positions if self.is_round else self.shape.scaled(positions)
