@@ -15,11 +15,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from concurrent.futures import Executor
+from contextlib import suppress
 from itertools import pairwise
 from typing import Any, get_args
 
 import numpy as np
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
+from scipy.optimize import nnls
 
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.motion.threads import one_for_arrays
@@ -108,22 +110,31 @@ class Duals:
             SolverError: the multipliers of a group are not found.
         """
         inside, which, lengths = self._responses()
-        multipliers, vehicles, added = np.zeros(len(self)), [], []
-        ends = np.flatnonzero(np.diff(self.groups)) + 1
-        for first, last in pairwise([0, *ends.tolist(), len(self)]):
+        scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+        normals, needed = scales[:, None] * self.normals, scales * self.needed  # of length one
+        begins = np.flatnonzero(np.diff(self.groups, prepend=-1))
+        units = np.maximum(np.maximum.reduceat(np.abs(needed), begins), np.finfo(float).tiny)
+        unit = np.repeat(units, np.diff(begins, append=len(self)))
+        needed, begin, most = needed / unit, self.multipliers * lengths / unit, np.ones(len(self))
+        np.multiply(self.most, lengths / unit, out=most, where=lengths > 0.0)
+        y, vehicles, added = np.zeros(len(self)), [], []
+        for first, last in pairwise([*begins.tolist(), len(self)]):
             own = slice(first, last)
             responses = inside[which[own]]
             several, signs = self._signs(own)
-            y = self._solved(own, responses, lengths[own], signs)
-            multipliers[own] = y
+            products = (responses @ responses.T) * (normals[own] @ normals[own].T)
+            if signs is not None:
+                products *= signs.T @ signs
+            products.flat[:: len(products) + 1] += _RIDGE
+            y[own] = multipliers_of(products, needed[own], begin[own], most[own])
+            pull = (unit[first] * y[own])[:, None] * normals[own]
             vehicles.append(several)
-            pull = y[:, None] * self.normals[own]
             if signs is None:
                 added.append((responses.T @ pull)[None])
             else:
                 parts = [(signs * pull[:, axis]) @ responses for axis in range(3)]
                 added.append(np.stack(parts, axis=2))
-        return multipliers, np.concatenate(vehicles), np.concatenate(added)
+        return unit * scales * y, np.concatenate(vehicles), np.concatenate(added)
 
     def _responses(self) -> tuple[FloatArray, IntArray, FloatArray]:
         """Responses that leave goals alone (U, K-1), which of them is each row's, and its length.
@@ -153,26 +164,6 @@ class Duals:
         signs = (several[:, None] == one).astype(np.float64)
         signs -= several[:, None] == other
         return several, signs
-
-    def _solved(
-        self, own: slice, responses: FloatArray, lengths: FloatArray, signs: FloatArray | None
-    ) -> FloatArray:
-        """The multipliers of the rows of one group."""
-        normals = self.normals[own]
-        products = (responses @ responses.T) * (normals @ normals.T)
-        if signs is not None:
-            products *= signs.T @ signs
-        scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
-        products *= scales[:, None] * scales
-        products.flat[:: len(products) + 1] += _RIDGE
-        needed = scales * self.needed[own]
-        unit = max(float(np.abs(needed).max()), np.finfo(float).tiny)
-        scales /= unit
-        begin, most = self.multipliers[own] * lengths / unit, np.ones_like(lengths)
-        np.multiply(self.most[own], lengths / unit, out=most, where=lengths > 0.0)
-        y: FloatArray = multipliers_of(products, needed / unit, begin, most)
-        y *= unit * unit * scales
-        return y
 
 
 class LeastNorm:
@@ -295,6 +286,8 @@ def multipliers_of(
     Raises:
         SolverError: it comes to no end, or `products` is not what it should be.
     """
+    if np.isinf(most).all():
+        return _unbounded(products, needed)
     y = np.minimum(np.maximum(y, 0.0), most)
     full = y >= most
     free = ~full & ((y > 0.0) | (needed - products @ y > _BROKEN))
@@ -329,4 +322,14 @@ def multipliers_of(
             free[gone], full[gone] = True, False
         if bounds.any():  # some are at their upper bounds now, or no longer
             left = needed - products @ np.where(full, most, 0.0)
+    raise SolverError("the multipliers of a group were not found")
+
+
+def _unbounded(products: FloatArray, needed: FloatArray) -> FloatArray:
+    """`multipliers_of` without upper bounds: non-negative least squares."""
+    factor, failed = dpotrf(products, lower=True, clean=True)
+    if not failed:
+        with suppress(RuntimeError):  # it comes to no end
+            y: FloatArray = nnls(factor.T, dtrtrs(factor, needed, lower=True)[0])[0]
+            return y
     raise SolverError("the multipliers of a group were not found")
