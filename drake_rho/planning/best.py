@@ -18,6 +18,7 @@ from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.improvement import Improvement
 from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.progress import Progress, tell, within
@@ -98,7 +99,10 @@ def plan(
     tolerance = options.tolerance_of(
         scenario, together=coupling.together, in_groups=coupling.in_groups
     )
-    subproblem = Subproblem(scenario, coupling, solver, options.max_group)
+    if scenario.separation is None or coupling.together:
+        subproblem = Subproblem(scenario, coupling, solver)
+    else:
+        subproblem = Improvement(scenario, coupling, solver, options.max_group)
     return iterate(subproblem, first, tolerance, most=options.max_iterations, progress=progress)
 
 

@@ -155,15 +155,16 @@ def _unflyable(scenario: Scenario, motion: Motion, vehicles: IntArray) -> IntArr
 
 
 def _beyond(scenario: Scenario, motion: Motion, vehicles: IntArray) -> IntArray:
-    """Those of some vehicles that break limits or miss waypoints at knots, or miss their goals."""
+    """Those of some vehicles that break limits, miss waypoints, or miss their goals."""
     fleet = scenario.fleet
     missed = np.abs(motion.positions[:, -1] - fleet.goal_positions).max(axis=1)
     late = np.abs(motion.velocities[:, -1] - fleet.goal_velocities).max(axis=1)
     off = (missed > TOLERANCE * fleet.lengths) | (late > TOLERANCE * fleet.scale("velocity"))
     found = [vehicles[off[vehicles]]]
     for constraint in convex_constraints(scenario):
-        rows = constraint.violated(motion, vehicles)
-        found.append(rows.vehicles[rows.margins(motion) < -rows.tolerances])
+        for between in (False, True)[: 1 + (constraint.searches > 0)]:
+            rows = constraint.violated(motion, vehicles, between=between)
+            found.append(rows.vehicles[rows.margins(motion) < -rows.tolerances])
     return np.unique(np.concatenate(found))
 
 

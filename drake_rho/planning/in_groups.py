@@ -35,12 +35,17 @@ from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
-_ROUNDS = 3
-"""In how many rounds broken rows are added. What is broken after them is so by little: references
-found in six cost the same to 0.4 %, and take half as long again."""
+_ROUNDS, _ROUNDS_AT_FIRST = 3, 5
+"""In how many rounds broken rows are added: more where no row is known to press. What is broken
+after them is so by little: references found in six cost the same to 0.4 %, and take half as long
+again."""
 
 _AHEAD = 10
 """Bound on the linearisations from one plan."""
+
+_FURTHER = 0.6
+"""Part of a linearisation's step by which the next goes further. With the whole step again, every
+other one in large fleets is around a motion of which nothing can be made."""
 
 _WHOLE = 2
 """Times the bound up to which a fleet is one group, and no pair has to wait for its turn."""
@@ -69,6 +74,8 @@ class InGroups:
         groups: for each vehicle the number of its group in the next linearisation; None before
             the first one of a fleet that is larger than a group of several.
         settled: whether the last reference fell by less than the tolerance in its last step.
+        active: the rows that press in the last linearisation, constraint by constraint; of pairs
+            each once, the lower index first.
     """
 
     def __init__(
@@ -86,7 +93,7 @@ class InGroups:
             self.groups, most = np.zeros(count, dtype=int), count
         self._scenario, self._effort, self._most = scenario, effort, most
         self._executor, self.settled = executor, False
-        self._active = list[HalfSpaces]()
+        self.active = list[HalfSpaces]()
 
     def reference(self, plan: Plan, tolerance: float) -> Plan:
         """What is left of a plan's cost after some linearisations in groups.
@@ -106,16 +113,24 @@ class InGroups:
         best = around = plan.motion()
         cost, self.settled = plan.cost, False
         for number in range(_AHEAD):
-            after, statistics = self.around(around)
+            try:
+                after, statistics = self.around(around)
+            except SolverError:
+                if number == 0:
+                    raise
+                if around is best:
+                    break
+                around = best  # it was too far ahead
+                continue
             spent += statistics
             fallen = cost - float(np.sum(after.accelerations**2))
             if number == 0 and fallen < -tolerance * cost:
                 raise SolverError("groups: what a plan keeps was found to cost more than it", spent)
-            if fallen <= 0.0 and around is not best:  # too far ahead
+            if fallen <= 0.0 and around is not best:
                 around = best
                 continue
             if fallen > 0.0:
-                around = after if number == 0 else _ahead(best, after)
+                around = _ahead(best, after) if number > 0 and around is best else after
                 best, cost = after, cost - fallen
             self.settled = fallen <= tolerance * cost
             if self.settled:
@@ -129,7 +144,7 @@ class InGroups:
         penalty: float = np.inf,
         aside: bool = False,
         vehicles: IntArray | None = None,
-        rounds: int = _ROUNDS,
+        rounds: int | None = None,
     ) -> tuple[Motion, Statistics]:
         """One linearisation; the groups of the next are found from its multipliers.
 
@@ -138,7 +153,7 @@ class InGroups:
             penalty: cost of each metre by which a pair is too close; limits cost more.
             aside: whether each close encounter of the reference gets one direction all along.
             vehicles: which of them are planned, rising indices; the others fly the reference.
-            rounds: in how many broken rows are added.
+            rounds: in how many broken rows are added, if that is not for this to decide.
         """
         pairs = pairs_of(
             self._scenario, reference, coupled, penalty=penalty, aside=aside, of=vehicles
@@ -151,8 +166,10 @@ class InGroups:
         planned = np.arange(len(self.groups)) if vehicles is None else vehicles
         rows = _Rows(self._scenario, self._effort, self.groups, across, planned, self._executor)
         known = {constraint.number: constraint for constraint in (*others, pairs)}
-        for active in self._active:
+        for active in self.active:
             rows.enter(known[active.constraint.number].renewed(active))
+        if rounds is None:
+            rounds = _ROUNDS if self.active else _ROUNDS_AT_FIRST
         for number in range(rounds):
             if number > 0 or len(rows.program) > 0:
                 rows.program.solve()
@@ -178,28 +195,27 @@ class InGroups:
             self.groups = self._grouped(pairs.one, pairs.other, within - pairs.distances)
 
     def _first_groups(self, pairs: KeepApart) -> IntArray:
-        """Groups of those who would be longest in each other's way if they flew as if alone."""
-        everyone = np.arange(len(self._scenario.vehicles))
-        met = pairs.violated(self._effort.motion, everyone)
-        return self._grouped(met.vehicles, met.partners, np.ones(len(met)))
+        """Groups of those who would be most in each other's way if they flew as if alone."""
+        alone = self._effort.motion
+        met = pairs.violated(alone, np.arange(len(self._scenario.vehicles)))
+        return self._grouped(met.vehicles, met.partners, -met.margins(alone))
 
     def _note(self, program: LeastNorm, pairs: KeepApart) -> None:
         """Note the active rows, and the next groups, which are of those that press most."""
         assert self.groups is not None  # noqa: S101  # there was a linearisation
-        self._active, one, other, pressures = [], [], [], []
+        active, pressures = dict[int, HalfSpaces](), list[FloatArray]()
         for rows, multipliers in program.pressing():
-            if rows.constraint.number not in (FIRST, _ACROSS):
-                self._active.append(rows)
-                continue
-            first, second = np.sort([rows.vehicles, rows.partners], axis=0)
-            rows = dataclasses.replace(rows, constraint=pairs, vehicles=first, partners=second)
-            self._active.append(rows)
-            same = self.groups[first] == self.groups[second]
-            one.append(first)
-            other.append(second)
-            pressures.append(np.where(same, _STALE, 1.0) * multipliers)
-        if len(self.groups) > self._most > 1 and one:
-            self.groups = self._grouped(*map(np.concatenate, (one, other, pressures)))
+            if rows.constraint.number in (FIRST, _ACROSS):
+                first, second = np.sort([rows.vehicles, rows.partners], axis=0)
+                rows = dataclasses.replace(rows, constraint=pairs, vehicles=first, partners=second)
+                same = self.groups[first] == self.groups[second]
+                pressures.append(np.where(same, _STALE, 1.0) * multipliers)
+            number = rows.constraint.number
+            active[number] = active[number].and_also(rows) if number in active else rows
+        self.active = list(active.values())
+        if len(self.groups) > self._most > 1 and FIRST in active:
+            met = active[FIRST]
+            self.groups = self._grouped(met.vehicles, met.partners, np.concatenate(pressures))
 
     def _grouped(self, one: IntArray, other: IntArray, pressures: FloatArray) -> IntArray:
         """Groups by the sum of each pair's pressures."""
@@ -210,8 +226,8 @@ class InGroups:
 
 
 def _ahead(before: Motion, after: Motion) -> Motion:
-    """As far from one motion to another again: costs that fall slowly do so in one direction."""
-    accelerations = 2.0 * after.accelerations - before.accelerations
+    """Further from one motion to another: costs that fall slowly do so in one direction."""
+    accelerations = (1.0 + _FURTHER) * after.accelerations - _FURTHER * before.accelerations
     return after.with_some(np.arange(len(accelerations)), accelerations)
 
 
@@ -246,7 +262,7 @@ class _Rows:
         for constraint in constraints:
             for between in (False, True)[: 1 + (number > 0 and constraint.searches > 0)]:
                 rows = constraint.violated(motion, self._planned, between=between)
-                self.enter(rows.worst(motion, 2**number, gap=self._gap))
+                self.enter(rows.worst(motion, 1 + number // 2, gap=self._gap))
         return len(self.program) > before
 
     def enter(self, rows: HalfSpaces) -> None:

@@ -26,11 +26,9 @@ from drake_rho.scenario.records import TOLERANCE, Scenario
 
 NAME = "separation"
 
-NEAR = 1.6
-"""Pairs within so many times the separation at a knot of the reference have rows there."""
-
-NEAR_SOFT = 1.3
-"""The same where rows may be broken: what comes near others has rows in the next step."""
+NEAR = 1.3
+"""Pairs within so many times the separation at a knot of the reference have rows there. Who comes
+nearer to others than that is found between rounds, and in the next linearisation."""
 
 GRAZING = 1.1
 """Times the separation within which closest approaches of the reference between its knots have
@@ -224,7 +222,8 @@ class KeepApart(KeepOut):
     def _by_knot(self, rows: HalfSpaces) -> IntArray:
         count, knots = self.reference.positions.shape[:2]
         k = np.rint(rows.times / self.reference.step).astype(int)
-        numbers: IntArray = (rows.vehicles * count + rows.partners) * knots + k
+        one, other = np.sort([rows.vehicles, rows.partners], axis=0)
+        numbers: IntArray = (one * count + other) * knots + k
         return numbers
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
@@ -258,8 +257,7 @@ def pairs_of(
     separation, soft = separation_of(scenario), np.isfinite(penalty)
     margins = margins_of(scenario)
     kept = separation.distance + most_beside(separation, margins)
-    around = (NEAR_SOFT if soft else NEAR) * kept
-    near = pairs_within(separation, reference, around, between=False, of=of)
+    near = pairs_within(separation, reference, NEAR * kept, between=False, of=of)
     within = kept * (1.0 if soft else GRAZING)
     grazing = pairs_within(separation, reference, within, between=scenario.between_knots, of=of)
     shape = separation.shape

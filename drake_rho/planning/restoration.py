@@ -2,8 +2,9 @@
 
 While pairs are too close, a step of the restoration needs no plan but something to linearise
 around next. So it is found as groups find references (`drake_rho.planning.in_groups`), by programs
-in which a penalty bounds multipliers. Not until almost everyone is clear of everyone is there a
-program with hard rows for every vehicle, by the solver that was asked for.
+in which a penalty bounds multipliers. As soon as nobody is too close to others by much, those that
+still are have programs with hard rows, by the solver that was asked for, and the others go on
+flying what keeps every constraint already. Iterations from there plan everyone by that solver.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.blocks import OnWorkers, executor_of
 from drake_rho.planning.close_pairs import separation_of
 from drake_rho.planning.errors import InfeasibleError, SolverError
@@ -22,7 +22,7 @@ from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 
-_TOGETHER = 5
+_TOGETHER = 3
 """Bound on the vehicles of a group while few pairs are too close."""
 
 _FEW = 0.25
@@ -40,16 +40,17 @@ class Restoration(Subproblem):
     Args:
         scenario: what is asked; it has a separation.
         solver: a Drake solver or `Daqp()`, perhaps on an executor; Clarabel if not given.
+        begun: how many steps count as taken before the first.
     """
 
     steepest = 1e3  # more than being too close can gain changes nothing, but takes digits
 
-    def __init__(self, scenario: Scenario, solver: Solver | OnWorkers | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, solver: Solver | OnWorkers | None = None, begun: int = 0
+    ) -> None:
         super().__init__(scenario, decoupled, solver)
+        self.begun = begun
         self._apart = InGroups(scenario, self._effort, _TOGETHER, executor_of(solver))
-        self._found: Plan | None = None
-        self._roughly = False
-        self._refused: InfeasibleError | SolverError = SolverError("no plan was tried yet")
 
     def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
         """As for every subproblem; what is not a plan yet need not keep limits."""
@@ -59,35 +60,16 @@ class Restoration(Subproblem):
         vehicles = found.vehicles
         if found.is_almost_clear(self.scenario):
             try:
-                return self._kept(reference, vehicles)
+                return self.around(reference, vehicles)
             except InfeasibleError as error:  # not yet
-                self._refused = error
                 stuck = [self.scenario.index_of(name) for name in error.conflicts]
                 vehicles = np.union1d(vehicles, stuck).astype(int)
-            except SolverError as error:  # it names nobody: all look for another reference
-                self._refused, vehicles = error, np.arange(len(self.labels))
+            except SolverError:
+                pass
         try:
             return self._brought_apart(reference, penalty, number, vehicles)
         except SolverError:
             return super().restored(reference, penalty, number)
-
-    def holds(self, plan: Plan) -> bool:
-        """As for every subproblem, but that after references only hard rows of everyone count."""
-        return (plan is self._found or not self._roughly) and super().holds(plan)
-
-    def failure(self, plan: Plan, spent: Statistics) -> InfeasibleError | SolverError | None:
-        """What a plan does not keep out of or, if that is nothing, why it was not one."""
-        if self.holds(plan) or len(self.in_trouble(plan)) > 0:
-            return super().failure(plan, spent)
-        self._refused.statistics = spent
-        return self._refused
-
-    def _kept(self, reference: Plan, vehicles: IntArray) -> Plan:
-        """A plan of everyone, if those that are still in trouble have one: nobody else needs it."""
-        if 0 < len(vehicles) < len(self.labels):
-            self.around(reference, vehicles)
-        self._found = self.around(reference)
-        return self._found
 
     def _brought_apart(
         self, reference: Plan, penalty: float, number: int, vehicles: IntArray
@@ -107,5 +89,4 @@ class Restoration(Subproblem):
             vehicles=vehicles,
             rounds=min(number + 1, _ROUNDS),
         )
-        self._roughly = True
         return Plan.from_accelerations(self.scenario, motion.accelerations, spent)

@@ -77,7 +77,7 @@ def iterate(
             break
         try:
             if restoring:
-                after = subproblem.restored(around, penalty, number)
+                after = subproblem.restored(around, penalty, subproblem.begun + number)
             else:
                 after = subproblem.improved(plan, falling, tolerance)
         except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
@@ -155,7 +155,8 @@ def restored(
     first = _first_penalty(plan, subproblem.least_cost)
     if not subproblem.is_flown(plan):
         first *= _CLOSER
-    penalties = (first * min(growth**number, subproblem.steepest) for number in range(most))
+    numbers = range(subproblem.begun, subproblem.begun + most)
+    penalties = (first * min(growth**number, subproblem.steepest) for number in numbers)
     return iterate(subproblem, plan, 1.0, penalties, progress=progress, follow=follow)
 
 

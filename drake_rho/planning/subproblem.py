@@ -8,12 +8,11 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.blocks import OnWorkers, executor_of
+from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.breaches import Breaches, breaches_of
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
-from drake_rho.planning.in_groups import InGroups
 from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, grouped, pairs_of
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.limits import convex_constraints
@@ -74,25 +73,25 @@ class Subproblem:
         scenario: what is asked.
         coupling: how pairs are kept apart, if the scenario asks for it.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
-        most: bound on the vehicles of a group, where groups are asked for.
 
     Attributes:
         scenario: as given.
         planes: the programs that were solved last.
         steepest: times the first penalty up to which penalties of a restoration grow.
-        settled: whether the last linearisation of a fleet that is not coupled changed the cost by
-            less than the tolerance.
+        begun: how many steps of a restoration count as taken before the first.
+        settled: whether it is known that a further iteration would change the cost by less than
+            the tolerance.
         labels: vehicles whose iterations stop together have the same one, shape (N,).
     """
 
     steepest = 1e9
+    begun = 0
 
     def __init__(
         self,
         scenario: Scenario,
         coupling: Coupling = coupled,
         solver: Solver | OnWorkers | None = None,
-        most: int = DEFAULTS.max_group,
     ) -> None:
         count = len(scenario.vehicles)
         self.scenario = scenario
@@ -103,10 +102,6 @@ class Subproblem:
         self._coupling, self._solver = coupling, solver
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
         self._looked: tuple[Plan, Breaches] | None = None
-        self._groups: InGroups | None = None
-        if apart and not coupling.together:
-            size = most if coupling.in_groups else 1
-            self._groups = InGroups(scenario, self._effort, size, executor_of(solver))
 
     @property
     def least_cost(self) -> float:
@@ -142,10 +137,7 @@ class Subproblem:
         return plan
 
     def improved(self, plan: Plan, vehicles: IntArray, tolerance: float) -> Plan:
-        """The plan of least cost with obstacles and pairs linearised around a plan.
-
-        Unless all are coupled, it is linearised around what groups find first, which costs less,
-        if that is of use. The plan itself is given where they find nothing better by the tolerance.
+        """A plan that costs no more, with obstacles and pairs linearised around a plan.
 
         Args:
             plan: keeps every constraint.
@@ -156,24 +148,7 @@ class Subproblem:
             InfeasibleError: there is none.
             SolverError: the solvers fail numerically.
         """
-        if self._groups is None:
-            return self.around(plan, vehicles)
-        spent = Statistics()
-        try:
-            reference = self._groups.reference(plan, tolerance)
-            spent = reference.statistics
-            if reference.cost >= (1.0 - tolerance) * plan.cost:
-                return plan.with_statistics(spent)
-            after = self.around(reference)
-            if after.cost < plan.cost:
-                change = abs(reference.cost - after.cost)
-                self.settled = self._groups.settled and change <= tolerance * reference.cost
-                return after.with_statistics(spent + after.statistics)
-            spent += after.statistics
-        except (InfeasibleError, SolverError) as error:
-            spent += error.statistics
-        after = self.around(plan, vehicles)
-        return after.with_statistics(spent + after.statistics)
+        return self.around(plan, vehicles)
 
     def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
         """A plan closer to keeping out: what is too close may stay so, at a penalty.
