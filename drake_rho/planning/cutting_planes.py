@@ -100,7 +100,7 @@ class CuttingPlanes:
 
         Args:
             constraints: more of them.
-            warm: rows of these that are in from the start.
+            warm: rows of these with which it begins, if there are any, rather than with a look.
             reference: what they are linearised around, for an error.
 
         Raises:
@@ -144,11 +144,11 @@ class CuttingPlanes:
             self._planned = np.setdiff1d(self._planned, infeasible)
         self._constraints += more
         look, number, searches = more, 0, 0  # what is kept already needs no look at first
-        moved, due = self._mask(self._planned), self._planned
+        moved, unseen = self._mask(self._planned), self._planned
         broken = self._add([self._of_planned(rows) for rows in warm])
         self._lost = []  # nothing was solved yet
         if not broken.any():
-            broken = self._add_violated(look, due, 0)
+            broken, unseen = self._add_violated(look, unseen, 0), unseen[:0]
         for _ in range(MAX_ROUNDS):
             if not broken.any():
                 if infeasible and self._scenario.separation is not None:
@@ -166,8 +166,8 @@ class CuttingPlanes:
                 pending = np.setdiff1d(pending, failed)
                 self._planned = np.setdiff1d(self._planned, failed)
             look, number = self._constraints, number + 1
-            broken = self._add_violated(look, np.union1d(due, pending), number)
-            due = pending[:0]
+            broken = self._add_violated(look, np.union1d(unseen, pending), number)
+            unseen = unseen[:0]
             self._check_inexact(pending, broken)
         raise SolverError(f"rows were still broken after {MAX_ROUNDS} rounds")
 

@@ -61,8 +61,8 @@ class Improvement(Subproblem):
             if self.planes is not None and reference.cost >= (1.0 - tolerance) * plan.cost:
                 return plan.with_statistics(spent)
             self._warm = self._groups.active
-            apart = self._apart(reference)
-            spent = apart.statistics
+            apart = self._apart(reference.with_statistics(Statistics()))
+            spent += apart.statistics
             after = self.around(apart)
             if after.cost < plan.cost:
                 change = abs(reference.cost - after.cost)

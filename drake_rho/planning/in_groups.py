@@ -113,12 +113,13 @@ class InGroups:
         best = around = plan.motion()
         cost, self.settled = plan.cost, False
         for number in range(_AHEAD):
+            ahead = around is not best
             try:
                 after, statistics = self.around(around)
             except SolverError:
                 if number == 0:
                     raise
-                if around is best:
+                if not ahead:
                     break
                 around = best  # it was too far ahead
                 continue
@@ -126,11 +127,11 @@ class InGroups:
             fallen = cost - float(np.sum(after.accelerations**2))
             if number == 0 and fallen < -tolerance * cost:
                 raise SolverError("groups: what a plan keeps was found to cost more than it", spent)
-            if fallen <= 0.0 and around is not best:
+            if fallen <= 0.0 and ahead:
                 around = best
                 continue
             if fallen > 0.0:
-                around = _ahead(best, after) if number > 0 and around is best else after
+                around = after if ahead or number == 0 else _ahead(best, after)
                 best, cost = after, cost - fallen
             self.settled = fallen <= tolerance * cost
             if self.settled:
