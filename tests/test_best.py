@@ -200,7 +200,7 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
     assert options.tolerance_of(many, together=True) == 1e-3
     for asked in (few, many):
         assert options.tolerance_of(asked, together=False) == 5e-2
-        assert options.tolerance_of(asked, together=False, in_groups=True) == 1e-2
+        assert options.tolerance_of(asked, together=False, in_groups=True) == 2e-3
     for asked in (alone, few, many):
         assert rho.Options(tolerance=0.1).tolerance_of(asked, together=False) == 0.1
     assert (options.max_iterations, options.max_coupled, options.max_ways) == (200, 15, 6)

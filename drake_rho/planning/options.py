@@ -12,7 +12,7 @@ from drake_rho.scenario.records import Scenario
 SMALL_FLEET = 6
 """Vehicles up to which a fleet is iterated to `COUPLED_SMALL`."""
 
-ALONE, COUPLED_SMALL, COUPLED, GROUPED, DECOUPLED = 1e-9, 1e-7, 1e-3, 1e-2, 5e-2
+ALONE, COUPLED_SMALL, COUPLED, GROUPED, DECOUPLED = 1e-9, 1e-7, 1e-3, 2e-3, 5e-2
 """Tolerances where none is given. In fleets that keep apart every iteration moves all vehicles and
 a further digit takes as long as all before; small ones are quick, and can be certified. In groups,
 at most a few per cent are left where the cost falls by less. Decoupled, it falls ever more slowly,
@@ -36,9 +36,9 @@ class Options:
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     """relative fall of the cost in one linearisation below which an iteration has converged; a
     vehicle that nothing couples stops when its part falls by less than this part of the whole. If
-    not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled, 1e-2 in
+    not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled, 2e-3 in
     groups and 5e-2 decoupled; among obstacles other than balls and ellipsoids 1e-6, 1e-4, 5e-3,
-    1e-2 and 5e-2. It stands in the plan's `statistics.tolerance`"""
+    2e-3 and 5e-2. It stands in the plan's `statistics.tolerance`"""
     max_iterations: Annotated[Count, Field(ge=1)] = 200
     """bound on the linearisations of one call; of those in groups, on the plans they lead to"""
     max_coupled: Annotated[Count, Field(ge=1)] = 15
