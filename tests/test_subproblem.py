@@ -244,6 +244,21 @@ def test_only_those_in_trouble_have_programs_at_the_end_of_a_restoration(
     assert rho.verify(plan).ok
 
 
+def test_where_groups_fail_slack_takes_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
+    around, fails = InGroups.around, [False, True]
+
+    def at_times(self: InGroups, *args: Any, **options: Any) -> tuple[Motion, Statistics]:
+        if fails and fails.pop(0):
+            raise rho.SolverError("the multipliers of a group were not found")
+        return around(self, *args, **options)
+
+    monkeypatch.setattr(InGroups, "around", at_times)
+    plan = restored(careless(asked), Restoration(asked))
+    assert not fails
+    assert rho.verify(plan).ok
+
+
 def test_everyone_has_a_program_with_hard_rows_even_where_no_reference_is_better(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
