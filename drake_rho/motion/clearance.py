@@ -11,12 +11,13 @@ distance is measured where their separation is a sphere, with z divided by its d
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.dynamics import Motion, vectors_of
 from drake_rho.motion.threads import threads
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
@@ -33,8 +34,9 @@ _FEW = 4
 _HANDFUL = 32
 """Points up to which all pairs are looked at: trees would take longer."""
 
-_MANY = 100
-"""Points beyond which the trees of several instants are searched side by side."""
+_MANY = 40_000
+"""About how many points are looked at in one go, so that what is computed of them stays in caches,
+and others are side by side with them."""
 
 _INSTANTS = 3
 """Instants for which one tree is searched: trees of fewer take longer, and with more there are more
@@ -61,6 +63,12 @@ class CloseApproaches:
         """M."""
         return len(self.times)
 
+    @classmethod
+    def joined(cls, parts: Sequence[CloseApproaches]) -> CloseApproaches:
+        """Some of them, then others."""
+        arrays = zip(*((p.one, p.other, p.times, p.distances) for p in parts), strict=True)
+        return cls(*map(np.concatenate, arrays))
+
     def select(self, which: BoolArray | IntArray | slice) -> CloseApproaches:
         """Only some of them."""
         return CloseApproaches(
@@ -69,12 +77,8 @@ class CloseApproaches:
 
     def and_also(self, more: CloseApproaches) -> CloseApproaches:
         """These and others, pair by pair and in the order of time; equal instants once."""
-        one = np.concatenate([self.one, more.one])
-        other = np.concatenate([self.other, more.other])
-        times = np.concatenate([self.times, more.times])
-        distances = np.concatenate([self.distances, more.distances])
-        order = np.lexsort((times, other, one))
-        every = CloseApproaches(one, other, times, distances).select(order)
+        every = CloseApproaches.joined([self, more])
+        every = every.select(np.lexsort((every.times, every.other, every.one)))
         again = np.diff(every.one, prepend=-1) == 0
         again &= np.diff(every.other, prepend=-1) == 0
         again &= np.abs(np.diff(every.times, prepend=-1.0)) <= 1e-9 * (1.0 + every.times)
@@ -112,27 +116,51 @@ def close_pairs(
         of: vehicles of which each pair has one or two, rising indices; all if not given.
     """
     h = motion.step
-    p, v = separation.scaled(motion.positions[:, :-1]), separation.scaled(motion.velocities[:, :-1])
-    a = separation.scaled(motion.accelerations)
-    middle, reach = p + h / 2 * (v + h / 4 * a), _reach(h, v, a)
-    one, other, k = _pairs_at(middle, within, reach, of)
-    # of their common way nothing is lost or gained: it leaves fewer, and minima take long
-    apart, v_apart, a_apart = (each[one, k] - each[other, k] for each in (middle, v, a))
-    near = _lengths(apart) - _reach(h, v_apart, a_apart) < within
-    one, other, k = one[near], other[near], k[near]
-    relative = p[one, k] - p[other, k], v_apart[near], a_apart[near]
-    return _closest_below(within, h, one, other, k, *relative)
+
+    def found(steps: slice) -> CloseApproaches:
+        quantities = motion.positions, motion.velocities, motion.accelerations
+        p, v, a = (np.ascontiguousarray(separation.scaled(each[:, steps])) for each in quantities)
+        middle, reach = p + h / 2 * (v + h / 4 * a), _reach(h, v, a)
+        one, other, k = _pairs_at(middle, within, reach, of)
+        # of their common way nothing is lost or gained: it leaves fewer, and minima take long
+        apart, v_apart, a_apart = (_apart(each, one, other, k) for each in (middle, v, a))
+        near = _lengths(apart) - _reach(h, v_apart, a_apart) < within
+        one, other, k = one[near], other[near], k[near]
+        relative = _apart(p, one, other, k), v_apart[near], a_apart[near]
+        return _closest_below(within, h, one, other, steps.start + k, *relative)
+
+    return _side_by_side(found, *motion.accelerations.shape[:2])
 
 
 def close_pairs_at_knots(
     motion: Motion, separation: Separation, within: float, *, of: IntArray | None = None
 ) -> CloseApproaches:
     """Vehicles closer than a distance at the knots, pair by pair; arguments as for all instants."""
-    p = separation.scaled(motion.positions)
-    one, other, k = _pairs_at(p, within, np.zeros(p.shape[:2]), of)
-    distances = _lengths(p[one, k] - p[other, k])
-    times: FloatArray = k * np.float64(motion.step)
-    return CloseApproaches(one, other, times, distances)
+
+    def found(knots: slice) -> CloseApproaches:
+        p = np.ascontiguousarray(separation.scaled(motion.positions[:, knots]))
+        one, other, k = _pairs_at(p, within, np.zeros(p.shape[:2]), of)
+        times: FloatArray = (knots.start + k) * np.float64(motion.step)
+        return CloseApproaches(one, other, times, _lengths(_apart(p, one, other, k)))
+
+    return _side_by_side(found, *motion.positions.shape[:2])
+
+
+def _side_by_side(
+    found: Callable[[slice], CloseApproaches], count: int, instants: int
+) -> CloseApproaches:
+    """What is found of so many vehicles in each stretch of so many instants, pair by pair."""
+    size = _INSTANTS * max(1, _MANY // (_INSTANTS * count))
+    stretches = [slice(first, min(first + size, instants)) for first in range(0, instants, size)]
+    each_of = threads().map if len(stretches) > 1 else map
+    every = CloseApproaches.joined(list(each_of(found, stretches)))
+    order = np.argsort(every.one * count + every.other, kind="stable")  # which keeps that of time
+    return every.select(order)
+
+
+def _apart(vectors: FloatArray, one: IntArray, other: IntArray, k: IntArray) -> FloatArray:
+    """Differences of two vehicles' vectors at some instants, shape (M, 3)."""
+    return vectors_of(vectors, one, k) - vectors_of(vectors, other, k)
 
 
 def _reach(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
@@ -178,27 +206,23 @@ def _pairs_at(
         of: indices of points of which each pair has one or two; all if not given.
 
     Returns:
-        Indices, rising, of the two and of the instant, pair by pair and in the order of time.
+        Indices, rising, of the two, and of the instant: of each pair in the order of time.
     """
     if len(points) <= _HANDFUL:
         return _of_all_pairs(points, within, reach, of)
     some = of if of is not None and _FEW * len(of) < len(points) else None
 
-    def pairs_from(first: int) -> IntArray:
+    every = list[IntArray]()
+    for first in range(0, points.shape[1], _INSTANTS):
         own = slice(first, first + _INSTANTS)
-        found = _pairs_during(points[:, own], within, reach[:, own], some)
-        found[2] += first
-        return found
-
-    firsts = range(0, points.shape[1], _INSTANTS)
-    each_of = threads().map if len(points) > _MANY else map
-    one, other, instants = np.concatenate(list(each_of(pairs_from, firsts)), axis=1)
+        every.append(_pairs_during(points[:, own], within, reach[:, own], some))
+        every[-1][2] += first
+    one, other, instants = np.concatenate(every, axis=1)
     if of is not None and some is None:
         asked = np.isin(np.arange(len(points)), of)
         wanted = asked[one] | asked[other]
         one, other, instants = one[wanted], other[wanted], instants[wanted]
-    order = np.argsort((one * points.shape[0] + other) * points.shape[1] + instants)
-    return one[order], other[order], instants[order]
+    return one, other, instants
 
 
 def _of_all_pairs(
@@ -210,7 +234,7 @@ def _of_all_pairs(
         asked = np.isin(np.arange(len(points)), of)
         wanted = asked[one] | asked[other]
         one, other = one[wanted], other[wanted]
-    apart = points[one] - points[other]
+    apart = points.take(one, axis=0) - points.take(other, axis=0)
     close = np.vecdot(apart, apart) <= (within + reach[one] + reach[other]) ** 2
     which, instants = np.nonzero(close)
     return one[which], other[which], instants
@@ -246,10 +270,10 @@ def _pairs_during(
     else:
         pairs = _pairs_of(some, middle, tree, furthest)
     one, other = pairs.T
-    apart = middle[one] - middle[other]
+    apart = middle.take(one, axis=0) - middle.take(other, axis=0)
     near = np.vecdot(apart, apart) <= (within + away[one] + away[other]) ** 2
     one, other = one[near], other[near]
-    apart = points[one] - points[other]
+    apart = points.take(one, axis=0) - points.take(other, axis=0)
     close = np.vecdot(apart, apart) <= (within + reach[one] + reach[other]) ** 2
     which, instants = np.nonzero(close)
     return np.stack([one[which], other[which], instants])

@@ -82,8 +82,15 @@ class Plan(metaclass=Described):
         """The plan that flies `accelerations` [m/s²], shape (N, K-1, 3), from the starts."""
         with np.errstate(over="ignore", invalid="ignore"):  # the plan refuses what comes of it
             motion = Motion.from_starts(scenario.fleet, accelerations, scenario.grid.step)
-        positions, velocities = motion.positions, motion.velocities
-        return cls(scenario, positions, velocities, accelerations, statistics or Statistics())
+        return cls.from_motion(scenario, motion, statistics)
+
+    @classmethod
+    def from_motion(
+        cls, scenario: Scenario, motion: Motion, statistics: Statistics | None = None
+    ) -> Self:
+        """The plan that flies a motion of a scenario's vehicles, arrays of shape (N, ..., 3)."""
+        p, v, a = motion.positions, motion.velocities, motion.accelerations
+        return cls(scenario, p, v, a, statistics or Statistics())
 
     def with_statistics(self, statistics: Statistics) -> Plan:
         """This plan with another account of what it took."""

@@ -117,13 +117,7 @@ class CuttingPlanes:
     def plan(self, reference: Plan | None = None) -> Plan:
         """The solutions as a plan, found with constraints linearised around `reference`."""
         statistics = self.statistics(linearisations=int(reference is not None))
-        plan = Plan(
-            self._scenario,
-            self.motion.positions,
-            self.motion.velocities,
-            self.motion.accelerations,
-            statistics,
-        )
+        plan = Plan.from_motion(self._scenario, self.motion, statistics)
         return plan if reference is None else plan.found_around(reference)
 
     def statistics(self, *, linearisations: int = 0) -> Statistics:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, Self
 
@@ -208,7 +208,7 @@ class HalfSpaces:
 
     def select(self, rows: BoolArray | IntArray | slice) -> HalfSpaces:
         """Some of the rows."""
-        return HalfSpaces(self.constraint, *[array[rows] for array in self._arrays()])
+        return HalfSpaces(self.constraint, *some_of(self._arrays(), rows))
 
     def and_also(self, more: HalfSpaces) -> HalfSpaces:
         """These rows, then more of the same constraint."""
@@ -229,6 +229,14 @@ class HalfSpaces:
 
 _WHOLE, _REAL = np.zeros(0, dtype=np.int64), np.zeros(0)
 _NONE = _WHOLE, _WHOLE, _WHOLE, _REAL, np.zeros((0, 3)), _REAL, _REAL
+
+
+def some_of(arrays: Iterable[Any], rows: BoolArray | IntArray | slice) -> list[Any]:
+    """array[rows] of each of some arrays of as many rows, vectors several times as fast."""
+    if isinstance(rows, slice):
+        return [array[rows] for array in arrays]
+    which = rows.nonzero()[0] if rows.dtype == bool else rows
+    return [array.take(which, axis=0) for array in arrays]
 
 
 def near(marked: BoolArray, runs: IntArray, reach: int) -> BoolArray:

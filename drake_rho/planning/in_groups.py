@@ -86,12 +86,12 @@ class InGroups:
         executor: Executor | None = None,
     ) -> None:
         count = len(scenario.vehicles)
+        self._scenario, self._effort, self._most = scenario, effort, _bound(most, count)
         self.groups: IntArray | None = None
         if most == 1:
             self.groups = np.arange(count)
-        elif count <= _WHOLE * most:
-            self.groups, most = np.zeros(count, dtype=int), count
-        self._scenario, self._effort, self._most = scenario, effort, most
+        elif self._most == count:
+            self.groups = np.zeros(count, dtype=int)
         self._executor, self.settled = executor, False
         self.active = list[HalfSpaces]()
 
@@ -136,7 +136,7 @@ class InGroups:
             self.settled = fallen <= tolerance * cost
             if self.settled:
                 break
-        return Plan.from_accelerations(self._scenario, best.accelerations, spent)
+        return Plan.from_motion(self._scenario, best, spent)
 
     def around(
         self,
@@ -145,6 +145,7 @@ class InGroups:
         penalty: float = np.inf,
         aside: bool = False,
         vehicles: IntArray | None = None,
+        close: CloseApproaches | None = None,
         rounds: int | None = None,
     ) -> tuple[Motion, Statistics]:
         """One linearisation; the groups of the next are found from its multipliers.
@@ -154,10 +155,17 @@ class InGroups:
             penalty: cost of each metre by which a pair is too close; limits cost more.
             aside: whether each close encounter of the reference gets one direction all along.
             vehicles: which of them are planned, rising indices; the others fly the reference.
+            close: as for `pairs_of`.
             rounds: in how many broken rows are added, if that is not for this to decide.
         """
         pairs = pairs_of(
-            self._scenario, reference, coupled, penalty=penalty, aside=aside, of=vehicles
+            self._scenario,
+            reference,
+            coupled,
+            penalty=penalty,
+            aside=aside,
+            of=vehicles,
+            close=close,
         )
         across = dataclasses.replace(pairs, number=_ACROSS, coupled=False, share=decoupled.share)
         others = [*convex_constraints(self._scenario), *obstacles_of(self._scenario, reference)]
@@ -184,14 +192,16 @@ class InGroups:
             programs=program.programs, rows=len(program), linearisations=1
         )
 
-    def regroup(self, pairs: CloseApproaches, within: float) -> None:
-        """Make groups of those that are too close.
+    def regroup(self, pairs: CloseApproaches, within: float, most: int) -> None:
+        """Make groups of those that are close.
 
         Args:
             pairs: that are; how much a pair presses is how much closer than `within` it is.
             within: a distance that none of them has [m].
+            most: bound on the vehicles of a group, as for the fleet.
         """
-        self.groups = np.arange(len(self._scenario.vehicles))
+        count = len(self._scenario.vehicles)
+        self._most, self.groups = _bound(most, count), np.arange(count)
         if len(pairs) > 0:
             self.groups = self._grouped(pairs.one, pairs.other, within - pairs.distances)
 
@@ -226,6 +236,11 @@ class InGroups:
         return groups_that_press(count, pairs // count, pairs % count, sums, self._most)
 
 
+def _bound(most: int, count: int) -> int:
+    """The bound on a group's vehicles in a fleet of so many, which may be all of them."""
+    return count if most > 1 and count <= _WHOLE * most else most
+
+
 def _ahead(before: Motion, after: Motion) -> Motion:
     """Further from one motion to another: costs that fall slowly do so in one direction."""
     accelerations = (1.0 + _FURTHER) * after.accelerations - _FURTHER * before.accelerations
@@ -246,11 +261,12 @@ class _Rows:
     ) -> None:
         count = len(scenario.vehicles)
         constraints = first_number(scenario) + len(scenario.fleet.waypoints)
-        others = np.setdiff1d(np.arange(count), planned)
-        motion = effort.motion.with_some(others, across.reference.accelerations[others])
+        motion = effort.motion
+        if len(planned) < count:
+            motion = across.reference.with_some(planned, motion.accelerations[planned])
         self.program = LeastNorm(effort, groups, motion, executor)
-        self._planned, self._is_planned = planned, np.ones(count, dtype=bool)
-        self._is_planned[others] = False
+        self._planned, self._is_planned = planned, np.zeros(count, dtype=bool)
+        self._is_planned[planned] = True
         self._working = WorkingSet(Keys(constraints, count, scenario.grid))
         self._groups, self._across, self._gap = groups, across, 1.5 * scenario.grid.step
 

@@ -242,6 +242,7 @@ def pairs_of(
     aside: bool = False,
     rounds: int = sys.maxsize,
     of: IntArray | None = None,
+    close: CloseApproaches | None = None,
 ) -> KeepApart:
     """The pairs of a scenario with a separation, linearised around a motion of its vehicles.
 
@@ -253,13 +254,16 @@ def pairs_of(
         aside: whether each close encounter of the reference gets one direction all along.
         rounds: in how many rounds broken rows at the knots are added.
         of: vehicles of which each pair has one or two, rising indices; all if not given.
+        close: those of the reference that are too close, where that is known and all that counts
+            between its knots, since rows may be broken.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
     margins = margins_of(scenario)
     kept = separation.distance + most_beside(separation, margins)
     near = pairs_within(separation, reference, NEAR * kept, between=False, of=of)
-    within = kept * (1.0 if soft else GRAZING)
-    grazing = pairs_within(separation, reference, within, between=scenario.between_knots, of=of)
+    if close is None:
+        within, between = kept * (1.0 if soft else GRAZING), scenario.between_knots
+        close = pairs_within(separation, reference, within, between=between, of=of)
     shape = separation.shape
     if soft:
         shape = Ellipsoid(shape.center, ROOM * shape.semi_axes)
@@ -276,7 +280,7 @@ def pairs_of(
         share=coupling.share,
         aside=aside,
         reference=reference,
-        places=places_of(near.and_also(grazing)),
+        places=places_of(near.and_also(close)),
         searches=1 if soft else sys.maxsize,
         every_instant=scenario.between_knots,
     )

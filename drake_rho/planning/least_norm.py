@@ -26,7 +26,7 @@ from scipy.optimize import nnls
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.half_spaces import HalfSpaces
+from drake_rho.planning.half_spaces import HalfSpaces, some_of
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
@@ -82,7 +82,7 @@ class Duals:
 
     def select(self, rows: IntArray | slice) -> Duals:
         """Some of the rows."""
-        return Duals(self.changes, *[array[rows] for array in self._arrays()])
+        return Duals(self.changes, *some_of(self._arrays(), rows))
 
     def and_also(self, more: Duals) -> Duals:
         """These rows, then more."""

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from drake_rho.motion.margins import margins_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.blocks import OnWorkers, executor_of
-from drake_rho.planning.close_pairs import separation_of
+from drake_rho.planning.close_pairs import most_beside, pairs_within, separation_of
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.in_groups import InGroups
 from drake_rho.planning.keep_apart import decoupled
@@ -25,6 +26,11 @@ from drake_rho.scenario.records import Scenario
 _TOGETHER = 3
 """Bound on the vehicles of a group while few pairs are too close."""
 
+_STUCK_TOGETHER, _BESIDE = 8, 1.05
+"""The same bound where some are so much in the way of each other that hard rows of them have no
+solution while those next to them stay where they are; next to them, in separations, is this. One of
+ten thousand that was stuck in between took twenty more steps without."""
+
 _FEW = 0.25
 """Part of a fleet up to which those in trouble are brought apart in groups: groups of many rows
 take long, and while many are in trouble all that is found moves on."""
@@ -32,6 +38,8 @@ take long, and while many are in trouble all that is found moves on."""
 _ROUNDS = 4
 """Rounds of rows in a step; the first steps have fewer, as all that they find moves on. With two
 all the time, two fifths of a large fleet stay in trouble: who is kept from one meets another."""
+
+_NOBODY = np.zeros(0, dtype=int)
 
 
 class Restoration(Subproblem):
@@ -54,39 +62,53 @@ class Restoration(Subproblem):
 
     def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
         """As for every subproblem; what is not a plan yet need not keep limits."""
-        found = self._look_at(reference)
+        found, stuck = self._look_at(reference), _NOBODY
         if len(found.inside) + len(found.unflyable) > 0:
             return super().restored(reference, penalty, number)
-        vehicles = found.vehicles
         if found.is_almost_clear(self.scenario):
             try:
-                return self.around(reference, vehicles)
+                return self.around(reference, found.vehicles)
             except InfeasibleError as error:  # not yet
-                stuck = [self.scenario.index_of(name) for name in error.conflicts]
-                vehicles = np.union1d(vehicles, stuck).astype(int)
+                stuck = np.sort([self.scenario.index_of(name) for name in error.conflicts])
             except SolverError:
                 pass
         try:
-            return self._brought_apart(reference, penalty, number, vehicles)
+            return self._brought_apart(reference, penalty, number, stuck)
         except SolverError:
             return super().restored(reference, penalty, number)
 
-    def _brought_apart(
-        self, reference: Plan, penalty: float, number: int, vehicles: IntArray
-    ) -> Plan:
-        """What some vehicles fly at a penalty, and the others as in the reference.
+    def _brought_apart(self, reference: Plan, penalty: float, number: int, stuck: IntArray) -> Plan:
+        """What those in trouble fly at a penalty, and the others as in the reference.
+
+        Args:
+            reference: as for `restored`, as the next two.
+            penalty: of each metre.
+            number: of the step.
+            stuck: who has no motion with hard rows beside the others'; they are planned with them.
 
         Raises:
             SolverError: the multipliers of a group are not found.
         """
-        pairs, few = self._look_at(reference).pairs, len(vehicles) <= _FEW * len(self.labels)
-        within = 2.0 * separation_of(self.scenario).distance
-        self._apart.regroup(pairs if few else pairs.select(slice(0)), within)
+        found, motion = self._look_at(reference), reference.motion()
+        close, vehicles, separation = found.pairs, found.vehicles, separation_of(self.scenario)
+        kept = separation.distance + most_beside(separation, margins_of(self.scenario))
+        if len(stuck) > 0:
+            between = self.scenario.between_knots
+            beside = pairs_within(separation, motion, _BESIDE * kept, between=between, of=stuck)
+            close = close.and_also(beside)
+            vehicles = np.unique(np.concatenate([vehicles, stuck, beside.one, beside.other]))
+        few = len(found.vehicles) <= _FEW * len(self.labels)
+        self._apart.regroup(
+            close if few else close.select(slice(0)),
+            2.0 * kept,
+            _TOGETHER if len(stuck) == 0 else _STUCK_TOGETHER,
+        )
         motion, spent = self._apart.around(
-            reference.motion(),
+            motion,
             penalty=penalty,
             aside=number == 0,
             vehicles=vehicles,
+            close=close,
             rounds=min(number + 1, _ROUNDS),
         )
-        return Plan.from_accelerations(self.scenario, motion.accelerations, spent)
+        return Plan.from_motion(self.scenario, motion, spent)
