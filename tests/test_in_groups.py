@@ -17,6 +17,7 @@ import drake_rho as rho
 from drake_rho.motion.plan import Plan
 from drake_rho.planning import least_norm
 from drake_rho.planning.best import first_plan
+from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.dense import add_rows
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.groups import groups_that_press
@@ -25,8 +26,9 @@ from drake_rho.planning.improvement import Improvement
 from drake_rho.planning.in_groups import InGroups
 from drake_rho.planning.keep_apart import coupled, grouped, pairs_of
 from drake_rho.planning.keep_in import boxes_of
-from drake_rho.planning.least_norm import LeastNorm, multipliers_of
+from drake_rho.planning.least_norm import LeastNorm
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.multipliers import multipliers_of
 from drake_rho.planning.program import rows_of
 from drake_rho.planning.rows import Rows
 from drake_rho.planning.subproblem import Subproblem
@@ -172,9 +174,12 @@ def test_multipliers_without_bounds_meet_the_conditions_of_an_optimum(seed: int,
         assert abs(found @ slope) <= INDEX * (1.0 + abs(found @ needed))
 
 
+@pytest.mark.parametrize("dense", [False, True], ids=["own", "daqp"])
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40))
 @settings(max_examples=60)
-def test_bounded_multipliers_are_those_of_bounded_least_squares(seed: int, rows: int) -> None:
+def test_bounded_multipliers_are_those_of_bounded_least_squares(
+    dense: bool, seed: int, rows: int
+) -> None:
     rng = np.random.default_rng(seed)
     matrix = rng.standard_normal((rows, 10)) + 3.0 * rng.standard_normal(10)
     products = matrix @ matrix.T + 1e-6 * np.eye(rows)
@@ -184,16 +189,17 @@ def test_bounded_multipliers_are_those_of_bounded_least_squares(seed: int, rows:
     target = np.linalg.solve(triangle, needed)
     wanted = lsq_linear(triangle.T, target, bounds=(0.0, most), method="bvls", tol=1e-14).x
     for y in (np.zeros(rows), np.abs(rng.standard_normal(rows))):
-        found = multipliers_of(products, needed, y, most)
+        found = multipliers_of(products, needed, y, most, dense=dense)
         assert np.all((found >= 0.0) & (found <= most))
         least, cost = (x @ products @ x / 2 - needed @ x for x in (wanted, found))
         assert cost <= least + INDEX * (1.0 + abs(least))
 
 
+@pytest.mark.parametrize("dense", [False, True], ids=["own", "daqp"])
 @pytest.mark.parametrize("most", [1.0, np.inf])
-def test_products_that_are_none_are_told(most: float) -> None:
+def test_products_that_are_none_are_told(most: float, dense: bool) -> None:
     with pytest.raises(SolverError, match="multipliers"):
-        multipliers_of(-np.eye(2), np.ones(2), np.zeros(2), np.full(2, most))
+        multipliers_of(-np.eye(2), np.ones(2), np.zeros(2), np.full(2, most), dense=dense)
 
 
 def test_rows_with_a_penalty_are_broken_where_that_costs_less(
@@ -249,7 +255,8 @@ def test_programs_on_an_executor_are_the_same_to_the_last_digit(
     monkeypatch.setattr(least_norm, "_BLOCK", 10)
     effort, alone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
     with ThreadPoolExecutor(2) as executor:
-        programs = [LeastNorm(effort, alone, executor=each) for each in (None, executor)]
+        workers = OnWorkers(None, executor)
+        programs = [LeastNorm(effort, alone, solver=each) for each in (None, workers)]
         for program in programs:
             program.add(_rows(asked, first)[0])
             program.solve()

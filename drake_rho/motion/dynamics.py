@@ -176,7 +176,8 @@ def vectors_of(array: FloatArray, vehicles: IntArray, k: IntArray) -> FloatArray
     """
     if not array.flags.c_contiguous:
         return array[vehicles, k]
-    return array.reshape(-1, 3).take(vehicles * array.shape[1] + k, axis=0)
+    vectors: FloatArray = array.reshape(-1, 3).take(vehicles * array.shape[1] + k, axis=0)
+    return vectors
 
 
 ORDERS: dict[Quantity, int] = {"position": 2, "velocity": 1, "acceleration": 0}

@@ -38,6 +38,11 @@ def executor_of(solver: Solver | OnWorkers | None) -> Executor | None:
     return solver.executor if isinstance(solver, OnWorkers) else None
 
 
+def alone(solver: Solver | OnWorkers | None) -> Solver | None:
+    """The solver without the executor that it may be on."""
+    return solver.solver if isinstance(solver, OnWorkers) else solver
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answers:
     """What was found for groups of equally many vehicles and rows."""
@@ -119,14 +124,13 @@ def solve_all(
     Raises:
         SolverError: the solvers fail numerically.
     """
-    workers = solver if isinstance(solver, OnWorkers) else None
-    alone = workers.solver if workers else solver
+    executor, solver = executor_of(solver), alone(solver)
     blocks = [
-        _Block(changes, own, alone, linear, retry, quick)
+        _Block(changes, own, solver, linear, retry, quick)
         for own in _in_blocks(len(changes.units), rows)
     ]
-    if workers is not None and len(blocks) > 1:
-        found = [workers.executor.submit(_Block.solved, block) for block in blocks]
+    if executor is not None and len(blocks) > 1:
+        found = [executor.submit(_Block.solved, block) for block in blocks]
         return [answers for each in found for answers in each.result()]
     batches = list[Batch]()
 
@@ -136,7 +140,7 @@ def solve_all(
                 batches.append(batch)
                 yield batch.programs
 
-    answers = solve_side_by_side(written(), alone, retry=retry, quick=quick)
+    answers = solve_side_by_side(written(), solver, retry=retry, quick=quick)
     steps = changes.grid.knots - 1
     return [_answers(*each, steps) for each in zip(batches, answers, strict=True)]
 

@@ -114,6 +114,33 @@ class Daqp(metaclass=Described):
         return [_solved(program) for program in programs]
 
 
+def least_within(products: FloatArray, needed: FloatArray, most: FloatArray) -> FloatArray | None:
+    """The y, 0 <= y <= most, that minimises y · products @ y / 2 - needed · y.
+
+    Args:
+        products: positive definite, shape (R, R).
+        needed: shape (R,).
+        most: above 0, shape (R,).
+
+    Returns:
+        y, those at a bound exactly so, shape (R,); None where it is not found.
+    """
+    count = len(needed)
+    zero, sense = np.zeros(count), np.zeros(count, dtype=np.int32)
+    y, _, flag, info = _package().solve(
+        products, -needed, np.zeros((0, count)), np.minimum(most, _INFINITE), zero, sense, **_HARD
+    )
+    if flag != _OPTIMAL:
+        return None
+    pull: FloatArray = info["lam"]
+    none, full = pull < 0.0, pull > 0.0
+    y = np.where(none, 0.0, np.where(full, most, y))
+    slope = products @ y - needed
+    slope[none], slope[full] = np.minimum(slope[none], 0.0), np.maximum(slope[full], 0.0)
+    within = y.min() >= 0.0 and np.all(y <= most)
+    return y if within and np.abs(slope).max() <= _KEPT * max(1.0, np.abs(needed).max()) else None
+
+
 @cache
 def _package() -> Any:
     """The package, which is not needed where this solver is not asked for."""

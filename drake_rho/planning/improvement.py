@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.blocks import OnWorkers, executor_of
+from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.in_groups import InGroups
 from drake_rho.planning.keep_apart import Coupling
@@ -46,7 +46,7 @@ class Improvement(Subproblem):
     ) -> None:
         super().__init__(scenario, coupling, solver)
         size = most if coupling.in_groups else 1
-        self._groups = InGroups(scenario, self._effort, size, executor_of(solver))
+        self._groups = InGroups(scenario, self._effort, size, solver)
 
     def improved(self, plan: Plan, vehicles: IntArray, tolerance: float) -> Plan:
         """As for every subproblem, around a reference if that is of use.

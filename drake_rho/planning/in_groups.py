@@ -14,7 +14,6 @@ apart, as rows may be broken at a penalty.
 from __future__ import annotations
 
 import dataclasses
-from concurrent.futures import Executor
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.groups import groups_that_press
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
@@ -31,6 +31,7 @@ from drake_rho.planning.keep_waypoints import first_number
 from drake_rho.planning.least_norm import LeastNorm
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.solve import Solver
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -68,7 +69,7 @@ class InGroups:
         effort: its minimum effort.
         most: bound on the vehicles of a group; a fleet of up to twice as many is one, unless it is
             1: each by itself.
-        executor: where programs are solved; here if not given.
+        solver: as for `LeastNorm`.
 
     Attributes:
         groups: for each vehicle the number of its group in the next linearisation; None before
@@ -83,7 +84,7 @@ class InGroups:
         scenario: Scenario,
         effort: MinimumEffort,
         most: int,
-        executor: Executor | None = None,
+        solver: Solver | OnWorkers | None = None,
     ) -> None:
         count = len(scenario.vehicles)
         self._scenario, self._effort, self._most = scenario, effort, _bound(most, count)
@@ -92,7 +93,7 @@ class InGroups:
             self.groups = np.arange(count)
         elif self._most == count:
             self.groups = np.zeros(count, dtype=int)
-        self._executor, self.settled = executor, False
+        self._solver, self.settled = solver, False
         self.active = list[HalfSpaces]()
 
     def reference(self, plan: Plan, tolerance: float) -> Plan:
@@ -173,7 +174,7 @@ class InGroups:
         if self.groups is None:
             self.groups = self._first_groups(pairs)
         planned = np.arange(len(self.groups)) if vehicles is None else vehicles
-        rows = _Rows(self._scenario, self._effort, self.groups, across, planned, self._executor)
+        rows = _Rows(self._scenario, self._effort, self.groups, across, planned, self._solver)
         known = {constraint.number: constraint for constraint in (*others, pairs)}
         for active in self.active:
             rows.enter(known[active.constraint.number].renewed(active))
@@ -257,14 +258,14 @@ class _Rows:
         groups: IntArray,
         across: KeepApart,
         planned: IntArray,
-        executor: Executor | None,
+        solver: Solver | OnWorkers | None,
     ) -> None:
         count = len(scenario.vehicles)
         constraints = first_number(scenario) + len(scenario.fleet.waypoints)
         motion = effort.motion
         if len(planned) < count:
             motion = across.reference.with_some(planned, motion.accelerations[planned])
-        self.program = LeastNorm(effort, groups, motion, executor)
+        self.program = LeastNorm(effort, groups, motion, solver)
         self._planned, self._is_planned = planned, np.zeros(count, dtype=bool)
         self._is_planned[planned] = True
         self._working = WorkingSet(Keys(constraints, count, scenario.grid))

@@ -3,8 +3,8 @@
 With u the accelerations of a group less those of minimum effort, the least norm(u)² + penalties ·
 slacks with M u + slack >= b is that of u = M.T @ y, where y minimises norm(M.T @ y)² / 2 - b · y
 within 0 <= y <= penalties / 2. That needs no more than the products of rows with each other,
-M @ M.T, whose size is the number of rows. It is solved by an active-set method, from the last
-multipliers.
+M @ M.T, whose size is the number of rows. It is solved by an active-set method
+(`drake_rho.planning.multipliers`).
 
 A row is a response in time times a normal in space times the signs of one vehicle or two, and so is
 the product of two rows that of these three.
@@ -14,32 +14,24 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from concurrent.futures import Executor
-from contextlib import suppress
 from itertools import pairwise
 from typing import Any, get_args
 
 import numpy as np
-from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
-from scipy.optimize import nnls
 
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.motion.threads import one_for_arrays
-from drake_rho.planning.errors import SolverError
+from drake_rho.planning.blocks import OnWorkers, alone, executor_of
 from drake_rho.planning.half_spaces import HalfSpaces, some_of
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
+from drake_rho.planning.multipliers import multipliers_of
+from drake_rho.planning.solve import Solver, is_dense
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
 _RIDGE = 1e-9
 """What is added to the squared length of rows, which are of length one: rows of neighbouring
 instants are almost the same, and may contradict each other."""
-
-_BROKEN = 1e-9
-"""By how much a row of length one may be broken, in the largest of what rows need."""
-
-_MOST = 10
-"""Bound on the changes of the set of active rows, in numbers of rows."""
 
 _FIXED = 1e-9
 """Part of a row's length that is left where the goals decide all the rest, and it is left out."""
@@ -57,6 +49,8 @@ class Duals:
 
     changes: Changes
     """what they are about"""
+    dense: bool
+    """whether a solver of dense programs was asked for, which `Daqp` is"""
     groups: IntArray
     """the number of the group of each row, rising, shape (R,)"""
     one: IntArray
@@ -82,12 +76,12 @@ class Duals:
 
     def select(self, rows: IntArray | slice) -> Duals:
         """Some of the rows."""
-        return Duals(self.changes, *some_of(self._arrays(), rows))
+        return Duals(self.changes, self.dense, *some_of(self._arrays(), rows))
 
     def and_also(self, more: Duals) -> Duals:
         """These rows, then more."""
         pairs = zip(self._arrays(), more._arrays(), strict=True)
-        return Duals(self.changes, *map(np.concatenate, pairs))
+        return Duals(self.changes, self.dense, *map(np.concatenate, pairs))
 
     def _arrays(self) -> tuple[Any, ...]:
         return (
@@ -126,7 +120,7 @@ class Duals:
             if signs is not None:
                 products *= signs.T @ signs
             products.flat[:: len(products) + 1] += _RIDGE
-            y[own] = multipliers_of(products, needed[own], begin[own], most[own])
+            y[own] = multipliers_of(products, needed[own], begin[own], most[own], dense=self.dense)
             pull = (unit[first] * y[own])[:, None] * normals[own]
             vehicles.append(several)
             if signs is None:
@@ -173,7 +167,7 @@ class LeastNorm:
         effort: of the scenario.
         groups: for each vehicle the number of its group, shape (N,).
         motion: what those fly who have no rows; motions of minimum effort if not given.
-        executor: where programs are solved; here if not given.
+        solver: whether it is `Daqp()`, and where programs are solved if it is on an executor.
 
     Attributes:
         motion: of all vehicles, as last solved.
@@ -185,14 +179,15 @@ class LeastNorm:
         effort: MinimumEffort,
         groups: IntArray,
         motion: Motion | None = None,
-        executor: Executor | None = None,
+        solver: Solver | OnWorkers | None = None,
     ) -> None:
         self.motion, self.programs = motion or effort.motion, 0
-        self._effort, self._groups, self._executor = effort, groups, executor
+        self._effort, self._groups, self._executor = effort, groups, executor_of(solver)
         self._parts = list[HalfSpaces]()
         nobody, nothing = np.zeros(0, dtype=int), np.zeros(0)
         self._rows = Duals(
             effort.changes,
+            is_dense(alone(solver)),
             *(nobody, nobody, nobody, nobody),
             *(nothing, np.zeros((0, 3)), nothing, nothing, nothing),
         )
@@ -208,6 +203,7 @@ class LeastNorm:
         self._parts.append(rows)
         more = Duals(
             self._effort.changes,
+            self._rows.dense,
             groups=self._groups[rows.vehicles],
             one=rows.vehicles,
             other=rows.partners if constraint.coupled else np.full(len(rows), -1),
@@ -266,70 +262,3 @@ def _in_blocks(rows: Duals) -> Iterator[Duals]:
     cuts = begins[np.flatnonzero(np.diff(begins // _BLOCK, prepend=-1))]
     for first, last in pairwise([*cuts.tolist(), len(rows)]):
         yield rows.select(slice(first, last))
-
-
-def multipliers_of(
-    products: FloatArray, needed: FloatArray, y: FloatArray, most: FloatArray
-) -> FloatArray:
-    """The y, 0 <= y <= most, that minimises y · products @ y / 2 - needed · y.
-
-    By the active-set method of Lawson and Hanson, with upper bounds as well (Stark and Parker).
-    Several multipliers leave their bounds at once, all whose slope is half as steep as the
-    steepest. The cost falls no less: those that would leave again at once stay before they move.
-
-    Args:
-        products: positive definite, shape (R, R).
-        needed: shape (R,).
-        y: where to begin, shape (R,); what is zero, and less than it needs, begins as free.
-        most: above 0, may be infinite, shape (R,).
-
-    Raises:
-        SolverError: it comes to no end, or `products` is not what it should be.
-    """
-    if np.isinf(most).all():
-        return _unbounded(products, needed)
-    y = np.minimum(np.maximum(y, 0.0), most)
-    full = y >= most
-    free = ~full & ((y > 0.0) | (needed - products @ y > _BROKEN))
-    left = needed - products @ np.where(full, most, 0.0)
-    for _ in range(_MOST * len(y)):
-        rows = free.nonzero()[0]
-        z, failed = np.zeros(0), 0
-        if len(rows) > 0:
-            _, z, failed = dposv(products[rows[:, None], rows], left[rows])
-        if failed:
-            break
-        out = ((z <= 0.0) | (z >= most[rows])).nonzero()[0]
-        if len(out) > 0:
-            gone, bounds = rows[out], np.where(z[out] <= 0.0, 0.0, most[rows[out]])
-            way, before = z[out] - y[gone], bounds - y[gone]
-            parts = np.divide(before, way, out=np.zeros(len(out)), where=way != 0.0)
-            part = max(float(parts.min()), 0.0)
-            y[rows] += part * (z - y[rows])
-            first = (parts <= part).nonzero()[0]
-            gone, bounds = gone[first], bounds[first]
-            y[gone], free[gone], full[gone] = bounds, False, bounds > 0.0
-        else:
-            y[rows] = z
-            steep = needed - products @ y
-            steep[free] = 0.0
-            steep[full] *= -1.0
-            worst = float(steep.max())
-            if worst <= _BROKEN:
-                return y
-            gone = (steep > 0.5 * worst).nonzero()[0]
-            bounds = y[gone]
-            free[gone], full[gone] = True, False
-        if bounds.any():  # some are at their upper bounds now, or no longer
-            left = needed - products @ np.where(full, most, 0.0)
-    raise SolverError("the multipliers of a group were not found")
-
-
-def _unbounded(products: FloatArray, needed: FloatArray) -> FloatArray:
-    """`multipliers_of` without upper bounds: non-negative least squares."""
-    factor, failed = dpotrf(products, lower=True, clean=True)
-    if not failed:
-        with suppress(RuntimeError):  # it comes to no end
-            y: FloatArray = nnls(factor.T, dtrtrs(factor, needed, lower=True)[0])[0]
-            return y
-    raise SolverError("the multipliers of a group were not found")

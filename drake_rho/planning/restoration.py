@@ -13,7 +13,7 @@ import numpy as np
 
 from drake_rho.motion.margins import margins_of
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.blocks import OnWorkers, executor_of
+from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.close_pairs import most_beside, pairs_within, separation_of
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.in_groups import InGroups
@@ -58,7 +58,7 @@ class Restoration(Subproblem):
     ) -> None:
         super().__init__(scenario, decoupled, solver)
         self.begun = begun
-        self._apart = InGroups(scenario, self._effort, _TOGETHER, executor_of(solver))
+        self._apart = InGroups(scenario, self._effort, _TOGETHER, solver)
 
     def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
         """As for every subproblem; what is not a plan yet need not keep limits."""
