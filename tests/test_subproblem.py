@@ -16,7 +16,7 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning import breaches as module_of_breaches
 from drake_rho.planning import subproblem as module
 from drake_rho.planning.breaches import breaches_of
-from drake_rho.planning.close_pairs import too_close
+from drake_rho.planning.close_pairs import separation_of, too_close
 from drake_rho.planning.in_groups import InGroups
 from drake_rho.planning.keep_apart import KeepApart, coupled, decoupled, pairs_of
 from drake_rho.planning.minimum_violation import minimum_violation
@@ -241,6 +241,46 @@ def test_only_those_in_trouble_have_programs_at_the_end_of_a_restoration(
     monkeypatch.setattr(Subproblem, "around", noted)
     plan = restored(careless(asked), Restoration(asked))
     assert 0 < planned[-1] < 12
+    assert rho.verify(plan).ok
+
+
+def test_who_is_stuck_is_planned_in_a_group_with_those_next_to_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They would stay where they are else, as they are in nobody's way."""
+    asked = rho.random_transitions(40, np.random.default_rng(5), duration=5.0)
+    hard, in_groups, stuck = Subproblem.around, InGroups.around, list[int]()
+    beside, seen = np.zeros(40, dtype=bool), list[int]()
+
+    def refused_once(
+        self: Subproblem, reference: rho.Plan, vehicles: IntArray | None = None
+    ) -> rho.Plan:
+        if stuck:
+            return hard(self, reference, vehicles)
+        stuck.append(int(self.in_trouble(reference)[0]))
+        x = reference.motion().at("position", np.linspace(0.1, 4.9, 2000))
+        x /= np.array([1.0, 1.0, separation_of(asked).downwash])
+        distances = np.linalg.norm(x - x[stuck[0]], axis=2).min(axis=1)
+        beside[:] = distances < 1.05 * separation_of(asked).distance
+        beside[self.in_trouble(reference)] = False
+        names = [asked.vehicles[each].name for each in stuck]
+        raise rho.InfeasibleError({names[0]: ("separation",)}, scenario=asked)
+
+    def noted(self: InGroups, reference: Motion, **options: Any) -> tuple[Motion, Statistics]:
+        if stuck and beside.any():
+            assert set(np.flatnonzero(beside)) <= set(options["vehicles"])
+            assert self.groups is not None
+            together = self.groups == self.groups[stuck[0]]
+            assert beside[together].any()
+            assert together.sum() <= 8
+            seen.append(int(beside.sum()))
+            beside[:] = False
+        return in_groups(self, reference, **options)
+
+    monkeypatch.setattr(Subproblem, "around", refused_once)
+    monkeypatch.setattr(InGroups, "around", noted)
+    plan = restored(careless(asked), Restoration(asked))
+    assert seen  # and somebody was next to it who was in nobody's way
     assert rho.verify(plan).ok
 
 

@@ -85,6 +85,11 @@ class CloseApproaches:
         return every.select(~again)
 
 
+_NOBODY = np.zeros(0, dtype=np.int64)
+NONE = CloseApproaches(_NOBODY, _NOBODY, np.zeros(0), np.zeros(0))
+"""Where nobody is close."""
+
+
 def closest_approach(motion: Motion, center: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The exact least distance of a motion from a point, in every step.
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.clearance import NONE, CloseApproaches
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.margins import margins_of
 from drake_rho.motion.plan import Plan
@@ -23,9 +23,6 @@ from drake_rho.scenario.records import TOLERANCE, Scenario
 _ALMOST = 0.05
 """Part of a separation, or of an obstacle's least extent, by which vehicles may be too close and
 rows are tried as hard ones."""
-
-_NOBODY = np.zeros(0, dtype=np.int64)
-_NONE = CloseApproaches(_NOBODY, _NOBODY, np.zeros(0), np.zeros(0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,7 +118,7 @@ def breaches_of(
     approaches = {each.number - FIRST: each.approaches(motion) for each in obstacles}
     inside = {number: found for number, found in approaches.items() if len(found) > 0}
     moved = None if before is None else _moved(before[0].motion(), motion)
-    pairs = _NONE
+    pairs = NONE
     if apart is not None:
         pairs = too_close(apart, motion, margins, between=between, of=moved)
     everyone = np.arange(len(scenario.vehicles))

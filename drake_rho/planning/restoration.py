@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from drake_rho.motion.clearance import NONE, CloseApproaches
+from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.margins import margins_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.blocks import OnWorkers
@@ -58,6 +60,8 @@ class Restoration(Subproblem):
     ) -> None:
         super().__init__(scenario, decoupled, solver)
         self.begun = begun
+        separation = separation_of(scenario)
+        self._kept = separation.distance + most_beside(separation, margins_of(scenario))
         self._apart = InGroups(scenario, self._effort, _TOGETHER, solver)
 
     def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
@@ -90,25 +94,26 @@ class Restoration(Subproblem):
             SolverError: the multipliers of a group are not found.
         """
         found, motion = self._look_at(reference), reference.motion()
-        close, vehicles, separation = found.pairs, found.vehicles, separation_of(self.scenario)
-        kept = separation.distance + most_beside(separation, margins_of(self.scenario))
-        if len(stuck) > 0:
-            between = self.scenario.between_knots
-            beside = pairs_within(separation, motion, _BESIDE * kept, between=between, of=stuck)
-            close = close.and_also(beside)
-            vehicles = np.unique(np.concatenate([vehicles, stuck, beside.one, beside.other]))
+        beside = self._beside(motion, stuck)
         few = len(found.vehicles) <= _FEW * len(self.labels)
         self._apart.regroup(
-            close if few else close.select(slice(0)),
-            2.0 * kept,
+            beside.and_also(found.pairs) if few else beside,
+            2.0 * self._kept,
             _TOGETHER if len(stuck) == 0 else _STUCK_TOGETHER,
         )
         motion, spent = self._apart.around(
             motion,
             penalty=penalty,
             aside=number == 0,
-            vehicles=vehicles,
-            close=close,
+            vehicles=np.unique(np.concatenate([found.vehicles, stuck, beside.one, beside.other])),
+            close=beside.and_also(found.pairs),
             rounds=min(number + 1, _ROUNDS),
         )
         return Plan.from_motion(self.scenario, motion, spent)
+
+    def _beside(self, motion: Motion, stuck: IntArray) -> CloseApproaches:
+        """Who comes next to those that are stuck, and when."""
+        if len(stuck) == 0:
+            return NONE
+        separation, between = separation_of(self.scenario), self.scenario.between_knots
+        return pairs_within(separation, motion, _BESIDE * self._kept, between=between, of=stuck)
