@@ -19,13 +19,16 @@ from rich.progress import track
 
 import drake_rho as rho
 from benchmarks.tables import Goal, Table
-from drake_rho.campaigns.runs import MEASURED, Done, Run, row_of
+from drake_rho.campaigns.runs import MEASURED, Done, Run, do_all, row_of
 from drake_rho.campaigns.store import COLUMNS, Store, StoreError
 from drake_rho.campaigns.study import study_to_json
 from drake_rho.campaigns.workers import Workers
 
 RUNS, ROUNDS = 5000, 10
-"""Runs of some 20 ms by one worker and by two, and in how many rounds in turn."""
+"""Runs of some 15 ms by one worker and by two, and in how many rounds in turn."""
+
+ALONE = 100
+"""Runs of each round that one process and two do without a campaign."""
 
 SHORT = 2000
 """Runs of a few milliseconds, for what a campaign adds to each."""
@@ -42,14 +45,15 @@ def run() -> Table:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         added = _added(folder)
-        one, two, own = _one_and_two(folder)
+        one, two, own, faster = _one_and_two(folder)
         wrong, killed = _killed(folder)
         seconds, megabytes = _summarised(folder)
     rows = (
         (f"added to each of {SHORT} runs by one worker [ms]", 1e3 * added),
-        (f"{RUNS} runs of some 20 ms, one worker [s]", one),
-        (f"{RUNS} runs of some 20 ms, two workers [s]", two),
+        (f"{RUNS} runs, one worker [s]", one),
+        (f"{RUNS} runs, two workers [s]", two),
         ("how many times as fast two workers are", one / two),
+        ("how many times as fast two processes are that run no campaign", faster),
         ("processor time of the process that sends them, each run [ms]", 1e3 * own),
         (f"rows lost, doubled or other than undisturbed, after {killed} kills", wrong),
         (f"drake-rho results, {STORED} rows [s]", seconds),
@@ -100,24 +104,32 @@ def _added(folder: Path) -> float:
     return (elapsed - float(itself)) / SHORT
 
 
-def _one_and_two(folder: Path) -> tuple[float, float, float]:
+def _one_and_two(folder: Path) -> tuple[float, float, float, float]:
     """Times of the same runs by one worker and by two, in turn, since other work disturbs [s].
 
-    And processor time that this process needs to send a run to two workers and to keep its row.
+    And processor time that this process needs to send a run to two workers and to keep its row; and
+    how many times as fast two processes are that share some of the runs, and nothing else: more
+    cannot be had of this machine.
     """
-    seconds, own = {1: 0.0, 2: 0.0}, 0.0
+    seconds, alone, own = {1: 0.0, 2: 0.0}, {1: 0.0, 2: 0.0}, 0.0
     with Workers(1) as one, Workers(2) as two:
         pools = {1: one, 2: two}
         for count, pool in pools.items():
             rho.campaign(shaken(20), folder / f"warm-{count}", executor=pool)
         for number in track(range(ROUNDS), "one worker and two"):
             study = shaken(RUNS // ROUNDS, seed=number)
+            runs = list(study.resolved().runs())[:ALONE]
             for count, pool in pools.items():
                 began, worked = time.perf_counter(), time.process_time()
                 rho.campaign(study, folder / f"{number}-{count}", executor=pool)
                 seconds[count] += time.perf_counter() - began
                 own += (time.process_time() - worked) if count == 2 else 0.0
-    return seconds[1], seconds[2], own / RUNS
+                began = time.perf_counter()
+                shares = [pool.submit(do_all, runs[first::count]) for first in range(count)]
+                for share in shares:
+                    share.result()
+                alone[count] += time.perf_counter() - began
+    return seconds[1], seconds[2], own / RUNS, alone[1] / alone[2]
 
 
 def _killed(folder: Path) -> tuple[int, int]:
@@ -226,7 +238,8 @@ _WORK = f"""\
 A run is the paper's scenario with a drawn start and obstacle. Added is the time of a campaign by
 one worker less that of its runs, making and judging their scenarios included, over their number;
 they are planned by `plan_convex`, in a few milliseconds. One worker and two plan the same {RUNS}
-scenarios by `plan`, in {ROUNDS} rounds in turn, processes started before. Killed are, in turn, a
+scenarios by `plan`, in {ROUNDS} rounds in turn, processes started before; after each, {ALONE} of
+its runs are done by one process and by two that get their share at once. Killed are, in turn, a
 worker, the process that runs the campaign, and all, at a time drawn from the length of the campaign
 of 400 runs; the next command goes on, and begins anew where all is done. Wrong is each row that is
 not in an undisturbed campaign with the same values in all columns but times, or is missing in the
