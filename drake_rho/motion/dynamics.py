@@ -7,7 +7,7 @@ everything here is exact at any time, not only at the knots.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Self, get_args
 
 import numpy as np
@@ -88,10 +88,19 @@ class Motion:
         """Motions in which some of the vehicles fly other accelerations."""
         if len(vehicles) == len(self.accelerations):
             return self.with_accelerations(accelerations)
-        start = self.positions[vehicles, 0], self.velocities[vehicles, 0]
+        return self.with_parts([(vehicles, accelerations)])
+
+    def with_parts(self, parts: Iterable[tuple[IntArray, FloatArray]]) -> Motion:
+        """Motions in which the vehicles of each part fly other accelerations.
+
+        Args:
+            parts: vehicles, shape (P,), and what they fly [m/s²], shape (P, K-1, 3).
+        """
         p, v, a = map(np.array, (self.positions, self.velocities, self.accelerations))
-        p[vehicles], v[vehicles] = roll_out(*start, accelerations, self.step)
-        a[vehicles] = accelerations
+        for vehicles, accelerations in parts:
+            start = self.positions[vehicles, 0], self.velocities[vehicles, 0]
+            p[vehicles], v[vehicles] = roll_out(*start, accelerations, self.step)
+            a[vehicles] = accelerations
         return Motion(self.step, p, v, a, self.before)
 
     def of(self, vehicles: IntArray | slice) -> Motion:

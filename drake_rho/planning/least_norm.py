@@ -228,14 +228,15 @@ class LeastNorm:
         if len(rows) == 0:
             return
         own = self._rows.select(rows)
-        found = list(self._solved(list(_in_blocks(own))))
-        self._rows.multipliers[rows] = np.concatenate([y for y, _, _ in found])
-        vehicles = np.concatenate([each for _, each, _ in found])
-        added = np.concatenate([each for _, _, each in found])
-        order = np.argsort(vehicles)
-        vehicles, added = vehicles[order], added[order]
-        least = self._effort.motion.accelerations
-        self.motion = self.motion.with_some(vehicles, least[vehicles] + added)
+        blocks, least = list(_in_blocks(own)), self._effort.motion.accelerations
+        places = np.split(rows, np.cumsum(list(map(len, blocks)))[:-1])
+
+        def flown() -> Iterator[tuple[IntArray, FloatArray]]:
+            for place, (y, vehicles, added) in zip(places, self._solved(blocks), strict=True):
+                self._rows.multipliers[place] = y
+                yield vehicles, least[vehicles] + added
+
+        self.motion = self.motion.with_parts(flown())  # while others are still being solved
         self.programs += len(np.unique(own.groups))
 
     def _solved(self, blocks: list[Duals]) -> Iterator[tuple[FloatArray, IntArray, FloatArray]]:
