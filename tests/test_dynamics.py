@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import drake_rho as rho
-from drake_rho.motion.dynamics import Motion, response, roll_out
+from drake_rho.motion.dynamics import Motion, response, roll_out, vectors_of
 from tests.scenarios import single
 from tests.tolerances import ROUNDING
 
@@ -97,6 +97,15 @@ def test_acceleration_and_jerk_are_those_of_the_step_a_time_lies_in(
     if quantity == "acceleration":
         answer = response(quantity, h, len(a) + 1, times) @ a
         np.testing.assert_allclose(answer, known, rtol=ROUNDING)
+
+
+def test_vectors_are_those_of_both_indices_however_an_array_lies() -> None:
+    rng = np.random.default_rng(0)
+    array = rng.normal(size=(7, 11, 3))
+    vehicles, k = rng.integers(0, 7, 40), rng.integers(0, 5, 40)
+    for each in (array, array[:, 3:], array[::2].repeat(2, axis=0)[:7], array.transpose(1, 0, 2)):
+        taken = vectors_of(each, vehicles, k)
+        np.testing.assert_array_equal(taken, [each[i, j] for i, j in zip(vehicles, k, strict=True)])
 
 
 def test_motion_between_knots_is_what_an_integrator_finds() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.motion.clearance import close_pairs, close_pairs_at_knots
+from drake_rho.motion import clearance
+from drake_rho.motion.clearance import CloseApproaches, close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, roll_out
 from tests.tolerances import ROUNDING
 
@@ -79,6 +81,32 @@ def test_the_pairs_found_are_those_of_a_visit_to_every_pair(seed: int, within: f
     keys = list(zip(knots.one.tolist(), knots.other.tolist(), k.tolist(), strict=True))
     assert keys == [key for key, distance in known.items() if distance <= radius]
     np.testing.assert_allclose(knots.distances, [known[key] for key in keys], rtol=ROUNDING)
+
+
+@pytest.mark.parametrize("find", [close_pairs, close_pairs_at_knots])
+@pytest.mark.parametrize("asked", [0, 5, 50])
+def test_pairs_are_those_of_a_visit_to_every_pair_however_they_are_looked_for(
+    find: Any, asked: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In trees or without, all instants in one go or a few at a time and side by side."""
+    rng = np.random.default_rng(asked)
+    p, v = 3.0 * rng.normal(size=(80, 3)), rng.normal(size=(80, 3))
+    a = rng.normal(size=(80, 25, 3))
+    motion = Motion(0.3, *roll_out(p, v, a, 0.3), a, np.full((80, 3), np.nan))
+    separation = rho.Separation(1.0, 2.0)
+    of = np.sort(rng.permutation(80)[:asked]) if asked else None
+    found = list[CloseApproaches]()
+    for name, value in (("_HANDFUL", 80), ("_HANDFUL", 32), ("_MANY", 1)):
+        monkeypatch.setattr(clearance, name, value)
+        found.append(find(motion, separation, 1.5, of=of))
+    every, *others = found
+    assert len(every) > 20
+    assert of is None or np.all(np.isin(every.one, of) | np.isin(every.other, of))
+    for each in others:
+        np.testing.assert_array_equal(each.one, every.one)
+        np.testing.assert_array_equal(each.other, every.other)
+        np.testing.assert_allclose(each.times, every.times, rtol=ROUNDING)
+        np.testing.assert_allclose(each.distances, every.distances, rtol=ROUNDING)
 
 
 def test_a_meeting_in_the_middle_of_a_step_is_known() -> None:
