@@ -245,7 +245,7 @@ def _bound(most: int, count: int) -> int:
 def _ahead(before: Motion, after: Motion) -> Motion:
     """Further from one motion to another: costs that fall slowly do so in one direction."""
     accelerations = (1.0 + _FURTHER) * after.accelerations - _FURTHER * before.accelerations
-    return after.with_some(np.arange(len(accelerations)), accelerations)
+    return after.with_accelerations(accelerations)
 
 
 class _Rows:

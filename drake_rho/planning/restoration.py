@@ -95,9 +95,10 @@ class Restoration(Subproblem):
         """
         found, motion = self._look_at(reference), reference.motion()
         beside = self._beside(motion, stuck)
+        close = beside.and_also(found.pairs)
         few = len(found.vehicles) <= _FEW * len(self.labels)
         self._apart.regroup(
-            beside.and_also(found.pairs) if few else beside,
+            close if few else beside,
             2.0 * self._kept,
             _TOGETHER if len(stuck) == 0 else _STUCK_TOGETHER,
         )
@@ -106,7 +107,7 @@ class Restoration(Subproblem):
             penalty=penalty,
             aside=number == 0,
             vehicles=np.unique(np.concatenate([found.vehicles, stuck, beside.one, beside.other])),
-            close=beside.and_also(found.pairs),
+            close=close,
             rounds=min(number + 1, _ROUNDS),
         )
         return Plan.from_motion(self.scenario, motion, spent)
