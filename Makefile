@@ -1,7 +1,9 @@
-# Everything runs in .venv, set up on first use with the versions of constraints.txt.
+# Everything runs in .venv, set up on first use with the versions of constraints.txt. A target that
+# needs more than the package itself depends on the stamp of an extra of pyproject.toml.
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale test lint format clean
 .DEFAULT_GOAL := help
@@ -18,11 +20,11 @@ animate: $(READY) ## Show Example 4 in the browser
 notebooks: $(VENV)/.notebooks ## Open the notebooks in JupyterLab
 	$(BIN)/jupyter lab notebooks
 
-pictures: $(READY) ## Take the README's pictures of the swarm anew, still and moving (needs Chromium)
+pictures: $(VENV)/.test ## Take the README's pictures of the swarm anew, still and moving (needs Chromium)
 	@sh tools/setup-browser $(VENV)
 	$(BIN)/python -m tests.screenshot figures
 
-docs: $(READY) ## Build the documentation into site/, and check its links (open site/index.html)
+docs: $(VENV)/.docs ## Build the documentation into site/, and check its links (open site/index.html)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	$(BIN)/python -m tools.site.links site
 
@@ -41,17 +43,17 @@ bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The sa
 bench-scale: $(VENV)/.bench ## The same for large fleets and campaigns
 	$(BIN)/python -m benchmarks --scale
 
-test: $(READY) ## Run the tests, the notebooks among them
+test: $(VENV)/.test ## Run the tests, the notebooks among them
 	@sh tools/setup-browser $(VENV)
 	$(BIN)/python -m pytest -n auto -q
 
-lint: $(READY) ## Check format, style, types and the direction of imports
+lint: $(VENV)/.dev $(VENV)/.pins ## Check format, style, types, the direction of imports, the pins
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-format: $(READY) ## Put the code in the project's format
+format: $(VENV)/.dev ## Put the code in the project's format
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
@@ -63,13 +65,19 @@ $(READY): pyproject.toml constraints.txt tools/setup
 	@sh tools/setup $(VENV)
 	@touch $@
 
+# Each extra is installed when a target first asks for it.
+EXTRAS := test docs dev notebooks bench
+$(EXTRAS:%=$(VENV)/.%): $(VENV)/.%: $(READY)
+	$(PIP) install --constraint constraints.txt --editable '.[$*]'
+	@touch $@
+
+# Looked at again only when a pin, or the oldest Python, is another.
+$(VENV)/.pins: pyproject.toml constraints.txt tools/check-pins $(READY)
+	@sh tools/check-pins $(BIN)/python
+	@touch $@
+
 # Peers that nothing else may share an environment with: each has its own, with an extra of its name.
 .venv-crazyflow/.ready .venv-ampyc/.ready: .venv-%/.ready: pyproject.toml $(READY)
 	$(BIN)/python -m venv .venv-$*
-	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check '.[$*]'
-	@touch $@
-
-$(VENV)/.notebooks $(VENV)/.bench: $(VENV)/.%: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt --editable '.[$*]'
+	.venv-$*/bin/python -m pip --quiet --disable-pip-version-check install '.[$*]'
 	@touch $@

@@ -50,7 +50,7 @@ class Store:
     def __init__(self, path: str | Path, study: Study) -> None:
         self.path = Path(path)
         with _told(self.path):
-            self._connection = sqlite3.connect(self.path, _PATIENCE, isolation_level=None)
+            self._connection = sqlite3.connect(self.path, timeout=_PATIENCE, isolation_level=None)
             try:
                 self._begin(study_to_json(study))
             except BaseException:
@@ -153,7 +153,9 @@ def reading(path: str | Path) -> Iterator[sqlite3.Connection]:
         if not path.is_file():
             raise StoreError(f"{path}: got no such file, expected the store of a campaign")
         # Not mode=ro, which leaves files of the log behind; what is write-protected opens too.
-        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", _PATIENCE, uri=True)
+        connection = sqlite3.connect(
+            f"{path.resolve().as_uri()}?mode=rw", timeout=_PATIENCE, uri=True
+        )
         try:
             connection.execute("PRAGMA query_only = 1")
             check_format(connection, path)
