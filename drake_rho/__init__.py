@@ -11,7 +11,6 @@ from drake_rho.assurance.diagnosis import Diagnosis
 from drake_rho.assurance.feasibility import diagnose, shortest_plan
 from drake_rho.assurance.infeasible_subset import infeasible_subset
 from drake_rho.assurance.optimality import Certificate, VehicleCertificate, certify
-from drake_rho.assurance.verification import Check, Report, verify
 from drake_rho.motion.files import PlanFileError, load, save
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.simulation import Simulation
@@ -51,6 +50,7 @@ from drake_rho.scenario.records import (
 from drake_rho.scenario.worlds import random_field, trefoil_swap
 from drake_rho.simulation import winds
 from drake_rho.simulation.worst_case import WorstCase, worst_case
+from drake_rho.verification.verify import Check, Report, verify
 
 if TYPE_CHECKING:
     __version__: str

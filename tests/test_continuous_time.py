@@ -11,10 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.assurance.closest_pairs import closest_at_all_times, closest_at_knots
-from drake_rho.assurance.continuous_time import lowest_over_time
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.steps import Steps
 from drake_rho.motion.clearance import (
     close_pairs,
     close_pairs_at_knots,
@@ -22,6 +18,10 @@ from drake_rho.motion.clearance import (
     turning_points,
 )
 from drake_rho.motion.dynamics import Motion, roll_out
+from drake_rho.verification.closest_pairs import closest_at_all_times, closest_at_knots
+from drake_rho.verification.continuous_time import lowest_over_time
+from drake_rho.verification.course import Course
+from drake_rho.verification.steps import Steps
 from tests.scenarios import fleet
 from tests.tolerances import ROUNDING
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.assurance.notes import tube_filled
 from drake_rho.simulation.closed_loop import fly, fly_plan
+from drake_rho.verification.notes import tube_filled
 from tests.disturbed import KINDS, crowded, disturbed, least_margin, winds_for
 from tests.scenarios import box, single
 from tests.tolerances import ROUNDING

@@ -1,1 +1,1 @@
-"""Whether a plan holds: its verification, and the paper's study with its claims."""
+"""What is proved: certificates of optimality for plans, and reasons why there is no plan."""

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.assurance.report import Check
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.records import Scenario
+from drake_rho.verification.report import Check
 
 _LINES, _REASONS, _SHOWN = 12, 3, 5
 """Lines of a printed diagnosis, and vehicles and breaches that it shows, all at most."""

@@ -9,7 +9,6 @@ import numpy as np
 
 from drake_rho.assurance.diagnosis import Diagnosis
 from drake_rho.assurance.infeasible_subset import infeasible_subset
-from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.best import first_plan, plan_scp
 from drake_rho.planning.errors import InfeasibleError, SolverError
@@ -18,6 +17,7 @@ from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.solve import Solver
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Grid, Limits, Obstacle, Scenario, Vehicle
+from drake_rho.verification.verify import verify
 
 BISECTED = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""

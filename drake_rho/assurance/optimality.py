@@ -22,7 +22,6 @@ from contextlib import suppress
 import numpy as np
 
 from drake_rho.assurance.lagrangian import Lagrangian
-from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.best import plan_scp
 from drake_rho.planning.cutting_planes import CuttingPlanes
@@ -36,6 +35,7 @@ from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
+from drake_rho.verification.verify import verify
 
 GLOBAL_GAP = 1e-6
 """Relative gap up to which a plan counts as globally optimal."""

@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.assurance.report import Report
-from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
+from drake_rho.verification.report import Report
+from drake_rho.verification.verify import verify
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

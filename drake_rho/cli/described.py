@@ -9,7 +9,6 @@ import numpy as np
 
 from drake_rho.assurance.diagnosis import Diagnosis
 from drake_rho.assurance.optimality import Certificate
-from drake_rho.assurance.report import Check, Report
 from drake_rho.cli.documents import (
     Assigned,
     AssignedRow,
@@ -32,6 +31,7 @@ from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.paper.study import Example, Study
 from drake_rho.scenario.records import Scenario
+from drake_rho.verification.report import Check, Report
 
 
 def judged(

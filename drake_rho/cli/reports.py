@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from rich.markup import escape
 from rich.table import Table
 
-from drake_rho.assurance.report import Report, verdict
-from drake_rho.assurance.verification import verify
 from drake_rho.cli import described
 from drake_rho.cli.checks import Drawing
 from drake_rho.cli.console import out, tell, working
@@ -17,6 +15,8 @@ from drake_rho.display.flown import Flown
 from drake_rho.motion.files import save
 from drake_rho.motion.plan import Flight
 from drake_rho.motion.simulation import Simulation
+from drake_rho.verification.report import Report, verdict
+from drake_rho.verification.verify import verify
 
 
 def finish(

@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.assurance.report import Check
-from drake_rho.assurance.verification import verify
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
+from drake_rho.verification.report import Check
+from drake_rho.verification.verify import verify
 
 _SEPARATION = "separation"
 _NOTHING = 1e-6

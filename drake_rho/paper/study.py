@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 
 from drake_rho.assurance.optimality import Certificate, certify
-from drake_rho.assurance.verification import Report, verify
 from drake_rho.motion.clearance import closest_approach
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.planning.convex import plan_convex
@@ -16,6 +15,7 @@ from drake_rho.planning.rho import plan_rho
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import load_scenario
 from drake_rho.scenario.records import Scenario
+from drake_rho.verification.verify import Report, verify
 
 REPEATS = 5
 """Runs of each example; the time told is their median."""

@@ -13,11 +13,11 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.assurance.continuous_time import Least, least_over_time
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.steps import Steps
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
+from drake_rho.verification.continuous_time import Least, least_over_time
+from drake_rho.verification.course import Course
+from drake_rho.verification.steps import Steps
 
 _FAR = 4.0
 """In separations: beyond it only the pairs that are closest at a knot are followed in time."""

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.report import UNITS, Column
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import TOLERANCE, Quantity, Scenario
+from drake_rho.verification.course import Course
+from drake_rho.verification.report import UNITS, Column
 
 
 def check_planned(plan: Plan, course: Course) -> Iterator[Column]:

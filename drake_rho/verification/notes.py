@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.simulated import POINT_MASS
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.verification.course import Course
+from drake_rho.verification.simulated import POINT_MASS
 
 _SHOWN = 3
 """Vehicles off the tube that are named."""

@@ -6,20 +6,20 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.assurance.boxes import check_boxes
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.norms import check_norms
-from drake_rho.assurance.notes import notes_on, notes_on_simulation
-from drake_rho.assurance.obstacles import check_obstacles
-from drake_rho.assurance.report import Check, Report
-from drake_rho.assurance.separation import check_separation
-from drake_rho.assurance.simulated import check_simulated, course_of
-from drake_rho.assurance.states import check_planned
-from drake_rho.assurance.tubes import Tubes
-from drake_rho.assurance.waypoints import check_waypoints
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Flight, Plan, Sighting
 from drake_rho.motion.simulation import Simulation
+from drake_rho.verification.boxes import check_boxes
+from drake_rho.verification.course import Course
+from drake_rho.verification.norms import check_norms
+from drake_rho.verification.notes import notes_on, notes_on_simulation
+from drake_rho.verification.obstacles import check_obstacles
+from drake_rho.verification.report import Check, Report
+from drake_rho.verification.separation import check_separation
+from drake_rho.verification.simulated import check_simulated, course_of
+from drake_rho.verification.states import check_planned
+from drake_rho.verification.tubes import Tubes
+from drake_rho.verification.waypoints import check_waypoints
 
 __all__ = ["Check", "Report", "verify"]
 
@@ -30,7 +30,7 @@ def verify(flown: Plan | Flight | Simulation) -> Report:
     Positions and velocities are flown anew from the initial states and the accelerations; those
     of the plan are only compared with them ("dynamics"). Obstacles, separation and position boxes
     are examined at the knots and at every instant, by sampling with lower bounds that leave no
-    instant out (`drake_rho.assurance.continuous_time`): none is worse than what is told by more
+    instant out (`drake_rho.verification.continuous_time`): none is worse than what is told by more
     than a hundredth of the tolerance. A scenario that asks for the knots only (`between_knots`)
     is judged by these, and the other is told beside it. A value that is no number never holds.
 

@@ -13,13 +13,13 @@ from typing import Self
 
 import numpy as np
 
-from drake_rho.assurance.continuous_time import Least, least_over_time
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
-from drake_rho.assurance.steps import Steps
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes import Shape
+from drake_rho.verification.continuous_time import Least, least_over_time
+from drake_rho.verification.course import Course
+from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
+from drake_rho.verification.steps import Steps
 
 _KNOT = 1e-9
 """Part of a step by which a knot may be early and still be the time at which a thing is known."""

@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.assurance.steps import Steps
-from drake_rho.assurance.tubes import Around, Tubes
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
+from drake_rho.verification.steps import Steps
+from drake_rho.verification.tubes import Around, Tubes
 
 _INSTANT = 1e-9
 """Part of the shortest piece by which a time may be short of an instant and still be in the piece

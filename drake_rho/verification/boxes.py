@@ -11,13 +11,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.assurance.between_samples import greatest_velocity
-from drake_rho.assurance.continuous_time import lowest_over_time
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, UNITS, Column
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.records import Quantity, Scenario
+from drake_rho.verification.between_samples import greatest_velocity
+from drake_rho.verification.continuous_time import lowest_over_time
+from drake_rho.verification.course import Course
+from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, UNITS, Column
 
 
 def check_boxes(course: Course, jerks: FloatArray) -> Iterator[Column]:

@@ -11,12 +11,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.assurance.between_samples import Greatest, greatest_velocity
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.report import UNITS, Column
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.norms import NormLimit
 from drake_rho.scenario.parts import GRAVITY
+from drake_rho.verification.between_samples import Greatest, greatest_velocity
+from drake_rho.verification.course import Course
+from drake_rho.verification.report import UNITS, Column
 
 
 def check_norms(course: Course) -> Iterator[Column]:

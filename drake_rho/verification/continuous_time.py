@@ -17,8 +17,8 @@ is above two lines:
 The bound is where they meet. It is short of the least value in proportion to w², so that a few
 splits reach any precision, also where a motion touches a shape.
 
-Where a ball of errors is around the position (`drake_rho.assurance.tubes`), the least value of the
-distance less its radius r(t) is looked for. Between two samples r is above the line through its
+Where a ball of errors is around the position (`drake_rho.verification.tubes`), what is looked for is
+the least value of the distance less its radius r(t). Between two samples r is above the line through its
 values by κ w²/8 at most. So that line is taken off the two lines of d, and κ w²/8 off the bound.
 """
 
@@ -32,9 +32,9 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.assurance.steps import Steps
-from drake_rho.assurance.tubes import Around
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.verification.steps import Steps
+from drake_rho.verification.tubes import Around
 
 Distance = Callable[[FloatArray], FloatArray]
 """A function of positions, shape (..., D), with values of shape (...) [m]: convex, and changing by

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.report import Column
+from drake_rho.verification.course import Course
+from drake_rho.verification.report import Column
 
 
 def check_waypoints(course: Course) -> Iterator[Column]:

@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drake_rho.assurance.course import Course
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.verification.course import Course
 
 _AT_ONCE = 1 << 20
 """Numbers in an array at once, so that what it takes of memory is bounded."""

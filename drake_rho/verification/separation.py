@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.assurance.closest_pairs import closest_at_all_times, closest_at_knots
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
+from drake_rho.verification.closest_pairs import closest_at_all_times, closest_at_knots
+from drake_rho.verification.course import Course
+from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 
 
 def check_separation(course: Course) -> Iterator[Column]:

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.assurance.course import Course
-from drake_rho.assurance.report import Column
-from drake_rho.assurance.states import check_flown, check_goal
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.verification.course import Course
+from drake_rho.verification.report import Column
+from drake_rho.verification.states import check_flown, check_goal
 
 POINT_MASS = "point mass"
 """The plant whose motion follows from what is recorded; that of others is known at the times of the
