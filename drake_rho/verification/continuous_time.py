@@ -17,9 +17,10 @@ is above two lines:
 The bound is where they meet. It is short of the least value in proportion to w², so that a few
 splits reach any precision, also where a motion touches a shape.
 
-Where a ball of errors is around the position (`drake_rho.verification.tubes`), what is looked for is
-the least value of the distance less its radius r(t). Between two samples r is above the line through its
-values by κ w²/8 at most. So that line is taken off the two lines of d, and κ w²/8 off the bound.
+Where a ball of errors is around the position (`drake_rho.verification.tubes`), what is looked for
+is the least value of the distance less its radius r(t). Between two samples r is above the line
+through its values by κ w²/8 at most. So that line is taken off the two lines of d, and κ w²/8 off
+the bound.
 """
 
 from __future__ import annotations
