@@ -380,7 +380,8 @@ def test_a_side_is_a_unit_vector_across_the_way_on_the_side_of_the_offset(seed: 
         head_on = side_of(3.0 * along, along)
         assert np.linalg.norm(head_on) == pytest.approx(1.0)
         assert head_on @ along == pytest.approx(0.0, abs=rounding)
-        np.testing.assert_array_equal(head_on, across(along / (np.linalg.norm(along) or 1.0)))
+        ahead = along / (np.linalg.norm(along) or 1.0)
+        np.testing.assert_allclose(head_on, across(ahead), rtol=0.0, atol=ROUNDING)
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0])

@@ -80,7 +80,7 @@ def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
     knots: FloatArray = np.float64(motion.step) * np.arange(motion.positions.shape[1])
     slack = _SLACK * obstacle.shape.size
     below = distances(plan, obstacle, knots).min(axis=1) + slack  # some piece reaches that
-    pieces = pieces_near(motion, obstacle, start, np.maximum(below, slack))
+    pieces = pieces_near(motion, obstacle.since(start), np.maximum(below, slack))
     which, times = deepest(obstacle.shape, pieces, below[pieces.owners])
     owners = pieces.owners[which]
     found = obstacle.distances(motion.each_at("position", owners, times), start + times)

@@ -41,6 +41,7 @@ _NOTED: dict[str, TypeAdapter[Any]] = {
 """What else is told of windows, newer than the format of flights: files may lack it."""
 
 _FLOWN = ("times", "positions", "velocities", "wind", "commands")
+_ELAPSED = "simulation.elapsed"
 _STATISTICS = TypeAdapter(Statistics)
 _PARTS = ("scenario", "statistics", *_ARRAYS)
 
@@ -148,6 +149,7 @@ def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | F
         optional |= set(_NOTED)
     if form == _SIMULATION:
         expected |= {"plant", *(f"simulation.{name}" for name in _FLOWN)}
+        optional |= {_ELAPSED}
     if set(content) - optional != expected:
         raise ValueError("parts are missing or do not belong")
     if form == _PLAN:
@@ -197,13 +199,15 @@ def _noted(name: str, content: Mapping[str, np.ndarray], windows: int) -> list[t
 
 
 def _pack_flown(simulation: Simulation) -> dict[str, Any]:
-    arrays = {f"simulation.{name}": getattr(simulation, name) for name in _FLOWN}
+    arrays = {f"simulation.{name}": getattr(simulation, name) for name in (*_FLOWN, "elapsed")}
     _check_numbers("simulation", arrays)
     return {"plant": simulation.plant, **arrays}
 
 
 def _unpack_flown(flight: Flight, content: Mapping[str, np.ndarray]) -> Simulation:
     arrays = {name: content[f"simulation.{name}"] for name in _FLOWN}
+    if _ELAPSED in content:
+        arrays["elapsed"] = content[_ELAPSED]
     _check_numbers("simulation", arrays)
     return Simulation(flight, **arrays, plant=str(content["plant"]))
 

@@ -62,18 +62,18 @@ class Pieces:
         return Pieces(*(field[which] for field in fields))
 
 
-def pieces_near(motion: Motion, obstacle: Obstacle, start: float, within: FloatArray) -> Pieces:
-    """The pieces of motions relative to an obstacle that may come close to it.
+def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Pieces:
+    """Return the pieces of motions relative to an obstacle that may come close to it.
 
     Args:
         motion: of several vehicles, arrays of shape (N, ..., 3).
-        obstacle: whose track cuts steps into pieces at its corners.
-        start: time of the first knot on the scenario's clock [s].
+        obstacle: on a clock that is 0 at the first knot; its track cuts steps into pieces at its
+            corners.
         within: of how close, for each vehicle [m], shape (N,).
     """
     h, count = motion.step, motion.accelerations.shape[1]
     times: FloatArray = np.float64(h) * np.arange(count)
-    corners = obstacle.corners - start
+    corners = obstacle.corners
     corners = corners[(corners > 0.0) & (corners < h * count)]
     p, v, a = motion.positions[:, :-1], motion.velocities[:, :-1], motion.accelerations
     if len(corners) > 0:
@@ -82,7 +82,8 @@ def pieces_near(motion: Motion, obstacle: Obstacle, start: float, within: FloatA
         k = np.minimum(step_at(times, h), count - 1)
         a = motion.accelerations[:, k]
     durations: FloatArray = np.diff(times, append=h * count)
-    p, v = p - obstacle.centers(start + times), v - obstacle.velocities(start + times)
+    middles = times + durations / 2.0  # where no rounding tells one side of a corner for the other
+    p, v = p - obstacle.centers(times), v - obstacle.velocities(middles)
     w = durations[:, None]  # an axis that turns round gets no further than v/2 would in all of w
     ways = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
     reach = obstacle.shape.extent + within[:, None, None] + ways

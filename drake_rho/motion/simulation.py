@@ -16,9 +16,6 @@ from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
-_EARLY = 1e-9
-"""Part of a step by which a time may be short of a window's start and still be in that window."""
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Simulation(metaclass=Described):
@@ -48,12 +45,20 @@ class Simulation(metaclass=Described):
     one repeated [m/s²], shape (M, N, 3)"""
     plant: str = "point mass"
     """what was flown: a point mass, or the name of a plant that follows the commands less well"""
+    elapsed: FloatArray | None = None
+    """since the first knot [s], shape (M,): exact where the clock is far from 0 too, to which `times`
+    are rounded; what `times` say if not given"""
 
     def __post_init__(self) -> None:
         times = locked(self.times)
         if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0.0):
             raise ValueError(f"times: got shape {times.shape}, expected two or more rising times")
         object.__setattr__(self, "times", times)
+        elapsed = locked(times - times[0] if self.elapsed is None else self.elapsed)
+        if elapsed.shape != times.shape or not np.all(np.diff(elapsed) > 0.0):
+            rising = f"rising times of shape {times.shape}"
+            raise ValueError(f"elapsed: got shape {elapsed.shape}, expected {rising}")
+        object.__setattr__(self, "elapsed", elapsed)
         expected = (len(times), len(self.scenario.vehicles), 3)
         for name in ("positions", "velocities", "wind", "commands"):
             array = locked(getattr(self, name))
@@ -85,7 +90,7 @@ class Simulation(metaclass=Described):
     @cached_property
     def accelerations(self) -> FloatArray:
         """True accelerations, the mean from each time to the next [m/s²], shape (M-1, N, 3)."""
-        passed = np.diff(self.times)[:, None, None]
+        passed = np.diff(self._since_start)[:, None, None]
         return locked(np.diff(self.velocities, axis=0) / passed)
 
     @cached_property
@@ -110,10 +115,10 @@ class Simulation(metaclass=Described):
         Returns:
             Two arrays of shape (N, T, 3).
         """
-        times = self._given(times)
-        m = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
-        length = (self.times[m + 1] - self.times[m])[:, None, None]
-        s = (times - self.times[m])[:, None, None] / length
+        times, record = self._elapsed_at(times), self._since_start
+        m = np.clip(np.searchsorted(record, times, side="right") - 1, 0, len(record) - 2)
+        length = (record[m + 1] - record[m])[:, None, None]
+        s = (times - record[m])[:, None, None] / length
         p, q = self.positions[m], self.positions[m + 1]
         v, w = length * self.velocities[m], length * self.velocities[m + 1]
         b, c = 3.0 * (q - p) - 2.0 * v - w, 2.0 * (p - q) + v + w
@@ -131,12 +136,12 @@ class Simulation(metaclass=Described):
         Returns:
             Values of shape (T, N, 3).
         """
-        times = self._given(times)
-        values = np.empty((len(times), len(self.scenario.vehicles), 3))
-        in_force = self.in_force(times)
+        elapsed, h = self._elapsed_at(times), self.scenario.grid.step
+        values = np.empty((len(elapsed), len(self.scenario.vehicles), 3))
+        in_force = self._window_at(elapsed)
         for number in np.unique(in_force):
-            plan, here = self.flight.windows[number].plan, in_force == number
-            found = plan.motion().at(quantity, times[here] - plan.scenario.grid.start)
+            window, here = self.flight.windows[number], in_force == number
+            found = window.plan.motion().at(quantity, elapsed[here] - h * window.first_knot)
             values[here] = np.moveaxis(found, 0, 1)
         return values
 
@@ -163,7 +168,7 @@ class Simulation(metaclass=Described):
         if quantity not in ("position", "velocity", "acceleration"):
             expected = "position, velocity or acceleration"
             raise ValueError(f"quantity: got {quantity!r}, expected {expected}")
-        values, in_force = np.empty(len(self.times)), self.in_force(self.times)
+        values, in_force = np.empty(len(self.times)), self._window_at(self._since_start)
         for number in np.unique(in_force):
             here = in_force == number
             values[here] = getattr(self.tubes[number], quantity)(self.times[here])
@@ -184,10 +189,23 @@ class Simulation(metaclass=Described):
 
         Where a window begins it is that one.
         """
+        return self._window_at(self._elapsed_at(times))
+
+    @property
+    def _since_start(self) -> FloatArray:
+        """`elapsed`, which is there by now."""
+        assert self.elapsed is not None  # noqa: S101  # set when made
+        return self.elapsed
+
+    def _window_at(self, elapsed: FloatArray) -> IntArray:
+        """The window in force at times since the first knot [s], shape (T,)."""
         grid = self.scenario.grid
         knots = np.array([window.first_knot for window in self.flight.windows])
-        passed = (self._given(times) - grid.start) / grid.step + _EARLY
+        passed = (elapsed + grid.rounding) / grid.step
         return np.asarray(np.maximum(np.searchsorted(knots, passed, side="right") - 1, 0))
 
-    def _given(self, times: npt.ArrayLike | None) -> FloatArray:
-        return self.times if times is None else np.atleast_1d(np.asarray(times, dtype=np.float64))
+    def _elapsed_at(self, times: npt.ArrayLike | None) -> FloatArray:
+        """Times of the clock since the first knot [s], shape (T,); those of the record for None."""
+        if times is None:
+            return self._since_start
+        return np.atleast_1d(np.asarray(times, dtype=np.float64)) - self.scenario.grid.start

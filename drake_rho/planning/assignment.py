@@ -172,8 +172,8 @@ def _matched(efforts: _Efforts, nearest: int) -> IntArray | None:
 def _clearances(scenario: Scenario) -> FloatArray:
     """What is free around every goal at the end [m], shape (N,)."""
     least, goals = np.full(len(scenario.vehicles), np.inf), scenario.fleet.goal_positions
-    for obstacle in scenario.bodies:
-        x = goals - obstacle.centers(np.array([scenario.grid.end]))
+    for obstacle in scenario.bodies_in_flight:
+        x = goals - obstacle.centers(np.array([scenario.grid.duration]))
         free = obstacle.shape.signed_distance(x) - obstacle.deviation + obstacle.shape.tolerance
         least = np.minimum(least, free)
     return least

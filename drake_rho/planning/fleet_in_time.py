@@ -63,7 +63,7 @@ class FleetInTime:
     def _obstacles(self) -> list[Layers]:
         """Where obstacles that move block moves of each lattice."""
         bodies = [body for _, body in self._scenario.known if body.moves]
-        times = self._scenario.grid.start + self._times
+        times = self._times
         return [
             Layers(
                 lattice, len(times) - 1, [MovingObstacle(body, radius, times) for body in bodies]

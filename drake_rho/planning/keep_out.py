@@ -117,11 +117,9 @@ class KeepOutOfObstacle(KeepOut):
     """An obstacle (8), linearised (15) at all inner knots, kept at every vehicle's distance."""
 
     obstacle: Obstacle
-    """what is avoided"""
+    """what is avoided, on a clock that is 0 at the first knot"""
     inner_knots: Places
     """where rows are asked for at knots: all vehicles at all inner ones"""
-    start: float
-    """time of the first knot on the scenario's clock, on which it moves [s]"""
     kept: FloatArray
     """the distance that each vehicle keeps from the shape when nothing disturbs it [m], (N,)"""
     margins: Margins
@@ -136,7 +134,7 @@ class KeepOutOfObstacle(KeepOut):
     def offsets(self, motion: Motion, places: Places) -> FloatArray:
         """Positions from the middle of the obstacle [m], shape (R, 3)."""
         position = places.position(motion, places.vehicles)
-        offsets: FloatArray = position - self.obstacle.centers(self.start + places.times)
+        offsets: FloatArray = position - self.obstacle.centers(places.times)
         return offsets
 
     def directions(self, places: Places) -> FloatArray:
@@ -150,7 +148,7 @@ class KeepOutOfObstacle(KeepOut):
         for row in (squares <= shape.tolerance**2).nonzero()[0]:
             at = places.times[row : row + 1]
             way = self.reference.each_at("velocity", places.vehicles[row : row + 1], at)
-            side = side_of(np.zeros(3), (way - self.obstacle.velocities(self.start + at))[0])
+            side = side_of(np.zeros(3), (way - self.obstacle.velocities(at))[0])
             if np.isfinite(shape.support(side)):  # an endless cylinder has no end to go round
                 directions[row] = side
         return directions
@@ -158,7 +156,7 @@ class KeepOutOfObstacle(KeepOut):
     def rows(self, places: Places) -> HalfSpaces:
         """N · p >= n · c + h(n) + r."""
         normals, shape = self.directions(places), self.obstacle.shape
-        centers = self.obstacle.centers(self.start + places.times)
+        centers = self.obstacle.centers(places.times)
         beyond = shape.support(normals) + self.radius(places)
         return HalfSpaces(
             self,
@@ -177,7 +175,7 @@ class KeepOutOfObstacle(KeepOut):
             return self._penetrating_knots(motion, vehicles)
         below = self.kept[vehicles] - BROKEN * self.obstacle.shape.tolerance
         within = np.maximum(below + self.margins.most, 0.0)
-        pieces = pieces_near(motion.of(vehicles), self.obstacle, self.start, within)
+        pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
         steps = step_at(pieces.times, motion.step)
         below = below[pieces.owners] + self.margins.steps["position"][steps]
         which, times = deepest(self.obstacle.shape, pieces, below)
@@ -250,7 +248,7 @@ class KeepOutOfObstacle(KeepOut):
             each.support(normal) for each, normal in zip(quadrics, rows.normals, strict=True)
         ]
         return Quadratic(
-            centers=self.obstacle.centers(self.start + rows.times),
+            centers=self.obstacle.centers(rows.times),
             scales=np.array([each.scales for each in quadrics]).reshape(-1, 3),
             sizes=sizes,
             lengths=sizes / np.array(supports),
@@ -273,7 +271,6 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacl
             every_instant=scenario.between_knots,
             obstacle=obstacle,
             inner_knots=inner_knots,
-            start=scenario.grid.start,
             kept=scenario.fleet.radii + obstacle.deviation,
             margins=margins,
         )

@@ -144,7 +144,7 @@ class Lattice:
         x, lengths = one + parts * (other - one), np.linalg.norm(other - one, axis=1)
         clear = np.ones(len(lengths), dtype=bool)
         for body in self._still:
-            at = x[:, clear] - body.shape.center
+            at = x[:, clear] - body.first_center
             d = body.shape.signed_distance(at) - kept_from(body, self._radius)
             clear[clear] = least_between(d, lengths[clear]) >= 0.0
         return clear
@@ -196,7 +196,7 @@ def _block(
     raster: Raster, body: Obstacle, radius: float, free: BoolArray, clear: BoolArray
 ) -> None:
     """Mark what an obstacle at rest blocks: points, and moves by where they begin."""
-    kept, center = kept_from(body, radius), body.shape.center
+    kept, center = kept_from(body, radius), body.first_center
     low, high = raster.window(center, body.shape.extent + kept + 1.001 * raster.spacing)
     if np.any(low >= high):
         return

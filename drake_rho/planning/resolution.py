@@ -133,7 +133,7 @@ def region(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
         lows.append(np.nanmin(waypoints.positions, axis=0))
         highs.append(np.nanmax(waypoints.positions, axis=0))
     for _, body in scenario.known:
-        centers, extent = body.centers(grid.times), body.shape.extent
+        centers, extent = body.centers(grid.elapsed), body.shape.extent
         extent = np.where(np.isfinite(extent), extent, 0.0)
         lows.append((centers - extent).min(axis=0))
         highs.append((centers + extent).max(axis=0))

@@ -35,7 +35,7 @@ from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.records import Scenario
 
 _CLOCK = 1e-4
-"""Part of a step by which a time may miss its knot: what clocks far from zero are rounded to."""
+"""Part of a step by which a time may miss its knot: that much a caller's own clock may be off."""
 
 
 class RecedingHorizon:
@@ -177,7 +177,8 @@ class RecedingHorizon:
         steps = (time - grid.start) / grid.step
         knot = round(steps) if np.isfinite(steps) else -1
         most = grid.knots - 2 if self.windows else 0
-        if not last < knot <= most or abs(steps - knot) > _CLOCK:
+        off = abs(steps - knot) * grid.step
+        if not last < knot <= most or off > max(_CLOCK * grid.step, grid.rounding):
             first, end = (grid.times[min(k, grid.knots - 1)] for k in (last + 1, most))
             expected = f"the time of a knot from {first:g} to {end:g} s"
             raise ValueError(f"time: got {time!r}, expected {expected}")

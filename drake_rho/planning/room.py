@@ -173,10 +173,10 @@ def _of_state(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
 
 def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
     """Distances from the obstacles at one end, less what is kept when nothing disturbs."""
-    fleet, grid = scenario.fleet, scenario.grid
-    positions, time = fleet.start_positions, grid.start
+    fleet = scenario.fleet
+    positions, time = fleet.start_positions, 0.0
     if end != 0:
-        positions, time = fleet.goal_positions, grid.end
+        positions, time = fleet.goal_positions, scenario.grid.duration
     needed = margins.knots["position"][[end]]
     for number, obstacle in scenario.known:
         distances = obstacle.distances(positions, np.array([time]))

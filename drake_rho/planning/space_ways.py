@@ -115,7 +115,7 @@ class SpaceWays:
         """The way through given corners, with the sides on which it passes obstacles."""
         sides = np.zeros((len(self._obstacles), 3))
         for number, obstacle in enumerate(self._obstacles):
-            x = positions - obstacle.shape.center
+            x = positions - obstacle.first_center
             nearest = x[np.argmin(obstacle.shape.signed_distance(x))]
             sides[number] = obstacle.shape.outward(nearest)
         return SpaceWay(positions, sides)
@@ -125,13 +125,13 @@ class SpaceWays:
         reach = 2.0 * float(self._lattice.raster.spacing.max())
         points = []
         for obstacle, side in zip(self._obstacles, way.sides, strict=True):
-            x = way.positions - obstacle.centers(np.zeros(1))[0]
+            x = way.positions - obstacle.first_center
             distances = obstacle.shape.signed_distance(x) - kept_from(obstacle, self._radius)
             k = int(np.argmin(distances))
             if distances[k] > reach:
                 continue
             ahead = way.positions[min(k + 1, len(x) - 1)] - way.positions[max(k - 1, 0)]
-            places = obstacle.centers(np.zeros(1)) + self._around(obstacle, side, ahead)
+            places = obstacle.first_center + self._around(obstacle, side, ahead)
             points += [int(self._lattice.nearest(place)) for place in places]
         numbers = np.unique(np.array(points, dtype=np.int64))
         known: IntArray = numbers[numbers < len(self._lattice.points)]

@@ -39,7 +39,7 @@ def towards(reference: Plan, plan: Plan) -> Plan:
     way = there - here
     clear = np.ones((len(_PARTS), *here.shape[:2]), dtype=bool)
     for part, at in zip(_PARTS[1:], clear[1:], strict=True):
-        at[:] = _is_clear(scenario, here + part * way, scenario.grid.times, 0.0)
+        at[:] = _is_clear(scenario, here + part * way, scenario.grid.elapsed, 0.0)
     far = _PARTS[np.sum(np.logical_and.accumulate(clear, axis=0), axis=0) - 1]
     moved = here + far[..., None] * way
     for _ in range(_REPAIRS):
@@ -66,7 +66,7 @@ def straight_between(scenario: Scenario, positions: FloatArray) -> Plan:
 def _deep_steps(scenario: Scenario, positions: FloatArray) -> BoolArray:
     """Which steps of a motion straight between knots lead deep into an obstacle, (N, K-1)."""
     deep = np.zeros((len(positions), positions.shape[1] - 1), dtype=bool)
-    times = scenario.grid.times
+    times = scenario.grid.elapsed
     for part in _BETWEEN:
         x = (1.0 - part) * positions[:, :-1] + part * positions[:, 1:]
         deep |= ~_is_clear(scenario, x, times[:-1] + part * scenario.grid.step, _DEEP)
@@ -81,7 +81,7 @@ def _is_clear(
     Args:
         scenario: with the obstacles.
         positions: of the vehicles [m].
-        times: on the scenario's clock [s].
+        times: since the first knot [s].
         depth: how deep they may be, in parts of an obstacle's least extent.
     """
     clear = np.ones(positions.shape[:2], dtype=bool)

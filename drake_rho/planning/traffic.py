@@ -24,9 +24,9 @@ class MovingObstacle:
     """An obstacle that moves, as it is met in the layers.
 
     Args:
-        body: the obstacle.
+        body: the obstacle, on a clock that is 0 at the first knot.
         radius: kept from it [m].
-        times: between layers, absolute [s], shape (M + 1,).
+        times: between layers, since the first knot [s], shape (M + 1,).
     """
 
     blocks = True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
@@ -22,8 +23,10 @@ from drake_rho.scenario.fields import (
     Numbers,
     Points,
     Vector,
+    locked,
     numbers_of,
     record,
+    unchecked,
 )
 from drake_rho.scenario.polyhedra import Box, Polytope
 from drake_rho.scenario.quadrics import Ellipsoid, Sphere
@@ -223,15 +226,37 @@ class Obstacle:
         """Times on the scenario's clock at which its velocity changes [s], shape (M,)."""
         return np.zeros(0) if self.track is None else self.track.times
 
+    @cached_property
+    def origin(self) -> FloatArray:
+        """The middle of its bounding box at time 0 of the clock, if no track says it [m], (3,)."""
+        return self.shape.center
+
+    @property
+    def first_center(self) -> FloatArray:
+        """The middle of its bounding box at time 0 of its clock [m], shape (3,)."""
+        center: FloatArray = self.centers(np.zeros(1))[0]
+        return center
+
+    def since(self, time: float) -> Self:
+        """Return this obstacle on a clock that is 0 at a time of this one [s].
+
+        Times of a flight are added up from its first knot. On a clock that begins there, sums and
+        corners are the same numbers; on one far from 0 they differ by its rounding.
+        """
+        velocity = np.zeros(3) if self.velocity is None else self.velocity
+        track = self.track and unchecked(self.track, times=locked(self.track.times - time))
+        origin = locked(self.origin + time * velocity)
+        return unchecked(self, track=track, origin=origin, known_from=self.known_from - time)
+
     def centers(self, times: FloatArray) -> FloatArray:
         """Middles of its bounding box at times on the scenario's clock [m], shape (M, 3)."""
         if self.track is not None:
             return self.track.at(times)
         if self.velocity is not None:
-            centers: FloatArray = self.shape.center + times[..., None] * self.velocity
+            centers: FloatArray = self.origin + times[..., None] * self.velocity
             return centers
         still: FloatArray = np.empty((*times.shape, 3))
-        still[...] = self.shape.center
+        still[...] = self.origin
         return still
 
     def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:

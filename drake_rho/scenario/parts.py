@@ -7,6 +7,7 @@ Records are frozen and checked when made; a changed situation is a new record
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal, Self
@@ -37,6 +38,12 @@ Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 """What a box can bound."""
 Airframe = Literal["aircraft", "quadrotor"]
 """What a vehicle can be drawn as."""
+
+_SAME = 1e-9
+"""Part of a step by which times may differ that are meant as the same."""
+
+_ROUNDINGS = 8.0
+"""Roundings of the clock by which they may: sums of a few times, and a user's own arithmetic."""
 
 GRAVITY = 9.81
 """g [m/s²]: a vehicle with acceleration a has the thrust a + g e_z for each kilogram, z upwards."""
@@ -95,9 +102,33 @@ class Grid:
         """Time of every knot since the first one [s], shape (K,)."""
         return locked(self.step * np.arange(self.knots))
 
+    @property
+    def rounding(self) -> float:
+        """How far apart two times may be and still be meant as the same one [s].
+
+        A clock far from 0 is rounded: at the Unix time of today to 2.4e-7 s.
+        """
+        largest = max(abs(self.start), abs(self.end))
+        return max(_SAME * self.step, _ROUNDINGS * sys.float_info.epsilon * largest)
+
     def from_knot(self, knot: int) -> Grid:
         """What is left of the grid from a knot on, counted from 0."""
-        return unchecked(self, knots=self.knots - knot, start=self.start + self.step * knot)
+        start, passed = self._begun
+        passed += knot
+        return unchecked(
+            self,
+            knots=self.knots - knot,
+            start=start + self.step * passed,
+            _begun=(start, passed),
+        )
+
+    @cached_property
+    def _begun(self) -> tuple[float, int]:
+        """When the flight began that this grid is left of [s], and how many steps ago.
+
+        So that starts of windows are the knots of the flight, however many went before.
+        """
+        return self.start, 0
 
 
 @record

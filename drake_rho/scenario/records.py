@@ -238,12 +238,25 @@ class Scenario:
         always = (each for each in self.bodies if not each.moves and each.known_from <= 0.0)
         return tuple(each.shape for each in always if isinstance(each.shape, Sphere))
 
+    @cached_property
+    def bodies_in_flight(self) -> tuple[Obstacle, ...]:
+        """The obstacles, each on a clock that is 0 at the first knot."""
+        return tuple(each.since(self.grid.start) for each in self.bodies)
+
     @property
-    def known(self) -> list[tuple[int, Obstacle]]:
-        """The obstacles that planners know of at the first knot, with their numbers from 1."""
-        now = max(self.grid.start, 0.0) + 1e-9 * self.grid.step
-        numbered = enumerate(self.bodies, start=1)
-        return [(number, obstacle) for number, obstacle in numbered if obstacle.known_from <= now]
+    def known(self) -> tuple[tuple[int, Obstacle], ...]:
+        """The obstacles that planners know of at the first knot, with their numbers from 1.
+
+        Their clocks are 0 at the first knot, as in `bodies_in_flight`.
+        """
+        now = max(self.grid.start, 0.0) + self.grid.rounding
+        return tuple(
+            (number, in_flight)
+            for number, (obstacle, in_flight) in enumerate(
+                zip(self.bodies, self.bodies_in_flight, strict=True), start=1
+            )
+            if obstacle.known_from <= now
+        )
 
     def obstacle_name(self, number: int) -> str:
         """What an obstacle is called in reports, by its number from 1: number, and name if any."""
@@ -256,7 +269,7 @@ class Scenario:
 
     def without_obstacles(self) -> Scenario:
         """This scenario with nothing in the way (the paper's Examples 1 and 3)."""
-        return unchecked(self, obstacles=(), bodies=(), fleet=self.fleet)
+        return unchecked(self, obstacles=(), bodies=(), bodies_in_flight=(), fleet=self.fleet)
 
     def on_grid(self, grid: Grid) -> Scenario:
         """This scenario on another grid, on which the feedback is sampled as often or more often.
@@ -309,7 +322,16 @@ class Scenario:
             for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)
         )
         fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before)
-        return unchecked(self, grid=grid, vehicles=vehicles, fleet=fleet, disturbance=around)
+        passed = grid.step * round((grid.start - self.grid.start) / grid.step)
+        bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
+        return unchecked(
+            self,
+            grid=grid,
+            vehicles=vehicles,
+            fleet=fleet,
+            disturbance=around,
+            bodies_in_flight=bodies,
+        )
 
     def index_of(self, name: str) -> int:
         """The place of the vehicle called `name` in `vehicles`.

@@ -62,5 +62,5 @@ def waypoints_of(vehicles: Sequence[Vehicle]) -> list[Waypoints]:
 
 def is_under_way(time: float, grid: Grid) -> bool:
     """Whether a time on the scenario's clock [s] is after the first knot and before the last."""
-    room = _AT_ONCE * grid.step
+    room = max(_AT_ONCE * grid.step, grid.rounding)
     return grid.start + room < time < grid.end - room

@@ -135,6 +135,7 @@ def flown(feedback: Feedback, wind: Wind | None, rng: np.random.Generator | None
         states[..., 3:],
         blowing,
         commands,
+        elapsed=timeline.elapsed,
     )
 
 

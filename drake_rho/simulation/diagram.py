@@ -68,6 +68,7 @@ def simulated(
         blowing,
         commands,
         PLANTS[plant],
+        timeline.elapsed,
     )
 
 

@@ -44,7 +44,8 @@ class Timeline:
         begins = sample * np.arange(count + 1)
         regular = (begins[:-1, None] + sample / parts * np.arange(parts)).reshape(-1)
         regular = np.append(regular, begins[-1])
-        elapsed = np.union1d(regular, _between(_changes(scenario, wind), regular, sample))
+        apart = max(_SAME * sample, grid.rounding)
+        elapsed = np.union1d(regular, _between(_changes(scenario, wind), regular, apart))
         samples = np.searchsorted(elapsed, begins)
         times = grid.start + elapsed
         times[samples[:: around.samples_per_step(grid.step)]] = grid.times
@@ -67,10 +68,10 @@ def _changes(scenario: Scenario, wind: Wind) -> FloatArray:
     return np.asarray(np.concatenate(given) - scenario.grid.start)
 
 
-def _between(more: FloatArray, regular: FloatArray, sample: float) -> FloatArray:
-    """Those of some times that lie between the regular ones, each once."""
+def _between(more: FloatArray, regular: FloatArray, apart: float) -> FloatArray:
+    """Return those times that are `apart` or more from the regular ones and from each other."""
     more = np.unique(more)
-    more = more[np.diff(more, prepend=-np.inf) > _SAME * sample]
+    more = more[np.diff(more, prepend=-np.inf) > apart]
     after = np.clip(np.searchsorted(regular, more), 1, len(regular) - 1)
-    apart = np.minimum(more - regular[after - 1], regular[after] - more)
-    return np.asarray(more[apart > _SAME * sample])  # negative outside the flight
+    near = np.minimum(more - regular[after - 1], regular[after] - more)
+    return np.asarray(more[near > apart])  # negative outside the flight

@@ -107,7 +107,7 @@ def worst_case(
         locked(around.velocity_error * np.multiply.outer(errors[1], d)),
         locked(tube.initial[0] * first[0] * d),
         locked(tube.initial[1] * first[1] * d),
-        _EARLY * tube.sample,
+        max(_EARLY * tube.sample, tube.grid.rounding),
     )
 
 

@@ -21,17 +21,14 @@ from drake_rho.verification.course import Course
 from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.steps import Steps
 
-_KNOT = 1e-9
-"""Part of a step by which a knot may be early and still be the time at which a thing is known."""
-
 
 def check_obstacles(course: Course) -> Iterator[Column]:
     """The checks of every obstacle: from when it is known, and apart from these, before."""
     scenario, start = course.scenario, course.scenario.grid.start
     at_once = {number for number, _ in scenario.known}
-    for number, obstacle in enumerate(scenario.bodies, start=1):
+    for number, obstacle in enumerate(scenario.bodies_in_flight, start=1):
         name, late = scenario.obstacle_name(number), number not in at_once
-        since = obstacle.known_from - start if late else 0.0
+        since = obstacle.known_from if late else 0.0
         seen = _Seen.of(course, obstacle, since)
         kept = scenario.fleet.radii + obstacle.deviation
         for known in (True, False) if late else (True,):
@@ -81,14 +78,14 @@ class _Seen:
     def of(cls, course: Course, obstacle: Obstacle, since: float) -> Self:
         """The motions of a scenario's vehicles, with pieces that end or begin at `since` [s]."""
         grid = course.scenario.grid
-        course = course.cut(np.append(obstacle.corners - grid.start, since))
-        centers = obstacle.centers(course.times)
+        course = course.cut(np.append(obstacle.corners, since))
+        centers = obstacle.centers(course.elapsed)
         positions = course.positions - centers
         width = course.durations[:, None]
         ways = width * course.velocities[:, :-1] - np.diff(centers, axis=0)
         pieces = (positions[:, :-1], ways, width**2 * course.accelerations)
         steps = Steps(*(each.reshape(-1, 3) for each in pieces))
-        return cls(course, _KNOT * grid.step, positions, steps)
+        return cls(course, grid.rounding, positions, steps)
 
     def closest(self, shape: Shape, since: float, *, known: bool) -> tuple[_Closest, _Closest]:
         """When each vehicle is closest to the shape: at knots, and at all times.
@@ -98,7 +95,7 @@ class _Seen:
 
         Args:
             shape: of the obstacle.
-            since: when it is known [s].
+            since: when it is known, since the first knot [s].
             known: whether the time from then on is looked at, or the time before.
         """
         course, instants = self.course, self.course.elapsed

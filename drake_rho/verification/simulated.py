@@ -26,7 +26,7 @@ def course_of(simulation: Simulation) -> Course:
     Point masses are flown anew from the first state by commands and winds. For another plant
     accelerations are those that lead from one recorded position to the next.
     """
-    elapsed = simulation.times - simulation.times[0]
+    elapsed = np.asarray(simulation.elapsed)
     h = np.diff(elapsed)[:, None]
     p, v, commands, wind = (
         np.moveaxis(each, 0, 1)

@@ -76,7 +76,7 @@ class Tubes:
 
     def _number(self, times: FloatArray, way: int = 1) -> IntArray:
         """Which tube is in force; where one follows another, the later one, or the earlier one."""
-        near = 1e-9 * self.tubes[0].grid.step
+        near = self.tubes[0].grid.rounding
         places = np.searchsorted(self.begins, times + way * near, side="right") - 1
         return np.asarray(np.clip(places, 0, len(self.tubes) - 1))
 
