@@ -183,7 +183,8 @@ def test_the_deepest_instants_are_those_that_dense_samples_find(
     motions = Motion(step, *(array[None] for array in dataclasses.astuple(motion)[1:]))
     below = np.array([rng.uniform(-0.2, 0.5)])
     pieces = pieces_near(motions, obstacle.since(start), np.maximum(below, 0.0))
-    which, times = deepest(shape, pieces, below[pieces.owners])
+    tolerances = np.full(len(pieces.owners), shape.tolerance)
+    which, times = deepest(shape, pieces, below[pieces.owners], tolerances)
     found = dict(zip(pieces.times[which].tolist(), times.tolist(), strict=True))
 
     def distances(at: FloatArray) -> FloatArray:

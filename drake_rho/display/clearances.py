@@ -81,7 +81,8 @@ def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
     slack = _SLACK * obstacle.shape.size
     below = distances(plan, obstacle, knots).min(axis=1) + slack  # some piece reaches that
     pieces = pieces_near(motion, obstacle.since(start), np.maximum(below, slack))
-    which, times = deepest(obstacle.shape, pieces, below[pieces.owners])
+    tolerances = np.full(len(pieces.owners), obstacle.shape.tolerance)
+    which, times = deepest(obstacle.shape, pieces, below[pieces.owners], tolerances)
     owners = pieces.owners[which]
     found = obstacle.distances(motion.each_at("position", owners, times), start + times)
     order = np.lexsort((found, owners))

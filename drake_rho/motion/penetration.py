@@ -30,8 +30,8 @@ _PARTS = 8
 _SPLITS = 18
 """Bound on the splits of a piece: past the last digit of a double."""
 
-_PRECISION = 1e-9
-"""Depth in parts of a shape's size to which the deepest instant is found."""
+_PRECISION = 1e-3
+"""Depth in tolerances to which the deepest instant is found."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,32 +91,40 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
     return Pieces(owners, times[k], durations[k], p[owners, k], v[owners, k], a[owners, k])
 
 
-def deepest(shape: Shape, pieces: Pieces, below: FloatArray) -> tuple[IntArray, FloatArray]:
+def deepest(
+    shape: Shape, pieces: Pieces, below: FloatArray, tolerances: FloatArray
+) -> tuple[IntArray, FloatArray]:
     """Where pieces come below a signed distance from a shape, and when each is lowest.
 
     Args:
         shape: the shape.
         pieces: M pieces.
         below: the signed distance for each [m], shape (M,).
+        tolerances: by which a shape may be entered; the deepest instant is found to a thousandth
+            of them [m], shape (M,).
 
     Returns:
         Indices of pieces that do, shape (D,), and times since the first knot [s], shape (D,).
     """
     if len(pieces.owners) == 0:
         return np.zeros(0, dtype=int), np.zeros(0)
-    which, s = _deepest(shape, pieces, below)
+    which, s = _deepest(shape, pieces, below, tolerances)
     return which, pieces.times[which] + s
 
 
 @singledispatch
-def _deepest(shape: Shape, pieces: Pieces, below: FloatArray) -> tuple[IntArray, FloatArray]:
+def _deepest(
+    shape: Shape, pieces: Pieces, below: FloatArray, tolerances: FloatArray
+) -> tuple[IntArray, FloatArray]:
     """Pieces, and times after their beginnings, by bounds and splits."""
-    search = _Search(shape, pieces, below)
+    search = _Search(shape, pieces, below, _PRECISION * tolerances)
     return search.run()
 
 
 @_deepest.register
-def _(shape: Sphere, pieces: Pieces, below: FloatArray) -> tuple[IntArray, FloatArray]:
+def _(
+    shape: Sphere, pieces: Pieces, below: FloatArray, tolerances: FloatArray
+) -> tuple[IntArray, FloatArray]:
     """In closed form."""
     s = nearest_moments(pieces.p, pieces.v, pieces.a, pieces.durations)
     inside = np.flatnonzero(shape.signed_distance(pieces.at(s)) < below)
@@ -130,11 +138,14 @@ class _Search:
         shape: the shape.
         pieces: M pieces.
         below: only what is lower is looked for [m], shape (M,).
+        precision: by how much the lowest may be missed [m], shape (M,).
     """
 
-    def __init__(self, shape: Shape, pieces: Pieces, below: FloatArray) -> None:
+    def __init__(
+        self, shape: Shape, pieces: Pieces, below: FloatArray, precision: FloatArray
+    ) -> None:
         self._shape, self._pieces = shape, pieces
-        self._below, self._precision = below, _PRECISION * shape.size
+        self._below, self._precision = below, precision
         self._bends = np.linalg.norm(pieces.a, axis=1)
         self.lowest = np.full(len(below), np.inf)
         self.moments = np.zeros(len(below))
@@ -146,7 +157,7 @@ class _Search:
         at_low, at_high = self._sample(which, low), self._sample(which, high)
         for _ in range(_SPLITS):
             least = _bounds(high - low, at_low, at_high, self._bends[which])
-            sought = np.minimum(self._below[which], self.lowest[which] - self._precision)
+            sought = np.minimum(self._below[which], self.lowest[which] - self._precision[which])
             open_ = np.flatnonzero(least < sought)
             if len(open_) == 0:
                 break

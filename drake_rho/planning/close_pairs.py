@@ -106,7 +106,8 @@ def _measured(
         motion.accelerations[one, k] - motion.accelerations[other, k],
     )
     below = 2.0 * margins.steps["position"][k] - BROKEN * separation.tolerance
-    which, times = deepest(shape, pieces, below)
+    tolerances = np.full(len(k), separation.tolerance)
+    which, times = deepest(shape, pieces, below, tolerances)
     distances = shape.signed_distance(pieces.select(which).at(times - pieces.times[which]))
     worst = CloseApproaches(one[which], other[which], times, separation.distance + distances)
     return _under_way(worst, motion)

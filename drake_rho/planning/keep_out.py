@@ -124,6 +124,8 @@ class KeepOutOfObstacle(KeepOut):
     """the distance that each vehicle keeps from the shape when nothing disturbs it [m], (N,)"""
     margins: Margins
     """what is added to it: r is the sum of both"""
+    tolerances: FloatArray
+    """how deep inside still counts as outside, for each vehicle [m], (N,)"""
 
     def radius(self, places: Places) -> FloatArray:
         """All of what is kept: r [m], shape (R,)."""
@@ -166,19 +168,20 @@ class KeepOutOfObstacle(KeepOut):
             times=places.times,
             normals=normals,
             bounds=beyond + np.vecdot(normals, centers),
-            tolerances=np.full(len(places), shape.tolerance),
+            tolerances=self.tolerances[places.vehicles],
         )
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
         """The deepest instants of steps that lead inside, once where two share the instant."""
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
-        below = self.kept[vehicles] - BROKEN * self.obstacle.shape.tolerance
+        below = self.kept[vehicles] - BROKEN * self.tolerances[vehicles]
         within = np.maximum(below + self.margins.most, 0.0)
         pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
         steps = step_at(pieces.times, motion.step)
         below = below[pieces.owners] + self.margins.steps["position"][steps]
-        which, times = deepest(self.obstacle.shape, pieces, below)
+        tolerances = self.tolerances[vehicles[pieces.owners]]
+        which, times = deepest(self.obstacle.shape, pieces, below, tolerances)
         whose = vehicles[pieces.owners[which]]
         again = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
         return Places(whose[~again], whose[~again], times[~again])
@@ -194,7 +197,7 @@ class KeepOutOfObstacle(KeepOut):
         """Inner knots inside."""
         places = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
-        below = self.radius(places) - BROKEN * self.obstacle.shape.tolerance
+        below = self.radius(places) - BROKEN * self.tolerances[places.vehicles]
         return places.select(distances < below)
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
@@ -273,6 +276,7 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacl
             inner_knots=inner_knots,
             kept=scenario.fleet.radii + obstacle.deviation,
             margins=margins,
+            tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),
         )
         for number, obstacle in known
     ]

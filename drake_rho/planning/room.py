@@ -181,7 +181,7 @@ def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ro
     for number, obstacle in scenario.known:
         distances = obstacle.distances(positions, np.array([time]))
         room = distances - fleet.radii - obstacle.deviation
-        tolerance = np.array([obstacle.shape.tolerance])
+        tolerance = fleet.obstacle_tolerances(obstacle.shape)
         name = scenario.obstacle_name(number)
         yield Room(name, _WHERE[end], "position", room, needed, tolerance)
 

@@ -87,7 +87,8 @@ def _is_clear(
     clear = np.ones(positions.shape[:2], dtype=bool)
     margin = margins_of(scenario).most
     for _, body in scenario.known:
-        kept = scenario.fleet.radii[:, None] + body.deviation + margin - body.shape.tolerance
+        tolerances = scenario.fleet.obstacle_tolerances(body.shape)[:, None]
+        kept = scenario.fleet.radii[:, None] + body.deviation + margin - tolerances
         deepest = kept - depth * float(body.shape.extent.min())
         clear &= body.distances(positions, times) >= deepest
     return clear

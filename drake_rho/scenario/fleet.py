@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,8 +14,15 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Limits, Quantity, Vehicle
 from drake_rho.scenario.polyhedra import Box
-from drake_rho.scenario.shapes import TOLERANCE
+from drake_rho.scenario.shapes import TOLERANCE, Shape
 from drake_rho.scenario.waypoints import Waypoints, waypoints_of
+
+if TYPE_CHECKING:
+    from drake_rho.scenario.obstacles import Obstacle
+
+_ROUNDINGS = 8.0
+"""Roundings of a coordinate at each knot that a tolerance has room for: twice as many as sums of
+two terms a knot can add up to."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,9 +55,15 @@ class Fleet:
     """Starts, goals, scales and bounds of all vehicles, each computed when first asked for."""
 
     def __init__(
-        self, grid: Grid, vehicles: Sequence[Vehicle], limits: Limits, aside: float = 0.0
+        self,
+        grid: Grid,
+        vehicles: Sequence[Vehicle],
+        limits: Limits,
+        aside: float = 0.0,
+        bodies: Sequence[Obstacle] = (),
     ) -> None:
-        self._grid, self._vehicles, self._limits, self._aside = grid, vehicles, limits, aside
+        self._grid, self._vehicles, self._limits = grid, vehicles, limits
+        self._aside, self._bodies = aside, bodies
         self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
         self._bounds: dict[Quantity, Bounds | None] = {}
         self._largest: dict[Norm, FloatArray] | None = None
@@ -99,30 +113,71 @@ class Fleet:
     def lengths(self) -> FloatArray:
         """Length scale of each motion [m], for tolerances and for a solver's numbers, shape (N,).
 
-        The largest of the way to go, the ways to the waypoints and the ways that the given
-        velocities and acceleration cover in the duration T, but no less than a millionth of the
-        coordinates, which is what their rounding leaves room for, nor than the separation, if
-        there is one, by which others may move it aside; 1 m for a vehicle that stays at the origin.
+        The largest of the ways that a vehicle has to make: to its goal, to its waypoints, those
+        that the given velocities and acceleration cover in the duration T, aside for others (the
+        separation) and for obstacles that move across its way. It depends on no coordinates, but
+        is never so small that their rounding shows. A vehicle that has nothing to do has 1 m.
         """
         T = self._grid.duration
         ways = np.array(
             [
                 self.goal_positions - self.start_positions,
-                1e-6 * self.start_positions,
-                1e-6 * self.goal_positions,
                 T * self.start_velocities,
                 T * self.goal_velocities,
                 T**2 * self.accelerations_before,
                 *(each.positions - self.start_positions for each in self.waypoints),
-                *(1e-6 * each.positions for each in self.waypoints),
             ]
         )
         lengths: FloatArray = np.sqrt(
             np.fmax.reduce(np.vecdot(ways, ways))
         )  # what is free is a NaN
-        lengths = np.maximum(lengths, self._aside)
+        lengths = np.maximum(np.maximum(lengths, self._aside), self._aside_of_obstacles())
         lengths[lengths == 0.0] = 1.0
+        coordinates = np.maximum(np.abs(self.start_positions), np.abs(self.goal_positions))
+        rounding = _ROUNDINGS * self._grid.knots * np.finfo(np.float64).eps
+        lengths = np.maximum(lengths, rounding / TOLERANCE * coordinates.max(axis=1))
         return lengths
+
+    def _aside_of_obstacles(self) -> FloatArray:
+        """How far vehicles may have to move aside of obstacles that cross their ways [m], (N,).
+
+        What an obstacle keeps free at least, and the distance kept from it, where it comes close
+        enough to a vehicle on the straight way to its goal. Nothing for one that stands still:
+        starts and goals are outside of it, so that the way through it is as long.
+        """
+        aside = np.zeros(len(self._vehicles))
+        for body in self._bodies:
+            if body.moves:
+                kept = self.radii + body.deviation
+                met = self._nearest_to(body) <= np.linalg.norm(body.shape.extent) + kept
+                aside[met] = np.maximum(aside, body.shape.extent.min() + kept)[met]
+        return aside
+
+    def _nearest_to(self, body: Obstacle) -> FloatArray:
+        """How close straight ways to the goals come to the middle of an obstacle [m], (N,).
+
+        Both go straight from one corner of its track to the next.
+        """
+        T = self._grid.duration
+        corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
+        times = np.concatenate([[0.0], corners, [T]])
+        ways = self.goal_positions - self.start_positions
+        straight = self.start_positions[:, None] + times[:, None] / T * ways[:, None]
+        x = straight - body.centers(times)
+        begins, legs = x[:, :-1], np.diff(x, axis=1)
+        squares = np.vecdot(legs, legs)
+        part = -np.vecdot(begins, legs) / np.where(squares > 0.0, squares, 1.0)
+        nearest = begins + np.clip(part, 0.0, 1.0)[..., None] * legs
+        distances: FloatArray = np.linalg.norm(nearest, axis=2).min(axis=1)
+        return distances
+
+    def obstacle_tolerances(self, shape: Shape) -> FloatArray:
+        """How deep inside of an obstacle still counts as outside, for each vehicle [m], (N,).
+
+        `TOLERANCE` of its size, but no more than of the motion's scale, so that a ground that is
+        made wide lets nobody in.
+        """
+        return TOLERANCE * np.minimum(shape.size, self.lengths)
 
     def scale(self, quantity: Quantity) -> FloatArray:
         """What is large for a quantity of each motion, in its SI unit, shape (N,).
@@ -198,9 +253,13 @@ class Fleet:
         positions: FloatArray,
         velocities: FloatArray,
         before: FloatArray,
+        bodies: Sequence[Obstacle],
     ) -> Fleet:
-        """The same vehicles with other starts, arrays of shape (N, 3), on another grid."""
-        fleet = Fleet(grid, vehicles, self._limits, self._aside)
+        """The same vehicles with other starts, arrays of shape (N, 3), on another grid.
+
+        Obstacles are on the clock of that grid.
+        """
+        fleet = Fleet(grid, vehicles, self._limits, self._aside, bodies)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before
         fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities

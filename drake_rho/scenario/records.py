@@ -111,7 +111,7 @@ class Scenario:
 
     def _fleet_of(self, vehicles: Sequence[Vehicle]) -> Fleet:
         aside = 0.0 if self.separation is None else self.separation.distance
-        return Fleet(self.grid, vehicles, self.limits, aside)
+        return Fleet(self.grid, vehicles, self.limits, aside, self.bodies_in_flight)
 
     @model_validator(mode="after")
     def _consistent(self, info: ValidationInfo[bool | None]) -> Self:
@@ -212,7 +212,7 @@ class Scenario:
         for number, obstacle in enumerate(self.bodies, start=1):
             distances = obstacle.distances(positions[who], times[who])
             margins = self.fleet.radii[who] + obstacle.deviation
-            inside = distances < margins - obstacle.shape.tolerance
+            inside = distances < margins - self.fleet.obstacle_tolerances(obstacle.shape)[who]
             if np.any(inside):
                 place = int(np.argmax(inside))
                 i, margin, d = who[place], margins[place], float(distances[place])
@@ -282,7 +282,7 @@ class Scenario:
 
     def without_separation(self) -> Scenario:
         """This scenario without a separation."""
-        alone = Fleet(self.grid, self.vehicles, self.limits)
+        alone = Fleet(self.grid, self.vehicles, self.limits, bodies=self.bodies_in_flight)
         return unchecked(self, separation=None, fleet=alone)
 
     def of_vehicles(self, indices: Sequence[int]) -> Scenario:
@@ -321,9 +321,9 @@ class Scenario:
             )
             for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)
         )
-        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before)
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
+        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, bodies)
         return unchecked(
             self,
             grid=grid,

@@ -31,6 +31,7 @@ def check_obstacles(course: Course) -> Iterator[Column]:
         since = obstacle.known_from if late else 0.0
         seen = _Seen.of(course, obstacle, since)
         kept = scenario.fleet.radii + obstacle.deviation
+        tolerances = scenario.fleet.obstacle_tolerances(obstacle.shape)
         for known in (True, False) if late else (True,):
             both = seen.closest(obstacle.shape, since, known=known)
             for part, found in zip((AT_KNOTS, AT_ALL_TIMES), both, strict=True):
@@ -42,7 +43,7 @@ def check_obstacles(course: Course) -> Iterator[Column]:
                     values=found.clearances,
                     limits=limits,
                     excess=limits - found.clearances,
-                    tolerances=np.full(len(limits), obstacle.shape.tolerance),
+                    tolerances=tolerances,
                     errors=found.errors,
                     unit="m",
                     asked=known and (part == AT_KNOTS or scenario.between_knots),
@@ -116,7 +117,7 @@ class _Seen:
             self.pieces.select(owners * len(during) + piece),
             owners[:, None],
             shape.signed_distance,
-            np.full(len(owners), PRECISION * shape.tolerance),
+            PRECISION * course.scenario.fleet.obstacle_tolerances(shape)[owners],
             Least.unknown(values),
             around,
         )
