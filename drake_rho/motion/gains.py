@@ -11,10 +11,19 @@ import numpy as np
 
 from drake_rho.motion.sampled_loop import Responses, is_stable
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import Quantity
 
 _PARTS = np.linspace(0.0, 1.0, 9)
 """Where in a sample positions are looked at."""
+
+_FINE_PARTS = np.linspace(0.0, 1.0, 33)
+"""The same for a bound."""
+
+_BEGIN = np.zeros(1)
+"""The part of a sample at which a feedback is looked at that is constant in it."""
+
+_SHRINKS, _SHRINK = 24, 1e-7
+"""How often a wind is made smaller until its own gains bear it, and by what part at least at first:
+twice as much each time."""
 
 _BANDWIDTHS = 12
 _FASTEST = 1.5
@@ -65,7 +74,11 @@ def best_gains(loop: Loop) -> tuple[float, float]:
 
 @lru_cache(maxsize=256)
 def largest_wind(loop: Loop, radius: float) -> float:
-    """The largest wind [m/s²] for which there are gains that keep within a radius and the limit.
+    """Return the largest wind [m/s²] for which a position stays within a radius, and feedback too.
+
+    That is so with the gains that `best_gains` has for this wind, at every instant. Between two
+    parts of a sample that are w apart, the radius is above the larger one of those at both by
+    κ w²/8 at most, κ being that of the feedback (`drake_rho.motion.radii`).
 
     Args:
         loop: what the gains are for, with errors as they are; its wind is not looked at.
@@ -76,24 +89,44 @@ def largest_wind(loop: Loop, radius: float) -> float:
     """
     if not np.isfinite(radius):
         return np.inf
-    unit, errors = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, *loop.sizes[1:]])
+
+    def borne(responses: Responses) -> float:
+        return _borne(loop, responses, radius)
 
     def cost(responses: Responses) -> float:
-        most = np.inf
-        limits: tuple[tuple[Quantity, FloatArray, float], ...] = (
-            ("position", _PARTS, radius),
-            ("acceleration", _PARTS[:1], loop.limit),
-        )
-        for quantity, parts, limit in limits:
-            left = limit - responses.radii(quantity, parts, errors)
-            taken = responses.radii(quantity, parts, unit)
-            at_all = taken > 0.0
-            most = min(most, np.min(left[at_all] / taken[at_all], initial=np.inf))
-            if left.min() < 0.0:
-                return np.inf
+        most = borne(responses)
         return -float(np.log(most)) if most > 0.0 else np.inf
 
-    return float(np.exp(-_search(cost, loop.delay, loop.samples)[1]))
+    wind = float(np.exp(-_search(cost, loop.delay, loop.samples)[1]))
+    for number in range(_SHRINKS):  # gains that are best for the least peak may bear a little less
+        gains = best_gains(loop._replace(sizes=(wind, *loop.sizes[1:])))
+        most = borne(Responses.of(gains, loop.delay, loop.samples))
+        if wind <= most:
+            return wind
+        wind = min(most, wind * (1.0 - _SHRINK * 2.0**number))
+    return 0.0
+
+
+def _borne(loop: Loop, responses: Responses, radius: float) -> float:
+    """Return the largest wind that given gains bear, 0 where the errors are too much [m/s²]."""
+    unit, errors = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, *loop.sizes[1:]])
+    above = (_FINE_PARTS[1] - _FINE_PARTS[0]) ** 2 / 8.0
+    taken, needed = (
+        responses.radii("position", _FINE_PARTS, sizes)
+        + above * responses.radii("acceleration", _BEGIN, sizes)
+        for sizes in (unit, errors)
+    )
+    pairs = [(taken, radius - needed)]
+    if np.isfinite(loop.limit):
+        taken, needed = (responses.radii("acceleration", _BEGIN, each) for each in (unit, errors))
+        pairs.append((taken, loop.limit - needed))
+    most = np.inf
+    for taken, left in pairs:
+        if left.min() < 0.0:
+            return 0.0
+        at_all = taken > 0.0
+        most = min(most, float(np.min(left[at_all] / taken[at_all], initial=np.inf)))
+    return most
 
 
 def _search(

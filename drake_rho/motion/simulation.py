@@ -46,8 +46,8 @@ class Simulation(metaclass=Described):
     plant: str = "point mass"
     """what was flown: a point mass, or the name of a plant that follows the commands less well"""
     elapsed: FloatArray | None = None
-    """times since the first knot [s], shape (M,), exact also where the clock is far from 0 and rounds
-    `times`; what `times` say if not given"""
+    """times since the first knot [s], shape (M,): exact, where a clock far from 0 rounds `times`;
+    taken from these if not given"""
 
     def __post_init__(self) -> None:
         times = locked(self.times)

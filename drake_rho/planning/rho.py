@@ -206,7 +206,7 @@ class RecedingHorizon:
             before = left.fleet.accelerations_before
             left = left.from_states(left.grid, positions, velocities, before, tracking)
         elif left.disturbance is not None:
-            left = unchecked(left, disturbance=unchecked(left.disturbance, tracking=tracking))
+            left = left.with_disturbance(unchecked(left.disturbance, tracking=tracking))
         off = beyond(left, away, *tube_and_estimate(tail.scenario))
         nothing_new = (
             left is tail.scenario

@@ -106,7 +106,7 @@ def _bearable(scenario: Scenario, margins: Margins) -> float:
     """
     tube = tube_of(scenario)
     calm = unchecked(tube.disturbance, acceleration=0.0, tracking=tube.tracking)
-    without = margins_of(unchecked(scenario, disturbance=calm))
+    without = margins_of(scenario.with_disturbance(calm))
     part = 1.0
     for windy, still in zip(_rooms(scenario, margins), _rooms(scenario, without), strict=True):
         more = windy.needed - still.needed
@@ -228,5 +228,5 @@ def with_room(scenario: Scenario) -> Scenario:
     if separation is not None:
         distance = separation.distance + 2.0 * float(apart.min())
         separation = dataclasses.replace(separation, distance=distance)
-    larger = unchecked(scenario, vehicles=vehicles, separation=separation, disturbance=None)
+    larger = scenario.derived(vehicles=vehicles, separation=separation, disturbance=None)
     return larger.of_vehicles(range(len(vehicles)))

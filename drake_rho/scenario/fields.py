@@ -198,14 +198,15 @@ def record(cls: type[_Record]) -> type[_Record]:
 
 
 def unchecked(old: _Record, **changes: object) -> _Record:
-    """A copy of a record with other values that are known to be valid, arrays write-locked.
+    """Return a copy of a record with other values that are known to be valid, arrays write-locked.
 
-    What the record has computed of itself is copied too; `changes` replace what does not hold.
-    For states that a plan has reached: to check every one of a thousand vehicles again in every
-    window costs more than to plan it.
+    What the record has computed of itself is not copied, as it may not hold of the copy; `changes`
+    can name what does. For states that a plan has reached: to check every one of a thousand
+    vehicles again in every window costs more than to plan it.
     """
     copy = object.__new__(type(old))
-    copy.__dict__.update(old.__dict__, **changes)
+    fields = old.__dataclass_fields__  # type: ignore[attr-defined]  # of every record
+    copy.__dict__.update({name: old.__dict__[name] for name in fields}, **changes)
     return copy
 
 

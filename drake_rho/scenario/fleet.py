@@ -135,7 +135,7 @@ class Fleet:
         lengths[lengths == 0.0] = 1.0
         coordinates = np.maximum(np.abs(self.start_positions), np.abs(self.goal_positions))
         rounding = _ROUNDINGS * self._grid.knots * np.finfo(np.float64).eps
-        lengths = np.maximum(lengths, rounding / TOLERANCE * coordinates.max(axis=1))
+        lengths[:] = np.maximum(lengths, rounding / TOLERANCE * coordinates.max(axis=1))
         return lengths
 
     def _aside_of_obstacles(self) -> FloatArray:

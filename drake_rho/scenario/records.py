@@ -269,7 +269,7 @@ class Scenario:
 
     def without_obstacles(self) -> Scenario:
         """This scenario with nothing in the way (the paper's Examples 1 and 3)."""
-        return unchecked(self, obstacles=(), bodies=(), bodies_in_flight=(), fleet=self.fleet)
+        return self.derived(obstacles=(), bodies=(), bodies_in_flight=())
 
     def on_grid(self, grid: Grid) -> Scenario:
         """This scenario on another grid, on which the feedback is sampled as often or more often.
@@ -283,12 +283,28 @@ class Scenario:
     def without_separation(self) -> Scenario:
         """This scenario without a separation."""
         alone = Fleet(self.grid, self.vehicles, self.limits, bodies=self.bodies_in_flight)
-        return unchecked(self, separation=None, fleet=alone)
+        return self.derived(separation=None, fleet=alone)
+
+    def with_disturbance(self, disturbance: Disturbance | None) -> Scenario:
+        """Return this scenario with another disturbance, which is known to fit its grid."""
+        return self.derived(disturbance=disturbance)
+
+    def derived(self, **changes: object) -> Scenario:
+        """Return a copy with other values that are known to be valid.
+
+        What is computed of vehicles and obstacles is that of this scenario, but for changes.
+        """
+        own = {
+            "bodies": self.bodies,
+            "bodies_in_flight": self.bodies_in_flight,
+            "fleet": self.fleet,
+        }
+        return unchecked(self, **(own | changes))
 
     def of_vehicles(self, indices: Sequence[int]) -> Scenario:
         """This scenario of some of its vehicles only, which are not looked at again."""
         vehicles = tuple(self.vehicles[index] for index in indices)
-        return unchecked(self, vehicles=vehicles, fleet=self._fleet_of(vehicles))
+        return self.derived(vehicles=vehicles, fleet=self._fleet_of(vehicles))
 
     def from_states(
         self,
@@ -324,8 +340,7 @@ class Scenario:
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
         fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, bodies)
-        return unchecked(
-            self,
+        return self.derived(
             grid=grid,
             vehicles=vehicles,
             fleet=fleet,
