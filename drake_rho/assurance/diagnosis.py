@@ -28,6 +28,10 @@ class Diagnosis(metaclass=Described):
     shortest_duration: float | None
     """least T for which a plan was found with everything else unchanged [s]; None if there is none
     up to `feasibility.LARGEST_FACTOR` times the scenario's"""
+    longest_duration: float | None
+    """where a plan was found for a shorter T only, the greatest such T [s]: longer is not always
+    possible with a disturbance, obstacles that move, waypoints, or motion at start or goal; else
+    None"""
     is_monotone: bool
     """whether a plan for one duration means a plan for every longer one, so that the shortest is
     exact to `feasibility.BISECTED`; else shorter ones may have been passed over"""
@@ -97,7 +101,12 @@ class Diagnosis(metaclass=Described):
 
     def _repairs(self) -> list[str]:
         ways = []
-        if self.shortest_duration is not None:
+        if self.longest_duration is not None:
+            ways.append(
+                f"a duration of {_rounded_down(self.longest_duration)} s or perhaps another "
+                f"instead of {self.scenario.grid.duration:.5g} s"
+            )
+        elif self.shortest_duration is not None:
             ways.append(self._duration(self.shortest_duration))
         if self.acceleration_factor is not None:
             ways.append(

@@ -31,6 +31,10 @@ BISECTED_APART = 1e-2
 LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""
 
+SHORTER = 0.5**0.5
+"""The next shorter duration that is tried, in parts of the last one, where shorter may help: the
+durations that have a plan may be few."""
+
 
 def diagnose(
     scenario: Scenario, *, solver: Solver | None = None, progress: Progress | None = None
@@ -39,6 +43,8 @@ def diagnose(
 
     Obstacles are taken as in the first linearisation, around the plan without them; the repairs
     are found with the first plan of `plan_scp`, which also tries ways round.
+
+    Where longer is not always possible (`can_be_slower`), shorter durations are tried as well.
 
     Args:
         scenario: what is asked.
@@ -71,11 +77,13 @@ def diagnose(
             conflicts = {name: (*why, "disturbance") for name, why in conflicts.items()}
     else:
         conflicts, violations = {}, verify(plan).violations
+    shortest, longest = _durations(scenario, trials)
     return Diagnosis(
         scenario=scenario,
         conflicts=conflicts,
         violations=tuple(one for one in violations if one.vehicle in conflicts),
-        shortest_duration=_shortest_duration(scenario, trials),
+        shortest_duration=shortest,
+        longest_duration=longest,
         is_monotone=is_monotone(scenario),
         acceleration_factor=_smallest_relaxation(scenario, trials),
         bearable_wind=bearable,
@@ -89,7 +97,8 @@ def shortest_plan(
 
     The flight begins at the same time, and obstacles move as they did. The duration is found by
     bisection to a relative `BISECTED`. Where feasibility grows with the duration (`is_monotone`)
-    none is shorter; else a shorter one may have been passed over.
+    none is shorter; else a shorter one may have been passed over, and where longer is not always
+    possible (`can_be_slower`), a scenario without a plan may have one for a shorter duration.
 
     Args:
         scenario: what is asked; its own duration need not be feasible.
@@ -97,9 +106,10 @@ def shortest_plan(
         progress: called with a few words on what is being done, as on each trial.
 
     Raises:
-        InfeasibleError: no duration up to `LARGEST_FACTOR` times the scenario's has a plan.
+        InfeasibleError: no duration that was tried, up to `LARGEST_FACTOR` times the scenario's,
+            has a plan.
     """
-    duration = _shortest_duration(scenario, _Trials(solver, progress))
+    duration, _ = _durations(scenario, _Trials(solver, progress))
     if duration is None:
         plan_scp(scenario, solver=solver, progress=progress)  # raises, with the reason
         raise SolverError("a duration had a plan that could not be found again")
@@ -108,16 +118,25 @@ def shortest_plan(
 
 
 def is_monotone(scenario: Scenario) -> bool:
-    """Whether a plan for one duration can be flown slower for any longer one.
+    """Return whether a plan for one duration means that one is found for every longer one.
+
+    With obstacles or a separation that is not claimed where it is true of the problem
+    (`can_be_slower`) either, since the planner may miss the plan of one duration and find that of
+    another.
+    """
+    return can_be_slower(scenario) and not scenario.obstacles and scenario.separation is None
+
+
+def can_be_slower(scenario: Scenario) -> bool:
+    """Return whether a plan for one duration can be flown slower for any longer one.
 
     That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
     motion can be stretched in time, which leaves its path and makes its derivatives smaller. Limits
     on norms never do: they are convex sets in which rest and hovering are, so that what is between
-    these and a value inside is inside. Waypoints have times of their own, which are not stretched.
-    With obstacles or a separation it is true of the problem too, but not claimed, since the planner
-    may miss the plan of one duration and find that of another.
+    these and a value inside is inside. Waypoints have times of their own, which are not stretched,
+    as have obstacles that move; and errors grow with the time that a disturbance has for it.
     """
-    if scenario.obstacles or scenario.separation is not None:
+    if scenario.disturbance is not None or any(body.moves for body in scenario.bodies):
         return False
     for vehicle in scenario.vehicles:
         limits = scenario.limits_of(vehicle)
@@ -165,44 +184,66 @@ class _Trials:
         return True
 
 
-def _shortest_duration(scenario: Scenario, trials: _Trials) -> float | None:
-    """The least duration with a plan [s]; None if none is found."""
-    duration = scenario.grid.duration
+def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float | None]:
+    """Return the least duration with a plan, and the greatest if that is below the scenario's [s].
+
+    None where none is found; and for the greatest, where the scenario's own, or a longer one, has a
+    plan.
+    """
+    duration, precision = scenario.grid.duration, _precision(scenario)
 
     def lasting(factor: float) -> bool:
         words = f"a duration of {factor * duration:.5g} s"
         return trials.has_plan(lambda: _lasting(scenario, factor), words)
 
-    factor = _least_factor(lasting, 1.0 / LARGEST_FACTOR, _precision(scenario))
-    return None if factor is None else factor * duration
+    high = _some_factor(lasting, shorter=not can_be_slower(scenario))
+    if high is None:
+        return None, None
+    longest = None
+    if high < 1.0:
+        longest = duration * _boundary(lasting, high, high / SHORTER, precision)
+    while 1.0 >= high > 1.0 / LARGEST_FACTOR and lasting(high / 2.0):
+        high /= 2.0
+    if high > 1.0 / LARGEST_FACTOR:
+        high = _boundary(lasting, high, high / 2.0, precision)
+    return duration * high, longest
 
 
-def _least_factor(
-    has_plan: Callable[[float], bool], smallest: float, precision: float
-) -> float | None:
-    """The least factor that has a plan, by doubling or halving, then bisection.
+def _some_factor(has_plan: Callable[[float], bool], *, shorter: bool) -> float | None:
+    """Return a factor that has a plan, of powers of two and, if `shorter`, of `SHORTER`."""
+    if has_plan(1.0):
+        return 1.0
+    longer, less = 2.0, SHORTER
+    while longer <= LARGEST_FACTOR:
+        if has_plan(longer):
+            return longer
+        while shorter and less >= 1.0 / longer:
+            if has_plan(less):
+                return less
+            less *= SHORTER
+        longer *= 2.0
+    return None
+
+
+def _boundary(
+    has_plan: Callable[[float], bool], one: float, other: float, precision: float
+) -> float:
+    """Return the last factor with a plan on the way from one that has it to one that has not."""
+    while abs(one - other) > precision * max(one, other):
+        middle = (one + other) / 2.0
+        one, other = (middle, other) if has_plan(middle) else (one, middle)
+    return one
+
+
+def _least_factor(has_plan: Callable[[float], bool], precision: float) -> float | None:
+    """Return the least factor from 1 on that has a plan, by doubling, then bisection.
 
     None if none up to the largest has.
     """
-    high = 1.0
-    if has_plan(high):
-        while high > smallest and has_plan(high / 2.0):
-            high /= 2.0
-        if high <= smallest:
-            return high
-    else:
-        while not has_plan(high):
-            high *= 2.0
-            if high > LARGEST_FACTOR:
-                return None
-    low = high / 2.0
-    while high - low > precision * high:
-        middle = (low + high) / 2.0
-        if has_plan(middle):
-            high = middle
-        else:
-            low = middle
-    return high
+    factor = _some_factor(has_plan, shorter=False)
+    if factor is None or factor == 1.0:
+        return factor
+    return _boundary(has_plan, factor, factor / 2.0, precision)
 
 
 def _precision(scenario: Scenario) -> float:
@@ -242,7 +283,7 @@ def _smallest_relaxation(scenario: Scenario, trials: _Trials) -> float | None:
         words = f"acceleration limits {factor:.5g} times as wide"
         return trials.has_plan(lambda: _stronger(scenario, factor), words)
 
-    return _least_factor(suffices, 1.0, _precision(scenario))
+    return _least_factor(suffices, _precision(scenario))
 
 
 def _stronger(scenario: Scenario, factor: float) -> Scenario:

@@ -90,6 +90,7 @@ def why(diagnosis: Diagnosis) -> Why:
         conflicts={name: list(names) for name, names in diagnosis.conflicts.items()},
         violations=[_check(each) for each in diagnosis.violations],
         shortest_duration_s=diagnosis.shortest_duration,
+        longest_duration_s=diagnosis.longest_duration,
         is_monotone=diagnosis.is_monotone,
         acceleration_factor=diagnosis.acceleration_factor,
         bearable_wind_mps2=diagnosis.bearable_wind,

@@ -167,6 +167,8 @@ class Why:
     """what the motion breaks that breaks the constraints least in total, the worst first"""
     shortest_duration_s: float | None
     """least duration for which a plan was found, all else unchanged"""
+    longest_duration_s: float | None
+    """where a plan was found for a shorter duration only, the greatest such duration"""
     is_monotone: bool
     """whether none shorter has a plan; else some may have been passed over"""
     acceleration_factor: float | None

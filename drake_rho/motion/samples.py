@@ -56,16 +56,18 @@ def check_rate(rate: float | None) -> None:
 
 
 def sample(flown: Plan | Flight | Simulation, elapsed: FloatArray) -> Samples:
-    """The states at some times since the first knot [s], shape (M,).
+    """Return the states at some times since the first knot [s], shape (M,).
 
-    At a knot they are those of the plan to the last digit. Of a flight they are those of what was
-    flown, of a simulation those of the true motion.
+    At a knot they are those of the plan to the last digit; from the last one on they stay what they
+    are there, without acceleration. Of a flight they are those of what was flown, of a simulation
+    those of the true motion.
 
     Raises:
         ValueError: a number is beyond any flight, and would be refused when it is read again.
     """
     scenario = flown.scenario
-    p, v, a = _true(flown, elapsed) if isinstance(flown, Simulation) else _planned(flown, elapsed)
+    known = np.minimum(elapsed, scenario.grid.elapsed[-1])
+    p, v, a = _true(flown, known) if isinstance(flown, Simulation) else _planned(flown, known)
     ended = elapsed >= scenario.grid.elapsed[-1] - _SAME * scenario.grid.step
     names = tuple(vehicle.name for vehicle in scenario.vehicles)
     a = np.where(ended[:, None], 0.0, a)

@@ -196,17 +196,20 @@ class ErrorTube(metaclass=Described):
 
 def error_tube(
     scenario: Scenario,
-    initial: tuple[float, float] = (0.0, 0.0),
+    initial: tuple[float, float] | None = None,
     *,
     gains: tuple[float, float] | None = None,
 ) -> ErrorTube:
-    """The tube of a scenario's vehicles around any plan, with the best gains for it.
+    """Return the tube of a scenario's vehicles around any plan, with the best gains for it.
 
-    Without a disturbance there is no feedback, and only an initial error is in the tube.
+    Without a disturbance there is no feedback, and only an initial error is in the tube. Where the
+    disturbance says how a plan is tracked (`Disturbance.tracking`), that is where its gains are
+    from and, if no first errors are given, when the tube begins and with which.
 
     Args:
         scenario: what is asked.
-        initial: largest norms of the errors of position [m] and velocity [m/s] at the first knot.
+        initial: largest norms of the errors of position [m] and velocity [m/s] at the first knot;
+            none if not given, as vehicles begin exactly at their starts.
         gains: k_p [1/s²] and k_v [1/s], to keep those of another tube; searched if not given, so
             that the largest radius of the position is as small as can be while that of the feedback
             is at most its share of the tightest acceleration limit.
@@ -221,7 +224,11 @@ def error_tube(
         0.241 m
     """
     disturbance = scenario.disturbance or Disturbance(0.0)
-    tube = ErrorTube(disturbance, scenario.grid, gains or (0.0, 0.0), initial)
+    if (tracked := disturbance.tracking) is not None and gains is None:
+        if initial is None:
+            return _tracked(disturbance, tracked, scenario.grid)
+        gains = tracked.gains
+    tube = ErrorTube(disturbance, scenario.grid, gains or (0.0, 0.0), initial or (0.0, 0.0))
     if gains is not None or scenario.disturbance is None:
         return tube
     alpha, beta = best_gains(_loop(scenario, tube))
@@ -229,18 +236,18 @@ def error_tube(
 
 
 def tube_of(scenario: Scenario) -> ErrorTube:
-    """The tube around a plan of a scenario, which may be under way: what planners keep clear of.
+    """Return the tube around a plan of a scenario, which may be under way: `error_tube`, kept.
 
-    That of `error_tube` where nothing is tracked yet; else it begins where the plan did that is.
+    It is what planners keep clear of.
     """
-    around = scenario.disturbance
-    if around is None or around.tracking is None:
-        return _known(error_tube(scenario))
-    tracked, grid = around.tracking, scenario.grid
+    return _known(error_tube(scenario))
+
+
+def _tracked(around: Disturbance, tracked: Tracking, grid: Grid) -> ErrorTube:
+    """Return the tube that began where a plan did that is tracked."""
     before = round((grid.start - tracked.since) / grid.step)
     whole = grid if before == 0 else Grid(grid.step, grid.knots + before, tracked.since)
-    first = tracked.position, tracked.velocity
-    return _known(ErrorTube(around, whole, tracked.gains, first))
+    return ErrorTube(around, whole, tracked.gains, (tracked.position, tracked.velocity))
 
 
 @lru_cache(maxsize=64)

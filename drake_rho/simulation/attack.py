@@ -10,23 +10,25 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from itertools import combinations
+from functools import partial
 
 import numpy as np
 
-from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
-from drake_rho.motion.tube import ErrorTube, error_tube
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, locked
+from drake_rho.scenario.fields import FloatArray, IntArray, locked
+from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import adopted, fly_plan
 from drake_rho.simulation.winds import WindOverTime
 from drake_rho.simulation.worst_case import WorstCase, worst_case
-
-_PER_STEP = 50
-"""Times in a step of the grid at which clearances are looked at, before the least is refined."""
+from drake_rho.verification.boxes import check_position_box
+from drake_rho.verification.course import Course
+from drake_rho.verification.obstacles import check_obstacle
+from drake_rho.verification.report import PRECISION, Column
+from drake_rho.verification.separation import check_separation
+from drake_rho.verification.tubes import Tubes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -96,8 +98,6 @@ class _Kept:
     """of positions (V, T, 3) [m] at times (T,) [s], shape (T,) [m]"""
     inward: Callable[[FloatArray, FloatArray], FloatArray]
     """unit vectors in which vehicles have least clearance, (V, 1, 3) and (1,) to (V, 3)"""
-    speed: float = 0.0
-    """greatest speed of what is kept clear of, if that is no vehicle [m/s]"""
 
 
 def attack(scenario: Scenario, plan: Plan) -> Attack:
@@ -128,117 +128,81 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
         expected = "one that says how strong wind is, in a scenario that is not under way"
         raise ValueError(f"scenario.disturbance: got {around}, expected {expected}")
     plan = adopted(scenario, plan)
-    tube, motion, start = error_tube(scenario), plan.motion(), scenario.grid.start
-    tightest = _tightest_of_all(scenario, motion, tube)
+    tightest = _tightest_of_all(scenario, plan)
     if tightest is None:
         expected = "obstacles, a separation or position boxes, to come close to"
         raise ValueError(f"scenario: got nothing to keep clear of, expected {expected}")
-    bound, time, kept = tightest
+    time, kept = tightest.time, tightest.kept
     who, now = list(kept.vehicles), np.array([time])
-    at = motion.at("position", now - start)[who]
+    at = plan.motion().at("position", now - scenario.grid.start)[who]
     directions = np.zeros((len(scenario.vehicles), 3))
     directions[who] = kept.inward(at, now)
-    wind = AimedWind(worst_case(scenario, [1, 0, 0], time, tube=tube), locked(directions))
+    wind = AimedWind(worst_case(scenario, [1, 0, 0], time), locked(directions))
     simulation = fly_plan(scenario, plan, wind=wind)
     m = int(np.argmin(np.abs(simulation.times - time)))
     left = kept.clearance(simulation.positions[m, who][:, None], now)
     names = tuple(scenario.vehicles[i].name for i in who)
     planned = float(kept.clearance(at, now)[0])
-    return Attack(kept.name, names, time, planned, bound, float(left[0]), wind, simulation)
+    return Attack(kept.name, names, time, planned, tightest.bound, float(left[0]), wind, simulation)
 
 
-def _tightest_of_all(
-    scenario: Scenario, motion: Motion, tube: ErrorTube
-) -> tuple[float, float, _Kept] | None:
-    """What has the least clearance less radii, as `_tightest` says; None without constraints.
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Tightest:
+    """Where there is least clearance less radii."""
 
-    Each is looked at closely only if its clearances at the knots leave room for less than is found.
+    bound: float
+    """no clearance less radius is below it [m]"""
+    time: float
+    """on the scenario's clock [s]"""
+    kept: _Kept
+    """what is come closest to"""
+
+
+def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
+    """Return what has the least clearance less radii, as the judge finds it; None without any.
+
+    The judge misses no smaller one by more than the part `PRECISION` of the tolerance.
     """
-    grid = scenario.grid
-    most = float(tube.position_over(grid.times[:-1], grid.times[1:]).max())
-
-    def no_less(kept: _Kept) -> float:
-        who = list(kept.vehicles)
-        v = motion.velocities[who]
-        speed = np.linalg.norm(v[0] - v[1] if len(who) == 2 else v[0], axis=1).max() + kept.speed
-        at_knots = kept.clearance(motion.positions[who], grid.times).min()
-        return float(at_knots - grid.step / 2.0 * speed - len(who) * most)
-
-    found: tuple[float, float, _Kept] | None = None
-    bounds = [(no_less(kept), kept) for kept in _all_kept(scenario)]
-    for least, kept in sorted(bounds, key=lambda pair: pair[0]):
-        if found is not None and least >= found[0]:
-            break
-        closer = _tightest(scenario, kept, motion, tube)
-        found = closer if found is None or closer[0] < found[0] else found
+    course = Course.of(scenario, plan.motion(), Tubes.around(plan))
+    found: _Tightest | None = None
+    for column, kept_by in _judged(course):
+        if column.always != scenario.between_knots:
+            continue
+        bounds = -np.asarray(column.excess) - PRECISION * column.tolerances
+        i = int(np.argmin(bounds))
+        if np.isfinite(bounds[i]) and (found is None or bounds[i] < found.bound):
+            found = _Tightest(float(bounds[i]), float(column.times[i]), kept_by(i))
     return found
 
 
-def _tightest(
-    scenario: Scenario, kept: _Kept, motion: Motion, tube: ErrorTube
-) -> tuple[float, float, _Kept]:
-    """The least clearance less radii [m], and its time on the clock [s]."""
-    from scipy.optimize import minimize_scalar  # slow to load, so only where needed
-
-    grid, who = scenario.grid, list(kept.vehicles)
-
-    def left(times: FloatArray) -> FloatArray:
-        positions = motion.at("position", times - grid.start)[who]
-        return np.asarray(kept.clearance(positions, times) - len(who) * tube.position(times))
-
-    if not scenario.between_knots:
-        values = left(grid.times)
-        return float(values.min()), float(grid.times[np.argmin(values)]), kept
-    corners = [obstacle.corners for obstacle in scenario.bodies]
-    times = np.linspace(grid.start, grid.end, _PER_STEP * (grid.knots - 1) + 1)
-    times = np.union1d(times, np.concatenate([grid.times, *corners]))
-    times = times[(times >= grid.start) & (times <= grid.end)]
-    values = left(times)
-    k = int(np.argmin(values))
-    pieces = [(times[max(k - 1, 0)], times[k]), (times[k], times[min(k + 1, len(times) - 1)])]
-    found = [(float(values[k]), float(times[k]))]
-    for begin, end in pieces:  # in each the motion is smooth
-        if end > begin:
-            least = minimize_scalar(
-                lambda time: float(left(np.array([time]))[0]),
-                bounds=(begin, end),
-                method="bounded",
-                options={"xatol": 1e-6 * (end - begin)},
-            )
-            found.append((float(least.fun), float(least.x)))
-    return *min(found), kept
-
-
-def _all_kept(scenario: Scenario) -> Iterator[_Kept]:
-    """Everything that vehicles keep clear of, vehicle by vehicle and pair by pair."""
-    count = range(len(scenario.vehicles))
+def _judged(course: Course) -> Iterator[tuple[Column, Callable[[int], _Kept]]]:
+    """Yield the judge's columns, and what is kept clear of in the row of a vehicle."""
+    scenario = course.scenario
     for number in range(1, len(scenario.bodies) + 1):
-        yield from (_from_obstacle(scenario, number, i) for i in count)
-    if scenario.separation is not None:
-        yield from (_from_each_other(scenario, *pair) for pair in combinations(count, 2))
+        for column in check_obstacle(course, number):
+            yield column, partial(_from_obstacle, scenario, number)
+    for column in check_separation(course, far=np.inf):
+        assert column.partners is not None  # noqa: S101  # of a separation there always are
+        yield column, partial(_from_each_other, scenario, column.partners)
     if (bounds := scenario.fleet.bounds("position")) is not None:
-        for i in count:
-            if np.any(np.isfinite([bounds.lower[i], bounds.upper[i]])):
-                yield _within(bounds.lower[i], bounds.upper[i], i)
+        for column in check_position_box(course):
+            yield column, partial(_within, bounds)
 
 
 def _from_obstacle(scenario: Scenario, number: int, i: int) -> _Kept:
     obstacle = scenario.bodies[number - 1]
     margin = float(scenario.fleet.radii[i]) + obstacle.deviation
-    moments = np.append(obstacle.corners, scenario.grid.start)
-    speed = float(np.linalg.norm(obstacle.velocities(moments), axis=1).max())
     return _Kept(
         scenario.obstacle_name(number),
         (i,),
         lambda p, times: obstacle.distances(p[0], times) - margin,
         lambda p, times: -obstacle.shape.outward(p[0] - obstacle.centers(times)),
-        speed,
     )
 
 
-def _from_each_other(scenario: Scenario, i: int, j: int) -> _Kept:
+def _from_each_other(scenario: Scenario, partners: IntArray, i: int) -> _Kept:
     assert scenario.separation is not None  # noqa: S101  # asked before
-    shape = scenario.separation.shape
+    shape, (i, j) = scenario.separation.shape, sorted((i, int(partners[i])))
 
     def inward(p: FloatArray, times: FloatArray) -> FloatArray:
         n = shape.outward(p[0] - p[1])
@@ -247,7 +211,8 @@ def _from_each_other(scenario: Scenario, i: int, j: int) -> _Kept:
     return _Kept("separation", (i, j), lambda p, _: shape.signed_distance(p[0] - p[1]), inward)
 
 
-def _within(lower: FloatArray, upper: FloatArray, i: int) -> _Kept:
+def _within(bounds: Bounds, i: int) -> _Kept:
+    lower, upper = bounds.lower[i], bounds.upper[i]
     sides = np.concatenate([np.eye(3), -np.eye(3)])  # outwards
 
     def rooms(p: FloatArray) -> FloatArray:

@@ -20,6 +20,18 @@ from drake_rho.verification.course import Course
 from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, UNITS, Column
 
 
+def check_position_box(course: Course) -> Iterator[Column]:
+    """Judge the box of positions, if there is one: at the knots, and at every instant."""
+    scenario, box = course.scenario, course.scenario.fleet.bounds("position")
+    if box is None:
+        return
+    values, errors = course.positions[:, course.knots], course.errors(course.knots)
+    found = _extremes_at(course.times[course.knots], values, errors)
+    yield _check_box(scenario, "position", AT_KNOTS, box, found)
+    always = _extremes_at_all_times(course, box)
+    yield _check_box(scenario, "position", AT_ALL_TIMES, box, always)
+
+
 def check_boxes(course: Course, jerks: FloatArray) -> Iterator[Column]:
     """The checks of every box that the scenario has.
 
@@ -28,10 +40,8 @@ def check_boxes(course: Course, jerks: FloatArray) -> Iterator[Column]:
         jerks: of the plan, at the knots that begin a step [m/s³], shape (N, K-1, 3).
     """
     scenario, bounds = course.scenario, course.scenario.fleet.bounds
-    if (box := bounds("position")) is not None:
-        values, errors = course.positions[:, course.knots], course.errors(course.knots)
-        found = _extremes_at(course.times[course.knots], values, errors)
-        yield _check_box(scenario, "position", AT_KNOTS, box, found)
+    position = list(check_position_box(course))
+    yield from position[:1]
     if (box := bounds("velocity")) is not None:
         yield _check_box(scenario, "velocity", AT_KNOTS, box, _extremes_of_velocity(course))
     if (box := bounds("acceleration")) is not None:
@@ -44,9 +54,7 @@ def check_boxes(course: Course, jerks: FloatArray) -> Iterator[Column]:
         times = scenario.grid.times[:-1]
         found = _extremes_at(times, jerks, np.zeros(len(times)), skipped)
         yield _check_box(scenario, "jerk", AT_KNOTS, box, found)
-    if (box := bounds("position")) is not None:
-        always = _extremes_at_all_times(course, box)
-        yield _check_box(scenario, "position", AT_ALL_TIMES, box, always)
+    yield from position[1:]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,6 +135,7 @@ def _check_box(
         tolerances=bounds.tolerances[i, axis],
         unit=UNITS[quantity],
         asked=when == AT_KNOTS or scenario.between_knots,
+        always=when == AT_ALL_TIMES,
         due=np.isfinite(bounds.lower[:, 0]) & ~nothing,
     )
 

@@ -19,7 +19,7 @@ from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.course import Course
 from drake_rho.verification.steps import Steps
 
-_FAR = 4.0
+FAR = 4.0
 """In separations: beyond it only the pairs that are closest at a knot are followed in time."""
 
 _LARGEST = 1e150
@@ -61,7 +61,7 @@ def closest_at_knots(course: Course, separation: Separation) -> Closest:
     own = neighbours[..., 0] == np.arange(count)  # in the same place, perhaps the second
     partners = np.where(own, neighbours[..., 1], neighbours[..., 0])
     if course.tubes is not None and not separation.is_round:
-        far = _FAR * separation.distance + errors
+        far = FAR * separation.distance + errors
         partners, distances = _closest_to_ellipsoid(positions, separation, partners, far)
     k, vehicles = np.argmin(distances - errors[:, None], axis=0), np.arange(count)
     times = course.elapsed[course.knots][k]
@@ -108,25 +108,26 @@ def _from_ellipsoid(separation: Separation, x: FloatArray) -> FloatArray:
 
 
 def closest_at_all_times(
-    course: Course, separation: Separation, knots: Closest, precision: float
+    course: Course, separation: Separation, knots: Closest, precision: float, far: float = FAR
 ) -> Closest:
-    """The closest at every instant.
+    """Return the closest at every instant.
 
-    It is the least of all others where that is below four separations; for a vehicle that no other
-    comes so close to, it is not above that of the one which is closest at a knot.
+    It is the least of all others where that is not far; for a vehicle that no other comes so close
+    to, it is not above that of the one which is closest at a knot.
 
     Args:
         course: of N >= 2 vehicles.
         separation: how distances are measured.
         knots: the closest at the knots.
         precision: by how much a smaller distance may be missed [m].
+        far: in separations, what is no longer looked for.
     """
     if not np.all(np.isfinite(knots.distances)):
         return knots
     count = len(course.durations)
     states = (course.positions, course.velocities, course.accelerations)
     scaled = course.steps_of(*(separation.scaled(each) for each in states))
-    pairs, k = _candidates(scaled, course, separation, knots)
+    pairs, k = _candidates(scaled, course, separation, knots, far * separation.distance)
     one, other = (count * vehicle + k for vehicle in pairs.T)
     exactly = course.tubes is not None and not separation.is_round
     steps = course.steps if exactly else scaled
@@ -152,7 +153,7 @@ def closest_at_all_times(
 
 
 def _candidates(
-    steps: Steps, course: Course, separation: Separation, knots: Closest
+    steps: Steps, course: Course, separation: Separation, knots: Closest, far: float
 ) -> tuple[IntArray, IntArray]:
     """Pairs, shape (M, 2), and steps, shape (M,), in which a distance known may be undercut.
 
@@ -162,16 +163,17 @@ def _candidates(
     Args:
         steps: of all vehicles, vehicle by vehicle, in a space where the separation is a sphere.
         course: what is judged.
-        separation: pairs more than four times as far apart, errors not counted, are no candidates,
-            but for the closest at a knot.
+        separation: how distances are measured.
         knots: the distances known.
+        far: pairs further apart, errors not counted, are no candidates, but for the closest at a
+            knot [m].
     """
     from scipy.spatial import cKDTree  # see above
 
     vehicles, count = len(knots.distances), len(course.durations)
     middles = (steps.p + steps.v / 2 + steps.a / 8).reshape(vehicles, count, 3)
     reach = steps.speeds.reshape(vehicles, count) / 2
-    errors, far = 2.0 * course.errors_over, _FAR * separation.distance
+    errors = 2.0 * course.errors_over
     undercut, scale = knots.less_errors, float(separation.shape.scales.max())
     found = [np.empty((0, 2), dtype=int)]
     for k in range(count):

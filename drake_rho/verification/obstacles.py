@@ -23,31 +23,41 @@ from drake_rho.verification.steps import Steps
 
 
 def check_obstacles(course: Course) -> Iterator[Column]:
-    """The checks of every obstacle: from when it is known, and apart from these, before."""
+    """Judge the vehicles' distances from every obstacle."""
+    for number in range(1, len(course.scenario.bodies) + 1):
+        yield from check_obstacle(course, number)
+
+
+def check_obstacle(course: Course, number: int) -> Iterator[Column]:
+    """Judge distances from one obstacle: from when it is known and, apart from these, before.
+
+    Args:
+        course: what is judged.
+        number: of the obstacle, from 1.
+    """
     scenario, start = course.scenario, course.scenario.grid.start
-    at_once = {number for number, _ in scenario.known}
-    for number, obstacle in enumerate(scenario.bodies_in_flight, start=1):
-        name, late = scenario.obstacle_name(number), number not in at_once
-        since = obstacle.known_from if late else 0.0
-        seen = _Seen.of(course, obstacle, since)
-        kept = scenario.fleet.radii + obstacle.deviation
-        tolerances = scenario.fleet.obstacle_tolerances(obstacle.shape)
-        for known in (True, False) if late else (True,):
-            both = seen.closest(obstacle.shape, since, known=known)
-            for part, found in zip((AT_KNOTS, AT_ALL_TIMES), both, strict=True):
-                limits = np.where(found.errors > 0.0, kept + found.errors, kept)
-                yield Column(
-                    constraint=name if known else f"{name} before it is known",
-                    parts=[part] * len(limits),
-                    times=start + found.times,
-                    values=found.clearances,
-                    limits=limits,
-                    excess=limits - found.clearances,
-                    tolerances=tolerances,
-                    errors=found.errors,
-                    unit="m",
-                    asked=known and (part == AT_KNOTS or scenario.between_knots),
-                )
+    obstacle, name = scenario.bodies_in_flight[number - 1], scenario.obstacle_name(number)
+    late = number not in {number for number, _ in scenario.known}
+    since = obstacle.known_from if late else 0.0
+    seen = _Seen.of(course, obstacle, since)
+    kept = scenario.fleet.radii + obstacle.deviation
+    for known in (True, False) if late else (True,):
+        both = seen.closest(obstacle.shape, since, known=known)
+        for part, found in zip((AT_KNOTS, AT_ALL_TIMES), both, strict=True):
+            limits = np.where(found.errors > 0.0, kept + found.errors, kept)
+            yield Column(
+                constraint=name if known else f"{name} before it is known",
+                parts=[part] * len(limits),
+                times=start + found.times,
+                values=found.clearances,
+                limits=limits,
+                excess=limits - found.clearances,
+                tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),
+                errors=found.errors,
+                unit="m",
+                asked=known and (part == AT_KNOTS or scenario.between_knots),
+                always=part == AT_ALL_TIMES,
+            )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

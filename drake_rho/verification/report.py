@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Sighting
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Quantity, Scenario
 
 AT_KNOTS, AT_ALL_TIMES = "at knots", "at all times"
@@ -86,6 +86,8 @@ class Column:
     tolerances: FloatArray
     unit: str
     asked: bool = True
+    always: bool = False  # whether it is about every instant, where there is one about knots too
+    partners: IntArray | None = None  # index of the other vehicle, where it is about two
     errors: FloatArray | None = None  # None for none
     due: BoolArray | None = None  # which vehicles have this constraint; None for all
 
