@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -70,7 +70,7 @@ AnyShape = Annotated[
 
 @record
 class Track:
-    """A polyline in time; at rest before its first time and after its last.
+    """A polyline in time, at rest before its first time and, unless it goes on, after its last.
 
     Examples:
         >>> circle = lambda t: np.array([np.cos(t), np.sin(t), 2.0])
@@ -87,6 +87,9 @@ class Track:
     """how far what it stands for may be from the polyline [m]; planners keep that much further"""
     deviation_is_estimated: bool = False
     """whether the deviation is an estimate from samples, rather than a bound"""
+    after: Literal["rests", "goes_on"] | None = None
+    """what happens after the last time: it rests, or goes on with the velocity of its last piece;
+    if not given it is taken to rest, which a report notes where the flight is longer"""
 
     if TYPE_CHECKING:
 
@@ -96,6 +99,7 @@ class Track:
             positions: npt.ArrayLike,
             deviation: float = 0.0,
             deviation_is_estimated: bool = False,
+            after: Literal["rests", "goes_on"] | None = None,
         ) -> None: ...
 
     @model_validator(mode="after")
@@ -106,7 +110,17 @@ class Track:
         if len(self.positions) != len(self.times):
             expected = f"one for each of the {len(self.times)} times, not {len(self.positions)}"
             raise ScenarioError("positions", self.positions.tolist(), expected)
+        if self.after == "goes_on" and len(self.times) < 2:
+            raise ScenarioError("after", self.after, "two times or more, between which it moves")
         return self
+
+    @property
+    def last_velocity(self) -> FloatArray:
+        """Of its last piece [m/s], shape (3,); zero where it has none."""
+        if len(self.times) < 2:
+            return np.zeros(3)
+        way, time = np.diff(self.positions[-2:], axis=0)[0], self.times[-1] - self.times[-2]
+        return np.asarray(way / time)
 
     @classmethod
     def sampled(
@@ -154,14 +168,18 @@ class Track:
     def at(self, times: FloatArray) -> FloatArray:
         """Positions at times on the scenario's clock [m], shape (M, 3)."""
         axes = [np.interp(times, self.times, axis) for axis in self.positions.T]
-        return np.stack(axes, axis=-1)
+        positions = np.stack(axes, axis=-1)
+        if self.after == "goes_on":
+            positions += np.maximum(times - self.times[-1], 0.0)[..., None] * self.last_velocity
+        return positions
 
     def velocities(self, times: FloatArray) -> FloatArray:
         """Velocities at times [m/s], shape (M, 3); at a corner, of the piece that begins there."""
         piece = np.searchsorted(self.times, times, side="right")
         ways = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
         rest = np.zeros((1, 3))
-        velocities: FloatArray = np.concatenate([rest, ways, rest])[piece]
+        last = self.last_velocity[None] if self.after == "goes_on" else rest
+        velocities: FloatArray = np.concatenate([rest, ways, last])[piece]
         return velocities
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.scenario.records import Scenario
 from drake_rho.verification.course import Course
 from drake_rho.verification.simulated import POINT_MASS
 
@@ -37,6 +38,20 @@ def notes_on(course: Course) -> tuple[str, ...]:
     return (
         f"judged {disturbance_in_words(around, course.scenario.grid)}",
         f"vehicles end within {position:.4g} m and {velocity:.4g} m/s of their goals",
+    )
+
+
+def notes_on_tracks(scenario: Scenario) -> tuple[str, ...]:
+    """Tell of obstacles whose tracks end in motion before the flight does."""
+    grid = scenario.grid
+    return tuple(
+        f"{scenario.obstacle_name(number)} is taken to rest from {track.times[-1]:g} s on: its "
+        f"track ends before the flight does, at {grid.end:g} s"
+        for number, body in enumerate(scenario.bodies, start=1)
+        if (track := body.track) is not None
+        and track.after is None
+        and track.times[-1] < grid.end - grid.rounding
+        and np.any(track.last_velocity)
     )
 
 

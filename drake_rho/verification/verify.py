@@ -12,7 +12,7 @@ from drake_rho.motion.simulation import Simulation
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.course import Course
 from drake_rho.verification.norms import check_norms
-from drake_rho.verification.notes import notes_on, notes_on_simulation
+from drake_rho.verification.notes import notes_on, notes_on_simulation, notes_on_tracks
 from drake_rho.verification.obstacles import check_obstacles
 from drake_rho.verification.report import Check, Report
 from drake_rho.verification.separation import check_separation
@@ -92,7 +92,7 @@ def verify(flown: Plan | Flight | Simulation) -> Report:
         dataclasses.replace(each, avoided=each.avoided and each.obstacle not in hit)
         for each in _sightings(flown)
     )
-    return Report(scenario, checks, sightings, notes)
+    return Report(scenario, checks, sightings, (*notes, *notes_on_tracks(scenario)))
 
 
 def _sightings(flown: Plan | Flight | Simulation) -> tuple[Sighting, ...]:
