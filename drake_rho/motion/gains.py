@@ -21,9 +21,11 @@ _FINE_PARTS = np.linspace(0.0, 1.0, 33)
 _BEGIN = np.zeros(1)
 """The part of a sample at which a feedback is looked at that is constant in it."""
 
-_SHRINKS, _SHRINK = 24, 1e-7
-"""How often a wind is made smaller until its own gains bear it, and by what part at least at first:
-twice as much each time."""
+_COARSE, _CLOSE = 0.04, 1e-4
+"""Parts of a wind by which it is made smaller until its own gains bear it, first and at last."""
+
+_PARTS_BORNE = (1.0, *np.arange(1.0 - _COARSE, 0.0, -_COARSE).tolist())
+"""Those that are tried."""
 
 _BANDWIDTHS = 12
 _FASTEST = 1.5
@@ -97,14 +99,20 @@ def largest_wind(loop: Loop, radius: float) -> float:
         most = borne(responses)
         return -float(np.log(most)) if most > 0.0 else np.inf
 
-    wind = float(np.exp(-_search(cost, loop.delay, loop.samples)[1]))
-    for number in range(_SHRINKS):  # gains that are best for the least peak may bear a little less
+    def is_borne(wind: float) -> bool:
         gains = best_gains(loop._replace(sizes=(wind, *loop.sizes[1:])))
-        most = borne(Responses.of(gains, loop.delay, loop.samples))
-        if wind <= most:
-            return wind
-        wind = min(most, wind * (1.0 - _SHRINK * 2.0**number))
-    return 0.0
+        return wind <= borne(Responses.of(gains, loop.delay, loop.samples))
+
+    # the gains for the least peak are found by a search of their own, and may bear a little less
+    wind = float(np.exp(-_search(cost, loop.delay, loop.samples)[1]))
+    part = next((part for part in _PARTS_BORNE if is_borne(part * wind)), 0.0)
+    if part == 1.0:
+        return wind
+    low, high = part * wind, min(1.0, part + _COARSE) * wind
+    while high - low > _CLOSE * wind:
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if is_borne(middle) else (low, middle)
+    return low
 
 
 def _borne(loop: Loop, responses: Responses, radius: float) -> float:

@@ -296,7 +296,7 @@ def plan_rho(
 def _with_sightings(window: Window, before: Window) -> Window:
     """A window that says which obstacles it learned of, and which of those seen late it breaks."""
     scenario = window.plan.scenario
-    late = {number for number, obstacle in scenario.known if obstacle.known_from > 0.0}
+    late = {number for number, _ in scenario.known if scenario.bodies[number - 1].known_from > 0.0}
     if not late:
         return window
     known = {number for number, _ in before.plan.scenario.known}
