@@ -23,10 +23,12 @@ class Margins:
 
     At a knot the greater one of the two steps that meet there counts: what holds on the closed
     steps holds at every instant. The feedback's radius is that of the step that begins there.
+
+    Where that leaves no room, steps are those of a finer grid (`finer_margins_of`).
     """
 
     grid: Grid
-    """of the plan"""
+    """of the plan, or a finer one"""
     steps: dict[Quantity, FloatArray]
     """in each step, in the quantity's unit, shape (K-1,) each"""
     knots: dict[Quantity, FloatArray]
@@ -56,11 +58,24 @@ class Margins:
 
 
 def margins_of(scenario: Scenario) -> Margins:
-    """What plans of a scenario keep inside their limits; nothing where nothing disturbs it."""
+    """Return what plans of a scenario keep inside their limits; nothing where nothing disturbs."""
+    return _margins(scenario, 1)
+
+
+def finer_margins_of(scenario: Scenario) -> Margins:
+    """Return the margins of positions and velocities, on the grid on which they are constant.
+
+    That is the scenario's, or where there is no plan with these, one whose steps are equal pieces
+    of its steps (`Scenario.margin_pieces`).
+    """
+    return _margins(scenario, scenario.margin_pieces)
+
+
+def _margins(scenario: Scenario, pieces: int) -> Margins:
     grid = scenario.grid
     if scenario.disturbance is None:
         return _none(grid.step, grid.knots, grid.start)
-    return _around(tube_of(scenario), grid.start, grid.knots, scenario.between_knots)
+    return _around(tube_of(scenario), grid.start, grid.knots, pieces, scenario.between_knots)
 
 
 @lru_cache(maxsize=64)
@@ -72,24 +87,25 @@ def _none(step: float, knots: int, start: float) -> Margins:
 
 
 @lru_cache(maxsize=64)
-def _around(tube: ErrorTube, start: float, count: int, between_knots: bool) -> Margins:
-    grid = Grid(tube.grid.step, count, start)
-    times = grid.times
-    begins, ends = times[:-1], times[1:]
+def _around(tube: ErrorTube, start: float, count: int, pieces: int, between_knots: bool) -> Margins:
+    step = tube.grid.step
+    grid = Grid(step / pieces, pieces * (count - 1) + 1, start)
+    first = round((start - tube.grid.start) / step)
+    greatest = tube.over_steps(first, count - 1, pieces)
     steps: dict[Quantity, FloatArray] = {
-        "position": tube.position_over(begins, ends),
-        "velocity": tube.velocity_over(begins, ends),
-        "acceleration": tube.acceleration_over(begins, ends),
-        "jerk": np.zeros(len(begins)),
+        "position": greatest.position,
+        "velocity": greatest.velocity,
+        "acceleration": greatest.acceleration,
+        "jerk": np.zeros(len(greatest.position)),
     }
     knots = dict(steps)
     knots["position"], knots["velocity"] = _greater(steps["position"]), _greater(steps["velocity"])
     if not between_knots:  # positions matter then only
-        knots["position"] = tube.position(times)
+        knots["position"] = tube.position(grid.times)
     return Margins(grid, steps, knots, tube)
 
 
 def _greater(steps: FloatArray) -> FloatArray:
-    """At each knot the greater value of the steps beside it."""
+    """Return at each knot the greater value of the steps beside it."""
     greater: FloatArray = np.maximum(np.append(steps, 0.0), np.append(0.0, steps))
     return greater

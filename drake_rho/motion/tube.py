@@ -6,7 +6,9 @@ The mathematics stands in `docs/flight.md`.
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +18,26 @@ from drake_rho.motion.radii import Pieces, Radii
 from drake_rho.motion.sampled_loop import Responses
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.records import Scenario
 
+_ROUND = 32
+"""Steps of which a multiple is computed where some are asked for."""
+
 _SAMPLE = 1e-9
 """Part of a sample by which a time may be short of a sample and still count as that sample."""
+
+
+class Greatest(NamedTuple):
+    """Radii that are not exceeded in pieces of time, arrays of shape (M,)."""
+
+    position: FloatArray
+    """[m]"""
+    velocity: FloatArray
+    """[m/s]"""
+    acceleration: FloatArray
+    """of the feedback [m/s²]"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -147,6 +163,23 @@ class ErrorTube(metaclass=Described):
         """
         return self._radii.acceleration_over(self._pieces(begins, ends))
 
+    def over_steps(self, first: int, count: int, pieces: int = 1) -> Greatest:
+        """Return the greatest radii in steps of the grid, as those of `position_over` and its like.
+
+        They are the same for all tubes that differ in when they begin and end, and are kept: a
+        receding horizon has one such tube in every window.
+
+        Args:
+            first: step that the first of them is, counted from 0.
+            count: of the steps.
+            pieces: into how many equal pieces each step is cut.
+        """
+        steps = _ROUND * math.ceil((first + count) / _ROUND)  # so that few lengths are kept
+        like = Grid(self.grid.step, steps + 1)
+        known = _greatest(dataclasses.replace(self, grid=like), pieces)
+        here = slice(pieces * first, pieces * (first + count))
+        return Greatest(*(each[here] for each in known))
+
     def located(self, times: npt.ArrayLike) -> tuple[IntArray, FloatArray]:
         """The samples, from 0, that times lie in or begin, and the parts of them that have passed.
 
@@ -248,6 +281,15 @@ def _tracked(around: Disturbance, tracked: Tracking, grid: Grid) -> ErrorTube:
     before = round((grid.start - tracked.since) / grid.step)
     whole = grid if before == 0 else Grid(grid.step, grid.knots + before, tracked.since)
     return ErrorTube(around, whole, tracked.gains, (tracked.position, tracked.velocity))
+
+
+@lru_cache(maxsize=64)
+def _greatest(tube: ErrorTube, pieces: int) -> Greatest:
+    """Return the greatest radii in all steps of a tube's grid, or in equal pieces of them."""
+    times = tube.grid.step / pieces * np.arange(pieces * (tube.grid.knots - 1) + 1)
+    begins, ends = times[:-1], np.minimum(times[1:], tube.grid.duration)
+    over = tube.position_over, tube.velocity_over, tube.acceleration_over
+    return Greatest(*(locked(each(begins, ends)) for each in over))
 
 
 @lru_cache(maxsize=64)

@@ -226,6 +226,11 @@ class Scenario:
                 raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
 
     @cached_property
+    def margin_pieces(self) -> int:
+        """How many pieces of a step planners keep margins of their own in: one at first."""
+        return 1
+
+    @cached_property
     def bodies(self) -> tuple[Obstacle, ...]:
         """The obstacles, each as an `Obstacle`."""
         return tuple(
@@ -298,6 +303,7 @@ class Scenario:
             "bodies": self.bodies,
             "bodies_in_flight": self.bodies_in_flight,
             "fleet": self.fleet,
+            "margin_pieces": self.margin_pieces,
         }
         return unchecked(self, **(own | changes))
 
