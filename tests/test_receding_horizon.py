@@ -10,7 +10,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.motion.tube import tube_of
 from drake_rho.scenario.fields import FloatArray
-from tests.scenarios import box, random_fleet, random_scenario, single
+from tests.scenarios import box, random_fleet, random_scenario, single, through_the_middle
 from tests.test_margins import disturbed, least_margin
 
 
@@ -71,12 +71,13 @@ def test_a_new_plan_begins_where_the_vehicle_is_and_its_tube_begins_anew() -> No
 def test_the_previous_plan_is_kept_where_the_start_has_no_room() -> None:
     wall = rho.Box([2.0, -0.6, -5.0], [8.0, -0.05, 5.0])
     asked = single(obstacles=[wall], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
-    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.5, feedback_every=0.5))
+    around = rho.Disturbance(0.5, position_error=0.05, feedback_every=0.5)
+    windy = dataclasses.replace(asked, disturbance=around)
     horizon = rho.RecedingHorizon(windy)
     first = horizon.step(windy.fleet.start_states, 0.0)
     states = first.plan.states(8)
     tube = tube_of(first.plan.scenario)
-    states[0, 1] -= 0.99 * float(tube.position(4.0))  # a hand's breadth from the wall
+    states[0, 1] = -0.05 + 0.03  # nearer to the wall than estimates err
     kept = horizon.step(states, 4.0)
     assert kept.kept
     assert "obstacle 1" in kept.infeasible
@@ -156,14 +157,77 @@ def test_a_goal_out_of_reach_is_missed_and_limits_are_kept() -> None:
     assert np.abs(window.plan.accelerations).max() <= 1.2 + 1e-6
 
 
-def test_the_first_window_begins_at_the_starts_as_far_as_these_can_be_known() -> None:
+def test_the_first_window_is_exact_at_the_starts_and_nowhere_else() -> None:
     windy = dataclasses.replace(single(), disturbance=rho.Disturbance(0.1, 0.05, 0.05))
-    near, far = windy.fleet.start_states + 0.02, windy.fleet.start_states + 0.5
-    window = rho.RecedingHorizon(windy).step(near, 0.0)
+    starts = windy.fleet.start_states
+    window = rho.RecedingHorizon(windy).step(starts, 0.0)
     assert window.plan.scenario is windy
-    window = rho.RecedingHorizon(windy).step(far, 0.0)
-    np.testing.assert_allclose(window.plan.states(0), far)
-    assert tube_of(window.plan.scenario).initial == (0.05, 0.05)
+    assert tube_of(windy).initial == (0.0, 0.0)
+    for off in (1e-6, 0.02, 0.5):
+        window = rho.RecedingHorizon(windy).step(starts + off, 0.0)
+        np.testing.assert_allclose(window.plan.states(0), starts + off, atol=1e-12)
+        assert tube_of(window.plan.scenario).initial == (0.05, 0.05)
+
+
+@pytest.mark.parametrize("windy", [False, True])
+@pytest.mark.parametrize("inside", [0.1, 0.3])
+def test_a_first_window_without_room_says_so_and_flies_out(windy: bool, inside: float) -> None:
+    around = rho.Disturbance(0.1, 0.05, 0.05, 0.25) if windy else None
+    asked = single(obstacles=[rho.Sphere([-1.6, 0, 0], 1.4)], between_knots=True)
+    asked = dataclasses.replace(asked, disturbance=around)
+    states = np.array([[-0.2 - inside, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    window = rho.RecedingHorizon(asked).step(states, 0.0)
+    assert "obstacle 1" in window.infeasible
+    assert not window.kept
+    np.testing.assert_allclose(window.plan.states(0), states, atol=1e-12)
+    distances = window.plan.scenario.bodies[0].distances(window.plan.positions, np.zeros(1))
+    assert np.all(np.diff(distances[0, :3]) > 0.0)
+    np.testing.assert_allclose(window.plan.positions[:, -1], asked.fleet.goal_positions, atol=1e-6)
+
+
+def test_the_first_window_raises_only_where_the_scenario_has_no_plan_itself() -> None:
+    wall = rho.Obstacle(rho.Box([2.0, -99.0, -99.0], [3.0, 99.0, 99.0]))
+    asked = single(
+        obstacles=[wall],
+        between_knots=True,
+        limits=rho.Limits(position=rho.Box([-1.0, -5.0, -5.0], [11.0, 5.0, 5.0])),
+    )
+    for states in (asked.fleet.start_states, asked.fleet.start_states + 0.1):
+        with pytest.raises(rho.InfeasibleError):
+            rho.RecedingHorizon(asked).step(states, 0.0)
+
+
+def test_a_vehicle_that_was_not_seen_is_predicted_and_its_tube_goes_on() -> None:
+    around = rho.Disturbance(0.2, 0.01, 0.02, feedback_every=0.25)
+    asked = dataclasses.replace(through_the_middle(2), disturbance=around)
+    horizon = rho.RecedingHorizon(asked)
+    first = horizon.step(asked.fleet.start_states, asked.grid.start)
+    states, now = first.plan.states(5), float(asked.grid.times[5])
+    states[0] += 0.003
+    states[1] = np.nan
+    window, tube = horizon.step(states, now), tube_of(first.plan.scenario)
+    assert window.infeasible == ""
+    assert window.off_tube == ()
+    np.testing.assert_allclose(window.plan.states(0)[0], states[0], atol=1e-12)
+    np.testing.assert_allclose(window.plan.states(0)[1], first.plan.states(5)[1], atol=1e-12)
+    expected = float(tube.position(now)), float(tube.velocity(now))
+    assert tube_of(window.plan.scenario).initial == pytest.approx(expected)
+    assert expected[0] > around.position_error
+    seen = horizon.step(window.plan.states(2), float(asked.grid.times[7]))
+    assert tube_of(seen.plan.scenario).initial == pytest.approx((0.01, 0.02))
+
+
+@pytest.mark.parametrize("far", [1e3, 1e6, 1e11, 1e30, 1e300])
+@pytest.mark.parametrize("windy", [False, True])
+def test_no_finite_state_ends_a_flight(far: float, windy: bool) -> None:
+    around = rho.Disturbance(0.1, 0.01, 0.01, 0.25) if windy else None
+    asked = single(obstacles=[rho.Sphere([5.0, 0.1, 0.0], 1.0)], between_knots=True)
+    horizon = rho.RecedingHorizon(dataclasses.replace(asked, disturbance=around))
+    states = asked.fleet.start_states
+    for knot in (0, 5, 10):
+        window = horizon.step(states + far * (knot > 0), float(asked.grid.times[knot]))
+        assert np.isfinite(window.plan.accelerations).all()
+    assert horizon.step(states - far, float(asked.grid.times[15])).plan.states(0).shape == (1, 6)
 
 
 def test_plan_rho_is_the_loop_with_perfect_measurements() -> None:
@@ -190,8 +254,11 @@ def test_what_makes_no_sense_is_refused_by_name() -> None:
         _ = horizon.flight
     with pytest.raises(ValueError, match=r"states: got shape \(1, 3\), expected \(1, 6\)"):
         horizon.step(states[:, :3], 0.0)
-    with pytest.raises(ValueError, match="finite numbers for solo"):
-        horizon.step(states * np.nan, 0.0)
+    for wrong in (np.nan, np.inf):
+        part = np.array(states)
+        part[0, 2] = wrong
+        with pytest.raises(ValueError, match="finite numbers for solo"):
+            horizon.step(part, 0.0)
     for time in (0.5, -0.5, np.nan):
         with pytest.raises(ValueError, match="time: got"):
             horizon.step(states, time)

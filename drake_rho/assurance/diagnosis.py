@@ -39,6 +39,9 @@ class Diagnosis(metaclass=Described):
     """least factor on every acceleration box and every maximum acceleration for which a plan was
     found, thrust and tilt unchanged; None if there is no such limit, or no factor up to
     `feasibility.LARGEST_FACTOR` helps"""
+    premise: str = ""
+    """what conflicts are proved for, as in 'with the margins that are kept for the disturbance';
+    empty where they are proved of the scenario"""
     bearable_wind: float | None = None
     """where there is a plan if nothing disturbs it, the largest wind for which one was found, with
     the feedback that is best for it and all else unchanged [m/s²]; 0 if errors of the estimate are
@@ -59,9 +62,10 @@ class Diagnosis(metaclass=Described):
             return f"{self.scenario.name}: there is a plan{self._shorter()}"
         shown = list(self.conflicts.items())[:_REASONS]
         more = len(self.conflicts) - len(shown)
+        premise = f" {self.premise}" if self.premise else ""
         return "\n".join(
             [
-                f"{self.scenario.name}: no plan was found; these cannot be met together:",
+                f"{self.scenario.name}: no plan was found; these cannot be met together{premise}:",
                 *(f"  {vehicle}: {', '.join(names)}" for vehicle, names in shown),
                 *([f"  and {more} more vehicles"] if more > 0 else []),
             ]

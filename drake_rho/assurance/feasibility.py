@@ -64,15 +64,17 @@ def diagnose(
         >>> rho.diagnose(scenario).conflicts
         {'scout': ('goal x', 'maximum acceleration from 0 s to 9.75 s')}
     """
-    bearable, trials = None, _Trials(solver, progress)
+    bearable, premise, trials = None, "", _Trials(solver, progress)
     try:
         plan = first_plan(scenario, solver=solver, progress=progress)
     except InfeasibleError as error:
+        bearable = _bearable_wind(scenario, trials)
+        if bearable is None and scenario.disturbance is not None:
+            error = _undisturbed(error, scenario, solver)
         tell(progress, "looking for constraints that cannot be met together")
-        conflicts = infeasible_subset(error, solver=solver)
+        conflicts, premise = infeasible_subset(error, solver=solver), error.premise
         tell(progress, "looking for the least breach")
         violations = verify(minimum_violation(scenario, solver)).violations
-        bearable = _bearable_wind(scenario, trials)
         if bearable is not None:  # what is left can be met, so that it has a part in every conflict
             conflicts = {name: (*why, "disturbance") for name, why in conflicts.items()}
     else:
@@ -86,6 +88,7 @@ def diagnose(
         longest_duration=longest,
         is_monotone=is_monotone(scenario),
         acceleration_factor=_smallest_relaxation(scenario, trials),
+        premise=premise,
         bearable_wind=bearable,
     )
 
@@ -182,6 +185,19 @@ class _Trials:
         except (InfeasibleError, SolverError, ScenarioError):
             return False
         return True
+
+
+def _undisturbed(
+    error: InfeasibleError, scenario: Scenario, solver: Solver | None
+) -> InfeasibleError:
+    """Return why there is no plan without the disturbance either, which says more than with it."""
+    try:
+        first_plan(scenario.with_disturbance(None), solver=solver)
+    except InfeasibleError as other:
+        return other
+    except SolverError:
+        pass
+    return error
 
 
 def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float | None]:

@@ -89,6 +89,7 @@ def why(diagnosis: Diagnosis) -> Why:
         feasible=diagnosis.feasible,
         conflicts={name: list(names) for name, names in diagnosis.conflicts.items()},
         violations=[_check(each) for each in diagnosis.violations],
+        premise=diagnosis.premise,
         shortest_duration_s=diagnosis.shortest_duration,
         longest_duration_s=diagnosis.longest_duration,
         is_monotone=diagnosis.is_monotone,

@@ -163,6 +163,8 @@ class Why:
     """whether there is a plan after all"""
     conflicts: dict[str, list[str]]
     """for each vehicle without a plan, constraints that cannot be met together"""
+    premise: str
+    """what that is proved for, if not for the scenario itself: margins, or linearised obstacles"""
     violations: list[CheckRow]
     """what the motion breaks that breaks the constraints least in total, the worst first"""
     shortest_duration_s: float | None

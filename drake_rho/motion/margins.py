@@ -101,7 +101,7 @@ def _around(tube: ErrorTube, start: float, count: int, pieces: int, between_knot
     knots = dict(steps)
     knots["position"], knots["velocity"] = _greater(steps["position"]), _greater(steps["velocity"])
     if not between_knots:  # positions matter then only
-        knots["position"] = tube.position(grid.times)
+        knots["position"] = greatest.ends
     return Margins(grid, steps, knots, tube)
 
 

@@ -30,7 +30,7 @@ _SAMPLE = 1e-9
 
 
 class Greatest(NamedTuple):
-    """Radii that are not exceeded in pieces of time, arrays of shape (M,)."""
+    """Radii that are not exceeded in pieces of time that follow each other, of shape (M,)."""
 
     position: FloatArray
     """[m]"""
@@ -38,6 +38,8 @@ class Greatest(NamedTuple):
     """[m/s]"""
     acceleration: FloatArray
     """of the feedback [m/s²]"""
+    ends: FloatArray
+    """those of the position just where pieces begin, and where the last one ends [m], (M + 1,)"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -61,11 +63,10 @@ class ErrorTube(metaclass=Described):
     """largest norms of the errors of position [m] and velocity [m/s] at the first knot"""
 
     def __post_init__(self) -> None:
-        radii = np.asarray(self.initial, dtype=np.float64)
-        if radii.shape != (2,) or not np.all(np.isfinite(radii) & (radii >= 0.0)):
+        if not _two_finite(self.initial) or min(self.initial) < 0.0:
             expected = "two finite radii, in m and m/s, of at least 0"
             raise ValueError(f"initial: got {self.initial!r}, expected {expected}")
-        if np.shape(self.gains) != (2,) or not np.all(np.isfinite(self.gains)):
+        if not _two_finite(self.gains):
             raise ValueError(
                 f"gains: got {self.gains!r}, expected two finite ones, in 1/s² and 1/s"
             )
@@ -177,8 +178,13 @@ class ErrorTube(metaclass=Described):
         steps = _ROUND * math.ceil((first + count) / _ROUND)  # so that few lengths are kept
         like = Grid(self.grid.step, steps + 1)
         known = _greatest(dataclasses.replace(self, grid=like), pieces)
-        here = slice(pieces * first, pieces * (first + count))
-        return Greatest(*(each[here] for each in known))
+        begin, end = pieces * first, pieces * (first + count)
+        return Greatest(
+            known.position[begin:end],
+            known.velocity[begin:end],
+            known.acceleration[begin:end],
+            known.ends[begin : end + 1],
+        )
 
     def located(self, times: npt.ArrayLike) -> tuple[IntArray, FloatArray]:
         """The samples, from 0, that times lie in or begin, and the parts of them that have passed.
@@ -288,8 +294,13 @@ def _greatest(tube: ErrorTube, pieces: int) -> Greatest:
     """Return the greatest radii in all steps of a tube's grid, or in equal pieces of them."""
     times = tube.grid.step / pieces * np.arange(pieces * (tube.grid.knots - 1) + 1)
     begins, ends = times[:-1], np.minimum(times[1:], tube.grid.duration)
-    over = tube.position_over, tube.velocity_over, tube.acceleration_over
-    return Greatest(*(locked(each(begins, ends)) for each in over))
+    times[-1] = tube.grid.duration
+    return Greatest(
+        locked(tube.position_over(begins, ends)),
+        locked(tube.velocity_over(begins, ends)),
+        locked(tube.acceleration_over(begins, ends)),
+        locked(tube.position(times)),
+    )
 
 
 @lru_cache(maxsize=64)
@@ -337,6 +348,11 @@ def _loop(scenario: Scenario, tube: ErrorTube) -> Loop:
     limit = tube.disturbance.share * tightest_acceleration(scenario)
     W, E_p, E_v, r_p, r_v = map(float, tube.sizes)
     return Loop(tube.disturbance.delay, tube.samples, (W, E_p, E_v, r_p, r_v), limit)
+
+
+def _two_finite(numbers: tuple[float, float]) -> bool:
+    """Return whether these are two finite numbers."""
+    return np.shape(numbers) == (2,) and all(map(math.isfinite, numbers))
 
 
 def _part(passed: FloatArray) -> FloatArray:

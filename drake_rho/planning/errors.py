@@ -19,12 +19,13 @@ _NAMED = 4
 
 
 class InfeasibleError(DrakeRhoError):
-    """The constraints cannot be met together, obstacles and pairs as they were linearised.
+    """No plan was found: constraints cannot be met together, as they were tried.
 
-    Where no obstacle and no other vehicle takes part in the conflict this is proved of the scenario
-    itself. Where one does, it is proved of its linearisation (15): another reference may have a
-    plan. `drake_rho.infeasible_subset` narrows the conflicts down, `drake_rho.diagnose` says what
-    would mend the scenario.
+    Where nothing disturbs, and no obstacle and no other vehicle takes part in the conflict, this is
+    proved of the scenario itself (`is_proved`). Where one does, it is proved of its linearisation
+    (15): another reference may have a plan. With a disturbance it is proved of the margins that
+    planners keep for it, which are a little larger than the errors. `drake_rho.infeasible_subset`
+    narrows the conflicts down, `drake_rho.diagnose` says what would mend the scenario.
 
     Attributes:
         conflicts: for each vehicle without a plan, by name, constraints that cannot be met
@@ -38,6 +39,7 @@ class InfeasibleError(DrakeRhoError):
         bearable: where starts, goals and limits leave no room for the disturbance, the largest wind
             [m/s²] that they do leave room for with the same feedback, all else as it is; 0 where
             errors of the estimate are too much already. None where that is not why.
+        because: how conflicts are told that no solver has proved, as in 'no room'; else empty.
     """
 
     def __init__(
@@ -49,6 +51,7 @@ class InfeasibleError(DrakeRhoError):
         obstacles: Mapping[str, frozenset[int]] | None = None,
         reference: Plan | None = None,
         bearable: float | None = None,
+        because: str = "",
     ) -> None:
         self.conflicts = dict(conflicts)
         self.obstacles = dict(obstacles or {})
@@ -57,6 +60,7 @@ class InfeasibleError(DrakeRhoError):
         self.scenario = scenario
         self.reference = reference
         self.bearable = bearable
+        self.because = because
         super().__init__(
             self.conflicts,
             steps_tried,
@@ -65,7 +69,13 @@ class InfeasibleError(DrakeRhoError):
             self.obstacles,
             reference,
             bearable,
+            because,
         )
+
+    @property
+    def is_proved(self) -> bool:
+        """Whether the scenario has no plan, whatever is tried."""
+        return bool(self.conflicts) and not (self.premise or self.because)
 
     @property
     def about_linearisation(self) -> bool:
@@ -73,29 +83,38 @@ class InfeasibleError(DrakeRhoError):
         return all(self.obstacles.get(vehicle) for vehicle in self.conflicts)
 
     def __str__(self) -> str:
+        steps = ", ".join(f"{step:g} s" for step in self.steps_tried)
+        none = f"no plan (steps tried: {steps})" if steps else "no plan"
+        if self.because:
+            told = [f"{name}: {', '.join(why)}" for name, why in self.conflicts.items()]
+            if len(told) > _NAMED:
+                told[_NAMED:] = [f"and {len(told) - _NAMED} vehicles more"]
+            what = f"{none}: {self.because}: {'; '.join(told)}"
+            if self.bearable is None:
+                return what
+            return f"{what} (room for {self.bearable:.3g} m/s² with this feedback)"
         reasons = "; ".join(
             f"{vehicle} cannot meet together: {', '.join(constraints)}"
             for vehicle, constraints in self.conflicts.items()
         )
-        steps = ", ".join(f"{step:g} s" for step in self.steps_tried)
-        tried = f" (steps tried: {steps})" if steps else ""
-        if self.bearable is not None:
-            told = [f"{name}: {', '.join(why)}" for name, why in self.conflicts.items()]
-            if len(told) > _NAMED:
-                told[_NAMED:] = [f"and {len(told) - _NAMED} vehicles more"]
-            return (
-                f"no plan{tried}: no room for the errors that the disturbance leads to: "
-                f"{'; '.join(told)} (room for {self.bearable:.3g} m/s² with this feedback)"
-            )
+        if premise := self.premise:
+            none = f"{none} {premise}"
         if not self.about_linearisation:
-            return f"no plan{tried}: {reasons}"
-        pairs = any(0 in numbers for numbers in self.obstacles.values())
-        what = "obstacles and pairs" if pairs else "obstacles"
+            return f"{none}: {reasons}"
         searched = f"{self.statistics.searched}; " if self.statistics.searched else ""
-        return (
-            f"no plan{tried} with the {what} linearised around this reference: {reasons} "
-            f"({searched}another reference or a finer step may have a plan)"
-        )
+        return f"{none}: {reasons} ({searched}another reference or a finer step may have a plan)"
+
+    @property
+    def premise(self) -> str:
+        """What the proof that there is no plan is about, if not the scenario itself; else empty."""
+        what = []
+        if self.scenario is not None and self.scenario.disturbance is not None:
+            what.append("the margins that are kept for the disturbance")
+        if self.about_linearisation:
+            pairs = any(0 in numbers for numbers in self.obstacles.values())
+            obstacles = "the obstacles and pairs" if pairs else "the obstacles"
+            what.append(f"{obstacles} linearised around this reference")
+        return f"with {' and '.join(what)}" if what else ""
 
 
 class SolverError(DrakeRhoError):

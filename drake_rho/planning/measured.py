@@ -14,26 +14,48 @@ ROUNDING = 1e-9
 same: what integration adds to it by rounding."""
 
 
-def tracked_anew(whole: Scenario, left: Scenario) -> Tracking | None:
-    """How a plan that begins with what is left of a flight is tracked."""
+def tracked_anew(whole: Scenario, left: Scenario, unseen: Scenario | None) -> Tracking | None:
+    """Return how a plan that begins with what is left of a flight is tracked.
+
+    Args:
+        whole: the flight's scenario, whose feedback goes on.
+        left: what is left of it.
+        unseen: what is left of the previous plan, where a vehicle was not seen: it may be as far
+            from where that has it as the tube reaches, and one tube is for all.
+    """
     if left.disturbance is None:
         return None
-    return Tracking(left.grid.start, tube_of(whole).gains, *estimated_within(left))
+    first = estimated_within(left)
+    if unseen is not None:
+        first = max(first[0], within(unseen)[0]), max(first[1], within(unseen)[1])
+    return Tracking(left.grid.start, tube_of(whole).gains, *first)
 
 
 def estimated_within(scenario: Scenario) -> tuple[float, float]:
-    """How far an estimated state may be from the true one [m, m/s]."""
+    """Return how far an estimated state may be from the true one [m, m/s]."""
     around = scenario.disturbance
     return (0.0, 0.0) if around is None else around.first_error(scenario.grid)
 
 
-def tube_and_estimate(tail: Scenario) -> tuple[float, float]:
-    """How far an estimated state may be from that of a plan whose rest begins now [m, m/s]."""
-    position, velocity = estimated_within(tail)
+def within(tail: Scenario) -> tuple[float, float]:
+    """Return how far a vehicle may be from the plan whose rest begins now [m, m/s]."""
     if tail.disturbance is None:
-        return position, velocity
+        return 0.0, 0.0
     tube, now = tube_of(tail), tail.grid.start
-    return position + float(tube.position(now)), velocity + float(tube.velocity(now))
+    return float(tube.position(now)), float(tube.velocity(now))
+
+
+def off_tube(tail: Scenario, away: tuple[FloatArray, FloatArray]) -> BoolArray:
+    """Return which vehicles were estimated further from the plan whose rest begins now than can be.
+
+    Args:
+        tail: what is left of the flight as it was planned.
+        away: estimated less planned positions [m] and velocities [m/s], shape (N, 3) each.
+    """
+    if not (away[0].any() or away[1].any()):
+        return np.zeros(len(away[0]), dtype=bool)
+    (position, velocity), estimate = within(tail), estimated_within(tail)
+    return beyond(tail, away, position + estimate[0], velocity + estimate[1])
 
 
 def beyond(
@@ -43,7 +65,7 @@ def beyond(
     velocity: float,
     tolerance: float = TOLERANCE,
 ) -> BoolArray:
-    """Which vehicles are further away than radii [m, m/s], but for a part of their scale, (N,)."""
+    """Return which are further away than radii [m, m/s] and a part of their scale, (N,)."""
     if not (away[0].any() or away[1].any()):
         return np.zeros(len(away[0]), dtype=bool)
     fleet = scenario.fleet

@@ -15,13 +15,7 @@ from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.measured import (
-    ROUNDING,
-    beyond,
-    estimated_within,
-    tracked_anew,
-    tube_and_estimate,
-)
+from drake_rho.planning.measured import ROUNDING, beyond, off_tube, tracked_anew
 from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.windows import (
@@ -31,8 +25,8 @@ from drake_rho.planning.windows import (
     free_reference,
     tail_reference,
 )
-from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
+from drake_rho.scenario.records import TOLERANCE, Scenario
 
 _CLOCK = 1e-4
 """Part of a step by which a time may miss its knot: that much a caller's own clock may be off."""
@@ -109,13 +103,17 @@ class RecedingHorizon:
     def step(self, states: npt.ArrayLike, time: float) -> Window:
         """Plan the next window.
 
-        The first one begins where the scenario does, if the states agree with that as far as they
-        can be known. Later ones never fail: where there is no plan, `Window.infeasible` says why.
+        A scenario's starts are exact, and so is the first window where the states are just these;
+        from any others its tube begins with what estimates may be off. No window fails: where there
+        is no plan, `Window.infeasible` says why. Only the first one raises, if the scenario has
+        none from its own starts either.
 
         Args:
             states: position [m] and velocity [m/s] of each vehicle as estimated for this time,
                 shape (N, 6); with a delay, predicted from what was measured by the commands given
-                since then.
+                since then. A row of NaN, or of numbers beyond any flight, is a vehicle that was not
+                seen: it goes on from where it was planned to be, and the tube begins with the
+                errors that it may have there.
             time: of a knot at which a step begins, after that of the window before, on the
                 scenario's clock [s]. The first window starts at the first knot.
 
@@ -123,19 +121,19 @@ class RecedingHorizon:
             The window. Until the next one its plan is flown.
 
         Raises:
-            InfeasibleError: the first window has no plan, with the fallback neither.
-            SolverError: the solvers fail numerically in the first window, with the fallback too.
-            ValueError: the states are not finite numbers of this shape, or the time is another.
+            InfeasibleError: the scenario has no plan from its own starts, nor with the fallback.
+            SolverError: the solvers fail numerically there, with the fallback too.
+            ValueError: the states are no numbers of this shape, or the time is another.
         """
         with one_for_arrays():
-            positions, velocities = self._checked(states)
+            measured = self._checked(states)
             knot = self._knot(time)
             number = knot // self.replan_every + 1
             tell(self._progress, f"window {number} of {len(self.knots)}")
             if not self.windows:
-                window = self._planner.first(self._begun(positions, velocities))
+                window = self._planner.first(self.scenario, self._begun(measured))
             else:
-                window = self._next(knot, positions, velocities)
+                window = self._next(knot, measured)
             before = self.windows[-1] if self.windows else window
             self.windows.append(_with_sightings(window, before))
             return self.windows[-1]
@@ -158,16 +156,20 @@ class RecedingHorizon:
         plan = Plan.from_accelerations(self.scenario, np.concatenate(flown, axis=1), statistics)
         return Flight(plan, tuple(self.windows))
 
-    def _checked(self, states: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions and velocities, (N, 3) each."""
+    def _checked(self, states: npt.ArrayLike) -> FloatArray:
+        """Return positions and velocities side by side, (N, 6); NaN for vehicles not seen."""
         count = len(self.scenario.vehicles)
-        array = np.asarray(states, dtype=np.float64)
+        array = np.array(states, dtype=np.float64)
         if array.shape != (count, 6):
             raise ValueError(f"states: got shape {array.shape}, expected {(count, 6)}")
-        if not np.isfinite(array).all():
-            vehicle = self.scenario.vehicles[int(np.argwhere(~np.isfinite(array))[0, 0])].name
-            raise ValueError(f"states: got {array.tolist()}, expected finite numbers for {vehicle}")
-        return array[:, :3], array[:, 3:]
+        unseen = np.isnan(array).all(axis=1)
+        wrong = ~np.isfinite(array).all(axis=1) & ~unseen
+        if wrong.any():
+            vehicle = self.scenario.vehicles[int(np.argmax(wrong))].name
+            expected = f"finite numbers for {vehicle}, or NaN in its whole row if it was not seen"
+            raise ValueError(f"states: got {array.tolist()}, expected {expected}")
+        array[(np.abs(array) > LARGEST).any(axis=1)] = np.nan  # no such place is in any flight
+        return array
 
     def _knot(self, time: float) -> int:
         """The number of the knot at a time."""
@@ -184,38 +186,39 @@ class RecedingHorizon:
             raise ValueError(f"time: got {time!r}, expected {expected}")
         return knot
 
-    def _begun(self, positions: FloatArray, velocities: FloatArray) -> Scenario:
-        """The scenario, from where the vehicles are if they are not at their starts."""
-        scenario, fleet = self.scenario, self.scenario.fleet
+    def _begun(self, states: FloatArray) -> Scenario:
+        """Return the scenario from where the vehicles are, itself if they are at their starts.
+
+        Starts are exact, and so are states that are just these; any other is an estimate, around
+        which the tube begins with what that may be off. A vehicle that was not seen is at its
+        start.
+        """
+        scenario = self.scenario
+        positions, velocities = _split(_seen(states, scenario.fleet.start_states))
+        fleet, tolerance = scenario.fleet, TOLERANCE if scenario.disturbance is None else ROUNDING
         away = positions - fleet.start_positions, velocities - fleet.start_velocities
-        if not beyond(scenario, away, *estimated_within(scenario)).any():
+        if not beyond(scenario, away, 0.0, 0.0, tolerance).any():
             return scenario
-        before = fleet.accelerations_before
+        tracking = tracked_anew(scenario, scenario, None)
         return scenario.from_states(
-            scenario.grid, positions, velocities, before, tracked_anew(scenario, scenario)
+            scenario.grid, positions, velocities, fleet.accelerations_before, tracking
         )
 
-    def _next(self, knot: int, positions: FloatArray, velocities: FloatArray) -> Window:
-        """A later window."""
+    def _next(self, knot: int, states: FloatArray) -> Window:
+        """Return a later window."""
         last = self.windows[-1]
         tail = last.plan.tail(knot - last.first_knot)
-        left = tail.scenario
+        left, unseen = tail.scenario, np.isnan(states).any(axis=1)
+        positions, velocities = _split(_seen(states, tail.states(0)))
         away = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
-        tracking = tracked_anew(self.scenario, left)
+        tracking = tracked_anew(self.scenario, left, left if unseen.any() else None)
         if beyond(left, away, 0.0, 0.0, ROUNDING).any():
             before = left.fleet.accelerations_before
             left = left.from_states(left.grid, positions, velocities, before, tracking)
         elif left.disturbance is not None:
             left = left.with_disturbance(unchecked(left.disturbance, tracking=tracking))
-        off = beyond(left, away, *tube_and_estimate(tail.scenario))
-        nothing_new = (
-            left is tail.scenario
-            and not last.infeasible
-            and len(left.known) == len(last.plan.scenario.known)
-        )
-        window = self._planner.next(
-            left, knot, tail, on_plan=not off.any(), nothing_new=nothing_new
-        )
+        off = off_tube(tail.scenario, away)
+        window = self._planner.next(left, knot, tail, last=last, on_plan=not off.any())
         if left.disturbance is None or not off.any():
             return window
         names = tuple(left.vehicles[i].name for i in np.flatnonzero(off))
@@ -291,6 +294,16 @@ def plan_rho(
     seconds = clock.perf_counter() - began
     statistics = dataclasses.replace(flight.plan.statistics, seconds=seconds)
     return Flight(flight.plan.with_statistics(statistics), flight.windows)
+
+
+def _seen(states: FloatArray, predicted: FloatArray) -> FloatArray:
+    """Return states, those of vehicles that were not seen as they were predicted, (N, 6)."""
+    return np.asarray(np.where(np.isnan(states), predicted, states))
+
+
+def _split(states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return positions [m] and velocities [m/s], (N, 3) each."""
+    return states[:, :3], states[:, 3:]
 
 
 def _with_sightings(window: Window, before: Window) -> Window:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.motion.margins import Margins, margins_of
+from drake_rho.motion.margins import Margins, finer_margins_of, margins_of
 from drake_rho.motion.tube import tube_of
 from drake_rho.planning.close_pairs import most_beside
 from drake_rho.planning.errors import InfeasibleError
@@ -20,6 +20,9 @@ _UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 
 _WHERE = {0: "start", -1: "goal"}
 """Knots that are given, and what they are called."""
+
+NO_ROOM = "no room for the errors that the disturbance leads to"
+"""Why there is no plan, where a scenario lacks room."""
 
 _UNDER_WAY = 10.0
 """Tolerances by which there may be less room than is needed where a window begins. What a plan
@@ -55,6 +58,9 @@ class Room:
         room = float(self.room[vehicle])
         if needed[vehicle] <= 0.0:
             return f"{self.name} ({self.where} {-room:.3g} {unit} beyond)"
+        if room < 0.0:
+            inside = f"{needed[vehicle]:.3g} inside needed"
+            return f"{self.name} ({self.where} {-room:.3g} {unit} beyond, {inside})"
         return f"{self.name} ({self.where} {room:.3g} {unit} inside, of {needed[vehicle]:.3g})"
 
 
@@ -68,25 +74,22 @@ def check_room(scenario: Scenario) -> None:
     """
     if scenario.disturbance is None or scenario.disturbance.tracking is not None:
         return
-    margins = margins_of(scenario)
-    if conflicts := lacks(scenario, margins):
-        raise InfeasibleError(conflicts, scenario=scenario, bearable=_bearable(scenario, margins))
+    if conflicts := lacks(scenario):
+        bearable = _bearable(scenario)
+        raise InfeasibleError(conflicts, scenario=scenario, bearable=bearable, because=NO_ROOM)
 
 
-def lacks(
-    scenario: Scenario, margins: Margins, *, under_way: bool = False
-) -> dict[str, tuple[str, ...]]:
-    """For each vehicle without room, what leaves it none.
+def lacks(scenario: Scenario, *, under_way: bool = False) -> dict[str, tuple[str, ...]]:
+    """Return for each vehicle without room what leaves it none.
 
     Args:
         scenario: what is asked.
-        margins: what is kept.
-        under_way: whether it begins with a measured state; that alone is then looked at.
+        under_way: whether it begins with a measured state, which may be a little off.
     """
     found: dict[str, tuple[str, ...]] = {}
-    tolerances = _UNDER_WAY if under_way else 1.0
-    rooms = _of_end(scenario, margins, 0) if under_way else _rooms(scenario, margins)
-    for each in rooms:
+    for each in _rooms(scenario, finer_margins_of(scenario)):
+        measured = under_way and each.where == _WHERE[0]
+        tolerances = _UNDER_WAY if measured else 1.0
         for vehicle in np.flatnonzero(each.lacking(tolerances) > 0.0).tolist():
             name = scenario.vehicles[vehicle].name
             found[name] = (*found.get(name, ()), each.reason(vehicle))
@@ -95,18 +98,18 @@ def lacks(
 
 def starts_beyond_limits(scenario: Scenario) -> bool:
     """Whether a vehicle begins where its limits of position or velocity leave no room."""
-    rooms = _of_state(scenario, margins_of(scenario), 0)
+    rooms = _of_state(scenario, finer_margins_of(scenario), 0)
     return any(np.any(each.lacking(_UNDER_WAY) > 0.0) for each in rooms)
 
 
-def _bearable(scenario: Scenario, margins: Margins) -> float:
-    """The largest wind there would be room for with the same feedback [m/s²].
+def _bearable(scenario: Scenario) -> float:
+    """Return the largest wind there would be room for with the same feedback [m/s²].
 
     Radii are affine in the wind.
     """
-    tube = tube_of(scenario)
+    tube, margins = tube_of(scenario), finer_margins_of(scenario)
     calm = unchecked(tube.disturbance, acceleration=0.0, tracking=tube.tracking)
-    without = margins_of(scenario.with_disturbance(calm))
+    without = finer_margins_of(scenario.with_disturbance(calm))
     part = 1.0
     for windy, still in zip(_rooms(scenario, margins), _rooms(scenario, without), strict=True):
         more = windy.needed - still.needed

@@ -14,18 +14,18 @@ from typing import Protocol
 
 import numpy as np
 
-from drake_rho.motion.margins import margins_of
 from drake_rho.motion.plan import Plan, Window
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.minimum_violation import minimum_breach, minimum_violation
-from drake_rho.planning.room import lacks
+from drake_rho.planning.room import NO_ROOM, lacks
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Scenario
+from drake_rho.verification.holds import violation_of
 
 
 class Planner(Protocol):
@@ -61,10 +61,24 @@ def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None)
 
 _Failure = InfeasibleError | SolverError
 
+_FAILURES = InfeasibleError, SolverError, MemoryError
+"""What planners raise: none of it ends a flight."""
+
+
+def _failure(error: Exception) -> _Failure:
+    """Return what a planner raised as what a window tells of it."""
+    if isinstance(error, InfeasibleError | SolverError):
+        return error
+    return SolverError("the planner ran out of memory")
+
 
 @dataclasses.dataclass(frozen=True)
 class WindowPlanner:
-    """How windows are planned."""
+    """How windows are planned.
+
+    With a disturbance every new plan is judged by the verifier's own mathematics, with all of its
+    tube and up to its end, before it is accepted. Without one the planner's last check counts.
+    """
 
     planner: Planner
     """plans one window"""
@@ -75,13 +89,35 @@ class WindowPlanner:
     solver: Solver | None
     """a Drake solver or `Daqp()`; Clarabel if None"""
 
-    def first(self, scenario: Scenario) -> Window:
-        """The first window, which begins at the start of a scenario.
+    def first(self, scenario: Scenario, measured: Scenario) -> Window:
+        """Return the first window, which begins where the vehicles are measured to be.
+
+        Args:
+            scenario: as it is asked.
+            measured: the same from measured states; the very scenario if they are at their starts.
 
         Raises:
-            InfeasibleError: it has no plan.
+            InfeasibleError: the scenario has no plan from its own starts.
             SolverError: the solvers fail numerically.
         """
+        if measured is scenario:
+            return self._first(scenario)
+        failure: _Failure
+        if reasons := lacks(measured, under_way=True):
+            failure = _no_room(measured, reasons)
+        else:
+            try:
+                return self._first(measured)
+            except (InfeasibleError, SolverError) as error:
+                failure = error
+        own = self._first(scenario)
+        plan = least_breach(_moved(own.plan, measured), self.solver)
+        spent = failure.statistics + own.statistics + plan.statistics
+        plan = plan.with_statistics(spent)
+        return Window(0, plan, plan, infeasible=str(failure))
+
+    def _first(self, scenario: Scenario) -> Window:
+        """Return a window from the start of a scenario, or raise why there is none."""
         window = self._planned(scenario, 0, None)
         if not isinstance(window, Window):
             window = self._planned_again(self.fallback, scenario, 0, None, window)
@@ -90,15 +126,9 @@ class WindowPlanner:
         return window
 
     def next(
-        self,
-        scenario: Scenario,
-        first_knot: int,
-        tail: Plan,
-        *,
-        on_plan: bool,
-        nothing_new: bool = False,
+        self, scenario: Scenario, first_knot: int, tail: Plan, *, last: Window, on_plan: bool
     ) -> Window:
-        """A later window, which has a plan in any case.
+        """Return a later window, which has a plan in any case.
 
         Where vehicles are disturbed and the tail holds, the planner is asked a second time, around
         the tail, in place of the fallback, which may take long.
@@ -107,20 +137,16 @@ class WindowPlanner:
             scenario: what is left of the flight, from where the vehicles are.
             first_knot: where in the whole flight the window starts, counted from 0.
             tail: what is left of the previous prediction.
+            last: the window before, whose prediction that is.
             on_plan: whether the vehicles are in the tail's tube, so that it is valid as it is.
-            nothing_new: whether it begins just as the window before has it, with the same obstacles
-                and no tube, so that there is room at its start.
         """
-        followed, reasons = _moved(tail, scenario), dict[str, tuple[str, ...]]()
-        if not nothing_new:
-            reasons = lacks(scenario, margins_of(scenario), under_way=True)
-        window = (
-            InfeasibleError(reasons) if reasons else self._planned(scenario, first_knot, followed)
-        )
+        followed = _moved(tail, scenario)
+        window: Window | _Failure | None = self._without_room(scenario, tail, last)
+        window = window or self._planned(scenario, first_knot, followed)
         if isinstance(window, Window):
             return window
-        holds = on_plan and Subproblem(tail.scenario, decoupled, self.solver).holds(tail)
-        if not reasons:
+        holds = on_plan and self._still_holds(tail, last)
+        if not lacks(scenario, under_way=True):  # else no other plan has room either
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
             window = self._planned_again(other, scenario, first_knot, followed, window)
@@ -133,15 +159,43 @@ class WindowPlanner:
             plan = plan.with_statistics(window.statistics + plan.statistics)
         return Window(first_knot, plan, plan, infeasible=str(window), kept=holds)
 
+    def _without_room(self, scenario: Scenario, tail: Plan, last: Window) -> _Failure | None:
+        """Return what leaves a window no room, if that is likely or would not be seen later.
+
+        With a disturbance the judge sees it, so that it is asked first only where the last window
+        had none. Without one there is room where the window begins as the last one has it, and
+        nothing new is known.
+        """
+        if scenario.disturbance is not None:
+            has_room = not last.kept
+        else:
+            same = scenario is tail.scenario and not last.infeasible
+            has_room = same and not _news(tail, last)
+        if has_room:
+            return None
+        reasons = lacks(scenario, under_way=True)
+        return _no_room(scenario, reasons) if reasons else None
+
+    def _still_holds(self, tail: Plan, last: Window) -> bool:
+        """Return whether the rest of the previous plan keeps every constraint.
+
+        What was judged when it was accepted needs no second look, by which it could only be lost to
+        rounding: the shorter the rest, the smaller its tolerances.
+        """
+        if tail.scenario.disturbance is None:
+            return Subproblem(tail.scenario, decoupled, self.solver).holds(tail)
+        accepted = last.kept or not last.infeasible
+        return not violation_of(tail, _news(tail, last) if accepted else None)
+
     def _planned(self, scenario: Scenario, first_knot: int, tail: Plan | None) -> Window | _Failure:
-        """The planner's window, or why it has none."""
+        """Return the planner's window, or why it has none."""
         around = None
         try:
             if scenario.obstacles or scenario.separation is not None:
                 around = self.reference(scenario, tail, self.solver)
-            plan = self.planner(scenario, reference=around, solver=self.solver)
-        except (InfeasibleError, SolverError) as error:
-            return error
+            plan = _judged(self.planner(scenario, reference=around, solver=self.solver))
+        except _FAILURES as error:
+            return _failure(error)
         return Window(first_knot, plan, around or plan.reference or plan)
 
     def _planned_again(
@@ -152,16 +206,47 @@ class WindowPlanner:
         tail: Plan | None,
         failure: _Failure,
     ) -> Window | _Failure:
-        """The window of another planner, around the tail, or why it has none either."""
+        """Return the window of another planner, around the tail, or why it has none either."""
         if planner is None:
             return failure
         try:
-            plan = planner(scenario, reference=tail, solver=self.solver)
-        except (InfeasibleError, SolverError) as error:
-            error.statistics = failure.statistics + error.statistics
-            return error
+            plan = _judged(planner(scenario, reference=tail, solver=self.solver))
+        except _FAILURES as error:
+            again = _failure(error)
+            again.statistics = failure.statistics + again.statistics
+            return again
         plan = plan.with_statistics(failure.statistics + plan.statistics)
         return Window(first_knot, plan, plan.reference or plan)
+
+
+def _no_room(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> InfeasibleError:
+    """Return why a window has no plan that has no room."""
+    because = "no room" if scenario.disturbance is None else NO_ROOM
+    return InfeasibleError(reasons, scenario=scenario, because=because)
+
+
+def _judged(plan: Plan) -> Plan:
+    """Return a plan that the verifier accepts with all of its tube, if it has one.
+
+    Raises:
+        InfeasibleError: the verifier does not; it says what the plan breaks.
+    """
+    scenario = plan.scenario
+    if scenario.disturbance is not None and (broken := violation_of(plan)):
+        name, _, what = broken.partition(": ")
+        raise InfeasibleError(
+            {name: (what,)},
+            statistics=plan.statistics,
+            scenario=scenario,
+            because="the one found does not hold",
+        )
+    return plan
+
+
+def _news(tail: Plan, last: Window) -> list[int]:
+    """Return the numbers of the obstacles that are known now and were not in the last window."""
+    before = {number for number, _ in last.plan.scenario.known}
+    return [number for number, _ in tail.scenario.known if number not in before]
 
 
 def least_breach(reference: Plan, solver: Solver | None = None) -> Plan:

@@ -102,12 +102,12 @@ class Feedback:
         Args:
             memory: of the sample before, or `start`.
             j: number of the sample, from 0.
-            estimate: of the states now, positions and velocities, shape (N, 6). A number that is
-                none counts as planned.
+            estimate: of the states now, positions and velocities, shape (N, 6). A row that is not
+                all finite is a vehicle that was not seen: it is taken to be as planned.
         """
         d = self._delay
-        planned = np.concatenate(self.nominal(memory.window, j * self.sample)[:2], axis=1)
-        estimate = np.where(np.isfinite(estimate), estimate, planned)
+        seen = np.isfinite(estimate).all(axis=1, keepdims=True)
+        estimate = np.where(seen, estimate, np.nan)
         estimates = (*memory.estimates, estimate)[-(d + 1) :]
         window, since = memory.window, memory.since
         knot, past = divmod(j, self._per_step)
@@ -116,7 +116,8 @@ class Feedback:
             window = self.horizon.step(states, float(self._times[knot]))
             since = self._tracked_since(window)
         p, v, a = self.nominal(window, j * self.sample)
-        errors = (*memory.errors, estimate - np.concatenate([p, v], axis=1))[-(d + 1) :]
+        error = np.where(seen, estimate - np.concatenate([p, v], axis=1), 0.0)
+        errors = (*memory.errors, error)[-(d + 1) :]
         command = a
         if j - since >= d:  # the oldest error is then one from the plan that is tracked
             k_p, k_v = self._gains

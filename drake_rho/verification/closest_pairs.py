@@ -88,20 +88,20 @@ def _closest_to_ellipsoid(
     partners, closest = np.array(partners), np.empty(partners.shape)
     for k, most in enumerate(far):
         p = positions[:, k]
-        closest[k] = _from_ellipsoid(separation, p - p[partners[k]])
+        closest[k] = from_ellipsoid(separation, p - p[partners[k]])
         within = np.minimum(closest[k], most).max()
         radius = own + scales.max() * max(within - own, 0.0)
         pairs = cKDTree(separation.scaled(p)).query_pairs(radius, output_type="ndarray")
         beside = np.concatenate([pairs, pairs[:, ::-1]])
         one, other = beside.T
-        found = _from_ellipsoid(separation, p[one] - p[other])
+        found = from_ellipsoid(separation, p[one] - p[other])
         order = np.argsort(-found, kind="stable")  # of several the closest comes last
         order = order[found[order] < closest[k, one[order]]]
         closest[k, one[order]], partners[k, one[order]] = found[order], other[order]
     return partners, closest
 
 
-def _from_ellipsoid(separation: Separation, x: FloatArray) -> FloatArray:
+def from_ellipsoid(separation: Separation, x: FloatArray) -> FloatArray:
     """The separation and how far beyond its ellipsoid ways x between vehicles lead [m]."""
     distances: FloatArray = separation.distance + separation.shape.signed_distance(x)
     return distances
@@ -136,7 +136,7 @@ def closest_at_all_times(
     least = least_over_time(
         relative,
         pairs,
-        lambda x: _from_ellipsoid(separation, x) if exactly else np.linalg.norm(x, axis=-1),
+        lambda x: from_ellipsoid(separation, x) if exactly else np.linalg.norm(x, axis=-1),
         np.full(len(k), precision),
         Least.unknown(knots.less_errors),
         around,

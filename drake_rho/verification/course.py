@@ -85,6 +85,8 @@ class Course:
     def cut(self, times: FloatArray) -> Course:
         """This course with pieces that end at some times too, since the first knot [s]."""
         times = times[(times > 0.0) & (times < self.elapsed[-1])]
+        if len(times) == 0:
+            return self
         instants = np.union1d(self.elapsed, times)
         k = np.searchsorted(self.elapsed, instants, side="right") - 1
         knots = (self.elapsed[k] == instants) & self.knots[k]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Self
 
 import numpy as np
 
@@ -39,7 +38,7 @@ def check_obstacle(course: Course, number: int) -> Iterator[Column]:
     obstacle, name = scenario.bodies_in_flight[number - 1], scenario.obstacle_name(number)
     late = number not in {number for number, _ in scenario.known}
     since = obstacle.known_from if late else 0.0
-    seen = _Seen.of(course, obstacle, since)
+    seen = seen_from(course, obstacle, since)
     kept = scenario.fleet.radii + obstacle.deviation
     for known in (True, False) if late else (True,):
         both = seen.closest(obstacle.shape, since, known=known)
@@ -73,7 +72,7 @@ class _Closest:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Seen:
+class Seen:
     """Motions as an obstacle sees them: less its own, in pieces of time in which it is constant."""
 
     course: Course
@@ -85,18 +84,26 @@ class _Seen:
     pieces: Steps
     """vehicle by vehicle, J of each"""
 
-    @classmethod
-    def of(cls, course: Course, obstacle: Obstacle, since: float) -> Self:
-        """The motions of a scenario's vehicles, with pieces that end or begin at `since` [s]."""
-        grid = course.scenario.grid
-        course = course.cut(np.append(obstacle.corners, since))
-        centers = obstacle.centers(course.elapsed)
-        positions = course.positions - centers
-        width = course.durations[:, None]
-        ways = width * course.velocities[:, :-1] - np.diff(centers, axis=0)
-        pieces = (positions[:, :-1], ways, width**2 * course.accelerations)
-        steps = Steps(*(each.reshape(-1, 3) for each in pieces))
-        return cls(course, grid.rounding, positions, steps)
+    def lowest_at_least(self, shape: Shape, enough: FloatArray) -> FloatArray:
+        """Return lower bounds of distances from the shape in the pieces [m], shape (N, J).
+
+        Args:
+            shape: of the obstacle.
+            enough: where distances from its bounding box show as much, they do [m], as the answer.
+        """
+        outside = _outside_of_box(self.positions, shape.extent)
+        lowest = self._between(outside)
+        near = np.flatnonzero(~(lowest >= enough).all(axis=1))
+        if len(near) > 0:
+            outside[near] = shape.signed_distance(self.positions[near])
+            lowest = self._between(outside)
+        return lowest
+
+    def _between(self, distances: FloatArray) -> FloatArray:
+        """Return where two slopes meet, from distances at the instants, shape (N, J)."""
+        ways = self.pieces.speeds.reshape(len(distances), -1)
+        lowest: FloatArray = (distances[:, :-1] + distances[:, 1:] - ways) / 2.0
+        return lowest
 
     def closest(self, shape: Shape, since: float, *, known: bool) -> tuple[_Closest, _Closest]:
         """When each vehicle is closest to the shape: at knots, and at all times.
@@ -118,9 +125,7 @@ class _Seen:
         times = instants[judged][k]
 
         during = (instants[:-1] >= since) == known
-        ways = self.pieces.speeds.reshape(len(values), -1)
-        lowest = (outside[:, :-1] + outside[:, 1:] - ways) / 2.0  # of two slopes that meet
-        lowest = lowest - course.errors_over
+        lowest = self._between(outside) - course.errors_over
         owners, piece = np.nonzero(~(lowest >= values[:, None]) & during)  # what is no number too
         around = course.around(piece)
         least = least_over_time(
@@ -138,6 +143,25 @@ class _Seen:
             off[found] = around.radii(at, least.moments[found, None])[:, 0]
         at_knots = _Closest(times, values + errors[k], errors[k])
         return at_knots, _Closest(always, least.values + off, off)
+
+
+def seen_from(course: Course, obstacle: Obstacle, since: float = 0.0) -> Seen:
+    """Return the motions of a scenario's vehicles as an obstacle sees them.
+
+    Args:
+        course: what is judged.
+        obstacle: on a clock that is 0 at the first knot.
+        since: a time at which pieces end and begin too [s].
+    """
+    tolerance = course.scenario.grid.rounding
+    course = course.cut(np.append(obstacle.corners, since))
+    centers = obstacle.centers(course.elapsed)
+    positions = course.positions - centers
+    width = course.durations[:, None]
+    ways = width * course.velocities[:, :-1] - np.diff(centers, axis=0)
+    pieces = (positions[:, :-1], ways, width**2 * course.accelerations)
+    steps = Steps(*(each.reshape(-1, 3) for each in pieces))
+    return Seen(course, tolerance, positions, steps)
 
 
 def _least_at(

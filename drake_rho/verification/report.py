@@ -91,6 +91,14 @@ class Column:
     errors: FloatArray | None = None  # None for none
     due: BoolArray | None = None  # which vehicles have this constraint; None for all
 
+    @property
+    def holds(self) -> bool:
+        """Whether all vehicles keep it that have it, or it is not asked for."""
+        kept = self.excess <= self.tolerances
+        if self.due is not None:
+            kept = kept | ~self.due
+        return not self.asked or bool(kept.all())
+
     def checks(self, names: Sequence[str]) -> Iterator[Check | None]:
         """The check of each vehicle; None where it does not have the constraint."""
         errors = np.zeros(len(names)) if self.errors is None else self.errors
