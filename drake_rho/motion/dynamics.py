@@ -103,6 +103,27 @@ class Motion:
             a[vehicles] = accelerations
         return Motion(self.step, p, v, a, self.before)
 
+    def finer(self, pieces: int) -> Motion:
+        """Return the same motions with each step cut into equal pieces.
+
+        Its jerks are not those of the motion: they are at the beginnings of whole steps only.
+        """
+        if pieces == 1:
+            return self
+        s = self.step / pieces * np.arange(pieces)[:, None]
+        p, v, a = (
+            each[..., : self.accelerations.shape[-2], None, :]
+            for each in (self.positions, self.velocities, self.accelerations)
+        )
+        states = [p + s * (v + s / 2.0 * a), v + s * a]
+        flat = (*self.accelerations.shape[:-2], -1, 3)
+        positions, velocities = (
+            np.concatenate([each.reshape(flat), last[..., -1:, :]], axis=-2)
+            for each, last in zip(states, (self.positions, self.velocities), strict=True)
+        )
+        repeated = np.repeat(self.accelerations, pieces, axis=-2)
+        return Motion(self.step / pieces, positions, velocities, repeated, self.before)
+
     def of(self, vehicles: IntArray | slice) -> Motion:
         """The motions of some of the vehicles."""
         return Motion(

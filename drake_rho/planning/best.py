@@ -16,14 +16,14 @@ from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.along_ways import no_plan, plan_along_ways
 from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.blocks import OnWorkers
-from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.convex import linearised_once
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.improvement import Improvement
 from drake_rho.planning.keep_apart import Coupling, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.restoration import Restoration
-from drake_rho.planning.room import check_room
+from drake_rho.planning.room import check_room, with_finer_margins
 from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
@@ -87,13 +87,23 @@ def plan(
     options = options or DEFAULTS
     coupling = coupling or coupling_for(scenario, options)
     solver = OnWorkers(solver, executor) if executor is not None else solver
-    first = first_plan(
-        scenario,
-        reference=reference,
-        solver=solver,
-        progress=progress,
-        options=options,
-    )
+
+    def best(asked: Scenario) -> Plan:
+        first = _first(asked, reference, solver, progress, options)
+        return _iterated(first, coupling, solver, progress, options)
+
+    return with_finer_margins(best, scenario)
+
+
+def _iterated(
+    first: Plan,
+    coupling: Coupling,
+    solver: Solver | OnWorkers | None,
+    progress: Progress | None,
+    options: Options,
+) -> Plan:
+    """Return the plan that linearising anew ends with, from one that keeps every constraint."""
+    scenario = first.scenario
     if not scenario.known and scenario.separation is None:
         return first
     tolerance = options.tolerance_of(
@@ -139,15 +149,28 @@ def first_plan(
     progress: Progress | None = None,
     options: Options = DEFAULTS,
 ) -> Plan:
-    """The plan that `plan` begins with: it keeps every constraint, and is not iterated.
+    """Return the plan that `plan` begins with: it keeps every constraint, and is not iterated.
 
     Args and errors are those of `plan`.
     """
+    return with_finer_margins(
+        lambda asked: _first(asked, reference, solver, progress, options), scenario
+    )
+
+
+def _first(
+    scenario: Scenario,
+    reference: Plan | None,
+    solver: Solver | OnWorkers | None,
+    progress: Progress | None,
+    options: Options,
+) -> Plan:
+    """Return `first_plan` with the margins that a scenario has."""
     check_room(scenario)
     if scenario.separation is not None:
         return _first_apart(scenario, reference, solver, progress, options)
     try:
-        return plan_convex(scenario, reference=reference, solver=solver)
+        return linearised_once(scenario, reference, solver)
     except SolverError:
         if not scenario.known:
             raise
@@ -179,7 +202,7 @@ def _first_apart(
     try:
         try:
             tell(progress, "planning each vehicle without the others")
-            careless = plan_convex(alone, reference=reference, solver=solver)
+            careless = linearised_once(alone, reference, solver)
         except SolverError:
             if not scenario.known:
                 raise

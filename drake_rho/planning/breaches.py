@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_rho.motion.clearance import NONE, CloseApproaches
 from drake_rho.motion.dynamics import Motion, roll_out
-from drake_rho.motion.margins import margins_of
+from drake_rho.motion.margins import finer_margins_of
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.close_pairs import too_close
@@ -113,14 +113,15 @@ def breaches_of(
         before: another plan and what it breaks; vehicles that fly the same are not looked at again.
     """
     motion, between = plan.motion(), scenario.between_knots
-    apart, margins = scenario.separation, margins_of(scenario)
+    apart, margins = scenario.separation, finer_margins_of(scenario)
     obstacles = obstacles_of(scenario, motion)
     approaches = {each.number - FIRST: each.approaches(motion) for each in obstacles}
     inside = {number: found for number, found in approaches.items() if len(found) > 0}
     moved = None if before is None else _moved(before[0].motion(), motion)
     pairs = NONE
     if apart is not None:
-        pairs = too_close(apart, motion, margins, between=between, of=moved)
+        finer = motion.finer(scenario.margin_pieces)
+        pairs = too_close(apart, finer, margins, between=between, of=moved)
     everyone = np.arange(len(scenario.vehicles))
     looked = everyone if moved is None else moved
     unflyable, beyond = _unflyable(scenario, motion, looked), _beyond(scenario, motion, looked)

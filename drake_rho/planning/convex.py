@@ -7,11 +7,12 @@ from collections.abc import Iterable
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.limits import convex_constraints
-from drake_rho.planning.room import check_room
+from drake_rho.planning.room import check_room, with_finer_margins
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.errors import ScenarioError
@@ -53,7 +54,6 @@ def plan_convex(
         >>> rho.plan_convex(rho.load_scenario("paper"))
         <Plan of paper: 4 vehicles, 50 knots, cost 20920.4 m²/s⁴>
     """
-    check_room(scenario)
     others = [_grid(step, scenario.grid) for step in steps]
     if reference is not None and others:
         raise ValueError("steps: got some beside a reference, expected none: it has one step")
@@ -64,7 +64,7 @@ def plan_convex(
         asked = scenario.on_grid(grid) if steps_tried else scenario
         steps_tried += (grid.step,)
         try:
-            plan = _plan(asked, reference, solver)
+            plan = with_finer_margins(lambda each: linearised_once(each, reference, solver), asked)
         except InfeasibleError as error:
             failures.append(error)
             statistics += error.statistics
@@ -72,13 +72,27 @@ def plan_convex(
             statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
             return plan.with_statistics(statistics)
     first = failures[0]
-    raise InfeasibleError(
-        first.conflicts, steps_tried, statistics, scenario, first.obstacles, first.reference
-    )
+    raise first if first.bearable is not None else first.after(steps_tried, statistics)
 
 
-def _plan(scenario: Scenario, reference: Plan | None, solver: Solver | None) -> Plan:
-    """Steps 1 and 2 for one h."""
+def linearised_once(
+    scenario: Scenario, reference: Plan | None = None, solver: Solver | OnWorkers | None = None
+) -> Plan:
+    """Return a plan by steps 1 and 2 for the scenario's h, with the margins that it has.
+
+    Raises:
+        InfeasibleError: there is none.
+        SolverError: the solvers fail numerically.
+    """
+    check_room(scenario)
+    try:
+        return _plan(scenario, reference, solver)
+    except InfeasibleError as error:
+        raise error.after((scenario.grid.step,), error.statistics) from None
+
+
+def _plan(scenario: Scenario, reference: Plan | None, solver: Solver | OnWorkers | None) -> Plan:
+    """Return a plan by steps 1 and 2 for one h, where there is room."""
     if reference is not None:
         return Subproblem(scenario, coupling_for(scenario), solver).around(reference)
     planes = CuttingPlanes(scenario, solver)

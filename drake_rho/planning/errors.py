@@ -72,6 +72,19 @@ class InfeasibleError(DrakeRhoError):
             because,
         )
 
+    def after(self, steps_tried: tuple[float, ...], statistics: Statistics) -> InfeasibleError:
+        """Return this error with the steps that were tried [s], and with what all of them took."""
+        return InfeasibleError(
+            self.conflicts,
+            steps_tried,
+            statistics,
+            self.scenario,
+            self.obstacles,
+            self.reference,
+            self.bearable,
+            self.because,
+        )
+
     @property
     def is_proved(self) -> bool:
         """Whether the scenario has no plan, whatever is tried."""

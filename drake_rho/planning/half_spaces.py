@@ -67,6 +67,9 @@ class Constraint(abc.ABC):
     """whether one instant may need several rows, each with another normal"""
     linearised: bool = False
     """whether its rows hold around one reference only"""
+    pieces: int = 1
+    """into how many pieces steps are cut, each with knots and a margin of its own; it is asked of
+    `Motion.finer`"""
 
     @abc.abstractmethod
     def violated(

@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.margins import Margins, margins_of
+from drake_rho.motion.margins import Margins, finer_margins_of
 from drake_rho.planning.close_pairs import most_beside, pairs_within, separation_of, too_close
 from drake_rho.planning.half_spaces import BROKEN, HalfSpaces, Quadratic
 from drake_rho.planning.keep_out import FIRST, KeepOut, Places, side_of
@@ -258,7 +258,7 @@ def pairs_of(
             between its knots, since rows may be broken.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
-    margins = margins_of(scenario)
+    margins, reference = finer_margins_of(scenario), reference.finer(scenario.margin_pieces)
     kept = separation.distance + most_beside(separation, margins)
     near = pairs_within(separation, reference, NEAR * kept, between=False, of=of)
     if close is None:
@@ -277,6 +277,7 @@ def pairs_of(
         shape=shape,
         kept=separation,
         margins=margins,
+        pieces=scenario.margin_pieces,
         share=coupling.share,
         aside=aside,
         reference=reference,

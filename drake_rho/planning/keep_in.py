@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_rho.motion.clearance import turning_points
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.margins import Margins, margins_of
+from drake_rho.motion.margins import Margins, finer_margins_of, margins_of
 from drake_rho.planning.half_spaces import AT_ONCE, BROKEN, Constraint, HalfSpaces, near
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.fleet import Bounds
@@ -42,6 +42,7 @@ class KeepInBox(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """The sides that are broken: at the knots, or where a coordinate turns round."""
+        motion = motion.finer(self.pieces)
         if between:
             return self._violated_between(motion, vehicles)
         values = motion.values(self.quantity)[:, self.first : self.first + len(self.times)]
@@ -119,13 +120,14 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
     The first and the last knot are left out where the start and the goal decide. Between knots
     only positions can break theirs: velocity is linear there, acceleration and jerk are constant.
     """
-    times, boxes = scenario.grid.elapsed, list[Constraint]()
-    margins = margins_of(scenario)
+    boxes = list[Constraint]()
     for number, quantity in enumerate(QUANTITIES):
         bounds = scenario.fleet.bounds(quantity)
         if bounds is None:
             continue
         inner = quantity in ("position", "velocity")
+        margins = finer_margins_of(scenario) if inner else margins_of(scenario)
+        times = margins.grid.elapsed
         boxes.append(
             KeepInBox(
                 number=number,
@@ -135,6 +137,7 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
                 times=times[1:-1] if inner else times[:-1],
                 first=int(inner),
                 margins=margins,
+                pieces=scenario.margin_pieces if inner else 1,
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),
             )
         )

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.margins import margins_of
+from drake_rho.motion.margins import finer_margins_of, margins_of
 from drake_rho.planning.half_spaces import Constraint
 from drake_rho.planning.keep_in import QUANTITIES
 from drake_rho.planning.keep_in_sets import Asked, KeepInSets
@@ -31,7 +31,7 @@ class KeepInNorm(KeepInSets):
 
     def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
         """The values at the knots."""
-        knots = slice(self.first, self.first + len(self.times))
+        motion, knots = motion.finer(self.pieces), slice(self.first, self.first + len(self.times))
         values = motion.values(self.quantity)[vehicles, knots].reshape(-1, 3)
         who = np.repeat(vehicles, len(self.times))
         return Asked(who, np.tile(self.times, len(vehicles)), values)
@@ -42,12 +42,14 @@ def norms_of(scenario: Scenario) -> list[Constraint]:
 
     The first and the last velocity are left out: start and goal decide them.
     """
-    times, norms = scenario.grid.elapsed, list[Constraint]()
+    norms = list[Constraint]()
     for number, norm in enumerate(NORMS, start=len(QUANTITIES)):
         if norm not in scenario.fleet.norms:
             continue
         limit = scenario.fleet.norms[norm]
         inner = limit.kind.quantity == "velocity"
+        margins = finer_margins_of(scenario) if inner else margins_of(scenario)
+        times = margins.grid.elapsed
         norms.append(
             KeepInNorm(
                 number=number,
@@ -56,7 +58,8 @@ def norms_of(scenario: Scenario) -> list[Constraint]:
                 sets=limit.sets,
                 times=times[1:-1] if inner else times[:-1],
                 first=int(inner),
-                margins=margins_of(scenario),
+                margins=margins,
+                pieces=scenario.margin_pieces if inner else 1,
             )
         )
     return norms

@@ -25,7 +25,7 @@ import numpy as np
 
 from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion, step_at
-from drake_rho.motion.margins import Margins, margins_of
+from drake_rho.motion.margins import Margins, finer_margins_of
 from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.half_spaces import AT_ONCE, BROKEN, Constraint, HalfSpaces, Quadratic, near
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -79,7 +79,7 @@ class KeepOut(Constraint):
     """One set that vehicles keep out of, linearised around a reference."""
 
     reference: Motion
-    """q, of all vehicles"""
+    """q, of all vehicles, its steps cut into pieces"""
     every_instant: bool
     """whether it holds at every instant, or at the knots only"""
     linearised: bool = True
@@ -96,6 +96,7 @@ class KeepOut(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """The broken rows at the knots or, if `between`, where the motion is inside of S."""
+        motion = motion.finer(self.pieces)
         if not between:
             return self.violated_at_knots(motion, vehicles, reach)
         places = self.penetrations(motion, vehicles)
@@ -188,6 +189,7 @@ class KeepOutOfObstacle(KeepOut):
 
     def approaches(self, motion: Motion) -> CloseApproaches:
         """Where a motion comes too close, and its distances from what is kept, below zero [m]."""
+        motion = motion.finer(self.pieces)
         places = self.penetrations(motion, np.arange(len(self.kept)))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
         distances = distances - self.radius(places)
@@ -263,7 +265,8 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacl
     known = scenario.known
     if not known:
         return []
-    inner_knots, margins = Places.at_inner_knots(reference), margins_of(scenario)
+    reference = reference.finer(scenario.margin_pieces)
+    inner_knots, margins = Places.at_inner_knots(reference), finer_margins_of(scenario)
     return [
         KeepOutOfObstacle(
             number=FIRST + number,
@@ -276,6 +279,7 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacl
             inner_knots=inner_knots,
             kept=scenario.fleet.radii + obstacle.deviation,
             margins=margins,
+            pieces=scenario.margin_pieces,
             tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),
         )
         for number, obstacle in known

@@ -13,7 +13,7 @@ import numpy as np
 
 from drake_rho.motion.clearance import NONE, CloseApproaches
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.margins import margins_of
+from drake_rho.motion.margins import finer_margins_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.close_pairs import most_beside, pairs_within, separation_of
@@ -61,7 +61,7 @@ class Restoration(Subproblem):
         super().__init__(scenario, decoupled, solver)
         self.begun = begun
         separation = separation_of(scenario)
-        self._kept = separation.distance + most_beside(separation, margins_of(scenario))
+        self._kept = separation.distance + most_beside(separation, finer_margins_of(scenario))
         self._apart = InGroups(scenario, self._effort, _TOGETHER, solver)
 
     def restored(self, reference: Plan, penalty: float, number: int) -> Plan:

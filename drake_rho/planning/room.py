@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from drake_rho.motion.margins import Margins, finer_margins_of, margins_of
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.tube import tube_of
 from drake_rho.planning.close_pairs import most_beside
-from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
 _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
+_PIECES = 16
+"""Pieces of a step that finer margins are constant over, at least."""
+
+_LESS = 0.02
+"""By what part margins are to be smaller, for another search to be worth its time."""
+
 _UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 
 _WHERE = {0: "start", -1: "goal"}
@@ -94,6 +102,49 @@ def lacks(scenario: Scenario, *, under_way: bool = False) -> dict[str, tuple[str
             name = scenario.vehicles[vehicle].name
             found[name] = (*found.get(name, ()), each.reason(vehicle))
     return found
+
+
+def with_finer_margins(find: Callable[[Scenario], Plan], scenario: Scenario) -> Plan:
+    """Return what is found with margins that are constant over steps or, before refusing, finer.
+
+    Args:
+        find: a plan for a scenario; it may raise `InfeasibleError` and `SolverError`.
+        scenario: what is asked.
+
+    Raises:
+        InfeasibleError: there is none with either.
+        SolverError: the solvers fail numerically.
+    """
+    try:
+        return find(scenario)
+    except InfeasibleError as error:
+        finer = scenario.derived(margin_pieces=_pieces(scenario))
+        if scenario.margin_pieces > 1 or not _is_less(finer_margins_of(finer), scenario):
+            raise
+        try:
+            plan = find(finer)
+        except (InfeasibleError, SolverError) as again:
+            error.statistics += again.statistics
+            raise error from None
+        plan = plan.with_statistics(error.statistics + plan.statistics)
+        return unchecked(plan, scenario=scenario)
+
+
+def _pieces(scenario: Scenario) -> int:
+    """Return into how many pieces steps are cut, whole parts of samples where these are few."""
+    around = scenario.disturbance
+    samples = 1 if around is None else around.samples_per_step(scenario.grid.step)
+    return samples * math.ceil(_PIECES / samples) if samples < _PIECES else _PIECES
+
+
+def _is_less(finer: Margins, scenario: Scenario) -> bool:
+    """Return whether finer margins leave more room than those of steps, by a part that counts."""
+    margins = margins_of(scenario)
+    pieces = (len(finer.knots["position"]) - 1) // len(margins.steps["position"])
+    return any(
+        np.any(finer.knots[each][::pieces] < (1.0 - _LESS) * margins.knots[each])
+        for each in ("position", "velocity")
+    )
 
 
 def starts_beyond_limits(scenario: Scenario) -> bool:
