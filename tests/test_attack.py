@@ -42,6 +42,30 @@ def test_no_wind_leaves_less_and_the_found_one_leaves_just_that(seed: int) -> No
         assert _least_clearance(flown) >= attack.bound - 1e-9
 
 
+@pytest.mark.parametrize("speed", [10.0, 100.0])
+def test_of_two_passes_the_closer_one_counts_also_between_samples(speed: float) -> None:
+    asked = single(grid=rho.Grid(1.0, 9), goal=rho.State([8.0, 0.0, 0.0]), between_knots=True)
+    asked = dataclasses.replace(asked, disturbance=rho.Disturbance(0.05, feedback_every=0.25))
+    plan = rho.plan(asked)
+    at = plan.motion().at("position", np.array([3.0, 5.01]))[0][:, 0]
+    places = [
+        [at[0], -3.0 * speed, 0.41],  # past the vehicle at 3 s, a sample
+        [at[0], 0.9 * speed, 0.41],
+        [at[1], 0.91 * speed, 0.4],  # and closer at 5.01 s, on the way back
+        [at[1], -2.99 * speed, 0.4],
+    ]
+    ball = rho.Obstacle(rho.Sphere([0, 0, 0], 0.1), track=rho.Track([0, 3.9, 4.1, 8], places))
+    asked = dataclasses.replace(asked, obstacles=(ball,))
+    attack = rho.attack(asked, plan)
+    times = np.linspace(0.0, 8.0, 800_001)
+    motion = plan.motion().at("position", times)[0]
+    apart = np.linalg.norm(motion - ball.centers(times), axis=1) - 0.1
+    least = float((apart - rho.error_tube(asked).position(times)).min())
+    assert attack.bound <= least
+    assert attack.bound == pytest.approx(least, abs=1e-6)
+    assert attack.clearance == pytest.approx(attack.bound, abs=1e-6)
+
+
 def test_a_plan_that_knows_of_wind_survives_and_one_that_does_not_is_hit() -> None:
     """A sphere right in the way, which a plan without wind touches."""
     calm = single(obstacles=[rho.Sphere([5.0, 2.0, -0.8], 1.0)], between_knots=True)

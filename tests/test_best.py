@@ -257,7 +257,7 @@ def test_where_the_solvers_fail_ways_round_are_tried_if_there_is_an_obstacle(
     def failing(*args: object, **options: object) -> rho.Plan:
         raise rho.SolverError("numerically")
 
-    monkeypatch.setattr(best, "plan_convex", failing)
+    monkeypatch.setattr(best, "linearised_once", failing)
     plan = rho.plan(asked)
     assert rho.verify(plan).ok
     assert plan.cost == pytest.approx(known.cost, rel=INDEX)

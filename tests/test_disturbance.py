@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho.motion.tube import tube_of
+from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_json, scenario_to_yaml
+from drake_rho.simulation.closed_loop import fly
 from tests.scenarios import single
 
 EVERY_FIELD = rho.Disturbance(0.3, 0.02, 0.05, 0.05, 1, 0.4)
@@ -133,3 +136,25 @@ def test_on_another_grid_the_feedback_is_as_often_or_more_often() -> None:
     assert many.samples_per_step(5.0) == 1000  # and no more
     assert _with(rho.Disturbance(1.0)).on_grid(rho.Grid(0.1, 9)).disturbance == rho.Disturbance(1.0)
     assert rho.shortest_plan(scenario).scenario.disturbance is not None  # it tries other steps
+
+
+def test_gains_that_a_scenario_gives_are_those_that_are_flown() -> None:
+    own = (0.5, 1.0)
+    around = rho.Disturbance(0.3, 0.02, 0.02, 0.1, tracking=Tracking(0.0, own))
+    limits = rho.Limits(max_acceleration=2.0)
+    windy = dataclasses.replace(
+        single(grid=rho.Grid(0.5, 21), goal=rho.State([5, 0, 0]), limits=limits),
+        disturbance=around,
+    )
+    assert rho.error_tube(windy).gains == tube_of(windy).gains == own
+    assert rho.error_tube(windy, gains=(1.0, 2.0)).gains == (1.0, 2.0)
+    worst = rho.worst_case(windy, [1, 0, 0], 10.0)
+    flown = fly(windy, replan_every=100, wind=worst)
+    filled = flown.errors()[1:, 0] / flown.radii()[1:]
+    assert filled.max() == pytest.approx(1.0, abs=1e-9)
+    begun = dataclasses.replace(around, tracking=Tracking(-1.0, own, 0.1, 0.2))
+    under_way = dataclasses.replace(windy, disturbance=begun)
+    tube = rho.error_tube(under_way)
+    assert (tube.gains, tube.initial, tube.grid.start) == (own, (0.1, 0.2), -1.0)
+    again = scenario_from_yaml(scenario_to_yaml(under_way))
+    assert again.disturbance == begun

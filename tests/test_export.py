@@ -326,7 +326,23 @@ def test_a_flight_that_ends_between_milliseconds_is_flown_to_its_end(tmp_path: P
     assert (before["time_boot_ms"], last["time_boot_ms"]) == ("300", "301")
     assert [float(last[name]) for name in ("afx", "afy", "afz")] == [0.0, 0.0, 0.0]
     place = [float(last["y"]), float(last["x"]), -float(last["z"])]
-    np.testing.assert_allclose(place, plan.positions[0, -1], rtol=0, atol=1e-2)
+    np.testing.assert_allclose(place, plan.positions[0, -1], rtol=0, atol=1e-12)
+
+
+def test_the_last_setpoint_is_at_rest_at_the_goal(tmp_path: Path) -> None:
+    asked = rho.Scenario(
+        "short",
+        rho.Grid(1.0 / 3.0, 8),
+        [rho.Vehicle("v0", rho.State([0, 0, 1]), rho.State([2, 1, 3]))],
+    )
+    rho.export(rho.plan(asked), tmp_path / "setpoints.csv", format="px4", rate=50.0)
+    with open(tmp_path / "setpoints.csv", encoding="utf-8", newline="") as file:
+        *_, last = csv.DictReader(file)
+    assert last["time_boot_ms"] == "2334"  # after the end, at 2333.3 ms
+    place = [float(last["y"]), float(last["x"]), -float(last["z"])]
+    np.testing.assert_allclose(place, [2.0, 1.0, 3.0], rtol=0, atol=1e-12)
+    rest = [float(last[name]) for name in ("vx", "vy", "vz", "afx", "afy", "afz")]
+    np.testing.assert_allclose(rest, np.zeros(6), rtol=0, atol=1e-12)
 
 
 def test_mavlink_has_no_more_than_255_systems(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import BISECTED_AROUND
+from drake_rho.assurance.feasibility import BISECTED_AROUND, can_be_slower, is_monotone
 from tests.scenarios import box, single
 
 
@@ -23,6 +23,59 @@ def gap(disturbance: rho.Disturbance | None) -> rho.Scenario:
     walls = rho.Box([4, -50, -50], [5, 1.6, 50]), rho.Box([4, 2.4, -50], [5, 50, 50])
     scenario = single(limits=rho.Limits(box(12)), obstacles=walls, between_knots=True)
     return dataclasses.replace(scenario, disturbance=disturbance)
+
+
+def test_longer_is_not_always_possible_with_a_tube_that_grows() -> None:
+    """The feedback may take half of 1.5 m/s², so wind of 1 m/s² drives ever further away."""
+
+    def lasting(duration: float) -> rho.Scenario:
+        limits = rho.Limits(position=rho.Box([-2, -2, -2], [3, 2, 2]), max_acceleration=1.5)
+        asked = single(grid=rho.Grid(duration / 10, 11), goal=rho.State([1.0, 0, 0]), limits=limits)
+        return dataclasses.replace(asked, disturbance=rho.Disturbance(1.0, share=0.5))
+
+    assert rho.verify(rho.plan(lasting(2.0))).ok
+    for duration in (4.0, 8.0, 12.0):
+        with pytest.raises(rho.InfeasibleError):
+            rho.plan(lasting(duration))
+    assert not is_monotone(lasting(12.0))
+    assert not can_be_slower(lasting(2.0))
+    diagnosis = rho.diagnose(lasting(12.0))
+    assert diagnosis.shortest_duration is not None
+    assert diagnosis.longest_duration is not None
+    assert 1.0 < diagnosis.shortest_duration < 2.0 < diagnosis.longest_duration < 4.0
+    assert rho.verify(rho.plan(lasting(diagnosis.longest_duration))).ok
+    with pytest.raises(rho.InfeasibleError):
+        rho.plan(lasting(1.01 * diagnosis.longest_duration))
+    assert "or perhaps another instead of 12 s" in str(diagnosis)
+    shortest = rho.shortest_plan(lasting(12.0))
+    assert rho.verify(shortest).ok
+    assert shortest.scenario.grid.duration == pytest.approx(diagnosis.shortest_duration)
+
+
+def test_what_moves_does_not_wait_for_a_slower_flight() -> None:
+    still, ball = single(), rho.Sphere([5.0, 2.0, -1.0], 0.5)
+    assert can_be_slower(still)
+    assert can_be_slower(dataclasses.replace(still, obstacles=(ball,)))
+    moving = rho.Obstacle(ball, velocity=[0.1, 0.0, 0.0])
+    assert not can_be_slower(dataclasses.replace(still, obstacles=(moving,)))
+    assert not can_be_slower(dataclasses.replace(still, disturbance=rho.Disturbance(0.1)))
+
+
+@pytest.mark.parametrize("windy", [False, True])
+def test_what_cannot_be_met_together_is_told_with_what_it_is_proved_for(windy: bool) -> None:
+    limits = rho.Limits(max_acceleration=0.7)
+    asked = single(goal=rho.State([0.9 * 0.7 * 16.0, 0, 0]), limits=limits)
+    around = rho.Disturbance(0.3, share=1.0) if windy else None
+    asked = dataclasses.replace(asked, disturbance=around)
+    if not windy:
+        asked = dataclasses.replace(asked, limits=rho.Limits(max_acceleration=0.6))
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(asked)
+    assert caught.value.is_proved == (not windy)
+    for told in (str(caught.value), rho.diagnose(asked).reason):
+        margins = "with the margins that are kept for the disturbance" in told
+        assert margins == windy
+        assert "together" in told
 
 
 def test_the_largest_wind_of_a_corridor_is_that_whose_tube_fills_it() -> None:

@@ -124,6 +124,30 @@ def test_the_largest_disturbance_is_the_one_whose_tube_just_fits(
             assert (peaks(rho.error_tube(scenario_of(wind, limit)))[0] <= radius) == fits
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_the_largest_disturbance_is_never_too_large(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    step, knots = float(rng.choice([0.1, 0.25, 0.5])), int(rng.integers(5, 30))
+    around = rho.Disturbance(
+        0.1,
+        float(rng.choice([0.0, 0.01])),
+        float(rng.choice([0.0, 0.02])),
+        step / int(rng.choice([1, 2, 5])),
+        int(rng.integers(0, 3)),
+    )
+    limits = rho.Limits(max_acceleration=float(rng.uniform(1.0, 6.0)))
+    scenario = single(grid=rho.Grid(step, knots), limits=limits)
+    scenario = dataclasses.replace(scenario, disturbance=around)
+    radius = float(10.0 ** rng.uniform(-1.0, 0.5))
+    most = rho.largest_disturbance(scenario, radius)
+    if most > 0.0:
+        windy = dataclasses.replace(
+            scenario, disturbance=dataclasses.replace(around, acceleration=most)
+        )
+        times = np.linspace(0.0, scenario.grid.end, 20_001)
+        assert rho.error_tube(windy).position(times).max() <= radius * (1.0 + 1e-12)
+
+
 def test_the_largest_disturbance_without_bounds_or_with_too_small_ones() -> None:
     scenario = scenario_of(rho.Disturbance(1.0, 0.1, 0.1), 2.0)
     assert rho.largest_disturbance(scenario, np.inf) == np.inf

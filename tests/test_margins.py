@@ -206,7 +206,7 @@ def test_the_rest_of_a_plan_has_the_rest_of_its_tube() -> None:
         ({"limits": rho.Limits(velocity=box(1.6))}, "velocity box"),
         ({"limits": rho.Limits(max_speed=1.6)}, "maximum speed"),
         ({"limits": rho.Limits(position=box(10.2))}, "position box (goal 0.2 m inside"),
-        ({"obstacles": [rho.Sphere([-1.2, 0.0, 0.0], 1.0)]}, "obstacle 1 (start 0.2 m inside"),
+        ({"obstacles": [rho.Sphere([10.0, 5.2, -2.0], 1.0)]}, "obstacle 1 (goal 0.2 m inside"),
         ({"waypoints": [rho.Waypoint(2.0, [4.0, 3.0, 0.0], 0.1)]}, "waypoint 1 (middle 0.1 m"),
     ],
 )
@@ -231,10 +231,55 @@ def test_what_leaves_no_room_is_named_with_what_it_would_bear(
 
 
 def test_starts_and_goals_of_pairs_need_room_for_both_errors() -> None:
-    asked = fleet([[0.0, 0, 0], [1.3, 0, 0]], [[8, 0, 0], [8, 4, 0]])
+    asked = fleet([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]], [[8.0, 0.0, 0.0], [8.0, 1.3, 0.0]])
     windy = dataclasses.replace(asked, disturbance=rho.Disturbance(2.0, feedback_every=0.5))
-    with pytest.raises(rho.InfeasibleError, match=r"separation \(start 0.15 m inside, of 0."):
+    with pytest.raises(rho.InfeasibleError, match=r"separation \(goal 0.15 m inside, of 0."):
         rho.plan(windy)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_steps_cut_into_pieces_are_the_same_motion(seed: int) -> None:
+    motion = rho.plan_convex(random_scenario(seed)).motion()
+    finer = motion.finer(7)
+    times = np.linspace(0.0, motion.step * motion.accelerations.shape[1], 301)
+    for quantity in ("position", "velocity"):
+        expected = motion.at(quantity, times)
+        size = float(np.abs(expected).max())
+        np.testing.assert_allclose(finer.at(quantity, times), expected, atol=1e-9 * size)
+    assert motion.finer(1) is motion
+
+
+SHORT_OF_ROOM: dict[str, rho.Scenario] = {
+    "a start that is left at once": single(
+        obstacles=[rho.Sphere([-1.2, 0.0, 0.0], 1.0)], between_knots=True
+    ),
+    "a speed that is needed at one knot": single(
+        grid=rho.Grid(2.0, 3), goal=rho.State([4.0, 0, 0]), limits=rho.Limits(max_speed=3.0)
+    ),
+    "the same as a box": single(
+        grid=rho.Grid(2.0, 3), goal=rho.State([4.0, 0, 0]), limits=rho.Limits(velocity=box(3.0))
+    ),
+    "starts beside each other": fleet([[0.0, 0, 0], [1.3, 0, 0]], [[-8, 0, 0], [8, 4, 0]]),
+}
+
+
+@pytest.mark.parametrize("what", SHORT_OF_ROOM)
+def test_finer_margins_are_tried_before_a_scenario_is_refused(
+    what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wind = rho.Disturbance(0.4) if "speed" in what or "box" in what else None
+    around = wind or rho.Disturbance(2.0, feedback_every=0.5)
+    windy = dataclasses.replace(SHORT_OF_ROOM[what], disturbance=around)
+    plan = rho.plan(windy)
+    assert plan.scenario is windy
+    assert rho.verify(plan).ok
+    assert least_margin(plan) > -1e-6
+    assert rho.certify(plan).gap >= -1e-6
+    monkeypatch.setattr("drake_rho.planning.room._LESS", 1.0)  # no finer ones
+    with pytest.raises(rho.InfeasibleError) as caught:
+        rho.plan(windy)
+    assert not caught.value.is_proved
+    assert "margins" in str(caught.value) or "room" in str(caught.value)
 
 
 def test_a_gap_narrower_than_the_tube_is_none() -> None:

@@ -53,6 +53,33 @@ def test_the_velocity_of_a_track_is_the_derivative_of_its_place(seed: int) -> No
     np.testing.assert_allclose(track.velocities(times), slopes, atol=1e-6)
 
 
+def test_a_track_that_goes_on_keeps_its_last_velocity() -> None:
+    track = rho.Track([0, 1, 3], [[0, 0, 0], [1, 0, 0], [1, 4, 0]], after="goes_on")
+    times = np.array([-1.0, 2.0, 3.0, 5.0])
+    np.testing.assert_allclose(track.at(times), [[0, 0, 0], [1, 2, 0], [1, 4, 0], [1, 8, 0]])
+    np.testing.assert_allclose(track.velocities(times), [[0] * 3, [0, 2, 0], [0, 2, 0], [0, 2, 0]])
+    with pytest.raises(rho.ScenarioError, match=r"track\.after: got 'goes_on'"):
+        rho.Track([0], [[0, 0, 0]], after="goes_on")
+
+
+@pytest.mark.parametrize("after", [None, "rests", "goes_on"])
+def test_a_report_tells_of_a_track_that_ends_in_motion(after: Any) -> None:
+    track = rho.Track([0, 3], [[5, -9, 0], [5, -3, 0]], after=after)
+    ball = rho.Obstacle(rho.Sphere([0, 0, 0], 1.0), track=track, name="bird")
+    asked = single(obstacles=[ball], between_knots=True)
+    report = rho.verify(rho.plan(asked))
+    told = [note for note in report.notes if "obstacle 1 (bird) is taken to rest" in note]
+    assert len(told) == (after is None)
+    assert all("from 3 s on" in note and "at 8 s" in note for note in told)
+    assert ("taken to rest" in str(report)) == (after is None)
+    if after == "goes_on":
+        times = np.linspace(0.0, 8.0, 2001)
+        p = rho.plan(asked).motion().at("position", times)[0]
+        bird = np.stack([np.full(2001, 5.0), -9.0 + 2.0 * times, np.zeros(2001)], axis=-1)
+        assert np.linalg.norm(p - bird, axis=1).min() > 1.0 - 1e-6
+    assert scenario_from_yaml(scenario_to_yaml(asked)) == asked
+
+
 def test_a_track_of_one_time_is_a_place() -> None:
     track = rho.Track([3.0], [[1, 2, 3]])
     times = np.array([0.0, 3.0, 9.0])

@@ -29,11 +29,12 @@ from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.options import ALONE
 from drake_rho.planning.progress import Progress, tell
+from drake_rho.planning.room import with_more_pieces
 from drake_rho.planning.scp import iterate
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.verify import verify
 
@@ -241,7 +242,20 @@ def _converged(plan: Plan, solver: Solver | None, progress: Progress | None) -> 
 
 
 def _solved_around(plan: Plan, solver: Solver | None, progress: Progress | None) -> CuttingPlanes:
-    """The programs around a plan iterated on to the precision that a certificate needs."""
+    """Return the programs around a plan iterated on to the precision that a certificate needs.
+
+    A plan that keeps finer margins only is one of these.
+    """
+    try:
+        return _solved(plan, solver, progress)
+    except InfeasibleError:
+        if (finer := with_more_pieces(plan.scenario)) is None:
+            raise
+        return _solved(unchecked(plan, scenario=finer), solver, progress)
+
+
+def _solved(plan: Plan, solver: Solver | None, progress: Progress | None) -> CuttingPlanes:
+    """Return the programs around a plan with the margins that its scenario has."""
     subproblem = Subproblem(plan.scenario, coupled, solver)
     subproblem.labels = np.zeros_like(subproblem.labels)  # the multipliers of all are wanted
     iterate(subproblem, plan, ALONE, most=_MAX_POLISHINGS, progress=progress)

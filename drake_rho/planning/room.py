@@ -118,8 +118,7 @@ def with_finer_margins(find: Callable[[Scenario], Plan], scenario: Scenario) -> 
     try:
         return find(scenario)
     except InfeasibleError as error:
-        finer = scenario.derived(margin_pieces=_pieces(scenario))
-        if scenario.margin_pieces > 1 or not _is_less(finer_margins_of(finer), scenario):
+        if (finer := with_more_pieces(scenario)) is None:
             raise
         try:
             plan = find(finer)
@@ -128,6 +127,14 @@ def with_finer_margins(find: Callable[[Scenario], Plan], scenario: Scenario) -> 
             raise error from None
         plan = plan.with_statistics(error.statistics + plan.statistics)
         return unchecked(plan, scenario=scenario)
+
+
+def with_more_pieces(scenario: Scenario) -> Scenario | None:
+    """Return a scenario with finer margins; None where it has them, or they leave no more room."""
+    if scenario.disturbance is None or scenario.margin_pieces > 1:
+        return None
+    finer = scenario.derived(margin_pieces=_pieces(scenario))
+    return finer if _is_less(finer_margins_of(finer), scenario) else None
 
 
 def _pieces(scenario: Scenario) -> int:

@@ -128,7 +128,7 @@ class Scenario:
             except ScenarioError as error:
                 raise error.inside(f"obstacles[{index}]") from None
         for index, obstacle in enumerate(self.bodies):
-            if obstacle.known_from > self.grid.end:
+            if obstacle.known_from > max(self.grid.end, 0.0):  # at 0 it is known from the start
                 expected = f"a time in the flight, which ends at {self.grid.end:g} s"
                 raise ScenarioError(f"obstacles[{index}].known_from", obstacle.known_from, expected)
         if self.disturbance is not None:

@@ -1,0 +1,155 @@
+"""Flights are the same whenever they begin, on clocks that no number can represent too."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import drake_rho as rho
+from drake_rho.simulation.closed_loop import fly
+from drake_rho.simulation.timeline import Timeline
+
+starts = st.one_of(
+    st.integers(-100, 100).map(lambda k: 0.1 * k),
+    st.integers(0, 100).map(lambda k: 1e3 + 0.1 * k),
+    st.integers(0, 100).map(lambda k: 1.7e9 + 0.1 * k),
+)
+"""Times of first knots [s]: sums of tenths, which are no binary fractions."""
+
+
+def dashing(start: float, corner: float, step: float = 1.0) -> rho.Scenario:
+    """One vehicle, and a ball that waits beside its way until a corner, and dashes across it."""
+    times = start + np.array([-1.0, corner, corner + 0.25, 5.0]) * step
+    places = [[0.3, -3.0, 0.0], [0.3, -3.0, 0.0], [0.3, 3.0, 0.0], [0.3, 30.0, 0.0]]
+    return rho.Scenario(
+        "dash",
+        rho.Grid(step, 6, start),
+        [rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([4, 0, 0]))],
+        obstacles=[rho.Obstacle(rho.Sphere([0, 0, 0], 0.3), track=rho.Track(times, places))],
+    )
+
+
+def least_clearance(plan: rho.Plan) -> float:
+    """The least distance from the ball's surface [m], flown and sampled by hand."""
+    scenario, h = plan.scenario, plan.scenario.grid.step
+    track = scenario.bodies[0].track
+    assert track is not None
+    since = track.times - scenario.grid.start
+    p, v, least = np.zeros(3), np.zeros(3), np.inf
+    s = np.linspace(0.0, h, 2001)[:, None]
+    for k, a in enumerate(plan.accelerations[0]):
+        path = p + s * v + s**2 / 2.0 * a
+        times = k * h + s[:, 0]
+        ball = np.stack([np.interp(times, since, axis) for axis in track.positions.T], axis=-1)
+        least = min(least, float(np.linalg.norm(path - ball, axis=1).min()) - 0.3)
+        p, v = p + h * v + h**2 / 2.0 * a, v + h * a
+    return least
+
+
+@given(start=starts, corner=st.integers(1, 45).map(lambda k: 0.1 * k), step=st.floats(0.1, 1.0))
+@settings(max_examples=60, deadline=None)
+def test_no_corner_of_a_track_is_missed(start: float, corner: float, step: float) -> None:
+    scenario = dashing(start, corner, step)
+    for flown in (rho.plan(scenario), rho.plan_rho(scenario, replan_every=2).plan):
+        assert least_clearance(flown) > -1e-6
+        assert rho.verify(flown).ok
+
+
+@pytest.mark.parametrize(("start", "corner"), [(0.2, 0.7), (0.0, 0.7)])
+def test_a_corner_that_rounds_to_the_piece_before_it(start: float, corner: float) -> None:
+    scenario = dashing(start, corner)
+    assert least_clearance(rho.plan(scenario)) > -1e-6
+
+
+@given(start=starts.filter(lambda t: t >= 0.0), step=st.sampled_from([0.1, 1.0 / 3.0, 0.5]))
+@settings(max_examples=25, deadline=None)
+def test_a_flight_in_wind_does_not_depend_on_when_it_begins(start: float, step: float) -> None:
+    def at(begin: float) -> rho.Simulation:
+        scenario = rho.Scenario(
+            "clock",
+            rho.Grid(step, 11, begin),
+            [
+                rho.Vehicle(
+                    "v",
+                    rho.State([0, 0, 0]),
+                    rho.State([1, 0, 0]),
+                    waypoints=[rho.Waypoint(begin + 4.5 * step, [0.4, 0.1, 0], 0.1)],
+                )
+            ],
+            rho.Limits(max_acceleration=30.0),
+            obstacles=[
+                rho.Sphere([0.5, 0.05, 0], 0.1),
+                rho.Obstacle(
+                    rho.Sphere([0, 0, 0], 0.1),
+                    track=rho.Track(
+                        begin + step * np.array([0.0, 5.5, 10.0]),
+                        [[0.7, -1, 0], [0.7, 0.0, 0], [0.7, 1, 0]],
+                    ),
+                    known_from=begin + 3.0 * step,
+                ),
+            ],
+            disturbance=rho.Disturbance(0.1, 0.001, 0.001, step / 5),
+        )
+        wind = rho.winds.constant(scenario, [0, 1, 0])
+        return fly(scenario, replan_every=3, wind=wind, rng=np.random.default_rng(0))
+
+    here, there = at(0.0), at(start)
+    assert rho.verify(there).ok
+    assert (there.errors() <= there.radii()[:, None] * (1.0 + 1e-6) + 1e-9).all()
+    learned = [[window.learned for window in each.flight.windows] for each in (here, there)]
+    assert learned[0] == learned[1]
+    apart = np.linalg.norm(here.flight.plan.positions - there.flight.plan.positions, axis=2).max()
+    assert apart < 1e-4
+
+
+@given(start=starts, sample=st.sampled_from([0.01, 0.05, 0.1]))
+@settings(max_examples=30, deadline=None)
+def test_times_of_a_simulation_rise_and_begin_at_the_samples(start: float, sample: float) -> None:
+    scenario = rho.Scenario(
+        "times",
+        rho.Grid(0.1, 11, start),
+        [rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([1, 0, 0]))],
+        obstacles=[
+            rho.Obstacle(
+                rho.Sphere([9, 9, 9], 0.1),
+                track=rho.Track(start + 0.1 * np.arange(11), np.full((11, 3), 9.0)),
+            )
+        ],
+        disturbance=rho.Disturbance(0.1, feedback_every=sample),
+    )
+    timeline = Timeline.of(scenario, rho.winds.none())
+    assert np.all(np.diff(timeline.times) > 0.0)
+    np.testing.assert_allclose(
+        timeline.elapsed[timeline.samples], sample * np.arange(len(timeline.samples)), atol=1e-12
+    )
+    assert len(timeline.elapsed) == 10 * round(1.0 / sample) + 1  # corners are knots, each once
+
+
+def test_windows_begin_at_the_knots_of_the_flight_however_many_went_before() -> None:
+    grid = rho.Grid(0.1, 101, 1.7e9 + 0.1)
+    left = grid
+    for _ in range(99):
+        left = left.from_knot(1)
+    assert left.start == grid.times[99]
+    assert left.knots == 2
+
+
+def test_a_simulation_is_flown_anew_by_exact_times_also_from_a_file(tmp_path: object) -> None:
+    scenario = dataclasses.replace(
+        dashing(1.7e9 + 0.1, 2.0), disturbance=rho.Disturbance(0.05, feedback_every=0.1)
+    )
+    flown = fly(scenario, replan_every=2)
+    assert flown.elapsed is not None
+    assert np.abs(flown.times - scenario.grid.start - flown.elapsed).max() > 1e-9
+    assert rho.verify(flown).ok
+    path = f"{tmp_path}/flown.npz"
+    rho.save(flown, path)
+    again = rho.load(path)
+    assert isinstance(again, rho.Simulation)
+    assert again.elapsed is not None
+    np.testing.assert_array_equal(again.elapsed, flown.elapsed)
+    assert rho.verify(again).ok

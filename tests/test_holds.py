@@ -1,0 +1,188 @@
+"""What windows ask the judge is what `verify` says, and a horizon flies nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import drake_rho as rho
+from drake_rho.motion.tube import tube_of
+from drake_rho.scenario.fields import unchecked
+from drake_rho.simulation.closed_loop import fly
+from drake_rho.verification import holds
+from drake_rho.verification.holds import violation_of
+from tests.disturbed import disturbed
+from tests.scenarios import (
+    box,
+    careless,
+    random_fleet,
+    random_scenario,
+    single,
+    through_the_middle,
+)
+
+Array = NDArray[np.float64]
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def changed(plan: rho.Plan, rng: np.random.Generator, by: float) -> rho.Plan:
+    """The plan with accelerations that differ by a part of the largest, and lead to its goals."""
+    a = np.array(plan.accelerations)
+    knot = int(rng.integers(max(1, a.shape[1] - 3)))
+    push = by * np.abs(a).max() * rng.normal(size=(len(a), 3))
+    for place, sign in enumerate((1.0, -2.0, 1.0)):  # neither velocity nor position at the end
+        if a.shape[1] >= 4:
+            a[:, knot + place] += sign * push
+    return rho.Plan.from_accelerations(plan.scenario, a, plan.statistics)
+
+
+@given(seed=seeds, kind=st.sampled_from(["plain", "fleet", "disturbed"]), by=st.floats(-9, 0))
+@settings(max_examples=80, deadline=None)
+def test_it_is_the_verdict_of_verify(seed: int, kind: str, by: float) -> None:
+    rng = np.random.default_rng(seed)
+    scenario = {
+        "plain": lambda: random_scenario(seed, between_knots=bool(rng.integers(2))),
+        "fleet": lambda: random_fleet(seed, between_knots=bool(rng.integers(2))),
+        "disturbed": lambda: disturbed(seed),
+    }[kind]()
+    try:
+        plan = rho.plan_convex(scenario)
+    except (rho.InfeasibleError, rho.SolverError):
+        return
+    for each in (plan, changed(plan, rng, 10.0**by)):
+        assert (violation_of(each) == "") == rho.verify(each).ok
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_it_is_the_verdict_of_verify_on_the_rest_of_a_plan(seed: int) -> None:
+    try:
+        plan = rho.plan(disturbed(seed))
+    except rho.InfeasibleError:
+        return
+    for knot in range(plan.scenario.grid.knots - 1):
+        tail = plan.tail(knot)
+        assert tube_of(tail.scenario) == tube_of(plan.scenario)
+        assert (violation_of(tail) == "") == rho.verify(tail).ok
+
+
+def test_what_is_not_known_yet_is_not_looked_at_and_what_is_asked_for_alone_is() -> None:
+    late = rho.Obstacle(rho.Sphere([5.0, 2.0, -1.0], 1.0), known_from=2.0)
+    asked = single(obstacles=[late], between_knots=True)
+    plan = rho.plan_convex(asked)
+    assert violation_of(plan) == ""
+    assert "obstacle 1 at" in violation_of(plan, [1])
+    assert not rho.verify(plan).ok
+    assert "obstacle 1 at" in violation_of(plan.tail(4))
+    assert violation_of(plan.tail(4), []) == ""
+
+
+@pytest.mark.parametrize("what", ["max_tilt", "many"])
+def test_what_is_not_seen_at_once_is_judged_in_full(
+    what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = single(limits=rho.Limits(max_tilt=0.6))
+    wild = changed(rho.plan(asked), np.random.default_rng(1), 1e3)
+    if what == "many":
+        monkeypatch.setattr(holds, "_ALL_PAIRS", 1)
+        asked = through_the_middle(2)
+        wild = careless(asked)
+    assert violation_of(rho.plan(asked)) == ""
+    assert violation_of(wild) != ""
+
+
+def biased(samples: int, error: Array) -> object:
+    """No wind; an estimate that errs in one direction, as far as declared, at every sample."""
+
+    class Still:
+        position_errors = np.broadcast_to(error, (samples, *error.shape))
+        velocity_errors = np.zeros_like(position_errors)
+
+        def __call__(self, time: float, positions: Array, velocities: Array) -> Array:
+            return np.zeros_like(positions)
+
+    return Still()
+
+
+@pytest.mark.parametrize("close", ["wall", "room", "pair"])
+@pytest.mark.parametrize("every", [2, 5])
+def test_the_tube_has_room_at_the_goal_in_every_window(close: str, every: int) -> None:
+    around = rho.Disturbance(0.02, 0.3, 0.0, feedback_every=0.25)
+    room = 0.1  # the first tube, exact at the start, is thinner at the goal; new ones are not
+    vehicles = [rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([3, 0, 0]))]
+    asked = rho.Scenario(
+        "goal", rho.Grid(0.5, 11), vehicles, rho.Limits(max_acceleration=2.0), disturbance=around
+    )
+    if close == "wall":
+        asked = dataclasses.replace(asked, obstacles=(rho.Box([3 + room, -5, -5], [4, 5, 5]),))
+    elif close == "room":
+        limits = rho.Limits(max_acceleration=2.0, position=rho.Box([-1, -1, -1], [3 + room, 1, 1]))
+        asked = dataclasses.replace(asked, limits=limits)
+    else:
+        other = rho.Vehicle("w", rho.State([9, 0, 0]), rho.State([3.5 + 2 * room, 0, 0]))
+        asked = dataclasses.replace(
+            asked, vehicles=(*vehicles, other), separation=rho.Separation(0.5)
+        )
+    error = np.array([-0.3, 0.0, 0.0])
+    if close == "pair":  # each believes to be further from the other than it is
+        error = np.stack([error, -error])
+    wind = biased(around.samples(asked.grid), error)
+    flown = fly(asked, replan_every=every, wind=wind)  # type: ignore[arg-type]  # as of its form
+    assert rho.verify(flown).ok
+    assert all(violation_of(window.plan) == "" or window.kept for window in flown.flight.windows)
+    assert all(window.kept or not window.infeasible for window in flown.flight.windows)
+    if close == "wall":
+        assert flown.positions[:, 0, 0].max() < 3 + room
+    assert any(window.kept for window in flown.flight.windows)
+
+
+def test_a_waypoint_that_a_new_tube_fills_refuses_the_window() -> None:
+    around = rho.Disturbance(0.01, 0.1, 0.0, feedback_every=0.5)
+    waypoint = rho.Waypoint(4.0, [5.0, 2.0, -1.0], 0.12)
+    asked = dataclasses.replace(single(waypoints=[waypoint]), disturbance=around)
+    horizon = rho.RecedingHorizon(asked, replan_every=7)
+    first = horizon.step(asked.fleet.start_states, 0.0)
+    assert violation_of(first.plan) == ""
+    now = horizon.step(first.plan.states(7), 3.5)
+    tube = tube_of(now.plan.scenario)
+    assert float(tube.position(4.0)) <= 0.12 + 1e-6
+    assert rho.verify(now.plan).ok or now.kept
+
+
+@pytest.mark.parametrize("short", [0.0, 0.5, 0.9])
+def test_a_tail_is_kept_by_the_tolerance_with_which_its_plan_was_accepted(short: float) -> None:
+    around = rho.Disturbance(0.05, 0.3, 0.0, feedback_every=0.25)
+    asked = rho.Scenario(
+        "tunnel",
+        rho.Grid(0.5, 11),
+        [rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([3, 0, 0]))],
+        rho.Limits(max_acceleration=2.0),
+        disturbance=around,
+    )
+    end = 3.0 + float(rho.error_tube(asked).position_over([4.5], [5.0])[0]) - short * 1e-6
+    walls = [
+        rho.Box([-3, 0.2, -3], [6, 2, 3]),
+        rho.Box([-3, -2, -3], [6, -0.2, 3]),
+        rho.Box([end, -1, -1], [end + 2, 1, 1]),
+    ]
+    asked = dataclasses.replace(asked, obstacles=tuple(walls))
+    flown = fly(asked, replan_every=2, wind=rho.winds.none())
+    assert rho.verify(flown.flight.windows[0].plan).ok
+    assert all(window.kept for window in flown.flight.windows[1:])
+    assert rho.verify(flown).ok
+
+
+def test_nothing_is_judged_where_nothing_disturbs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> str:
+        raise AssertionError("a window was judged")
+
+    monkeypatch.setattr("drake_rho.planning.windows.violation_of", refused)
+    asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
+    rho.plan_rho(asked)
+    with pytest.raises(AssertionError, match="judged"):
+        rho.plan_rho(unchecked(asked, disturbance=rho.Disturbance(0.1)))

@@ -1,0 +1,157 @@
+"""Scales and tolerances: what a vehicle has to do, and not where it is."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import drake_rho as rho
+from drake_rho.scenario.shapes import TOLERANCE
+from tests.scenarios import random_fleet, random_scenario
+
+FAR = (0.1, 1e3, 1e6)
+"""How far scenes are moved [m]."""
+
+
+def moved(scenario: rho.Scenario, by: np.ndarray) -> rho.Scenario:
+    """The scenario somewhere else."""
+
+    def state(old: rho.State) -> rho.State:
+        return dataclasses.replace(old, position=old.position + by)
+
+    def box(old: rho.Box | None) -> rho.Box | None:
+        return None if old is None else rho.Box(old.lower + by, old.upper + by)
+
+    def shape(old: rho.Sphere | rho.Box) -> rho.Sphere | rho.Box:
+        if isinstance(old, rho.Box):
+            return rho.Box(old.lower + by, old.upper + by)
+        return dataclasses.replace(old, center=old.center + by)
+
+    def obstacle(old: rho.Obstacle) -> rho.Obstacle:
+        track = old.track
+        if track is not None:
+            track = dataclasses.replace(track, positions=track.positions + by)
+        assert isinstance(old.shape, rho.Sphere | rho.Box)
+        return dataclasses.replace(old, shape=shape(old.shape), track=track)
+
+    return dataclasses.replace(
+        scenario,
+        vehicles=tuple(
+            dataclasses.replace(
+                each,
+                start=state(each.start),
+                goal=state(each.goal),
+                waypoints=tuple(
+                    dataclasses.replace(point, position=point.position + by)
+                    for point in each.waypoints
+                ),
+            )
+            for each in scenario.vehicles
+        ),
+        limits=dataclasses.replace(scenario.limits, position=box(scenario.limits.position)),
+        obstacles=tuple(obstacle(each) for each in scenario.bodies),
+    )
+
+
+def hovering(hop: float = 0.0, aside: float = 0.1, **options: object) -> rho.Scenario:
+    """A vehicle that stays where it is, and a ball that passes it."""
+    at, beside = np.array([0.1, 0.0, 0.0]), 0.1 + aside
+    track = rho.Track([0, 4], [[beside, -3, 0], [beside, 3, 0]])
+    return rho.Scenario(
+        "hover",
+        rho.Grid(0.5, 9),
+        [rho.Vehicle("v", rho.State(at), rho.State([0.1 + hop, 0, 0]))],
+        obstacles=[rho.Obstacle(rho.Sphere([0, 0, 0], 0.3), track=track)],
+        **options,  # type: ignore[arg-type]  # of the scenario
+    )
+
+
+SCENES = {
+    "random": lambda seed: random_scenario(seed, between_knots=True),
+    "fleet": lambda seed: random_fleet(seed, most=3),
+    "hover": lambda seed: hovering(aside=0.04 * (seed % 7)),
+    "hop": lambda seed: hovering(hop=10.0 ** -(seed % 6)),
+    "wind": lambda seed: hovering(disturbance=rho.Disturbance(0.01 * (seed % 5), 0.001)),
+    "waypoint": lambda seed: dataclasses.replace(
+        hovering(),
+        vehicles=(
+            rho.Vehicle(
+                "v",
+                rho.State([0.1, 0, 0]),
+                rho.State([0.1, 0, 0]),
+                waypoints=[rho.Waypoint(1.0, [0.1, 0.1 * (seed % 4), 0.2], 0.05)],
+            ),
+        ),
+    ),
+}
+
+
+def outcome(scenario: rho.Scenario) -> float | None:
+    """The cost of its plan, which holds; None if there is none."""
+    try:
+        plan = rho.plan_convex(scenario) if len(scenario.vehicles) > 3 else rho.plan(scenario)
+    except rho.InfeasibleError:
+        return None
+    assert rho.verify(plan).ok
+    return plan.cost
+
+
+@given(kind=st.sampled_from(sorted(SCENES)), seed=st.integers(0, 200), far=st.sampled_from(FAR))
+@settings(max_examples=60, deadline=None)
+def test_a_scene_has_the_same_plan_somewhere_else(kind: str, seed: int, far: float) -> None:
+    scenario = SCENES[kind](seed)
+    by = far * np.array([1.0, -1.0, 0.3])
+    here, there = outcome(scenario), outcome(moved(scenario, by))
+    assert (here is None) == (there is None)
+    if here is not None:
+        size = float(scenario.fleet.lengths.min())
+        rounding = 1e-10 * far / size  # of coordinates, in parts of what is flown
+        assert there == pytest.approx(here, rel=1e-5 + rounding, abs=1e-9)
+
+
+@pytest.mark.parametrize("far", [0.0, *FAR])
+def test_lengths_do_not_depend_on_coordinates(far: float) -> None:
+    for scenario in (hovering(), hovering(hop=0.01)):
+        there = moved(scenario, np.full(3, far))
+        np.testing.assert_allclose(there.fleet.lengths, scenario.fleet.lengths, rtol=1e-6)
+
+
+def test_what_a_vehicle_has_to_do_is_its_length() -> None:
+    free = dataclasses.replace(hovering(), obstacles=())
+    assert free.fleet.lengths == pytest.approx([1.0])  # nothing
+    assert hovering().fleet.lengths == pytest.approx([0.3])  # as far aside as the ball is large
+    past = dataclasses.replace(hovering(aside=0.7), obstacles=hovering(aside=0.7).obstacles)
+    assert past.fleet.lengths == pytest.approx([1.0])  # it comes by
+    assert hovering(hop=2.0).fleet.lengths == pytest.approx([2.0])
+    hop = dataclasses.replace(hovering(hop=1e-12), obstacles=())
+    at = moved(hop, np.full(3, 1e6))
+    assert at.fleet.lengths[0] * TOLERANCE > 8 * 9 * np.finfo(float).eps * 1e6  # rounding is less
+
+
+@pytest.mark.parametrize("half", [10.0, 1e3, 1e5])
+def test_a_wide_ground_lets_nobody_in(half: float) -> None:
+    ground = rho.Box([-half, -half, -2.5e-4 * half - 1.0], [half, half, -0.02])
+
+    def at(height: float) -> rho.Plan:
+        scenario = rho.Scenario(
+            "ground",
+            rho.Grid(0.5, 9),
+            [rho.Vehicle("v", rho.State([0, 0, 1]), rho.State([4, 0, 1]), radius=0.02)],
+            obstacles=[ground],
+        )
+        dip = np.zeros((1, 8, 3))
+        dip[0, :, 2] = np.array([-1, -1, 1, 1, 1, 1, -1, -1]) * (1.0 - height)
+        dip[0, :, 0] = np.array([1, 1, 1, 1, -1, -1, -1, -1])
+        return rho.Plan.from_accelerations(scenario, dip)
+
+    for depth, accepted in ((2e-6, True), (6e-6, False)):
+        report = rho.verify(at(-depth))
+        (found,) = {each.tolerance for each in report.checks if each.constraint == "obstacle 1"}
+        assert found == pytest.approx(TOLERANCE * 4.0)
+        assert report.ok == accepted
+    plan = rho.plan(at(0.0).scenario)
+    assert rho.verify(plan).ok
