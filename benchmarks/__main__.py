@@ -39,9 +39,11 @@ FLIGHT = (
     "flight_cost",
     "flight_window",
     "flight_closed_loop",
+    "flight_loops",
+    "flight_clocks",
     "flight_quadrotor",
 )
-"""Those of wind, feedback and margins: `run() -> Table`."""
+"""Those of wind, feedback, margins and windows: `run() -> Table`."""
 
 FLOWN_MISSIONS = ("flight_crazyflow",)
 """Of these, the ones of missions in files: `run(folder) -> Table`."""

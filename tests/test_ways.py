@@ -130,6 +130,7 @@ def test_a_gap_as_wide_as_the_vehicle_is_passed() -> None:
 def test_a_wall_without_a_wide_enough_gap_has_no_way(gap: tuple[float, float]) -> None:
     found = find_ways(flight(wall(5, gap)))
     assert found.references == ()
+    assert found.searched is not None
     assert found.searched.points > 5e4
     assert f"{found.searched.spacing:.2g} m" in str(found.searched)
 
@@ -147,6 +148,7 @@ def test_a_sealed_room_has_no_way_in_time_either() -> None:
     moving = rho.Obstacle(rho.Sphere([2, 0, 0], 0.3), velocity=[0, 0.1, 0])
     found = find_ways(flight((*wall(5, (0.0, 0.0)), moving)))
     assert found.references == ()
+    assert found.searched is not None
     assert found.searched.layers > 0
 
 

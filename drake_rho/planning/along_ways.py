@@ -24,7 +24,7 @@ from drake_rho.planning.scp import iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.towards import towards
-from drake_rho.planning.ways import find_ways
+from drake_rho.planning.ways import Ways, find_ways
 from drake_rho.scenario.records import Scenario
 
 _NAMED = 4
@@ -70,7 +70,10 @@ def plan_along_ways(
     """
     began = time.perf_counter()
     tell(progress, "looking for ways")
-    found = find_ways(with_room(scenario), options.max_ways)
+    try:
+        found = find_ways(with_room(scenario), options.max_ways)
+    except MemoryError:  # a region so large, or speeds so different, that no grid resolves it
+        found = Ways((), 0, None)
     spent = Statistics(searched=found.searched, seconds=time.perf_counter() - began)
     best: Plan | None = None
     failure: InfeasibleError | None = None

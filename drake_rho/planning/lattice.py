@@ -6,6 +6,7 @@ A move leads from a point to one of its 26 neighbours, or stays.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
@@ -30,6 +31,9 @@ STAY = 13
 _ROUNDING = 1e-6
 """Part of a step of the grid that is as good as none."""
 
+_MOST = 2.5e7
+"""Bound on the points of a lattice, for the memory that they take."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Raster:
@@ -52,7 +56,7 @@ class Raster:
     @property
     def count(self) -> int:
         """How many points there are."""
-        return int(np.prod(self.shape))
+        return math.prod(map(int, self.shape))
 
     def at(self, index: FloatArray | IntArray) -> FloatArray:
         """Positions [m] by numbers along the axes, which may lie between points, (..., 3)."""
@@ -82,9 +86,15 @@ class Lattice:
         numbers: which of them each point of the raster is, F if it is not clear; with one more
             layer around, shape (X + 2, Y + 2, Z + 2).
         neighbors: where each move leads, F if it is not clear, shape (27, F).
+
+    Raises:
+        MemoryError: there would be too many points.
     """
 
     def __init__(self, raster: Raster, still: Sequence[Obstacle], radius: float) -> None:
+        if raster.count > _MOST:
+            expected = f"at most {_MOST:g} points, which take some ten gigabytes"
+            raise MemoryError(f"lattice: got {raster.count:g} points, expected {expected}")
         free = np.ones(raster.shape, dtype=bool)
         clear = np.ones((len(MOVES), *raster.shape), dtype=bool)
         for body in still:

@@ -38,7 +38,8 @@ class Ways:
     first; none if a vehicle has no way on the grids that were searched"""
     conflicts: int
     """moves in which vehicles come too close to each other, for lack of better ways"""
-    searched: Searched
+    searched: Searched | None
+    """None where what there is was too large for a search"""
 
 
 def find_ways(scenario: Scenario, most: int = 1) -> Ways:

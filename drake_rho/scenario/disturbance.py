@@ -39,7 +39,9 @@ class Disturbance:
     """Unknown accelerations, errors of the estimated state, and the feedback against both.
 
     A vehicle moves by p'' = a + u + w: a is planned, w unknown, and u the feedback, constant from
-    one sample to the next and linear in the estimated error of `delay` samples ago.
+    one sample to the next and linear in the estimated error of `delay` samples ago. At the first
+    knot vehicles are at their starts exactly; a receding horizon that is given other states there
+    takes them for estimates.
 
     Examples:
         >>> wind = rho.Disturbance(acceleration=0.5, feedback_every=0.05)

@@ -56,7 +56,7 @@ def run() -> Table:
         )
     known = [each for each in hovering if each.is_known]
     return Table(
-        name="world_clocks",
+        name="flight_clocks",
         title="Any clock, any place",
         columns=("scenes", "count", "planned", "deepest", "refused_by_verify"),
         rows=(_row("moving obstacles", moving), _row("hovering", hovering)),
