@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -138,7 +139,7 @@ def test_windows_begin_at_the_knots_of_the_flight_however_many_went_before() -> 
     assert left.knots == 2
 
 
-def test_a_simulation_is_flown_anew_by_exact_times_also_from_a_file(tmp_path: object) -> None:
+def test_a_simulation_is_flown_anew_by_exact_times_also_from_a_file(tmp_path: Path) -> None:
     scenario = dataclasses.replace(
         dashing(1.7e9 + 0.1, 2.0), disturbance=rho.Disturbance(0.05, feedback_every=0.1)
     )
@@ -146,10 +147,23 @@ def test_a_simulation_is_flown_anew_by_exact_times_also_from_a_file(tmp_path: ob
     assert flown.elapsed is not None
     assert np.abs(flown.times - scenario.grid.start - flown.elapsed).max() > 1e-9
     assert rho.verify(flown).ok
-    path = f"{tmp_path}/flown.npz"
+    path = tmp_path / "flown.npz"
     rho.save(flown, path)
     again = rho.load(path)
     assert isinstance(again, rho.Simulation)
     assert again.elapsed is not None
     np.testing.assert_array_equal(again.elapsed, flown.elapsed)
     assert rho.verify(again).ok
+
+
+@pytest.mark.parametrize("start", [0.1, 1e3 + 0.1, 1.7e9 + 0.1])
+def test_a_table_on_any_clock_is_read_back(start: float, tmp_path: Path) -> None:
+    plan = rho.plan(dashing(start, 2.0, step=0.3))
+    rho.export(plan, tmp_path / "plan.csv", format="csv")
+    again = rho.load(tmp_path / "plan.csv", scenario=plan.scenario)
+    assert isinstance(again, rho.Plan)
+    np.testing.assert_allclose(again.positions, plan.positions, atol=1e-12)
+    lines = (tmp_path / "plan.csv").read_text().splitlines()
+    (tmp_path / "short.csv").write_text("\n".join(lines[:3] + lines[4:]) + "\n")
+    with pytest.raises(ValueError, match="no sample at knot 3"):
+        rho.load(tmp_path / "short.csv", scenario=plan.scenario)

@@ -153,7 +153,8 @@ def _draw_steps(ax: Axes, plan: Drawn, index: int, times: FloatArray, values: Fl
     """Values of one vehicle, shape (S,), each constant between two times, shape (S + 1,)."""
     steps = (np.repeat(times, 2)[1:-1], np.repeat(values, 2))
     begins = plan.times[:-1]
-    at_knots = values[np.searchsorted(times[1:-1], begins + 1e-9, side="right")]
+    late = begins + plan.scenario.grid.rounding
+    at_knots = values[np.searchsorted(times[1:-1], late, side="right")]
     return draw_curve(ax, plan, index, steps, (begins, at_knots))
 
 

@@ -131,7 +131,8 @@ def _see_through(meshcat: Meshcat, path: str) -> None:
 
 def _wind(simulation: Simulation, times: FloatArray) -> FloatArray:
     """The wind at times on the scenario's clock [m/s²], shape (N, T, 3)."""
-    m = np.searchsorted(simulation.times, times + 1e-9, side="right") - 1
+    late = times + simulation.scenario.grid.rounding
+    m = np.searchsorted(simulation.times, late, side="right") - 1
     return np.swapaxes(simulation.wind[np.maximum(m, 0)], 0, 1)
 
 

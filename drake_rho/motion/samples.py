@@ -90,7 +90,7 @@ def _planned(flown: Plan | Flight, elapsed: FloatArray) -> tuple[FloatArray, ...
 
 def _true(flown: Simulation, elapsed: FloatArray) -> tuple[FloatArray, ...]:
     times = flown.scenario.grid.start + elapsed
-    m = np.searchsorted(flown.times, times, side="right") - 1
+    m = np.searchsorted(np.asarray(flown.elapsed), elapsed, side="right") - 1
     a = flown.accelerations[np.clip(m, 0, len(flown.times) - 2)]
     return *flown.states(times), np.moveaxis(a, 0, 1)
 
@@ -129,8 +129,7 @@ def knots_among(grid: Grid, times: FloatArray) -> IntArray:
     pair = np.stack([after - 1, np.minimum(after, len(times) - 1)])
     nearer = np.argmin(np.abs(times[pair] - grid.times), axis=0)
     found: IntArray = pair[nearer, np.arange(len(nearer))]
-    allowed = _SAME * np.maximum(grid.step, np.abs(grid.times))
-    missing = np.abs(times[found] - grid.times) > allowed
+    missing = np.abs(times[found] - grid.times) > grid.rounding
     if np.any(missing):
         k = int(np.argmax(missing))
         raise ValueError(f"no sample at knot {k + 1}, {grid.times[k]:g} s, expected every knot")
