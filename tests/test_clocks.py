@@ -163,7 +163,9 @@ def test_a_table_on_any_clock_is_read_back(start: float, tmp_path: Path) -> None
     again = rho.load(tmp_path / "plan.csv", scenario=plan.scenario)
     assert isinstance(again, rho.Plan)
     np.testing.assert_allclose(again.positions, plan.positions, atol=1e-12)
-    lines = (tmp_path / "plan.csv").read_text().splitlines()
-    (tmp_path / "short.csv").write_text("\n".join(lines[:3] + lines[4:]) + "\n")
+    head, *rows = (tmp_path / "plan.csv").read_text().splitlines()
+    third = plan.scenario.grid.times[2]
+    rows = [row for row in rows if abs(float(row.split(",")[1]) - third) > 0.01]
+    (tmp_path / "short.csv").write_text("\n".join([head, *rows]) + "\n")
     with pytest.raises(ValueError, match="no sample at knot 3"):
         rho.load(tmp_path / "short.csv", scenario=plan.scenario)
