@@ -84,6 +84,18 @@ class Least:
         self.moments[who], self.widths[who] = u[order], width
 
 
+@dataclasses.dataclass
+class AnyLower(Least):
+    """Whether there is a lower value, for each owner: the first that is found ends its search."""
+
+    def offer(
+        self, owners: IntArray, values: FloatArray, steps: IntArray, u: FloatArray, width: float
+    ) -> None:
+        """Keep where a lower value is, and look for none that is lower still."""
+        super().offer(owners, values, steps, u, width)
+        self.values[self.steps >= 0] = -np.inf
+
+
 def least_over_time(
     steps: Steps,
     owners: IntArray,
@@ -167,6 +179,8 @@ class _Search:
         """Offer the lowest point of the parabola through each least sample and its neighbours."""
         least = self.least
         found = np.flatnonzero(least.steps >= 0)
+        if len(found) == 0:
+            return
         which, w = least.steps[found], least.widths[found][:, None]
         middle = least.moments[found][:, None]
         middle = np.clip(middle, np.minimum(w, 0.5), np.maximum(1.0 - w, 0.5))

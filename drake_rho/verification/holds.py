@@ -17,12 +17,12 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.tube import Greatest, tube_of
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.parts import GRAVITY, Quantity
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.closest_pairs import from_ellipsoid
-from drake_rho.verification.continuous_time import Least, least_over_time
+from drake_rho.verification.continuous_time import AnyLower, least_over_time
 from drake_rho.verification.course import Course
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.obstacles import check_obstacle, seen_from
@@ -197,12 +197,9 @@ class _Judged:
             radii = radii[steps[:-1]]
         least = kept + radii
         owners, pieces = np.nonzero(~(seen.lowest_at_least(shape, least) >= least))
-        if len(owners) == 0:
-            return True
-        some = seen.pieces.select(owners * len(radii) + pieces)
-        return _stays_above(
-            some, shape.signed_distance, least[owners, pieces], PRECISION * tolerances[owners]
-        )
+        some, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
+        asked = least[owners, pieces]
+        return not _is_below(some, shape.signed_distance, asked, precision[owners]).any()
 
     def _all_keep_apart(self) -> bool:
         """Whether pairs are apart, by what both errors take.
@@ -227,28 +224,36 @@ class _Judged:
         ways = steps.speeds.reshape(len(one), -1)
         lowest = (distances[:, :-1] + distances[:, 1:] - ways) / 2.0
         pairs, k = np.nonzero(~(lowest >= around + wide * errors))
-        if len(pairs) == 0:
-            return True
+        which, precision = pairs * len(errors) + k, PRECISION * separation.tolerance
+        least = (around + wide * errors)[k]
+        close = _is_below(steps.select(which), _length, least, np.full(len(k), precision))
+        if separation.is_round or scenario.disturbance is None:
+            return not close.any()
+        which, least = which[close], (around + errors)[k[close]]
+        some, distance = (
+            course.steps_of(*relative).select(which),
+            partial(from_ellipsoid, separation),
+        )
+        return not _is_below(some, distance, least, np.full(len(least), precision)).any()
 
-        def distance(x: FloatArray) -> FloatArray:
-            return np.asarray(np.linalg.norm(x, axis=-1))
 
-        if not separation.is_round and scenario.disturbance is not None:
-            steps, distance = course.steps_of(*relative), partial(from_ellipsoid, separation)
-        some, precision = steps.select(pairs * len(errors) + k), PRECISION * separation.tolerance
-        return _stays_above(some, distance, (around + errors)[k], np.full(len(k), precision))
+def _length(x: FloatArray) -> FloatArray:
+    lengths: FloatArray = np.sqrt(np.einsum("...i,...i->...", x, x))
+    return lengths
 
 
-def _stays_above(
+def _is_below(
     steps: Steps,
     distance: Callable[[FloatArray], FloatArray],
     least: FloatArray,
     precision: FloatArray,
-) -> bool:
-    """Return whether a distance is never below what it is to be in each of some steps, (M,)."""
+) -> BoolArray:
+    """Return in which of some steps a distance is ever below what it is to be, shape (M,)."""
+    if len(least) == 0:
+        return np.zeros(0, dtype=bool)
     owners = np.arange(len(least))[:, None]
-    found = least_over_time(steps, owners, distance, precision, Least.unknown(least))
-    return bool((found.steps < 0).all() and np.isfinite(found.values).all())
+    found = least_over_time(steps, owners, distance, precision, AnyLower.unknown(least))
+    return np.asarray((found.steps >= 0) | np.isnan(found.values))
 
 
 def _beside(steps: FloatArray) -> tuple[FloatArray, FloatArray]:
