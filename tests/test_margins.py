@@ -263,6 +263,26 @@ SHORT_OF_ROOM: dict[str, rho.Scenario] = {
 }
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_finer_margins_are_those_of_some_of_a_fleet_too(seed: int) -> None:
+    """Two start side by side and a third far away, which flies on as it does."""
+    rng = np.random.default_rng(seed)
+    side = float(rng.uniform(0.225, 0.26))
+    asked = fleet(
+        [[-3.0, -3.0, 1.0], [0.0, 0.0, 0.0], [side, 0.0, 0.0]],
+        [[-3.0, 0.0, 1.0], [0.5, 1.0, float(rng.normal())], [-0.5, 1.0, float(rng.normal())]],
+        grid=rho.Grid(0.5, 8),
+        limits=rho.Limits(acceleration=box(4.0)),
+        separation=rho.Separation(0.214),
+    )
+    around = rho.Disturbance(0.0858, 0.0114, 0.0026, feedback_every=0.5 / 3)
+    try:
+        plan = rho.plan(dataclasses.replace(asked, disturbance=around))
+    except rho.InfeasibleError:
+        return
+    assert rho.verify(plan).ok
+
+
 @pytest.mark.parametrize("what", SHORT_OF_ROOM)
 def test_finer_margins_are_tried_before_a_scenario_is_refused(
     what: str, monkeypatch: pytest.MonkeyPatch

@@ -173,22 +173,25 @@ class InGroups:
         others = [dataclasses.replace(each, penalty=_LIMITS * penalty) for each in others]
         if self.groups is None:
             self.groups = self._first_groups(pairs)
-        planned = np.arange(len(self.groups)) if vehicles is None else vehicles
-        rows = _Rows(self._scenario, self._effort, self.groups, across, planned, self._solver)
+        planned, motion = np.arange(len(self.groups)), self._effort.motion
+        if vehicles is not None:
+            planned = vehicles
+            motion = reference.with_some(planned, motion.accelerations[planned])
+        program = LeastNorm(self._effort, self.groups, motion, self._solver)
+        rows = _Rows(self._scenario, program, self.groups, across, planned)
         known = {constraint.number: constraint for constraint in (*others, pairs)}
         for active in self.active:
             rows.enter(known[active.constraint.number].renewed(active))
         if rounds is None:
             rounds = _ROUNDS if self.active else _ROUNDS_AT_FIRST
         for number in range(rounds):
-            if number > 0 or len(rows.program) > 0:
-                rows.program.solve()
+            if number > 0 or len(program) > 0:
+                program.solve()
             if not rows.enter_broken([*others, pairs], number):
                 break
         else:
-            rows.program.solve()
-        self._note(rows.program, pairs)
-        program = rows.program
+            program.solve()
+        self._note(program, pairs)
         return program.motion, Statistics(
             programs=program.programs, rows=len(program), linearisations=1
         )
@@ -254,18 +257,14 @@ class _Rows:
     def __init__(
         self,
         scenario: Scenario,
-        effort: MinimumEffort,
+        program: LeastNorm,
         groups: IntArray,
         across: KeepApart,
         planned: IntArray,
-        solver: Solver | OnWorkers | None,
     ) -> None:
         count = len(scenario.vehicles)
         constraints = first_number(scenario) + len(scenario.fleet.waypoints)
-        motion = effort.motion
-        if len(planned) < count:
-            motion = across.reference.with_some(planned, motion.accelerations[planned])
-        self.program = LeastNorm(effort, groups, motion, solver)
+        self.program = program
         self._planned, self._is_planned = planned, np.zeros(count, dtype=bool)
         self._is_planned[planned] = True
         self._working = WorkingSet(Keys(constraints, count, scenario.grid))
