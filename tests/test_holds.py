@@ -15,7 +15,7 @@ from drake_rho.motion.tube import tube_of
 from drake_rho.scenario.fields import unchecked
 from drake_rho.simulation.closed_loop import fly
 from drake_rho.verification import holds
-from drake_rho.verification.holds import violation_of
+from drake_rho.verification.holds import first_violation
 from tests.disturbed import disturbed
 from tests.scenarios import (
     box,
@@ -56,7 +56,7 @@ def test_it_is_the_verdict_of_verify(seed: int, kind: str, by: float) -> None:
     except (rho.InfeasibleError, rho.SolverError):
         return
     for each in (plan, changed(plan, rng, 10.0**by)):
-        assert (violation_of(each) == "") == rho.verify(each).ok
+        assert (first_violation(each) is None) == rho.verify(each).ok
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -68,18 +68,22 @@ def test_it_is_the_verdict_of_verify_on_the_rest_of_a_plan(seed: int) -> None:
     for knot in range(plan.scenario.grid.knots - 1):
         tail = plan.tail(knot)
         assert tube_of(tail.scenario) == tube_of(plan.scenario)
-        assert (violation_of(tail) == "") == rho.verify(tail).ok
+        assert (first_violation(tail) is None) == rho.verify(tail).ok
 
 
 def test_what_is_not_known_yet_is_not_looked_at_and_what_is_asked_for_alone_is() -> None:
     late = rho.Obstacle(rho.Sphere([5.0, 2.0, -1.0], 1.0), known_from=2.0)
     asked = single(obstacles=[late], between_knots=True)
     plan = rho.plan_convex(asked)
-    assert violation_of(plan) == ""
-    assert "obstacle 1 at" in violation_of(plan, [1])
+    assert first_violation(plan) is None
+    broken = first_violation(plan, [1])
+    assert broken is not None
+    assert broken.constraint == "obstacle 1"
     assert not rho.verify(plan).ok
-    assert "obstacle 1 at" in violation_of(plan.tail(4))
-    assert violation_of(plan.tail(4), []) == ""
+    broken = first_violation(plan.tail(4))
+    assert broken is not None
+    assert broken.constraint == "obstacle 1"
+    assert first_violation(plan.tail(4), []) is None
 
 
 @pytest.mark.parametrize("what", ["max_tilt", "many"])
@@ -92,8 +96,8 @@ def test_what_is_not_seen_at_once_is_judged_in_full(
         monkeypatch.setattr(holds, "_ALL_PAIRS", 1)
         asked = through_the_middle(2)
         wild = careless(asked)
-    assert violation_of(rho.plan(asked)) == ""
-    assert violation_of(wild) != ""
+    assert first_violation(rho.plan(asked)) is None
+    assert first_violation(wild) is not None
 
 
 def biased(samples: int, error: Array) -> object:
@@ -134,7 +138,9 @@ def test_the_tube_has_room_at_the_goal_in_every_window(close: str, every: int) -
     wind = biased(around.samples(asked.grid), error)
     flown = fly(asked, replan_every=every, wind=wind)  # type: ignore[arg-type]  # as of its form
     assert rho.verify(flown).ok
-    assert all(violation_of(window.plan) == "" or window.kept for window in flown.flight.windows)
+    assert all(
+        first_violation(window.plan) is None or window.kept for window in flown.flight.windows
+    )
     assert all(window.kept or not window.infeasible for window in flown.flight.windows)
     if close == "wall":
         assert flown.positions[:, 0, 0].max() < 3 + room
@@ -147,7 +153,7 @@ def test_a_waypoint_that_a_new_tube_fills_refuses_the_window() -> None:
     asked = dataclasses.replace(single(waypoints=[waypoint]), disturbance=around)
     horizon = rho.RecedingHorizon(asked, replan_every=7)
     first = horizon.step(asked.fleet.start_states, 0.0)
-    assert violation_of(first.plan) == ""
+    assert first_violation(first.plan) is None
     now = horizon.step(first.plan.states(7), 3.5)
     tube = tube_of(now.plan.scenario)
     assert float(tube.position(4.0)) <= 0.12 + 1e-6
@@ -181,7 +187,7 @@ def test_nothing_is_judged_where_nothing_disturbs(monkeypatch: pytest.MonkeyPatc
     def refused(*_: object) -> str:
         raise AssertionError("a window was judged")
 
-    monkeypatch.setattr("drake_rho.planning.windows.violation_of", refused)
+    monkeypatch.setattr("drake_rho.planning.windows.first_violation", refused)
     asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
     rho.plan_rho(asked)
     with pytest.raises(AssertionError, match="judged"):

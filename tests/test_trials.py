@@ -39,7 +39,7 @@ def test_a_campaign_of_fleets_finds_what_planning_each_does() -> None:
 def test_an_interrupted_one_goes_on(tmp_path: Path) -> None:
     first = fleets.attempts(FOUR[:2], "four", stores=tmp_path)
     again = fleets.attempts(FOUR, "four", stores=tmp_path)
-    assert again[:2] == first  # with the times of the first
+    assert list(map(str, again[:2])) == list(map(str, first))  # a bound that is none equals nothing
     assert len(list(tmp_path.glob("four, *.sqlite"))) == 1
 
 

@@ -37,6 +37,7 @@ _NOTED: dict[str, TypeAdapter[Any]] = {
     "not_avoided": TypeAdapter(list[_Numbers]),
     "kept": TypeAdapter(list[Annotated[bool, Field(strict=True)]]),
     "off_tube": TypeAdapter(list[tuple[str, ...]]),
+    "unseen": TypeAdapter(list[tuple[str, ...]]),
 }
 """What else is told of windows, newer than the format of flights: files may lack it."""
 
@@ -164,7 +165,9 @@ def _pack_flight(flight: Flight) -> dict[str, Any]:
     content["first_knots"] = [window.first_knot for window in windows]
     content["infeasible"] = [window.infeasible for window in windows]
     for name in _NOTED:
-        content[name] = json.dumps([getattr(window, name) for window in windows])
+        told = [getattr(window, name) for window in windows]
+        if name != "unseen" or any(told):
+            content[name] = json.dumps(told)
     for number, window in enumerate(windows):
         content |= _pack(f"window{number}.plan", window.plan)
         content |= _pack(f"window{number}.reference", window.reference)

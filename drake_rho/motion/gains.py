@@ -25,7 +25,7 @@ _COARSE, _CLOSE = 0.04, 1e-4
 """Parts of a wind by which it is made smaller until its own gains bear it, first and at last."""
 
 _PARTS_BORNE = (1.0, *np.arange(1.0 - _COARSE, 0.0, -_COARSE).tolist())
-"""Those that are tried."""
+"""Parts of a wind that are tried one after the other until its own gains bear it."""
 
 _BANDWIDTHS = 12
 _FASTEST = 1.5
@@ -92,16 +92,13 @@ def largest_wind(loop: Loop, radius: float) -> float:
     if not np.isfinite(radius):
         return np.inf
 
-    def borne(responses: Responses) -> float:
-        return _borne(loop, responses, radius)
-
     def cost(responses: Responses) -> float:
-        most = borne(responses)
+        most = borne(loop, responses, radius)
         return -float(np.log(most)) if most > 0.0 else np.inf
 
     def is_borne(wind: float) -> bool:
         gains = best_gains(loop._replace(sizes=(wind, *loop.sizes[1:])))
-        return wind <= borne(Responses.of(gains, loop.delay, loop.samples))
+        return wind <= borne(loop, Responses.of(gains, loop.delay, loop.samples), radius)
 
     # the gains for the least peak are found by a search of their own, and may bear a little less
     wind = float(np.exp(-_search(cost, loop.delay, loop.samples)[1]))
@@ -115,7 +112,7 @@ def largest_wind(loop: Loop, radius: float) -> float:
     return low
 
 
-def _borne(loop: Loop, responses: Responses, radius: float) -> float:
+def borne(loop: Loop, responses: Responses, radius: float) -> float:
     """Return the largest wind that given gains bear, 0 where the errors are too much [m/s²]."""
     unit, errors = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, *loop.sizes[1:]])
     above = (_FINE_PARTS[1] - _FINE_PARTS[0]) ** 2 / 8.0

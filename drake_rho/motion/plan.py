@@ -235,6 +235,8 @@ class Window(metaclass=Described):
     off_tube: tuple[str, ...] = ()
     """names of the vehicles that were further from the previous plan than its tube reaches and
     estimates err, so that they are disturbed more than the scenario says"""
+    unseen: tuple[str, ...] = ()
+    """names of the vehicles that were not seen when it was planned, and were predicted"""
 
     def __repr__(self) -> str:
         """As in '<Window from knot 6: a new plan, cost 12.5 m²/s⁴>'."""

@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.gains import Loop, best_gains, largest_wind
+from drake_rho.motion.gains import Loop, best_gains, borne, largest_wind
 from drake_rho.motion.radii import Pieces, Radii
 from drake_rho.motion.sampled_loop import Responses
+from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
@@ -202,7 +203,7 @@ class ErrorTube(metaclass=Described):
         slack = self._slack
         outside = ~((passed >= -slack) & (passed <= self.samples + slack))  # so is a NaN
         if np.any(outside):
-            expected = f"a time from {self.grid.start:g} to {self.grid.end:g} s"
+            expected = f"a time from {clock_number(self.grid.start)} to {clock_time(self.grid.end)}"
             raise ValueError(f"times: got {times[outside][0]}, expected {expected}")
         return np.asarray(passed)
 
@@ -314,8 +315,8 @@ def largest_disturbance(
 ) -> float:
     """The largest W [m/s²] for which the tube's position radius stays within `position` [m].
 
-    All else is as the scenario has it: errors of the estimate, delay, share. Infinite only for an
-    infinite radius; 0 where the errors alone are too much.
+    All else is as the scenario has it: errors of the estimate, delay, share, or the gains of its
+    own `tracking`. Infinite only for an infinite radius; 0 where the errors alone are too much.
 
     Raises:
         ValueError: the scenario has no disturbance, or the radius is negative or no number.
@@ -328,6 +329,10 @@ def largest_disturbance(
         raise ValueError(f"position: got {position}, expected a radius of at least 0 in m")
     if scenario.disturbance is None:
         raise ValueError("scenario.disturbance: got None, expected one to take the feedback from")
+    if scenario.disturbance.tracking is not None:
+        tube = error_tube(scenario, None if initial == (0.0, 0.0) else initial)
+        loop = _loop(scenario, tube)._replace(limit=np.inf)
+        return borne(loop, tube.responses, position / tube.sample**2)
     tube = ErrorTube(scenario.disturbance, scenario.grid, initial=initial)
     return largest_wind(_loop(scenario, tube), position / tube.sample**2)
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from drake_rho.display.figures import (
     accelerations_figure,
@@ -18,6 +21,7 @@ from drake_rho.display.layout import add_title
 from drake_rho.display.paths import paths_figure
 from drake_rho.display.publish import save_figure
 from drake_rho.paper.study import Study
+from drake_rho.scenario.files import replacing
 
 _GREY = 1.5 / 255.0
 """Difference below which two pixels look the same: more than one grey level, less than two."""

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
+from functools import partial
 from itertools import repeat
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.threads import one_for_arrays
-from drake_rho.planning.along_ways import no_plan, plan_along_ways
+from drake_rho.planning.along_ways import AlongWays, no_plan, plan_along_ways
 from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.convex import linearised_once
@@ -282,6 +283,13 @@ def _around_if_apart(
     return None
 
 
+def _plan_along_ways(
+    pieces: int, scenario: Scenario, solver: Solver | None, options: Options
+) -> AlongWays:
+    """Look for a plan along ways on a worker, to which a scenario comes without its pieces."""
+    return plan_along_ways(scenario.derived(margin_pieces=pieces), solver, options)
+
+
 def _ways_round(
     scenario: Scenario,
     stuck: Sequence[str],
@@ -300,8 +308,9 @@ def _ways_round(
     indices = [scenario.index_of(name) for name in stuck]
     alone = [scenario.of_vehicles([index]) for index in indices]
     if isinstance(solver, OnWorkers):  # which cannot tell from where they are
+        along_ways = partial(_plan_along_ways, scenario.margin_pieces)
         each_of, own = solver.executor.map, repeat(solver.solver)
-        found = list(each_of(plan_along_ways, alone, own, repeat(options)))
+        found = list(each_of(along_ways, alone, own, repeat(options)))
     else:
         parts = [within(progress, name) for name in stuck]
         found = list(map(plan_along_ways, alone, repeat(solver), repeat(options), parts))

@@ -17,6 +17,7 @@ from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_apart import NAME
 from drake_rho.planning.keep_out import FIRST, obstacles_of
 from drake_rho.planning.limits import convex_constraints
+from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
 
@@ -85,7 +86,7 @@ class Breaches:
 
         def tell(vehicle: int, what: str, time: float, number: int) -> None:
             at = scenario.grid.start + time
-            told.setdefault(names[vehicle], {}).setdefault(what, f"{what} at {at:.4g} s")
+            told.setdefault(names[vehicle], {}).setdefault(what, f"{what} at {clock_time(at, 4)}")
             touched.setdefault(names[vehicle], set()).add(number)
 
         for one, other, time in _worst_first(self.pairs):

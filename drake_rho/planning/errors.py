@@ -121,12 +121,12 @@ class InfeasibleError(DrakeRhoError):
     def premise(self) -> str:
         """What the proof that there is no plan is about, if not the scenario itself; else empty."""
         what = []
-        if self.scenario is not None and self.scenario.disturbance is not None:
-            what.append("the margins that are kept for the disturbance")
         if self.about_linearisation:
             pairs = any(0 in numbers for numbers in self.obstacles.values())
             obstacles = "the obstacles and pairs" if pairs else "the obstacles"
             what.append(f"{obstacles} linearised around this reference")
+        if self.scenario is not None and self.scenario.disturbance is not None:
+            what.append("the margins that are kept for the disturbance")
         return f"with {' and '.join(what)}" if what else ""
 
 

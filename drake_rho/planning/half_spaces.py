@@ -16,6 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, response
+from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
 
@@ -106,7 +107,9 @@ class Constraint(abc.ABC):
             start: time of the first knot on the scenario's clock [s].
         """
         first, last = start + rows.times.min(), start + rows.times.max()
-        when = f"at {first:g} s" if first == last else f"from {first:g} s to {last:g} s"
+        when = f"at {clock_time(first)}"
+        if first != last:
+            when = f"from {clock_time(first)} to {clock_time(last)}"
         return f"{self.name}{self.detail(rows, names)} {when}"
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:

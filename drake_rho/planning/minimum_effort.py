@@ -80,7 +80,7 @@ class MinimumEffort:
             grid,
             Goals(terminal.rows, values),
             Motion.from_starts(fleet, accelerations, grid.step),
-            fleet.scale("acceleration"),
+            fleet.units,
             np.abs(missed).max(axis=1) > TOLERANCE * fleet.lengths,
         )
 

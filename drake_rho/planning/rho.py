@@ -25,6 +25,7 @@ from drake_rho.planning.windows import (
     free_reference,
     tail_reference,
 )
+from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
 from drake_rho.scenario.records import TOLERANCE, Scenario
 
@@ -134,6 +135,10 @@ class RecedingHorizon:
                 window = self._planner.first(self.scenario, self._begun(measured))
             else:
                 window = self._next(knot, measured)
+            names = [vehicle.name for vehicle in self.scenario.vehicles]
+            unseen = tuple(names[i] for i in np.flatnonzero(np.isnan(measured).any(axis=1)))
+            if unseen:
+                window = dataclasses.replace(window, unseen=unseen)
             before = self.windows[-1] if self.windows else window
             self.windows.append(_with_sightings(window, before))
             return self.windows[-1]
@@ -182,7 +187,7 @@ class RecedingHorizon:
         off = abs(steps - knot) * grid.step
         if not last < knot <= most or off > max(_CLOCK * grid.step, grid.rounding):
             first, end = (grid.times[min(k, grid.knots - 1)] for k in (last + 1, most))
-            expected = f"the time of a knot from {first:g} to {end:g} s"
+            expected = f"the time of a knot from {clock_number(first)} to {clock_time(end)}"
             raise ValueError(f"time: got {time!r}, expected {expected}")
         return knot
 
@@ -199,10 +204,12 @@ class RecedingHorizon:
         away = positions - fleet.start_positions, velocities - fleet.start_velocities
         if not beyond(scenario, away, 0.0, 0.0, tolerance).any():
             return scenario
-        tracking = tracked_anew(scenario, scenario, None)
-        return scenario.from_states(
+        unseen = np.isnan(states).any()
+        tracking = tracked_anew(scenario, scenario, scenario if unseen else None)
+        begun = scenario.from_states(
             scenario.grid, positions, velocities, fleet.accelerations_before, tracking
         )
+        return begun.begun(under_way=False)  # there is no previous plan
 
     def _next(self, knot: int, states: FloatArray) -> Window:
         """Return a later window."""
@@ -216,7 +223,8 @@ class RecedingHorizon:
             before = left.fleet.accelerations_before
             left = left.from_states(left.grid, positions, velocities, before, tracking)
         elif left.disturbance is not None:
-            left = left.with_disturbance(unchecked(left.disturbance, tracking=tracking))
+            around = unchecked(left.disturbance, tracking=tracking)
+            left = left.with_disturbance(around).begun(under_way=True)
         off = off_tube(tail.scenario, away)
         window = self._planner.next(left, knot, tail, last=last, on_plan=not off.any())
         if left.disturbance is None or not off.any():

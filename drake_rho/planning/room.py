@@ -67,20 +67,20 @@ class Room:
         if needed[vehicle] <= 0.0:
             return f"{self.name} ({self.where} {-room:.3g} {unit} beyond)"
         if room < 0.0:
-            inside = f"{needed[vehicle]:.3g} inside needed"
-            return f"{self.name} ({self.where} {-room:.3g} {unit} beyond, {inside})"
+            inside = f"{needed[vehicle]:.3g} {unit} inside is needed"
+            return f"{self.name} ({self.where} {-room:.3g} {unit} beyond; {inside})"
         return f"{self.name} ({self.where} {room:.3g} {unit} inside, of {needed[vehicle]:.3g})"
 
 
 def check_room(scenario: Scenario) -> None:
     """See that limits, starts and goals leave room for the disturbance, if there is one.
 
-    Plans under way are not looked at: whoever measured the states has done so.
+    What is left of a flight is not looked at: windows are judged when they are planned.
 
     Raises:
         InfeasibleError: they do not; it says how much of the disturbance they leave room for.
     """
-    if scenario.disturbance is None or scenario.disturbance.tracking is not None:
+    if scenario.disturbance is None or scenario.under_way:
         return
     if conflicts := lacks(scenario):
         bearable = _bearable(scenario)
@@ -122,16 +122,21 @@ def with_finer_margins(find: Callable[[Scenario], Plan], scenario: Scenario) -> 
             raise
         try:
             plan = find(finer)
-        except (InfeasibleError, SolverError) as again:
-            error.statistics += again.statistics
-            raise error from None
+        except InfeasibleError as again:  # which says how much room there is, to the last piece
+            spent = error.statistics + again.statistics
+            raise again.after(error.steps_tried, spent) from None
+        except SolverError as again:
+            raise error.after(error.steps_tried, error.statistics + again.statistics) from None
         plan = plan.with_statistics(error.statistics + plan.statistics)
         return unchecked(plan, scenario=scenario)
 
 
 def with_more_pieces(scenario: Scenario) -> Scenario | None:
-    """Return a scenario with finer margins; None where it has them, or they leave no more room."""
-    if scenario.disturbance is None or scenario.margin_pieces > 1:
+    """Return a scenario with finer margins; None where it has them, or they leave no more room.
+
+    Nor is there time for them in a flight, in which the previous plan goes on.
+    """
+    if scenario.disturbance is None or scenario.margin_pieces > 1 or scenario.under_way:
         return None
     finer = scenario.derived(margin_pieces=_pieces(scenario))
     return finer if _is_less(finer_margins_of(finer), scenario) else None

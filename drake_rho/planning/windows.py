@@ -23,9 +23,10 @@ from drake_rho.planning.minimum_violation import minimum_breach, minimum_violati
 from drake_rho.planning.room import NO_ROOM, lacks
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
+from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Scenario
-from drake_rho.verification.holds import violation_of
+from drake_rho.verification.holds import first_violation
 
 
 class Planner(Protocol):
@@ -185,7 +186,7 @@ class WindowPlanner:
         if tail.scenario.disturbance is None:
             return Subproblem(tail.scenario, decoupled, self.solver).holds(tail)
         accepted = last.kept or not last.infeasible
-        return not violation_of(tail, _news(tail, last) if accepted else None)
+        return first_violation(tail, _news(tail, last) if accepted else None) is None
 
     def _planned(self, scenario: Scenario, first_knot: int, tail: Plan | None) -> Window | _Failure:
         """Return the planner's window, or why it has none."""
@@ -193,7 +194,7 @@ class WindowPlanner:
         try:
             if scenario.obstacles or scenario.separation is not None:
                 around = self.reference(scenario, tail, self.solver)
-            plan = _judged(self.planner(scenario, reference=around, solver=self.solver))
+            plan = _judged(scenario, self.planner(scenario, reference=around, solver=self.solver))
         except _FAILURES as error:
             return _failure(error)
         return Window(first_knot, plan, around or plan.reference or plan)
@@ -210,7 +211,7 @@ class WindowPlanner:
         if planner is None:
             return failure
         try:
-            plan = _judged(planner(scenario, reference=tail, solver=self.solver))
+            plan = _judged(scenario, planner(scenario, reference=tail, solver=self.solver))
         except _FAILURES as error:
             again = _failure(error)
             again.statistics = failure.statistics + again.statistics
@@ -225,22 +226,30 @@ def _no_room(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> Infeasi
     return InfeasibleError(reasons, scenario=scenario, because=because)
 
 
-def _judged(plan: Plan) -> Plan:
+def _judged(scenario: Scenario, plan: Plan) -> Plan:
     """Return a plan that the verifier accepts with all of its tube, if it has one.
+
+    Args:
+        scenario: as it was asked of the planner, whatever the plan says of it.
+        plan: the planner's.
 
     Raises:
         InfeasibleError: the verifier does not; it says what the plan breaks.
     """
-    scenario = plan.scenario
-    if scenario.disturbance is not None and (broken := violation_of(plan)):
-        name, _, what = broken.partition(": ")
-        raise InfeasibleError(
-            {name: (what,)},
-            statistics=plan.statistics,
-            scenario=scenario,
-            because="the one found does not hold",
-        )
-    return plan
+    if scenario.disturbance is None:
+        return plan
+    asked = plan
+    if plan.scenario is not scenario:
+        asked = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
+    if (broken := first_violation(asked)) is None:
+        return asked
+    what = f"{broken.what} by {broken.excess:.3g} {broken.unit} at {clock_time(broken.time)}"
+    raise InfeasibleError(
+        {broken.vehicle: (what,)},
+        statistics=plan.statistics,
+        scenario=scenario,
+        because="the plan that was found does not hold",
+    )
 
 
 def _news(tail: Plan, last: Window) -> list[int]:

@@ -64,6 +64,7 @@ class Fleet:
     ) -> None:
         self._grid, self._vehicles, self._limits = grid, vehicles, limits
         self._aside, self._bodies = aside, bodies
+        self._whole: Fleet | None = None
         self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
         self._bounds: dict[Quantity, Bounds | None] = {}
         self._largest: dict[Norm, FloatArray] | None = None
@@ -111,7 +112,16 @@ class Fleet:
 
     @cached_property
     def lengths(self) -> FloatArray:
-        """Length scale of each motion [m], for tolerances and for a solver's numbers, shape (N,).
+        """Length scale of each motion [m], for tolerances, shape (N,).
+
+        That of `ways`, but of what is left of a flight no more than that of the whole flight, so
+        that what holds for all of its windows holds for it.
+        """
+        return self.ways if self._whole is None else np.minimum(self.ways, self._whole.lengths)
+
+    @cached_property
+    def ways(self) -> FloatArray:
+        """Length scale of each motion [m], for a solver's numbers, shape (N,).
 
         The largest of the ways that a vehicle has to make: to its goal, to its waypoints, those
         that the given velocities and acceleration cover in the duration T, aside for others (the
@@ -142,15 +152,19 @@ class Fleet:
         """How far vehicles may have to move aside of obstacles that cross their ways [m], (N,).
 
         What an obstacle keeps free at least, and the distance kept from it, where it comes close
-        enough to a vehicle on the straight way to its goal. Nothing for one that stands still:
-        starts and goals are outside of it, so that the way through it is as long.
+        enough to a vehicle on the straight way to its goal; but no more than it moves, since a
+        vehicle that is clear of it at first can go with it. Nothing for one that stands still.
         """
-        aside = np.zeros(len(self._vehicles))
+        aside, T = np.zeros(len(self._vehicles)), self._grid.duration
         for body in self._bodies:
             if body.moves:
                 kept = self.radii + body.deviation
                 met = self._nearest_to(body) <= np.linalg.norm(body.shape.extent) + kept
-                aside[met] = np.maximum(aside, body.shape.extent.min() + kept)[met]
+                corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
+                places = body.centers(np.concatenate([[0.0], corners, [T]]))
+                gone = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+                most = np.minimum(body.shape.extent.min() + kept, gone)
+                aside[met] = np.maximum(aside, most)[met]
         return aside
 
     def _nearest_to(self, body: Obstacle) -> FloatArray:
@@ -182,11 +196,18 @@ class Fleet:
     def scale(self, quantity: Quantity) -> FloatArray:
         """What is large for a quantity of each motion, in its SI unit, shape (N,).
 
-        L, L/T, L/T² and L/(T² h) with the motion's length scale L.
+        L, L/T, L/T² and L/(T² h) with the motion's length scale L; of what is left of a flight no
+        more than of the whole.
         """
         h, T = self._grid.step, self._grid.duration
         powers = {"position": 1.0, "velocity": T, "acceleration": T**2, "jerk": T**2 * h}
-        return self.lengths / powers[quantity]
+        scale: FloatArray = self.lengths / powers[quantity]
+        return scale if self._whole is None else np.minimum(scale, self._whole.scale(quantity))
+
+    @property
+    def units(self) -> FloatArray:
+        """Acceleration that counts as one in programs [m/s²], shape (N,): `ways` over T²."""
+        return self.ways / self._grid.duration**2
 
     def bounds(self, quantity: Quantity) -> Bounds | None:
         """The boxes of a quantity, with their tolerances; None if no vehicle has one.
@@ -262,6 +283,7 @@ class Fleet:
         fleet = Fleet(grid, vehicles, self._limits, self._aside, bodies)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before
+        fleet._whole = self._whole or self
         fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
         fleet._sides, fleet._largest = self._sides, self._largest
         return fleet

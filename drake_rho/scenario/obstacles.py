@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
@@ -242,12 +241,9 @@ class Obstacle:
     @property
     def corners(self) -> FloatArray:
         """Times on the scenario's clock at which its velocity changes [s], shape (M,)."""
-        return np.zeros(0) if self.track is None else self.track.times
-
-    @cached_property
-    def origin(self) -> FloatArray:
-        """The middle of its bounding box at time 0 of the clock, if no track says it [m], (3,)."""
-        return self.shape.center
+        if self.track is None:
+            return np.zeros(0)
+        return self.track.times[:-1] if self.track.after == "goes_on" else self.track.times
 
     @property
     def first_center(self) -> FloatArray:
@@ -261,20 +257,24 @@ class Obstacle:
         Times of a flight are added up from its first knot. On a clock that begins there, sums and
         corners are the same numbers; on one far from 0 they differ by its rounding.
         """
-        velocity = np.zeros(3) if self.velocity is None else self.velocity
-        track = self.track and unchecked(self.track, times=locked(self.track.times - time))
-        origin = locked(self.origin + time * velocity)
-        return unchecked(self, track=track, origin=origin, known_from=self.known_from - time)
+        track = self.track
+        if track is not None:
+            track = unchecked(track, times=locked(track.times - time))
+        elif self.velocity is not None:
+            places = self.centers(time + np.array([0.0, 1.0]))
+            track = Track([0.0, 1.0], places, after="goes_on")
+        known_from = self.known_from - time
+        return unchecked(self, velocity=None, track=track, known_from=known_from)
 
     def centers(self, times: FloatArray) -> FloatArray:
         """Middles of its bounding box at times on the scenario's clock [m], shape (M, 3)."""
         if self.track is not None:
             return self.track.at(times)
         if self.velocity is not None:
-            centers: FloatArray = self.origin + times[..., None] * self.velocity
+            centers: FloatArray = self.shape.center + times[..., None] * self.velocity
             return centers
         still: FloatArray = np.empty((*times.shape, 3))
-        still[...] = self.origin
+        still[...] = self.shape.center
         return still
 
     def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:

@@ -111,7 +111,7 @@ class Scenario:
 
     def _fleet_of(self, vehicles: Sequence[Vehicle]) -> Fleet:
         aside = 0.0 if self.separation is None else self.separation.distance
-        return Fleet(self.grid, vehicles, self.limits, aside, self.bodies_in_flight)
+        return Fleet(self.grid, vehicles, self.limits, aside, [body for _, body in self.known])
 
     @model_validator(mode="after")
     def _consistent(self, info: ValidationInfo[bool | None]) -> Self:
@@ -226,6 +226,11 @@ class Scenario:
                 raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
 
     @cached_property
+    def under_way(self) -> bool:
+        """Whether this is what is left of a flight, in which the previous plan may go on."""
+        return False
+
+    @cached_property
     def margin_pieces(self) -> int:
         """How many pieces of a step planners keep margins of their own in: one at first."""
         return 1
@@ -287,12 +292,17 @@ class Scenario:
 
     def without_separation(self) -> Scenario:
         """This scenario without a separation."""
-        alone = Fleet(self.grid, self.vehicles, self.limits, bodies=self.bodies_in_flight)
+        known = [body for _, body in self.known]
+        alone = Fleet(self.grid, self.vehicles, self.limits, bodies=known)
         return self.derived(separation=None, fleet=alone)
 
     def with_disturbance(self, disturbance: Disturbance | None) -> Scenario:
         """Return this scenario with another disturbance, which is known to fit its grid."""
         return self.derived(disturbance=disturbance)
+
+    def begun(self, *, under_way: bool) -> Scenario:
+        """Return this scenario as what is left of a flight, or as a whole one."""
+        return self.derived(under_way=under_way)
 
     def derived(self, **changes: object) -> Scenario:
         """Return a copy with other values that are known to be valid.
@@ -304,6 +314,7 @@ class Scenario:
             "bodies_in_flight": self.bodies_in_flight,
             "fleet": self.fleet,
             "margin_pieces": self.margin_pieces,
+            "under_way": self.under_way,
         }
         return unchecked(self, **(own | changes))
 
@@ -345,13 +356,20 @@ class Scenario:
         )
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
-        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, bodies)
+        now = max(grid.start, 0.0) + grid.rounding
+        seen = [
+            body
+            for obstacle, body in zip(self.bodies, bodies, strict=True)
+            if obstacle.known_from <= now
+        ]
+        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, seen)
         return self.derived(
             grid=grid,
             vehicles=vehicles,
             fleet=fleet,
             disturbance=around,
             bodies_in_flight=bodies,
+            under_way=True,
         )
 
     def index_of(self, name: str) -> int:

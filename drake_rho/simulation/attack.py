@@ -16,6 +16,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.fleet import Bounds
@@ -85,7 +86,7 @@ class Attack(metaclass=Described):
         """As in '<Attack: v1 is left 0.01 m of 0.2 m beyond what is kept, obstacle 1 at 6.4 s>'."""
         who = " and ".join(self.vehicles)
         left = f"{self.clearance:.3g} m of {self.planned:.3g} m beyond what is kept"
-        return f"<Attack: {who} is left {left}, {self.constraint} at {self.time:.4g} s>"
+        return f"<Attack: {who} is left {left}, {self.constraint} at {clock_time(self.time, 4)}>"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

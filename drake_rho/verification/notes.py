@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.parts import Grid, Quantity
 from drake_rho.scenario.records import Scenario
@@ -45,8 +46,8 @@ def notes_on_tracks(scenario: Scenario) -> tuple[str, ...]:
     """Tell of obstacles whose tracks end in motion before the flight does."""
     grid = scenario.grid
     return tuple(
-        f"{scenario.obstacle_name(number)} is taken to rest from {track.times[-1]:g} s on: its "
-        f"track ends before the flight does, at {grid.end:g} s"
+        f"{scenario.obstacle_name(number)} is taken to rest from {clock_time(track.times[-1])} on: "
+        f"its track ends before the flight does, at {clock_time(grid.end)}"
         for number, body in enumerate(scenario.bodies, start=1)
         if (track := body.track) is not None
         and track.after is None
@@ -87,7 +88,7 @@ def _off_tube(simulation: Simulation) -> str:
     for window in simulation.flight.windows:
         for name in window.off_tube:
             found.setdefault(name, window.plan.scenario.grid.start)
-    told = [f"{name} from {time:g} s" for name, time in found.items()]
+    told = [f"{name} from {clock_time(time)}" for name, time in found.items()]
     more = f" and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
     return f"off the tube: {', '.join(told[:_SHOWN])}{more}" if told else ""
 

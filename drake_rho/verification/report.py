@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from drake_rho.motion.plan import Sighting
+from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Quantity, Scenario
@@ -207,7 +208,7 @@ class Report(metaclass=Described):
     def _notes(self) -> list[str]:
         """Lines on what was seen late, and on what is judged with an estimate."""
         notes = [
-            f"{each.obstacle} became known at {each.time:g} s and was "
+            f"{each.obstacle} became known at {clock_time(each.time)} and was "
             + ("avoided" if each.avoided else "not avoided: too late for any plan that was found")
             for each in self.sightings
         ]
@@ -257,7 +258,7 @@ def _table(title: str, rows: Sequence[Check]) -> str:
         cells = (
             check.vehicle,
             check.what,
-            f"{check.time:.6g}",
+            clock_number(check.time),
             f"{check.value:.6g}",
             f"{check.limit:.6g}",
             f"{check.errors:.4g}" if check.errors > 0.0 else "",
