@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from drake_rho.scenario.disturbance import Tracking
 from tests.loop import Loop
 from tests.scenarios import box, single
 
@@ -180,3 +181,15 @@ def test_the_table_of_the_document_is_true_for_any_sample_and_wind(row: list[flo
     np.testing.assert_allclose(found[::2], row[1:-1:2], rtol=0.02)
     np.testing.assert_allclose(found[1::2], row[2:-1:2], rtol=0.06)  # which nothing makes least
     assert feedback / W == pytest.approx(row[-1], rel=0.02)
+
+
+def test_the_largest_disturbance_for_gains_of_ones_own() -> None:
+    own = rho.error_tube(scenario_of(rho.Disturbance(0.3, feedback_every=SECONDS), 1.0)).gains
+    weak = (0.3 * own[0], 0.3 * own[1])
+    tracking = Tracking(0.0, weak, 0.01, 0.0)
+    around = rho.Disturbance(0.3, 0.001, 0.0, SECONDS, tracking=tracking)
+    scenario = scenario_of(around, 1.0)
+    most = rho.largest_disturbance(scenario, 0.4)
+    for part, fits in ((1.0, True), (1.001, False)):
+        windy = dataclasses.replace(around, acceleration=part * most)
+        assert (peaks(rho.error_tube(scenario_of(windy, 1.0)))[0] <= 0.4 * (1 + 1e-9)) == fits

@@ -192,3 +192,30 @@ def test_nothing_is_judged_where_nothing_disturbs(monkeypatch: pytest.MonkeyPatc
     rho.plan_rho(asked)
     with pytest.raises(AssertionError, match="judged"):
         rho.plan_rho(unchecked(asked, disturbance=rho.Disturbance(0.1)))
+
+
+def test_a_planner_is_judged_by_what_it_was_asked() -> None:
+    """Whatever scenario a plan says that it is of."""
+    ball = rho.Sphere([5.0, 2.0, -1.0], 1.0)
+    asked = single(obstacles=[ball], between_knots=True)
+    asked = dataclasses.replace(asked, disturbance=rho.Disturbance(0.1, 0.01))
+
+    def careless_planner(scenario: rho.Scenario, **options: object) -> rho.Plan:
+        return rho.plan_convex(dataclasses.replace(scenario, disturbance=None, obstacles=()))
+
+    with pytest.raises(rho.InfeasibleError, match="does not hold: solo: obstacle 1"):
+        rho.plan_rho(asked, planner=careless_planner, fallback=None)
+    flight = rho.plan_rho(asked, planner=careless_planner)
+    assert rho.verify(flight).ok
+
+
+@pytest.mark.parametrize("every", [2, 5])
+def test_a_flight_holds_by_the_tolerances_of_the_whole(every: int) -> None:
+    """An early waypoint makes accelerations before large, and with them the scale of the rest."""
+    waypoints = [rho.Waypoint(1.0, [2.0, 0, 0], 0.0), rho.Waypoint(12.0, [0.5, 1.0, 0], 0.0)]
+    asked = single(grid=rho.Grid(0.5, 41), goal=rho.State([1.0, 0, 0]), waypoints=waypoints)
+    flight = rho.plan_rho(asked, replan_every=every)
+    assert rho.verify(flight).ok
+    whole = asked.fleet.scale("position")
+    for window in flight.windows:
+        assert np.all(window.plan.scenario.fleet.scale("position") <= whole)

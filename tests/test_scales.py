@@ -155,3 +155,25 @@ def test_a_wide_ground_lets_nobody_in(half: float) -> None:
         assert report.ok == accepted
     plan = rho.plan(at(0.0).scenario)
     assert rho.verify(plan).ok
+
+
+def test_what_moves_aside_moves_no_further_than_the_obstacle() -> None:
+    """A ground that sinks slowly lets nobody in either."""
+    deep = rho.Box([-1e5, -1e5, -2e5], [1e5, 1e5, 0.0])
+    for speed in (1e-9, 1e-2):
+        ground = rho.Obstacle(deep, velocity=[speed, 0, 0])
+        vehicle = rho.Vehicle("v", rho.State([0, 0, 0.5]), rho.State([1, 0, 0.5]))
+        scenario = rho.Scenario("sinks", rho.Grid(0.5, 9), [vehicle], obstacles=[ground])
+        assert scenario.fleet.lengths == pytest.approx([1.0])
+        assert scenario.fleet.obstacle_tolerances(deep) == pytest.approx([TOLERANCE])
+        with pytest.raises(rho.ScenarioError, match=r"start\.position"):
+            dataclasses.replace(
+                scenario,
+                vehicles=(dataclasses.replace(vehicle, start=rho.State([0, 0, -0.09])),),
+            )
+
+
+def test_what_is_not_known_yet_is_no_scale() -> None:
+    late = dataclasses.replace(hovering().bodies[0], known_from=2.0)
+    scenario = dataclasses.replace(hovering(), obstacles=(late,))
+    assert scenario.fleet.lengths == pytest.approx([1.0])

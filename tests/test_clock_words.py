@@ -1,0 +1,34 @@
+"""Times are written with the digits that tell instants of a flight apart."""
+
+from __future__ import annotations
+
+import pytest
+
+import drake_rho as rho
+from drake_rho.scenario.clock import clock_number, clock_time
+from tests.scenarios import single
+
+
+@pytest.mark.parametrize(
+    ("time", "words"),
+    [
+        (0.0, "0 s"),
+        (12.5, "12.5 s"),
+        (1.0 / 3.0, "0.333333 s"),
+        (-99999.0, "-99999 s"),
+        (1.7e9, "1700000000 s"),
+        (1.7e9 + 0.25, "1700000000.25 s"),
+    ],
+)
+def test_a_time_in_words(time: float, words: str) -> None:
+    assert clock_time(time) == words
+    assert clock_number(time) == words.removesuffix(" s")
+
+
+def test_reports_and_errors_tell_times_of_a_far_clock_apart() -> None:
+    asked = single(grid=rho.Grid(0.5, 17, 1.7e9 + 0.1))
+    horizon = rho.RecedingHorizon(asked)
+    horizon.step(asked.fleet.start_states, asked.grid.start)
+    with pytest.raises(ValueError, match=r"from 1700000000\.6 to 1700000007\.6 s"):
+        horizon.step(asked.fleet.start_states, 0.0)
+    assert "1700000008.1" in str(rho.verify(rho.plan(asked)))
