@@ -209,7 +209,7 @@ class RecedingHorizon:
         begun = scenario.from_states(
             scenario.grid, positions, velocities, fleet.accelerations_before, tracking
         )
-        return begun.begun(under_way=False)  # there is no previous plan
+        return begun.derived(under_way=False)  # there is no previous plan
 
     def _next(self, knot: int, states: FloatArray) -> Window:
         """Return a later window."""
@@ -224,7 +224,7 @@ class RecedingHorizon:
             left = left.from_states(left.grid, positions, velocities, before, tracking)
         elif left.disturbance is not None:
             around = unchecked(left.disturbance, tracking=tracking)
-            left = left.with_disturbance(around).begun(under_way=True)
+            left = left.derived(disturbance=around, under_way=True)
         off = off_tube(tail.scenario, away)
         window = self._planner.next(left, knot, tail, last=last, on_plan=not off.any())
         if left.disturbance is None or not off.any():

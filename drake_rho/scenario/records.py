@@ -300,10 +300,6 @@ class Scenario:
         """Return this scenario with another disturbance, which is known to fit its grid."""
         return self.derived(disturbance=disturbance)
 
-    def begun(self, *, under_way: bool) -> Scenario:
-        """Return this scenario as what is left of a flight, or as a whole one."""
-        return self.derived(under_way=under_way)
-
     def derived(self, **changes: object) -> Scenario:
         """Return a copy with other values that are known to be valid.
 
