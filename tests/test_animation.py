@@ -11,6 +11,7 @@ import pytest
 from playwright.sync_api import Page
 
 import drake_rho as rho
+from drake_rho.display import ports
 from drake_rho.display.animation import start_meshcat
 from drake_rho.display.poses import headings, poses
 from drake_rho.display.shapes import (
@@ -226,6 +227,20 @@ def test_a_light_scene_draws_no_predictions() -> None:
     assert not rho.animate(flight).HasPath("/flight/predictions")
     few = plan.only(np.arange(3))
     assert rho.animate(rho.Flight(few, (Window(0, few, few),))).HasPath("/flight/predictions")
+
+
+def test_localhost_is_served_where_no_name_service_knows_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert ports.address_of("localhost") in ("localhost", "127.0.0.1")
+    assert ports.address_of("*") == "*"
+
+    def unknown(*_: object) -> None:
+        raise OSError("Name or service not known")
+
+    monkeypatch.setattr(ports.socket, "getaddrinfo", unknown)
+    assert ports.address_of("localhost") == "127.0.0.1"
+    assert start_meshcat(port=7750).web_url().startswith("http://127.0.0.1:")
 
 
 def test_a_taken_port_is_passed_over() -> None:

@@ -335,10 +335,10 @@ def test_show_serves_on_this_machine_alone_and_ends_on_interrupt() -> None:
     ran = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert ran.stdout is not None
-        address = re.search(r"http://localhost:(\d+)", ran.stdout.readline())
+        address = re.search(r"http://(localhost|127\.0\.0\.1):(\d+)", ran.stdout.readline())
         assert address is not None
-        port = int(address[1])
-        with socket.create_connection(("localhost", port), timeout=5):
+        port = int(address[2])
+        with socket.create_connection((address[1], port), timeout=5):
             listening = _addresses(port)
         assert listening
         assert set(listening) <= {"0100007F", "00000000000000000000000001000000"}

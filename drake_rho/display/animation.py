@@ -11,7 +11,7 @@ from drake_rho.display.bodies import add_obstacles, record_obstacles
 from drake_rho.display.disturbed import add_disturbed, record_disturbed
 from drake_rho.display.flown import Drawn, Flown, drawn, windows_of
 from drake_rho.display.pace import Pace
-from drake_rho.display.ports import on_free_port
+from drake_rho.display.ports import address_of, on_free_port
 from drake_rho.display.scene import (
     ROOT,
     Scene,
@@ -156,10 +156,11 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
         OSError: no port is free, or the interface is not there.
         ValueError: the port is out of range.
     """
+    address = address_of(host)
 
     def start(number: int) -> Meshcat | None:
         try:
-            return Meshcat(MeshcatParams(host=host, port=number, show_stats_plot=False))
+            return Meshcat(MeshcatParams(host=address, port=number, show_stats_plot=False))
         except RuntimeError:  # in use
             return None
 

@@ -1,13 +1,27 @@
-"""The next port that is free."""
+"""The interface that a server listens on, and the next port that is free."""
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable
 from typing import TypeVar
 
 _Server = TypeVar("_Server")
 _FIRST = 7000
 _TRIED = 100
+
+
+def address_of(host: str) -> str:
+    """Return the address to listen on: `host`, but for a localhost that the system cannot resolve.
+
+    A minimal Debian 12 has no /etc/hosts, in which that name would stand.
+    """
+    if host == "localhost":
+        try:
+            socket.getaddrinfo(host, None)
+        except OSError:
+            return "127.0.0.1"
+    return host
 
 
 def on_free_port(

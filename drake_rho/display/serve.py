@@ -7,7 +7,7 @@ import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-from drake_rho.display.ports import on_free_port
+from drake_rho.display.ports import address_of, on_free_port
 
 
 class PageServer:
@@ -55,12 +55,14 @@ def serve(page: str, *, host: str = "localhost", port: int | None = None) -> Pag
         def log_message(self, *_: object) -> None:
             """Say nothing of requests."""
 
+    address = "" if host == "*" else address_of(host)
+
     def start(number: int) -> ThreadingHTTPServer | None:
         try:
-            return ThreadingHTTPServer(("" if host == "*" else host, number), Handler)
+            return ThreadingHTTPServer((address, number), Handler)
         except OSError as error:
             if error.errno in (errno.EADDRINUSE, errno.EACCES):
                 return None
             raise OSError(f"host: got {host!r}, expected a network interface ({error})") from None
 
-    return PageServer(on_free_port(start, host, port), host)
+    return PageServer(on_free_port(start, host, port), address or host)
