@@ -238,7 +238,7 @@ def test_localhost_is_served_where_no_name_service_knows_it(
     def unknown(*_: object) -> None:
         raise OSError("Name or service not known")
 
-    monkeypatch.setattr(ports.socket, "getaddrinfo", unknown)
+    monkeypatch.setattr("socket.getaddrinfo", unknown)
     assert ports.address_of("localhost") == "127.0.0.1"
     assert start_meshcat(port=7750).web_url().startswith("http://127.0.0.1:")
 
