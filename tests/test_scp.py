@@ -12,7 +12,7 @@ from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
 from drake_rho.planning.keep_apart import decoupled
-from drake_rho.planning.scp import PATIENCE, iterate, restored
+from drake_rho.planning.scp import PATIENCE, DeadEnds, iterate, restored
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 from tests.scenarios import fleet, scenarios, through_the_middle
@@ -242,6 +242,24 @@ def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -
     # a plan's cost for each vehicle, and that of a metre aside and back at 4 d / T² all along
     known = careless.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
     assert penalties[0] == pytest.approx(known)
+
+
+def test_a_restoration_that_comes_no_further_is_given_up() -> None:
+    """Through a sphere that is too wide to get round in time, from both sides of it."""
+    asked = rho.Scenario(
+        "late",
+        rho.Grid.lasting(5.0, step=0.25),
+        [rho.Vehicle("a", rho.State([0, 0, 0]), rho.State([10, 0, 0]))],
+        limits=rho.Limits(max_acceleration=1.65),
+        obstacles=[rho.Sphere([5, 0.1, 0], 2.0)],
+    )
+    start, ends = rho.plan(asked.without_obstacles()), DeadEnds(asked)
+    for _ in range(2):
+        with pytest.raises(rho.InfeasibleError) as caught:
+            restored(start, Subproblem(asked, decoupled), dead_ends=ends)
+        assert caught.value.statistics.linearisations < PATIENCE
+    assert len(ends) == 1  # the second time, a place that is known
+    assert not ends.is_near(start)
 
 
 def test_vehicles_that_cost_nothing_have_converged(two: rho.Scenario) -> None:

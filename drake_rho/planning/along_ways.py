@@ -20,7 +20,7 @@ from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.room import with_room
-from drake_rho.planning.scp import iterate, restored
+from drake_rho.planning.scp import DeadEnds, iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.towards import towards
@@ -30,8 +30,11 @@ from drake_rho.scenario.records import Scenario
 _NAMED = 4
 """Obstacles in the way of a vehicle without a way that are named one by one."""
 
-_MOST_PROGRAMS = 500
-"""Programs after which no other bend is tried: what is found at all is found with fewer."""
+_MOST_LINEARISATIONS = 60
+"""Linearisations after which no other bend is tried: what is found at all is found with fewer."""
+
+_KNOWN_ENDS = 4
+"""Bends in a row that come to dead ends which are known, after which no other is tried."""
 
 _ROUGHLY = 1e-2
 """Relative fall of the cost at which a way's plan can be told from those of others."""
@@ -77,11 +80,13 @@ def plan_along_ways(
     spent = Statistics(searched=found.searched, seconds=time.perf_counter() - began)
     best: Plan | None = None
     failure: InfeasibleError | None = None
+    dead_ends = DeadEnds(scenario)
+    subproblem = Subproblem(scenario, decoupled, solver)
     for number, reference in enumerate(found.references, start=1):
-        subproblem = Subproblem(scenario, decoupled, solver)
+        subproblem = subproblem.afresh()
         along = within(progress, f"way {number} of {len(found.references)}")
         try:
-            plan = restored(reference, subproblem, along, towards)
+            plan = restored(reference, subproblem, along, towards, dead_ends=dead_ends)
         except SolverError as error:
             spent = error.statistics + spent
             continue
@@ -94,7 +99,7 @@ def plan_along_ways(
         if best is None or plan.cost < best.cost:
             best = plan
     if best is None and found.references and len(scenario.vehicles) == 1:
-        best, more = _by_bends(scenario, solver, progress)
+        best, more = _by_bends(subproblem, progress, dead_ends)
         spent = more + spent
     if best is not None or failure is None:
         conflicts, obstacles = _everything(scenario) if best is None else ({}, {})
@@ -103,17 +108,19 @@ def plan_along_ways(
 
 
 def _by_bends(
-    scenario: Scenario, solver: Solver | None, progress: Progress | None
+    subproblem: Subproblem, progress: Progress | None, dead_ends: DeadEnds
 ) -> tuple[Plan | None, Statistics]:
     """A plan of one vehicle from its cheapest motion, bent in several ways; and what it took."""
-    spent = Statistics()
+    spent, known, since = Statistics(), 0, 0
     for number in range(BENDS):
-        if spent.programs > _MOST_PROGRAMS:
+        known, since = len(dead_ends), 0 if len(dead_ends) > known else since + 1
+        if spent.linearisations > _MOST_LINEARISATIONS or since > _KNOWN_ENDS:
             break
-        subproblem = Subproblem(scenario, decoupled, solver)
+        subproblem = subproblem.afresh()
+        reference = bent_alone(subproblem.scenario, number)
         try:
             bent = within(progress, f"bend {number + 1} of {BENDS}")
-            plan = restored(bent_alone(scenario, number), subproblem, bent)
+            plan = restored(reference, subproblem, bent, dead_ends=dead_ends)
         except (InfeasibleError, SolverError) as error:
             spent += error.statistics
         else:

@@ -17,9 +17,11 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.blocks import Answers, OnWorkers, solve_all
+from drake_rho.planning.cones import solve_with_cones
 from drake_rho.planning.conflicts import conflict_of, in_the_way
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
+from drake_rho.planning.keep_in_sets import KeepInSets
 from drake_rho.planning.keep_waypoints import first_number
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import SMALL_FLEET
@@ -41,6 +43,13 @@ _PATIENCE = 3
 """Rounds in which only broken rows are added. Most scenarios need no more; where an active
 stretch creeps along the knots, as jerk does, neighbours then come too, twice as many each round."""
 
+_CREEPING = 10
+"""Rounds that add tangent planes of a vehicle's curved sets before these enter as they are. Where
+there is room most scenarios need fewer: each round quarters what is left outside, at least."""
+
+_AS_GOOD_AS_KEPT = 0.5
+"""Tolerances by which a solution may be outside of a set that was in its program as it is."""
+
 _MAX_INEXACT = 3
 """Rounds in a row that may go on from a solution that is almost one."""
 
@@ -55,11 +64,15 @@ class CuttingPlanes:
         vehicles: which of them are planned, rising indices; all if not given.
         accelerations: what the others fly [m/s²], shape (N, K-1, 3).
         linear: whether only slack costs anything.
+        conic: whose curved sets enter as they are from the start, shape (N,); nobody's if not
+            given.
 
     Attributes:
         effort: what the programs are written in.
         working: the rows that are in.
         motion: of all vehicles, what was found so far.
+        conic: whose curved sets are in the programs as they are, as tangent planes of them came to
+            no end, shape (N,).
     """
 
     def __init__(
@@ -71,6 +84,7 @@ class CuttingPlanes:
         vehicles: IntArray | None = None,
         accelerations: FloatArray | None = None,
         linear: bool = False,
+        conic: BoolArray | None = None,
     ) -> None:
         count = len(scenario.vehicles)
         self.effort = effort or MinimumEffort.of(scenario)
@@ -85,6 +99,8 @@ class CuttingPlanes:
         self._lost: list[HalfSpaces] = []
         self._inexact = np.zeros(count, dtype=int)
         self._retries = 0
+        self.conic = np.zeros(count, dtype=bool) if conic is None else np.array(conic)
+        self._cuts = np.zeros(count, dtype=int)
         if accelerations is not None and len(self._planned) < count:
             others = np.setdiff1d(np.arange(count), self._planned)
             self.motion = self.motion.with_some(others, accelerations[others])
@@ -179,15 +195,41 @@ class CuttingPlanes:
         patience = 0 if coupled else _PATIENCE  # a round of a large group is expensive
         reach = 2 ** max(0, number - patience) // 2
         gap = np.inf if between else 1.5 * self.effort.grid.step
-        found = list[HalfSpaces]()
+        found, cut = list[HalfSpaces](), np.zeros(len(self.conic), dtype=bool)
         for constraint in look if len(vehicles) > 0 else ():
             if number < (constraint.searches if between else constraint.rounds):
                 rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
+                if constraint.curved:
+                    rows = self._to_cut(rows)
+                    cut[rows.vehicles] = True
                 if len(rows) > 0:
                     if reach == 0:
                         rows = rows.worst(self.motion, _PIECES * 2**number, gap=gap)
                     found.append(self._of_planned(rows))
+        self._count_cuts(cut)
         return self._add(found)
+
+    def _to_cut(self, rows: HalfSpaces) -> HalfSpaces:
+        """Return the tangent planes that are to be added: sets in programs as they are need none.
+
+        A set that is much smaller than its distance from zero is kept by rows to more digits than
+        as a cone. Tangent planes where the cone's solution is go on from there, unless something
+        may be broken: solutions of such programs are steps on the way to others.
+        """
+        conic = self.conic[rows.vehicles]
+        if not conic.any():
+            return rows
+        if any(np.isfinite(each.penalty) for each in self._constraints):
+            return rows.select(~conic)
+        outside = rows.margins(self.motion) < -_AS_GOOD_AS_KEPT * rows.tolerances
+        again = np.unique(rows.vehicles[conic & outside])
+        self.conic[again], self._cuts[again] = False, -MAX_ROUNDS
+        return rows.select(~self.conic[rows.vehicles])
+
+    def _count_cuts(self, cut: BoolArray) -> None:
+        """Note whose curved sets another round cuts, and whose are to be cut no more."""
+        self._cuts[cut] += 1
+        self.conic |= self._cuts > _CREEPING
 
     def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
         """Put rows in; say whose are new, or were in and are not kept."""
@@ -208,23 +250,31 @@ class CuttingPlanes:
 
     def _with_groups(self, vehicles: IntArray) -> IntArray:
         """The vehicles and those that rows couple them to."""
-        coupled = [part for part in self.working.rows.values() if part.constraint.coupled]
-        if not coupled:
+        if not any(part.constraint.coupled for part in self.working.rows.values()):
             return vehicles
-        labels = groups_of(len(self.effort.units), coupled)
+        labels = self._labels()
         return np.flatnonzero(np.isin(labels, labels[vehicles]))
+
+    def _labels(self) -> IntArray:
+        """The number of each vehicle's group, shape (N,)."""
+        coupled = [part for part in self.working.rows.values() if part.constraint.coupled]
+        return groups_of(len(self.effort.units), coupled)
 
     def _solve(self, vehicles: IntArray) -> list[int]:
         """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
-        rows = self.working.of(self._with_groups(vehicles), len(self.effort.units))
-        answers = solve_all(
-            self.effort.changes,
-            about(self.effort.motion, rows),
-            self._solver,
-            linear=self._linear,
-            retry=self._retry(),
-            quick=len(self.effort.units) > SMALL_FLEET,  # others are planned to the last digit
-        )
+        vehicles, count = self._with_groups(vehicles), len(self.effort.units)
+        conic = self._with_groups(vehicles[self.conic[vehicles]])
+        answers = list[Answers]()
+        if len(plain := np.setdiff1d(vehicles, conic)) > 0:
+            answers = solve_all(
+                self.effort.changes,
+                about(self.effort.motion, self.working.of(plain, count)),
+                self._solver,
+                linear=self._linear,
+                retry=self._retry(),
+                quick=count > SMALL_FLEET,  # others are planned to the last digit
+            )
+        answers += self._solve_conic(conic)
         solved = list(map(self._take, answers))
         vehicles = np.concatenate([whose for whose, _ in solved])
         found = self.effort.goals.met_by(np.concatenate([own for _, own in solved]), vehicles)
@@ -235,6 +285,23 @@ class CuttingPlanes:
             return []
         infeasible: list[int] = np.setdiff1d(every, vehicles).tolist()
         return infeasible
+
+    def _solve_conic(self, vehicles: IntArray) -> list[Answers]:
+        """Solve programs with curved sets as they are; keep tangent planes that say the same."""
+        labels, answers = self._labels(), list[Answers]()
+        sets = [each for each in self._constraints if isinstance(each, KeepInSets)]
+        for label in np.unique(labels[vehicles]):
+            group = np.flatnonzero(labels == label)
+            rows = self.working.of(group, len(labels))
+            rows = [part for part in rows if not part.constraint.curved]
+            start = self.effort.motion
+            found = solve_with_cones(
+                self.effort.changes, group, about(start, rows), sets, start, linear=self._linear
+            )
+            for tangents, _ in found.tangents:
+                self.working.exchange(group, tangents)
+            answers.append(found.answers(group, self.working.of(group, len(labels))))
+        return answers
 
     def _check_inexact(self, solved: IntArray, broken: BoolArray) -> None:
         """See that whoever has almost a solution has other rows to be solved with.

@@ -15,7 +15,8 @@ from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.progress import Progress
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
-from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.records import Scenario
 
 Follow = Callable[[Plan, Plan], Plan]
 """What is linearised around next, of a reference and the plan that was found around it."""
@@ -25,6 +26,14 @@ MAX_RESTORATIONS = 100
 
 PATIENCE = 20
 """Penalties after which a restoration is given up if there are no fewer vehicles in trouble."""
+
+_STALLED, _FALL = 4, 0.98
+"""Penalties after which it is given up, where nobody has to keep apart, if the worst breach has not
+fallen to this part: what is left then is the least that linearising around it leads to."""
+
+_SAME, _ARRIVED = 0.05, 3
+"""Part of the least that is kept out of by which motions may differ that come to the same end; and
+the penalties after which that can be told."""
 
 GROWTH = 3.0
 """How fast the penalty grows."""
@@ -43,6 +52,7 @@ def iterate(
     most: int = DEFAULTS.max_iterations,
     progress: Progress | None = None,
     follow: Follow | None = None,
+    dead_ends: DeadEnds | None = None,
 ) -> Plan:
     """Linearise obstacles and pairs around one plan after the other.
 
@@ -61,6 +71,8 @@ def iterate(
         progress: called after each.
         follow: what a restoration linearises around next, as long as a plan is far from keeping
             its constraints; the plan itself if not given.
+        dead_ends: where other restorations ended: one that comes near them is given up. If this
+            one ends without a plan, it is added.
 
     Returns:
         The last plan; `statistics.converged` says whether its cost fell by less than the tolerance.
@@ -70,7 +82,7 @@ def iterate(
         SolverError: the solvers fail numerically where they are apart.
     """
     restoring, falling = penalties is not None, np.arange(len(plan.accelerations))
-    fewest, since = len(falling) + 1, 0
+    patience = _Patience(subproblem, dead_ends)
     converged, spent, around = False, plan.statistics, plan
     for number, penalty in enumerate(islice(penalties or repeat(np.inf), most)):
         if restoring and subproblem.holds(plan):
@@ -90,18 +102,75 @@ def iterate(
         if restoring:
             far = follow is not None and not subproblem.almost_holds(after)
             plan, around = after, follow(around, after) if follow and far else after
-            if (left := len(subproblem.in_trouble(after))) < fewest:
-                fewest, since = left, number
-            if number - since >= PATIENCE:
+            if patience.ends(after):
                 break
             continue
         plan, falling = _better(subproblem, plan, after, falling, tolerance)
         if converged := len(falling) == 0 or subproblem.settled:
             break
     if restoring and (failure := subproblem.failure(plan, spent)) is not None:
+        if dead_ends is not None:
+            dead_ends.add(plan)
         raise failure
     done = dataclasses.replace(spent, converged=converged or restoring, tolerance=tolerance)
     return plan.with_statistics(done)
+
+
+class DeadEnds:
+    """Where restorations of one scenario ended without a plan: each place once.
+
+    Args:
+        scenario: what is asked.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._near = _SAME * _room(scenario)
+        self._positions = list[FloatArray]()
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._positions)
+
+    def is_near(self, plan: Plan) -> bool:
+        """Return whether a plan is close to one of them all the time."""
+        return any(np.abs(plan.positions - end).max() < self._near for end in self._positions)
+
+    def add(self, plan: Plan) -> None:
+        """Note where a restoration ended, unless one has ended there."""
+        if not self.is_near(plan):
+            self._positions.append(plan.positions)
+
+
+class _Patience:
+    """When a restoration is given up.
+
+    Args:
+        subproblem: that is restored.
+        dead_ends: of others before it, if there are any.
+    """
+
+    def __init__(self, subproblem: Subproblem, dead_ends: DeadEnds | None) -> None:
+        self._subproblem, self._dead_ends = subproblem, dead_ends
+        self._left, self._worst = len(subproblem.labels) + 1, np.inf
+        self._steps = self._since_left = self._since_worst = 0
+        self._apart = subproblem.scenario.separation is not None
+
+    def ends(self, plan: Plan) -> bool:
+        """Return whether the next penalty is not worth its time after this plan."""
+        left = len(self._subproblem.in_trouble(plan))
+        worst = self._subproblem.worst_breach(plan)
+        self._steps += 1
+        self._since_left += 1
+        self._since_worst += 1
+        if worst < _FALL * self._worst or left < self._left:
+            self._worst, self._since_worst = worst, 0
+        if left < self._left:
+            self._left, self._since_left = left, 0
+        stalled = self._since_worst >= _STALLED and not self._apart
+        if self._since_left >= PATIENCE or stalled:
+            return True
+        known = self._dead_ends
+        return known is not None and self._steps >= _ARRIVED and known.is_near(plan)
 
 
 def _words(linearisations: int, cost: float, worst: float, left: int) -> str:
@@ -135,6 +204,7 @@ def restored(
     *,
     most: int = MAX_RESTORATIONS,
     growth: float = GROWTH,
+    dead_ends: DeadEnds | None = None,
 ) -> Plan:
     """A plan that keeps out of obstacles and of other vehicles, from one that need not.
 
@@ -148,6 +218,7 @@ def restored(
         follow: as in `iterate`.
         most: bound on the penalties.
         growth: of the penalty, from one linearisation to the next.
+        dead_ends: as in `iterate`.
 
     Raises:
         InfeasibleError: none was found.
@@ -157,7 +228,9 @@ def restored(
         first *= _CLOSER
     numbers = range(subproblem.begun, subproblem.begun + most)
     penalties = (first * min(growth**number, subproblem.steepest) for number in numbers)
-    return iterate(subproblem, plan, 1.0, penalties, progress=progress, follow=follow)
+    return iterate(
+        subproblem, plan, 1.0, penalties, progress=progress, follow=follow, dead_ends=dead_ends
+    )
 
 
 def scp_step(plan: Plan, *, solver: Solver | None = None) -> Plan:
@@ -180,9 +253,14 @@ def _first_penalty(plan: Plan, effort: float) -> float:
         effort: the least cost of all motions [m²/s⁴].
     """
     scenario = plan.scenario
+    room, T = _room(scenario), scenario.grid.duration
+    aside = scenario.grid.knots * (4.0 * room / T**2) ** 2
+    return (max(plan.cost, effort) / len(scenario.vehicles) + aside) / room
+
+
+def _room(scenario: Scenario) -> float:
+    """Return the least extent of anything that is kept out of [m]."""
     rooms = [float(obstacle.shape.extent.min()) for _, obstacle in scenario.known]
     if scenario.separation is not None:
         rooms.append(scenario.separation.distance)
-    room, T = min(rooms, default=float(scenario.fleet.lengths.max())), scenario.grid.duration
-    aside = scenario.grid.knots * (4.0 * room / T**2) ** 2
-    return (max(plan.cost, effort) / len(scenario.vehicles) + aside) / room
+    return min(rooms, default=float(scenario.fleet.lengths.max()))

@@ -22,9 +22,9 @@ class Solution:
     """time the solver reports for itself [s]"""
     multipliers: Callable[[], FloatArray]
     """those of the program's linear constraints in their order, bounds of single variables and
-    equations left out: at least 0 for rows M x >= b. Of a program without a solution they are
-    weights with which its rows contradict each other (Farkas), where the solver gives any. Most
-    are never asked for"""
+    equations left out: at least 0 for rows M x >= b. Those of cones come after them. Of a program
+    without a solution they are weights with which its rows contradict each other (Farkas), where
+    the solver gives any. Most are never asked for"""
     exact: bool = True
     """whether it is one to the solver's tolerances; else it shows no more than where rows may be
     missing"""

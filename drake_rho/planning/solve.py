@@ -180,10 +180,15 @@ def _attempts(first: Solver, *, quick: bool) -> Iterator[tuple[Solver, _Options]
 
 
 def _knows(solver: Solver, program: Program) -> bool:
-    """Whether the solver takes a program of this kind: OSQP no linear ones, CLP no others."""
+    """Whether the solver takes a program of this kind: OSQP no linear ones, CLP no others.
+
+    Cones are for Clarabel alone.
+    """
+    dense = isinstance(program, DenseProgram)
+    if not dense and program.lorentz_cone_constraints():
+        return _name(solver) == "Clarabel"
     if isinstance(solver, Daqp):
         return solver.knows(program)
-    dense = isinstance(program, DenseProgram)
     linear = program.linear if dense else not program.quadratic_costs()
     return {"OSQP": not linear, "Clp": linear}.get(_name(solver), True)
 
@@ -233,7 +238,7 @@ def _judge(
 
 
 def _multipliers(program: MathematicalProgram, result: MathematicalProgramResult) -> FloatArray:
-    rows = program.linear_constraints()
+    rows = [*program.linear_constraints(), *program.lorentz_cone_constraints()]
     return np.concatenate([np.zeros(0), *(result.GetDualSolution(each) for each in rows)])
 
 

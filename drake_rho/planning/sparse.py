@@ -22,6 +22,7 @@ from drake_rho.planning.dense import add_cost
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.rows import Rows
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.parts import Quantity
 
 _Term = tuple[IntArray, FloatArray]
 """Where a row has entries, as numbers of vectors among the variables (-1 for none), and what."""
@@ -65,7 +66,7 @@ class SparseRows:
         places, entries, needed, penalties, lengths = [], [], [], [], []
         first = 0
         for part in self._rows:
-            scale, terms = self._terms(part)
+            scale, terms = scale_of(part.quantity, grid.step), self._terms(part)
             rows = first + np.arange(len(part))
             for vectors, factors in terms:
                 there = vectors >= 0
@@ -85,31 +86,36 @@ class SparseRows:
         matrix.eliminate_zeros()
         return matrix, np.concatenate(needed), np.concatenate(penalties), np.concatenate(lengths)
 
-    def _terms(self, rows: Rows) -> tuple[float, list[_Term]]:
-        """What one unit of a quantity is worth, and the terms it is the sum of."""
-        scale, terms = self._terms_of(rows, rows.vehicles)
+    def _terms(self, rows: Rows) -> list[_Term]:
+        """The terms that a quantity, in its scale, is the sum of."""
+        terms = self._terms_of(rows, rows.vehicles)
         if rows.coupled:
-            less = self._terms_of(rows, rows.partners)[1]
+            less = self._terms_of(rows, rows.partners)
             terms += [(vectors, -factors) for vectors, factors in less]
-        return scale, terms
+        return terms
 
-    def _terms_of(self, rows: Rows, vehicles: IntArray) -> tuple[float, list[_Term]]:
+    def _terms_of(self, rows: Rows, vehicles: IntArray) -> list[_Term]:
         n, h = self.steps, self.changes.grid.step
         one, all_steps = np.ones(len(rows)), n * len(self.group)
         u = n * np.searchsorted(self.group, vehicles)  # where the vehicle's variables begin
         if rows.quantity in ("acceleration", "jerk"):
             k = step_at(rows.times, h)
             if rows.quantity == "acceleration":
-                return 1.0, [(u + k, one)]
-            return 1.0 / h, [(u + k, one), (np.where(k > 0, u + k - 1, -1), -one)]
+                return [(u + k, one)]
+            return [(u + k, one), (np.where(k > 0, u + k - 1, -1), -one)]
         k = np.minimum(step_at(rows.times, h), n - 1)
         s = rows.times / h - k
         # knots count from 0, the states' variables from the first knot after that
         velocities = np.where(k > 0, all_steps + u + k - 1, -1)
         if rows.quantity == "velocity":
-            return h, [(velocities, one), (u + k, s)]
+            return [(velocities, one), (u + k, s)]
         positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
-        return h**2, [(positions, one), (velocities, s), (u + k, s**2 / 2)]
+        return [(positions, one), (velocities, s), (u + k, s**2 / 2)]
+
+
+def scale_of(quantity: Quantity, step: float) -> float:
+    """Return what one of a quantity in a sparse program's rows is, accelerations being one."""
+    return step ** {"position": 2, "velocity": 1, "acceleration": 0, "jerk": -1}[quantity]
 
 
 def without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:

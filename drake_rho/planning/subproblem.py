@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from copy import copy
+from typing import Self
 
 import numpy as np
 
@@ -19,12 +21,15 @@ from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.solve import Solver
-from drake_rho.scenario.fields import IntArray
+from drake_rho.scenario.fields import BoolArray, IntArray
 from drake_rho.scenario.records import Scenario
 
 _ROUNDS_AMONG_OBSTACLES = 4
 """Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
 with fewer they come out inside of some, and on the wrong side of others."""
+
+_AGAIN = 0.5
+"""Part of a breach that was too large for hard rows, from which on these are tried again."""
 
 
 def constraints_around(scenario: Scenario, reference: Plan | None) -> list[Constraint]:
@@ -101,7 +106,18 @@ class Subproblem:
         self.labels: IntArray = np.zeros(count, dtype=int) if apart else np.arange(count)
         self._coupling, self._solver = coupling, solver
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
+        self._conic: BoolArray | None = None
+        self._too_much = np.inf
         self._looked: tuple[Plan, Breaches] | None = None
+
+    def afresh(self) -> Self:
+        """Return this subproblem without rows of solutions, to begin from somewhere else.
+
+        What it found of limits goes on to hold: whose curved sets come to no end as tangent planes.
+        """
+        fresh = copy(self)
+        fresh.settled, fresh._warm, fresh._looked, fresh._too_much = False, [], None, np.inf
+        return fresh
 
     @property
     def least_cost(self) -> float:
@@ -168,11 +184,12 @@ class Subproblem:
             SolverError: the solvers fail numerically.
         """
         found = self._look_at(reference)
-        if found.is_almost_out(self.scenario):
+        worst = found.worst(self.scenario)
+        if found.is_almost_out(self.scenario) and worst < _AGAIN * self._too_much:
             try:
                 return self.around(reference)
             except (InfeasibleError, SolverError):  # not yet
-                pass
+                self._too_much = worst
         motion, rounds = reference.motion(), number // 2
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
         constraints = self._limits(penalty)
@@ -243,9 +260,13 @@ class Subproblem:
             effort=self._effort,
             vehicles=vehicles,
             accelerations=reference.accelerations,
+            conic=self._conic,
         )
         warm = [by_number[rows.constraint.number].renewed(rows) for rows in self._warm]
-        planes.keep_to(constraints, warm=warm, reference=reference)
+        try:
+            planes.keep_to(constraints, warm=warm, reference=reference)
+        finally:
+            self._conic = planes.conic
         self._warm = planes.working.active(planes.motion)
         self.planes = planes
         return planes.plan(reference)

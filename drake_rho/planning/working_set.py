@@ -139,6 +139,12 @@ class WorkingSet:
         if not rows.constraint.curved:  # whose cuts are compared by what they say
             self._not_indexed.append(rows)
 
+    def exchange(self, group: IntArray, rows: HalfSpaces) -> None:
+        """Put rows of a curved set in, in place of all that a group of vehicles has of it."""
+        old = self.rows.pop(rows.constraint.number, rows.constraint.none)
+        self.add(old.select(~np.isin(old.vehicles, group)))
+        self.add(rows)
+
     def _index(self) -> None:
         """Sort in the keys of what was added since the last look: many programs need none."""
         if self._not_indexed:

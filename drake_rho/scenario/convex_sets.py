@@ -67,6 +67,17 @@ class ConvexSets(abc.ABC):
     def around(self, vehicles: IntArray) -> FloatArray:
         """Outward normals of a polyhedron with F sides around each set, shape (F, R, 3)."""
 
+    @abc.abstractmethod
+    def cones(self, vehicles: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return matrices (a above B) and reaches with norm(B y) <= a · y + reach inside.
+
+        Here y is a value less the set's place, and moving the boundary outwards by d adds d to the
+        reach, which is infinite where there is no limit.
+
+        Returns:
+            Shapes (R, 4, 3) and, in the quantity's unit, (R,).
+        """
+
     def nearest(self, values: FloatArray) -> FloatArray:
         """The values inside that are nearest to `values`, both of shape (N, 3)."""
         vehicles = np.arange(len(values))
@@ -100,6 +111,10 @@ class Balls(ConvexSets):
         support: FloatArray = np.sum(n * self.places[vehicles], axis=1) + self.radii[vehicles]
         return support
 
+    def cones(self, vehicles: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return norm(y) <= radius."""
+        return np.tile(np.eye(4, 3, -1), (len(vehicles), 1, 1)), self.radii[vehicles]
+
     def around(self, vehicles: IntArray) -> FloatArray:
         """Towards the sides, edges and corners of a cube."""
         return np.repeat(_AROUND_BALL[:, None], len(vehicles), axis=1)
@@ -129,6 +144,13 @@ class UprightCones(ConvexSets):
         """What the apex has along n: it is on the boundary of every such half-space."""
         support: FloatArray = np.sum(n * self.places[vehicles], axis=1)
         return support
+
+    def cones(self, vehicles: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return norm(what is level of y) cos(angle) <= (what is up of y) sin(angle)."""
+        angles, matrices = self.angles[vehicles], np.zeros((len(vehicles), 4, 3))
+        matrices[:, 0, 2] = np.sin(angles)
+        matrices[:, 1, 0] = matrices[:, 2, 1] = np.cos(angles)
+        return matrices, np.where(angles < np.pi / 2.0, 0.0, np.inf)
 
     def around(self, vehicles: IntArray) -> FloatArray:
         """The sides of a pyramid."""
