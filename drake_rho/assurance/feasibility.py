@@ -15,6 +15,7 @@ from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.solve import Solver
+from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Grid, Limits, Obstacle, Scenario, Vehicle
 from drake_rho.verification.verify import verify
@@ -93,6 +94,7 @@ def diagnose(
     )
 
 
+@with_wall_time
 def shortest_plan(
     scenario: Scenario, *, solver: Solver | None = None, progress: Progress | None = None
 ) -> Plan:

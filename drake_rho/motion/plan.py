@@ -96,6 +96,10 @@ class Plan(metaclass=Described):
         """This plan with another account of what it took."""
         return unchecked(self, statistics=statistics)
 
+    def lasting(self, seconds: float) -> Plan:
+        """Return this plan as one that took another wall time [s]."""
+        return self.with_statistics(dataclasses.replace(self.statistics, seconds=seconds))
+
     def found_around(self, reference: Plan) -> Plan:
         """This plan with its reference, of which only the motion is kept."""
         motion = unchecked(reference, reference=None, statistics=Statistics())
@@ -246,10 +250,17 @@ class Window(metaclass=Described):
 
     @property
     def statistics(self) -> Statistics:
-        """What it took, the reference included."""
+        """What it took, the reference included; `seconds` is the wall time of the whole window."""
+        own = self.plan.statistics
         if self.reference is self.plan:
-            return self.plan.statistics
-        return self.reference.statistics + self.plan.statistics
+            return own
+        return dataclasses.replace(self.reference.statistics + own, seconds=own.seconds)
+
+    def lasting(self, seconds: float) -> Window:
+        """Return this window as one that took another wall time [s], the reference included."""
+        plan = self.plan.lasting(seconds)
+        reference = plan if self.reference is self.plan else self.reference
+        return dataclasses.replace(self, plan=plan, reference=reference)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -306,3 +317,7 @@ class Flight(metaclass=Described):
     def statistics(self) -> Statistics:
         """What all windows took together."""
         return self.plan.statistics
+
+    def lasting(self, seconds: float) -> Flight:
+        """Return this flight as one whose planning took another wall time [s]."""
+        return dataclasses.replace(self, plan=self.plan.lasting(seconds))

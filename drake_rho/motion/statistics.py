@@ -58,7 +58,8 @@ class Statistics(metaclass=Described):
     solver_seconds: float = 0.0
     """time the solvers report for themselves [s]; over 1 per second if they ran side by side"""
     seconds: float = 0.0
-    """wall time [s]"""
+    """wall time from the call of a planner to its return [s]; of a window that of the whole step,
+    of windows that are flown as they come the sum"""
     searched: Searched | None = None
     """where ways were looked for, last; None if a plan was found without, or given up before"""
 

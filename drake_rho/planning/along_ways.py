@@ -8,7 +8,6 @@ linearisations: what is left to gain then is less than what most ways differ by.
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Sequence
 
 from drake_rho.motion.plan import Plan
@@ -71,13 +70,12 @@ def plan_along_ways(
         options: `max_ways` bounds the ways that are tried.
         progress: called with a few words on what is being done.
     """
-    began = time.perf_counter()
     tell(progress, "looking for ways")
     try:
         found = find_ways(with_room(scenario), options.max_ways)
     except MemoryError:  # a region so large, or speeds so different, that no grid resolves it
         found = Ways((), 0, None)
-    spent = Statistics(searched=found.searched, seconds=time.perf_counter() - began)
+    spent = Statistics(searched=found.searched)
     best: Plan | None = None
     failure: InfeasibleError | None = None
     dead_ends = DeadEnds(scenario)

@@ -28,6 +28,7 @@ from drake_rho.planning.room import check_room, with_finer_margins
 from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
+from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.records import Scenario
 
 _SLOWLY = 1.7, 36
@@ -37,6 +38,7 @@ _FEW = 0.25
 """Part of a fleet that may be in trouble with obstacles while the others fly as if alone."""
 
 
+@with_wall_time
 @one_for_arrays()
 def plan(
     scenario: Scenario,
@@ -117,6 +119,7 @@ def _iterated(
     return iterate(subproblem, first, tolerance, most=options.max_iterations, progress=progress)
 
 
+@with_wall_time
 def plan_scp(
     scenario: Scenario,
     *,

@@ -15,10 +15,12 @@ from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.room import check_room, with_finer_margins
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem, coupling_for
+from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
 
 
+@with_wall_time
 def plan_convex(
     scenario: Scenario,
     *,

@@ -8,7 +8,6 @@ every row left out holds.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -95,7 +94,7 @@ class CuttingPlanes:
         self._planned = np.arange(count) if vehicles is None else vehicles
         self._constraints: list[Constraint] = []
         self._programs, self._solver_name = 0, ""
-        self._seconds = self._solver_seconds = 0.0
+        self._solver_seconds = 0.0
         self._lost: list[HalfSpaces] = []
         self._inexact = np.zeros(count, dtype=int)
         self._retries = 0
@@ -123,10 +122,8 @@ class CuttingPlanes:
             InfeasibleError: a vehicle's program has no solution, or its goal is out of reach.
             SolverError: the solvers fail numerically.
         """
-        began = time.perf_counter()
         with one_for_arrays():
             infeasible = self._keep_to(constraints, warm)
-        self._seconds += time.perf_counter() - began
         if infeasible:
             raise self._error(infeasible, reference)
 
@@ -144,7 +141,6 @@ class CuttingPlanes:
             linearisations=linearisations,
             solver=self._solver_name,
             solver_seconds=self._solver_seconds,
-            seconds=self._seconds,
         )
 
     def _keep_to(self, more: Sequence[Constraint], warm: Sequence[HalfSpaces]) -> list[int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time as clock
 from numbers import Integral
 
 import numpy as np
@@ -18,6 +17,7 @@ from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.measured import ROUNDING, beyond, off_tube, tracked_anew
 from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.solve import Solver
+from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.planning.windows import (
     Planner,
     Reference,
@@ -126,22 +126,26 @@ class RecedingHorizon:
             SolverError: the solvers fail numerically there, with the fallback too.
             ValueError: the states are no numbers of this shape, or the time is another.
         """
-        with one_for_arrays():
-            measured = self._checked(states)
-            knot = self._knot(time)
-            number = knot // self.replan_every + 1
-            tell(self._progress, f"window {number} of {len(self.knots)}")
-            if not self.windows:
-                window = self._planner.first(self.scenario, self._begun(measured))
-            else:
-                window = self._next(knot, measured)
-            names = [vehicle.name for vehicle in self.scenario.vehicles]
-            unseen = tuple(names[i] for i in np.flatnonzero(np.isnan(measured).any(axis=1)))
-            if unseen:
-                window = dataclasses.replace(window, unseen=unseen)
-            before = self.windows[-1] if self.windows else window
-            self.windows.append(_with_sightings(window, before))
-            return self.windows[-1]
+        self.windows.append(self._window(states, time))
+        return self.windows[-1]
+
+    @with_wall_time
+    @one_for_arrays()
+    def _window(self, states: npt.ArrayLike, time: float) -> Window:
+        """Return the next window; see `step`."""
+        measured = self._checked(states)
+        knot = self._knot(time)
+        number = knot // self.replan_every + 1
+        tell(self._progress, f"window {number} of {len(self.knots)}")
+        if not self.windows:
+            window = self._planner.first(self.scenario, self._begun(measured))
+        else:
+            window = self._next(knot, measured)
+        names = [vehicle.name for vehicle in self.scenario.vehicles]
+        unseen = tuple(names[i] for i in np.flatnonzero(np.isnan(measured).any(axis=1)))
+        if unseen:
+            window = dataclasses.replace(window, unseen=unseen)
+        return _with_sightings(window, self.windows[-1] if self.windows else window)
 
     @property
     def flight(self) -> Flight:
@@ -233,6 +237,7 @@ class RecedingHorizon:
         return dataclasses.replace(window, off_tube=names)
 
 
+@with_wall_time
 @one_for_arrays()
 def plan_rho(
     scenario: Scenario,
@@ -285,7 +290,6 @@ def plan_rho(
         >>> len(flight.windows), flight.plan
         (10, <Plan of paper: 4 vehicles, 50 knots, cost 17027.2 m²/s⁴>)
     """
-    began = clock.perf_counter()
     horizon = RecedingHorizon(
         scenario,
         replan_every=replan_every,
@@ -298,10 +302,7 @@ def plan_rho(
     times = scenario.grid.times
     for knot in horizon.knots:
         horizon.step(horizon.planned(knot), times[knot])
-    flight = horizon.flight
-    seconds = clock.perf_counter() - began
-    statistics = dataclasses.replace(flight.plan.statistics, seconds=seconds)
-    return Flight(flight.plan.with_statistics(statistics), flight.windows)
+    return horizon.flight
 
 
 def _seen(states: FloatArray, predicted: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.progress import Progress
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
+from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
@@ -233,6 +234,7 @@ def restored(
     )
 
 
+@with_wall_time
 def scp_step(plan: Plan, *, solver: Solver | None = None) -> Plan:
     """One iteration: the plan of least cost with obstacles linearised around `plan`.
 

@@ -1,0 +1,43 @@
+"""How long planners take, measured in one place: around the functions that users call."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable
+from typing import ParamSpec, Protocol, Self, TypeVar
+
+from drake_rho.planning.errors import InfeasibleError, SolverError
+
+
+class _Planned(Protocol):
+    """A plan, a window or a flight."""
+
+    def lasting(self, seconds: float) -> Self:
+        """Return the same with another wall time [s]."""
+        ...
+
+
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result", bound=_Planned)
+
+
+def with_wall_time(planner: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Return a planner whose `Statistics.seconds` are those from its call to its return.
+
+    The statistics of an `InfeasibleError` or a `SolverError` tell the time until it was raised.
+    """
+
+    @functools.wraps(planner)
+    def run(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        began = time.perf_counter()
+        try:
+            planned = planner(*args, **kwargs)
+        except (InfeasibleError, SolverError) as error:
+            seconds = time.perf_counter() - began
+            error.statistics = dataclasses.replace(error.statistics, seconds=seconds)
+            raise
+        return planned.lasting(time.perf_counter() - began)
+
+    return run
