@@ -236,7 +236,7 @@ def test_contexts_keep_a_plan_each_as_state() -> None:
 
 def test_bad_arguments_are_refused_by_name() -> None:
     scenario = disturbed(12)
-    with pytest.raises(ValueError, match=r"^plant: got 'rocket', expected None or 'quadrotor'"):
+    with pytest.raises(ValueError, match=r"^plant: got 'rocket', expected 'quadrotor' or None"):
         rho.simulate(scenario, plant="rocket")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"^replan_every: got 2.5"):
         rho.simulate(scenario, replan_every=2.5)  # type: ignore[arg-type]

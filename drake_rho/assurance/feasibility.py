@@ -14,8 +14,9 @@ from drake_rho.planning.best import first_plan, plan_scp
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.progress import Progress, tell, within
-from drake_rho.planning.solve import Solver
+from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.wall_time import with_wall_time
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Grid, Limits, Obstacle, Scenario, Vehicle
 from drake_rho.verification.verify import verify
@@ -37,8 +38,12 @@ SHORTER = 0.5**0.5
 durations that have a plan may be few."""
 
 
+@checked
 def diagnose(
-    scenario: Scenario, *, solver: Solver | None = None, progress: Progress | None = None
+    scenario: Scenario,
+    *,
+    solver: Solver | SolverName | None = None,
+    progress: Progress | None = None,
 ) -> Diagnosis:
     """Say why a scenario has no plan, by how much, and what would mend it.
 
@@ -49,7 +54,7 @@ def diagnose(
 
     Args:
         scenario: what is asked.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words on what is being done, as on each trial.
 
     Raises:
@@ -65,6 +70,7 @@ def diagnose(
         >>> rho.diagnose(scenario).conflicts
         {'scout': ('goal x', 'maximum acceleration from 0 s to 9.75 s')}
     """
+    solver = solver_of(solver)
     bearable, premise, trials = None, "", _Trials(solver, progress)
     try:
         plan = first_plan(scenario, solver=solver, progress=progress)
@@ -94,9 +100,13 @@ def diagnose(
     )
 
 
+@checked
 @with_wall_time
 def shortest_plan(
-    scenario: Scenario, *, solver: Solver | None = None, progress: Progress | None = None
+    scenario: Scenario,
+    *,
+    solver: Solver | SolverName | None = None,
+    progress: Progress | None = None,
 ) -> Plan:
     """The plan of least duration, on as many knots, everything else unchanged.
 
@@ -107,13 +117,14 @@ def shortest_plan(
 
     Args:
         scenario: what is asked; its own duration need not be feasible.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words on what is being done, as on each trial.
 
     Raises:
         InfeasibleError: no duration that was tried, up to `LARGEST_FACTOR` times the scenario's,
             has a plan.
     """
+    solver = solver_of(solver)
     duration, _ = _durations(scenario, _Trials(solver, progress))
     if duration is None:
         plan_scp(scenario, solver=solver, progress=progress)  # raises, with the reason

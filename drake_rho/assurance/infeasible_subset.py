@@ -16,15 +16,19 @@ from drake_rho.planning.errors import InfeasibleError, Names
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.minimum_violation import elastic, elastic_planes
-from drake_rho.planning.solve import Solver
+from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.subproblem import constraints_around
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
 
 _NO_PART = 1e-6
 """Multipliers below this part of the largest one count as zero."""
 
 
-def infeasible_subset(error: InfeasibleError, *, solver: Solver | None = None) -> dict[str, Names]:
+@checked
+def infeasible_subset(
+    error: InfeasibleError, *, solver: Solver | SolverName | None = None
+) -> dict[str, Names]:
     """Narrow an error's conflicts down to constraints none of which can be spared.
 
     It solves a program for each constraint in a conflict. Conflicts with other vehicles, those of a
@@ -32,7 +36,7 @@ def infeasible_subset(error: InfeasibleError, *, solver: Solver | None = None) -
 
     Args:
         error: as a planner raised it.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
 
     Returns:
         For each vehicle without a plan names of constraints, with axes and times, that cannot be
@@ -41,7 +45,7 @@ def infeasible_subset(error: InfeasibleError, *, solver: Solver | None = None) -
     Raises:
         SolverError: the solvers fail numerically.
     """
-    scenario = error.scenario
+    scenario, solver = error.scenario, solver_of(solver)
     if scenario is None or error.bearable is not None:  # no room is no matter of a motion
         return error.conflicts
     constraints = elastic(scenario, constraints_around(scenario, error.reference))

@@ -31,8 +31,9 @@ from drake_rho.planning.options import ALONE
 from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.room import with_more_pieces
 from drake_rho.planning.scp import iterate
-from drake_rho.planning.solve import Solver
+from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.subproblem import Subproblem
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
 from drake_rho.scenario.records import Scenario
@@ -166,8 +167,12 @@ class Certificate(metaclass=Described):
         return "\n".join([*lines, *([f"… and {more} more, with less to gain"] if more else [])])
 
 
+@checked
 def certify(
-    flown: Plan | Flight, *, solver: Solver | None = None, progress: Progress | None = None
+    flown: Plan | Flight,
+    *,
+    solver: Solver | SolverName | None = None,
+    progress: Progress | None = None,
 ) -> Certificate:
     """Bound from below what any plan of the scenario costs, and compare.
 
@@ -178,7 +183,7 @@ def certify(
     Args:
         flown: any plan or flight of a scenario; it need not be optimal, nor hold. A flight whose
             windows begin with thinner tubes than a plan has by then may cost less than any plan.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words on what is being done, as after each linearisation.
 
     Raises:
@@ -190,6 +195,7 @@ def certify(
         >>> certificate.is_globally_optimal
         True
     """
+    solver = solver_of(solver)
     plan = flown.plan if isinstance(flown, Flight) else flown
     scenario, vehicles = plan.scenario, len(plan.scenario.vehicles)
     if vehicles > MOST_CERTIFIED_TOGETHER:  # without pairs the bound is lower, and still one

@@ -17,6 +17,7 @@ from drake_rho.campaigns.results import Results
 from drake_rho.campaigns.runs import ERROR, Done, Run, do_all, package_version, row_of
 from drake_rho.campaigns.store import Store
 from drake_rho.campaigns.study import Study
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import DrakeRhoError
 
 CHUNK = 0.1
@@ -56,6 +57,7 @@ class SoFar:
 Watch = Callable[[SoFar], None]
 
 
+@checked
 def campaign(
     study: Study,
     store: str | Path,

@@ -11,7 +11,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, JsonValue
-from pydrake.solvers import ClarabelSolver, OsqpSolver, SolverInterface
 
 from drake_rho.assurance.optimality import certify
 from drake_rho.campaigns.blowing import AnyWind
@@ -21,21 +20,19 @@ from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.keep_apart import coupled, decoupled, grouped
+from drake_rho.planning.keep_apart import CouplingName
 from drake_rho.planning.options import Options
 from drake_rho.planning.rho import plan_rho
+from drake_rho.planning.solve import SolverName
 from drake_rho.planning.windows import free_reference, tail_reference
 from drake_rho.scenario.fields import Count, Name, Positive, record
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import fly
 from drake_rho.simulation.simulate import simulate
 
-SolverName = Literal["clarabel", "osqp"]
 Planned = Plan | Flight | Simulation
 ReplanEvery = Annotated[Count, Field(ge=1)]
 
-_SOLVERS: dict[str, type[SolverInterface]] = {"clarabel": ClarabelSolver, "osqp": OsqpSolver}
-_COUPLINGS = {"coupled": coupled, "decoupled": decoupled, "grouped": grouped}
 _REFERENCES = {"free": free_reference, "tail": tail_reference}
 _WINDOWS: dict[str, tuple[Any, Any]] = {
     "auto": (plan_convex, best_plan),
@@ -83,7 +80,7 @@ class ByPlan(Runs):
     """in tables and figures"""
     planner: Literal["plan"]
     """which function of this package"""
-    coupling: Literal["coupled", "decoupled", "grouped"] | None = None
+    coupling: CouplingName | None = None
     """how pairs are kept apart; by the size of the fleet if not given"""
     options: Options | None = None
     """tolerances and bounds"""
@@ -94,8 +91,7 @@ class ByPlan(Runs):
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Plan one scenario."""
-        coupling = None if self.coupling is None else _COUPLINGS[self.coupling]
-        work = partial(best_plan, coupling=coupling, options=self.options)
+        work = partial(best_plan, coupling=self.coupling, options=self.options)
         return _found(partial(work, scenario), self.solver, self.certify)
 
 
@@ -231,7 +227,7 @@ AnyMethod = Annotated[
 
 def _found(work: Callable[..., Plan | Flight], solver: SolverName, bounded: bool) -> Found:
     """Do some planning with a solver, and judge what comes of it."""
-    planned = work(solver=_SOLVERS[solver]())
+    planned = work(solver=solver)
     return _judged(planned, planned.statistics.seconds, bounded)
 
 

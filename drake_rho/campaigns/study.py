@@ -15,6 +15,7 @@ from pydantic import Field, TypeAdapter, ValidationError, model_validator
 from drake_rho.campaigns.methods import AnyMethod
 from drake_rho.campaigns.runs import Run, run_keys
 from drake_rho.campaigns.sources import AnySource, FromFile, Repetitions
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import NO_TRUTH, Name, record, scenario_error
 from drake_rho.scenario.files import yaml_content
@@ -114,6 +115,7 @@ class Study:
                     )
 
 
+@checked
 def load_study(path: str | Path) -> Study:
     """Read a study from a YAML file, scenarios of files included.
 

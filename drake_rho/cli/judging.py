@@ -13,7 +13,6 @@ from drake_rho.cli import described
 from drake_rho.cli.console import answer, working
 from drake_rho.cli.documents import Diagnosed
 from drake_rho.cli.options import (
-    SOLVERS,
     DurationOption,
     ScenarioArgument,
     Solver,
@@ -25,6 +24,7 @@ from drake_rho.cli.options import (
 from drake_rho.cli.reports import report
 from drake_rho.motion.files import load
 from drake_rho.motion.simulation import Simulation
+from drake_rho.planning.solve import SOLVERS
 
 
 def verify(

@@ -7,13 +7,10 @@ from functools import partial
 from typing import Annotated
 
 import typer
-from pydrake.solvers import ClarabelSolver, OsqpSolver
 
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.daqp import Daqp
 from drake_rho.planning.progress import Progress
-from drake_rho.planning.solve import Solver as AnySolver
 from drake_rho.planning.windows import Planner, free_reference, tail_reference
 from drake_rho.scenario.files import library, load_scenario
 from drake_rho.scenario.missions import is_lsc_mission, load_lsc_mission
@@ -51,11 +48,6 @@ class FigureFormat(StrEnum):
     SVG = "svg"
 
 
-SOLVERS: dict[Solver, type[AnySolver]] = {
-    Solver.CLARABEL: ClarabelSolver,
-    Solver.OSQP: OsqpSolver,
-    Solver.DAQP: Daqp,
-}
 REFERENCES = {Reference.FREE: free_reference, Reference.TAIL: tail_reference}
 
 

@@ -15,7 +15,6 @@ from drake_rho.cli.console import Work, answer, tell, working
 from drake_rho.cli.documents import Assigned
 from drake_rho.cli.options import (
     REFERENCES,
-    SOLVERS,
     DurationOption,
     FiguresOption,
     FormatOption,
@@ -41,6 +40,7 @@ from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.rho import plan_rho
+from drake_rho.planning.solve import SOLVERS
 from drake_rho.planning.solve import Solver as AnySolver
 from drake_rho.scenario.files import save_scenario
 from drake_rho.scenario.missions import is_lsc_mission

@@ -23,6 +23,7 @@ from drake_rho.display.scene import (
 from drake_rho.display.trails import record_light_trails, record_predictions, record_trails
 from drake_rho.display.vehicles import Vehicles, add_vehicles, record_vehicles
 from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.arguments import checked
 
 _OF_EACH = 4
 """What moves of each vehicle of a simulation: itself, its ghost, its ball, its wind."""
@@ -66,6 +67,7 @@ class Stage:
         return len(self.shown.positions) <= _MOST_TRAILS
 
 
+@checked
 def animate(
     flown: Flown,
     *,

@@ -36,6 +36,7 @@ from drake_rho.display.snapshots import (
 )
 from drake_rho.display.style import LIMIT_STYLE, PLANNED_STYLE
 from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.quadrics import Sphere
@@ -47,6 +48,7 @@ _ONE_ROW = 0.25
 """Height of a legend for which curves have room anyway [in]."""
 
 
+@checked
 @styled
 def distances_figure(
     flown: Flown,
@@ -91,6 +93,7 @@ def distances_figure(
     return _with_legend(figure, handles)
 
 
+@checked
 @styled
 def separation_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
     """The least distance of any two vehicles over time, exact, with the separation.
@@ -104,6 +107,7 @@ def separation_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
     return _with_legend(figure, _planned_handles(plan))
 
 
+@checked
 @styled
 def errors_figure(simulation: Simulation, *, width: float = DOUBLE_COLUMN) -> Figure:
     """How far the vehicles were off their plans, and what the feedback did, beside the tube.
@@ -122,12 +126,14 @@ def errors_figure(simulation: Simulation, *, width: float = DOUBLE_COLUMN) -> Fi
     return _with_legend(figure, [*handles, tube_handle()])
 
 
+@checked
 @styled
 def velocities_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
     """The components of the velocities over time, with their bounds; speeds if they are limited."""
     return _components(drawn(flown), draw_velocities, "velocity", width)
 
 
+@checked
 @styled
 def accelerations_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
     """The components of the accelerations over time, with their bounds.

@@ -13,6 +13,7 @@ from importlib.resources import files
 from drake_rho.display.animation import Stage, draw, start_meshcat
 from drake_rho.display.flown import Flown
 from drake_rho.display.told import told
+from drake_rho.scenario.arguments import checked
 
 _OVERLAY = files("drake_rho.display") / "overlay"
 _END = "</body>"
@@ -20,6 +21,7 @@ _IDENTIFIER = "drake-rho"
 """Of the block of data in the page."""
 
 
+@checked
 def viewer_page(flown: Flown, *, rate: float | None = None, trails: bool | None = None) -> str:
     """A plan, a flight or a simulation as one page that opens from disk, without a network.
 

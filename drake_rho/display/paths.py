@@ -37,6 +37,7 @@ from drake_rho.display.space import (
 )
 from drake_rho.display.style import MOST_NAMED, window_colours
 from drake_rho.motion.plan import Flight
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes import Shape
 
@@ -54,6 +55,7 @@ _HIGHEST = (1.1, 0.45)
 """Most height of a scene: so much [in], and so much of its figure's width."""
 
 
+@checked
 @styled
 def paths_figure(
     flown: Flown,

@@ -12,6 +12,7 @@ from matplotlib import style
 from matplotlib.figure import Figure
 
 from drake_rho.display.formats import FORMATS
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.files import replacing
 
 SHEET = "drake_rho.display.drake_rho"
@@ -27,6 +28,7 @@ styled = style.context(SHEET, after_reset=True)
 """Decorator of what draws: the sheet over matplotlib's defaults, whatever else is set."""
 
 
+@checked
 @styled
 def save_figure(figure: Figure, path: str | Path) -> Path:
     """Write a figure in the format of the file's ending, whole or not at all.

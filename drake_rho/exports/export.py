@@ -12,6 +12,7 @@ from drake_rho.exports.skybrush import Skybrush
 from drake_rho.exports.states import Csv, Json
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.arguments import checked
 
 FORMATS: dict[str, Format] = {
     each.name: each for each in (Csv(), Json(), Crazyswarm(), Skybrush(), Px4())
@@ -19,6 +20,7 @@ FORMATS: dict[str, Format] = {
 """All formats by their names."""
 
 
+@checked
 def export(
     flown: Plan | Flight | Simulation, path: str | Path, *, format: str, rate: float | None = None
 ) -> Exported:

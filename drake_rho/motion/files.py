@@ -20,6 +20,7 @@ from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tables import is_table, read_table
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_json
@@ -51,6 +52,7 @@ class PlanFileError(DrakeRhoError, ValueError):
     """A file is not a plan, a flight or a simulation, or is damaged."""
 
 
+@checked
 def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
     """Write a plan, a flight or a simulation, whole or not at all.
 
@@ -83,6 +85,7 @@ def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
         np.savez_compressed(file, **content)
 
 
+@checked
 def load(path: str | Path, scenario: Scenario | None = None) -> Plan | Flight | Simulation:
     """Read what `save` has written, or a plan that `export` has written as JSON or CSV.
 

@@ -10,6 +10,7 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import tube_of
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, locked, unchecked
 from drake_rho.scenario.parts import Quantity
@@ -76,6 +77,7 @@ class Plan(metaclass=Described):
         return f"<Plan of {told(self.scenario)}, cost {self.cost:.6g} m²/s⁴>"
 
     @classmethod
+    @checked
     def from_accelerations(
         cls, scenario: Scenario, accelerations: FloatArray, statistics: Statistics | None = None
     ) -> Self:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from drake_rho.motion.gains import Loop, best_gains, borne, largest_wind
 from drake_rho.motion.radii import Pieces, Radii
 from drake_rho.motion.sampled_loop import Responses
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
@@ -234,6 +235,7 @@ class ErrorTube(metaclass=Described):
         return self._radii.at(quantity, *self.located(times))
 
 
+@checked
 def error_tube(
     scenario: Scenario,
     initial: tuple[float, float] | None = None,
@@ -310,6 +312,7 @@ def _known(tube: ErrorTube) -> ErrorTube:
     return tube
 
 
+@checked
 def largest_disturbance(
     scenario: Scenario, position: float, initial: tuple[float, float] = (0.0, 0.0)
 ) -> float:

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.planning.minimum_effort import TerminalState
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -22,6 +23,7 @@ _ALIKE = 1e-12
 """Relative difference below which two total costs are the same."""
 
 
+@checked
 def assign_goals(scenario: Scenario, *, exact: bool | None = None) -> Scenario:
     """The scenario with its goals exchanged so that the total cost (13) is least.
 

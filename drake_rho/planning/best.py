@@ -20,15 +20,16 @@ from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.convex import linearised_once
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.improvement import Improvement
-from drake_rho.planning.keep_apart import Coupling, decoupled
+from drake_rho.planning.keep_apart import COUPLINGS, Coupling, CouplingName, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.restoration import Restoration
 from drake_rho.planning.room import check_room, with_finer_margins
 from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, iterate, restored
-from drake_rho.planning.solve import Solver
+from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
 from drake_rho.planning.wall_time import with_wall_time
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
 
 _SLOWLY = 1.7, 36
@@ -38,14 +39,15 @@ _FEW = 0.25
 """Part of a fleet that may be in trouble with obstacles while the others fly as if alone."""
 
 
+@checked
 @with_wall_time
 @one_for_arrays()
 def plan(
     scenario: Scenario,
     *,
     reference: Plan | None = None,
-    coupling: Coupling | None = None,
-    solver: Solver | None = None,
+    coupling: Coupling | CouplingName | None = None,
+    solver: Solver | SolverName | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
     options: Options | None = None,
@@ -63,15 +65,16 @@ def plan(
     Args:
         scenario: what is asked.
         reference: a motion to linearise around at first, in place of the plan without obstacles.
-        coupling: how pairs are kept apart: `coupled`, at the least cost; `decoupled`, every vehicle
-            with a program of its own; or `grouped`, the same around references in which groups of
-            vehicles are coupled, at almost the least cost. If not given, coupled as long as the
+        coupling: how pairs are kept apart, a word or what it is called in this package: `coupled`,
+            at the least cost; `decoupled`, every vehicle with a program of its own; or `grouped`,
+            the same around references in which groups of vehicles are coupled, at almost the least
+            cost. If not given, coupled as long as the
             fleet is small (`options.max_coupled`), grouped up to `options.max_grouped` vehicles,
             and decoupled beyond.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         executor: where programs are solved, in blocks of vehicles, and ways round the obstacles
             are looked for, vehicle by vehicle: any of PEP 3148. The plan is the same, whoever
-            works. A Drake solver cannot be sent to processes, `Daqp()` can. If not given, here.
+            works. A Drake solver cannot be sent to processes, DAQP can. If not given, here.
         progress: called with a few words on what is being done, as after each linearisation.
         options: tolerances and bounds; `Options()` if not given.
 
@@ -81,6 +84,9 @@ def plan(
     Raises:
         InfeasibleError: a vehicle has no plan without the obstacles, or no way round was found.
         SolverError: the solvers fail numerically.
+        TypeError: an argument is of another type.
+        ValueError: the solver is not available, or the reference is for other vehicles or another
+            grid.
 
     Examples:
         >>> plan = rho.plan(rho.load_scenario("paper"))
@@ -88,12 +94,14 @@ def plan(
         <Plan of paper: 4 vehicles, 50 knots, cost 16741.4 m²/s⁴>
     """
     options = options or DEFAULTS
-    coupling = coupling or coupling_for(scenario, options)
-    solver = OnWorkers(solver, executor) if executor is not None else solver
+    if isinstance(coupling, str):
+        coupling = COUPLINGS[coupling]
+    own, kept_apart = solver_of(solver), coupling or coupling_for(scenario, options)
+    backend = OnWorkers(own, executor) if executor is not None else own
 
     def best(asked: Scenario) -> Plan:
-        first = _first(asked, reference, solver, progress, options)
-        return _iterated(first, coupling, solver, progress, options)
+        first = _first(asked, reference, backend, progress, options)
+        return _iterated(first, kept_apart, backend, progress, options)
 
     return with_finer_margins(best, scenario)
 
@@ -119,13 +127,14 @@ def _iterated(
     return iterate(subproblem, first, tolerance, most=options.max_iterations, progress=progress)
 
 
+@checked
 @with_wall_time
 def plan_scp(
     scenario: Scenario,
     *,
     reference: Plan | None = None,
-    coupling: Coupling | None = None,
-    solver: Solver | None = None,
+    coupling: Coupling | CouplingName | None = None,
+    solver: Solver | SolverName | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
     options: Options | None = None,

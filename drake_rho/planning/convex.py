@@ -13,20 +13,22 @@ from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.room import check_room, with_finer_margins
-from drake_rho.planning.solve import Solver
+from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.subproblem import Subproblem, coupling_for
 from drake_rho.planning.wall_time import with_wall_time
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario
 
 
+@checked
 @with_wall_time
 def plan_convex(
     scenario: Scenario,
     *,
     reference: Plan | None = None,
     steps: Iterable[float] = (),
-    solver: Solver | None = None,
+    solver: Solver | SolverName | None = None,
 ) -> Plan:
     """Plan by the paper's convex method.
 
@@ -42,7 +44,7 @@ def plan_convex(
         steps: further steps h [s] to try in this order, if the scenario's own has no solution.
             Which one was taken stands in the plan's `scenario.grid`, and all that were tried in
             its `statistics.steps_tried`.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
 
     Returns:
         A plan that meets every constraint of the scenario.
@@ -59,6 +61,7 @@ def plan_convex(
     others = [_grid(step, scenario.grid) for step in steps]
     if reference is not None and others:
         raise ValueError("steps: got some beside a reference, expected none: it has one step")
+    solver = solver_of(solver)
     failures: list[InfeasibleError] = []
     statistics = Statistics()
     steps_tried: tuple[float, ...] = ()

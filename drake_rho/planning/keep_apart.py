@@ -10,6 +10,7 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -68,6 +69,12 @@ decoupled = Coupling("decoupled", 0.5)
 
 grouped = Coupling("grouped", 0.5, in_groups=True)
 """As decoupled, around references in which those that press most on each other are coupled."""
+
+CouplingName = Literal["coupled", "decoupled", "grouped"]
+"""Couplings that a word stands for."""
+
+COUPLINGS = {each.name: each for each in (coupled, decoupled, grouped)}
+"""What each word stands for."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,7 +16,7 @@ from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.measured import ROUNDING, beyond, off_tube, tracked_anew
 from drake_rho.planning.progress import Progress, tell
-from drake_rho.planning.solve import Solver
+from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.planning.windows import (
     Planner,
@@ -25,6 +25,7 @@ from drake_rho.planning.windows import (
     free_reference,
     tail_reference,
 )
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
 from drake_rho.scenario.records import TOLERANCE, Scenario
@@ -50,7 +51,7 @@ class RecedingHorizon:
         reference: what a window is linearised around, `free_reference` (the paper's),
             `tail_reference`, or another function of this form. If not given, the paper's and, for
             fleets that keep apart, the tail, which is a plan for the next window already.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words when a window begins, as 'window 3 of 10'.
 
     Attributes:
@@ -62,6 +63,7 @@ class RecedingHorizon:
         ValueError: `replan_every` is not a whole number of at least 1.
     """
 
+    @checked
     def __init__(
         self,
         scenario: Scenario,
@@ -70,7 +72,7 @@ class RecedingHorizon:
         planner: Planner = plan_convex,
         fallback: Planner | None = best_plan,
         reference: Reference | None = None,
-        solver: Solver | None = None,
+        solver: Solver | SolverName | None = None,
         progress: Progress | None = None,
     ) -> None:
         whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
@@ -81,7 +83,7 @@ class RecedingHorizon:
         self.scenario, self.replan_every = scenario, int(replan_every)
         self.windows: list[Window] = []
         self._planner, self._progress = (
-            WindowPlanner(planner, fallback, reference, solver),
+            WindowPlanner(planner, fallback, reference, solver_of(solver)),
             progress,
         )
 
@@ -237,6 +239,7 @@ class RecedingHorizon:
         return dataclasses.replace(window, off_tube=names)
 
 
+@checked
 @with_wall_time
 @one_for_arrays()
 def plan_rho(
@@ -246,7 +249,7 @@ def plan_rho(
     planner: Planner = plan_convex,
     fallback: Planner | None = best_plan,
     reference: Reference | None = None,
-    solver: Solver | None = None,
+    solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
@@ -273,7 +276,7 @@ def plan_rho(
         reference: what a window is linearised around, `free_reference` (the paper's),
             `tail_reference`, or another function of this form. If not given, the paper's and, for
             fleets that keep apart, the tail, which is a plan for the next window already.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words when a window begins, as 'window 3 of 10'.
 
     Returns:

@@ -13,9 +13,10 @@ from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.progress import Progress
-from drake_rho.planning.solve import Solver
+from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.wall_time import with_wall_time
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
@@ -234,8 +235,9 @@ def restored(
     )
 
 
+@checked
 @with_wall_time
-def scp_step(plan: Plan, *, solver: Solver | None = None) -> Plan:
+def scp_step(plan: Plan, *, solver: Solver | SolverName | None = None) -> Plan:
     """One iteration: the plan of least cost with obstacles linearised around `plan`.
 
     Pairs, if there is a separation, are linearised too, and coupled.
@@ -244,7 +246,7 @@ def scp_step(plan: Plan, *, solver: Solver | None = None) -> Plan:
         InfeasibleError: there is none.
         SolverError: the solvers fail numerically.
     """
-    return Subproblem(plan.scenario, coupled, solver).around(plan)
+    return Subproblem(plan.scenario, coupled, solver_of(solver)).around(plan)
 
 
 def _first_penalty(plan: Plan, effort: float) -> float:

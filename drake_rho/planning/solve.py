@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from functools import partial
 from itertools import chain, islice
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from pydrake.common import Parallelism
@@ -31,6 +31,16 @@ from drake_rho.scenario.fields import FloatArray
 
 Solver: TypeAlias = SolverInterface | Daqp
 """What a planner takes as `solver=`."""
+
+SolverName = Literal["clarabel", "daqp", "osqp"]
+"""Solvers that a word stands for."""
+
+SOLVERS: dict[str, Callable[[], Solver]] = {
+    "clarabel": ClarabelSolver,
+    "daqp": Daqp,
+    "osqp": OsqpSolver,
+}
+"""What each word stands for."""
 
 DEFAULT: Callable[[], Solver] = ClarabelSolver
 """What solves where nothing is asked."""
@@ -70,6 +80,38 @@ MAX_RETRIES = 1
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
 
 
+def solver_of(solver: Solver | SolverName | None) -> Solver | None:
+    """Return the solver that a user asks for, by itself or by a word; None is left as it is.
+
+    Planners ask at once: where nothing is in the way they may not come to a program.
+
+    Raises:
+        NotInstalledError: it is DAQP, whose package is not there.
+        ValueError: it is not available here, or not for quadratic programs.
+    """
+    if solver is None:
+        return None
+    made = SOLVERS[solver]() if isinstance(solver, str) else solver
+    if not (made.available() and made.enabled()):
+        raise ValueError(f"solver: got {_name(made)}, expected one available and enabled here")
+    known = type(made) in SOLVERS.values()
+    if not (known or isinstance(made, Daqp) or _is_for_quadratic_programs(made)):
+        raise ValueError(f"solver: got {_name(made)}, expected one of quadratic programs")
+    return made
+
+
+def _is_for_quadratic_programs(solver: SolverInterface) -> bool:
+    """Return whether a solver solves a small one; its name is all that Drake tells beside that."""
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(2)
+    program.AddQuadraticCost(np.eye(2), np.zeros(2), x, is_convex=True)
+    program.AddLinearConstraint(np.ones((1, 2)), np.ones(1), np.full(1, np.inf), x)
+    try:
+        return bool(solver.Solve(program, None, None).is_success())
+    except (RuntimeError, ValueError):  # it is for programs of other kinds
+        return False
+
+
 def solve(
     programs: Sequence[Program],
     solver: Solver | None = None,
@@ -92,11 +134,8 @@ def solve(
 
     Raises:
         SolverError: no solver found a solution, almost one, or a proof that there is none.
-        ValueError: the solver is not available.
     """
     first = solver or DEFAULT()
-    if not (first.available() and first.enabled()):
-        raise ValueError(f"solver: got {_name(first)}, expected one available and enabled here")
     solutions: dict[int, Solution] = {}
     almost: dict[int, Solution] = {}
     attempts: Iterable[tuple[Solver, _Options]] = _attempts(first, quick=quick)

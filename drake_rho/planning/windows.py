@@ -23,6 +23,7 @@ from drake_rho.planning.minimum_violation import minimum_breach, minimum_violati
 from drake_rho.planning.room import NO_ROOM, lacks
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Scenario
@@ -45,6 +46,7 @@ the first window, the solver) -> a motion of the same vehicles on the same grid,
 that planners make by themselves."""
 
 
+@checked
 def free_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> None:
     """The paper's reference: each window's own solution without the obstacles.
 
@@ -52,6 +54,7 @@ def free_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None)
     """
 
 
+@checked
 def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> Plan | None:
     """What is left of the previous prediction; in the first window, the paper's reference.
 

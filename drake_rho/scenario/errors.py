@@ -34,7 +34,7 @@ class ScenarioError(DrakeRhoError, ValueError):
 
     def __str__(self) -> str:
         where = f"{self.field}: " if self.field else ""
-        return f"{where}got {_shorten(self.value)}, expected {self.expected}"
+        return f"{where}got {shorten(self.value)}, expected {self.expected}"
 
     def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
         """For another process, where a value that cannot get there is what is said of it."""
@@ -42,7 +42,7 @@ class ScenarioError(DrakeRhoError, ValueError):
         try:
             pickle.dumps(value)
         except Exception:  # what a value of any kind raises
-            value = Words(_shorten(value))
+            value = Words(shorten(value))
         return ScenarioError, (self.field, value, self.expected)
 
     def inside(self, parent: str) -> ScenarioError:
@@ -52,7 +52,8 @@ class ScenarioError(DrakeRhoError, ValueError):
         return ScenarioError(f"{parent}.{self.field}", self.value, self.expected)
 
 
-def _shorten(value: object, longest: int = 80) -> str:
+def shorten(value: object, longest: int = 80) -> str:
+    """Return a value as an error shows it, in a few words."""
     try:
         text = str(value) if isinstance(value, float | Words) else reprlib.repr(value)
     except ValueError:  # an integer of more digits than Python writes

@@ -17,6 +17,7 @@ from typing import IO, Any
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError, Words
 from drake_rho.scenario.fields import scenario_error
 from drake_rho.scenario.records import Scenario
@@ -35,6 +36,7 @@ def library() -> tuple[str, ...]:
     return tuple(sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml")))
 
 
+@checked
 def load_scenario(source: str | Path) -> Scenario:
     """Read a scenario.
 
@@ -65,6 +67,7 @@ def load_scenario(source: str | Path) -> Scenario:
         raise ScenarioError(where, error.value, error.expected) from None
 
 
+@checked
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
     """Write `scenario` as YAML, whole or not at all.
 

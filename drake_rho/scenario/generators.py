@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
 from drake_rho.scenario.records import (
@@ -23,6 +24,7 @@ TRIES = 10_000
 """How many places are tried for a vehicle, one after another, before there counts as no room."""
 
 
+@checked
 def flight_cube(volume: float) -> Box:
     """A cube of `volume` [m³], centred over the origin, its lower side 0.2 m above the ground.
 
@@ -37,6 +39,7 @@ def flight_cube(volume: float) -> Box:
     return Box([-side / 2, -side / 2, 0.2], [side / 2, side / 2, 0.2 + side])
 
 
+@checked
 def random_transitions(
     n: int,
     rng: np.random.Generator,
@@ -85,6 +88,7 @@ def random_transitions(
     return Scenario(name, grid, from_rest(starts, goals), limits, separation=separation)
 
 
+@checked
 def circle_swap(
     n: int,
     *,

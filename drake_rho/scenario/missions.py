@@ -6,6 +6,7 @@ import dataclasses
 import re
 from pathlib import Path
 
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError, Words
 from drake_rho.scenario.lsc import Mission, Quadrotor, parse_mission, parse_world
 from drake_rho.scenario.records import (
@@ -19,6 +20,7 @@ from drake_rho.scenario.records import (
 )
 
 
+@checked
 def load_lsc_mission(path: str | Path, *, grid: Grid, world: str | Path | None = None) -> Scenario:
     """Read a mission of the LSC planner (`drake_rho.scenario.lsc` tells the formats).
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.generators import TRIES, check_count, circle_swap, from_rest
@@ -41,6 +42,7 @@ _SPAN = 5.5
 """Half the side of the square in which the middles of the knots are [m]."""
 
 
+@checked
 def trefoil_swap(
     boxes: int,
     rng: np.random.Generator,
@@ -95,6 +97,7 @@ def trefoil_swap(
     return dataclasses.replace(swap, vehicles=flown, obstacles=around)
 
 
+@checked
 def random_field(
     obstacles: int,
     rng: np.random.Generator,

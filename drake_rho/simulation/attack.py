@@ -16,6 +16,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
@@ -101,6 +102,7 @@ class _Kept:
     """unit vectors in which vehicles have least clearance, (V, 1, 3) and (1,) to (V, 3)"""
 
 
+@checked
 def attack(scenario: Scenario, plan: Plan) -> Attack:
     """Look for the wind in which a plan keeps least clearance, and fly it in that wind.
 

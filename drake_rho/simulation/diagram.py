@@ -21,7 +21,7 @@ from drake_rho.simulation.systems import (
 from drake_rho.simulation.timeline import Timeline
 from drake_rho.simulation.winds import Wind
 
-PLANTS = {None: "point mass", "quadrotor": "quadrotor"}
+_PLANTS = {None: "point mass", "quadrotor": "quadrotor"}
 """What can be flown, and what it is called in records."""
 
 
@@ -67,7 +67,7 @@ def simulated(
         states[..., 3:],
         blowing,
         commands,
-        PLANTS[plant],
+        _PLANTS[plant],
         timeline.elapsed,
     )
 

@@ -12,12 +12,14 @@ from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.progress import Progress
 from drake_rho.planning.rho import RecedingHorizon
 from drake_rho.planning.windows import Planner
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds
-from drake_rho.simulation.diagram import PLANTS, simulated
+from drake_rho.simulation.diagram import simulated
 from drake_rho.simulation.winds import Wind
 
 
+@checked
 def simulate(
     scenario: Scenario,
     *,
@@ -59,8 +61,6 @@ def simulate(
         >>> rho.verify(flown).ok
         True
     """
-    if plant not in PLANTS:
-        raise ValueError(f"plant: got {plant!r}, expected None or 'quadrotor'")
     horizon = RecedingHorizon(
         scenario,
         replan_every=replan_every,

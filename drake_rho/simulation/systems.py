@@ -23,6 +23,7 @@ from pydrake.systems.framework import (
 
 from drake_rho.motion.plan import Flight
 from drake_rho.planning.rho import RecedingHorizon
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.estimates import EstimationErrors
@@ -114,6 +115,7 @@ class WindyPointMass(LeafSystem):
     0; output `states` (6N).
     """
 
+    @checked
     def __init__(self, scenario: Scenario) -> None:
         super().__init__()
         fleet = scenario.fleet
@@ -152,6 +154,7 @@ class WindSource(LeafSystem):
             not given, the clock's.
     """
 
+    @checked
     def __init__(self, scenario: Scenario, wind: Wind, timeline: Timeline | None = None) -> None:
         super().__init__()
         self._wind, self._timeline, self._start = wind, timeline, scenario.grid.start
@@ -177,6 +180,7 @@ class Estimator(LeafSystem):
     Ports: input and output `states` (6N); with the errors of the sample that is going on.
     """
 
+    @checked
     def __init__(self, scenario: Scenario, errors: EstimationErrors, sample: float) -> None:
         super().__init__()
         self._errors, self._sample = errors, sample

@@ -19,6 +19,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray, locked
 from drake_rho.scenario.records import Scenario
 
@@ -47,6 +48,7 @@ def none() -> Wind:
     return _Constant(locked(np.zeros(3)))
 
 
+@checked
 def constant(scenario: Scenario, direction: npt.ArrayLike) -> Wind:
     """The strongest wind of a scenario in one direction, all the time.
 
@@ -57,6 +59,7 @@ def constant(scenario: Scenario, direction: npt.ArrayLike) -> Wind:
     return _Constant(locked(_strongest(scenario) * unit(direction)))
 
 
+@checked
 def gust(scenario: Scenario, direction: npt.ArrayLike, *, begin: float, duration: float) -> Wind:
     """A gust that rises to the strongest wind and falls again, as one minus a cosine.
 
@@ -71,6 +74,7 @@ def gust(scenario: Scenario, direction: npt.ArrayLike, *, begin: float, duration
     return _Gust(locked(_strongest(scenario) * unit(direction)), begin, duration)
 
 
+@checked
 def coloured_noise(
     scenario: Scenario,
     rng: np.random.Generator,

@@ -16,6 +16,7 @@ from drake_rho.motion.sampled_loop import (
     WIND_AT_END,
 )
 from drake_rho.motion.tube import ErrorTube, error_tube
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity
@@ -66,6 +67,7 @@ class WorstCase(WindOverTime, metaclass=Described):
         return np.broadcast_to(winds[:, None], (len(times), vehicles, 3))
 
 
+@checked
 def worst_case(
     scenario: Scenario,
     direction: npt.ArrayLike,

@@ -9,6 +9,7 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Flight, Plan, Sighting
 from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.arguments import checked
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.course import Course
 from drake_rho.verification.norms import check_norms
@@ -24,6 +25,7 @@ from drake_rho.verification.waypoints import check_waypoints
 __all__ = ["Check", "Report", "verify"]
 
 
+@checked
 def verify(flown: Plan | Flight | Simulation) -> Report:
     """Judge every constraint of the scenario that was planned for.
 

@@ -1,0 +1,161 @@
+"""Arguments of public functions: a wrong type gets one error, which names the right ones."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import types
+from collections.abc import Callable, Iterable
+from numbers import Real
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    ParamSpec,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import numpy as np
+import numpy.typing as npt
+
+from drake_rho.scenario.errors import shorten
+from drake_rho.scenario.fields import FloatArray
+
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+
+
+class _Kind(NamedTuple):
+    """One kind of value that an argument may be."""
+
+    name: str
+    """in an error"""
+    has: Callable[[object], bool]
+    """whether a value is of this kind"""
+
+
+_NAMES = {"SolverInterface": "a Drake solver", "str": "a string"}
+"""Types that have a plainer name than their own."""
+
+
+def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Return a function that looks at the types of its arguments before anything else.
+
+    They are those of its annotations. A number is one of any kind: what values make sense is for
+    the function to say.
+
+    Raises (when it is called):
+        TypeError: an argument is of none of the kinds that it may be.
+        ValueError: it is a word, and none of those that it may be.
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def run(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        try:
+            given = signature.bind(*args, **kwargs).arguments
+        except TypeError:  # one too many or too few, which Python says better
+            return function(*args, **kwargs)
+        for name, kinds in kinds_of(function).items():
+            if name in given and not any(kind.has(given[name]) for kind in kinds):
+                raise _refusal(name, given[name], kinds)
+        return function(*args, **kwargs)
+
+    return run
+
+
+def _refusal(name: str, value: object, kinds: tuple[_Kind, ...]) -> TypeError | ValueError:
+    """Return the error for an argument that is of none of some kinds."""
+    names = [kind.name for kind in kinds]
+    expected = " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+    plain = value is None or isinstance(value, str | bool | Real)
+    got = shorten(value) if plain else f"an object of type {type(value).__name__}"
+    if isinstance(value, type):
+        got = f"the class {value.__name__}"
+    words = isinstance(value, str) and any(name.startswith("'") for name in names)
+    return (ValueError if words else TypeError)(f"{name}: got {got}, expected {expected}")
+
+
+@functools.cache
+def kinds_of(function: Callable[..., object]) -> dict[str, tuple[_Kind, ...]]:
+    """Return the kinds of every argument that cannot be anything, by its name."""
+    hints = get_type_hints(function)
+    hints.pop("return", None)
+    kinds = {name: [_kind_of(part) for part in _parts_of(hint)] for name, hint in hints.items()}
+    return {
+        name: tuple(kind for kind in each if kind is not None)
+        for name, each in kinds.items()
+        if None not in each
+    }
+
+
+def _parts_of(hint: Any) -> list[Any]:
+    """Return the kinds of a union, and the words of a choice, one by one."""
+    if hint == npt.ArrayLike:  # a union of much that is no number
+        return [FloatArray]
+    if get_origin(hint) in (Union, types.UnionType):
+        return [part for each in get_args(hint) for part in _parts_of(each)]
+    if get_origin(hint) is Annotated:
+        return _parts_of(get_args(hint)[0])
+    if get_origin(hint) is Literal:
+        return [Literal[word] for word in get_args(hint)]
+    return [hint]
+
+
+def _kind_of(hint: Any) -> _Kind | None:
+    """Return what a part of an annotation stands for; None where that is anything."""
+    origin = get_origin(hint)
+    if origin is Literal:
+        (word,) = get_args(hint)
+        return _Kind(repr(word), lambda value: isinstance(value, str) and value == word)
+    if origin is Callable or (isinstance(hint, type) and _is_called(hint)):
+        return _Kind("a function", callable)
+    if origin is np.ndarray:
+        return _Kind("numbers", _are_numbers)
+    if isinstance(origin, type) and issubclass(origin, Iterable):
+        return _sequence_of([_kind_of(part) for part in _parts_of(get_args(hint)[0])])
+    if hint is None or hint is type(None):
+        return _Kind("None", lambda value: value is None)
+    if hint in (int, float):
+        return _Kind("a number", lambda value: isinstance(value, Real))
+    if hint is bool:
+        return _Kind("True or False", lambda value: isinstance(value, bool | np.bool_))
+    if not isinstance(hint, type) or _is_protocol(hint) or hint is object:
+        return None
+    return _Kind(_NAMES.get(hint.__name__, hint.__name__), lambda value: isinstance(value, hint))
+
+
+def _sequence_of(kinds: list[_Kind | None]) -> _Kind:
+    """Return the kind of sequences of some kinds; what is gone once it is read is not looked at."""
+
+    def has(value: object) -> bool:
+        if not isinstance(value, list | tuple) or None in kinds:
+            return isinstance(value, Iterable) and not isinstance(value, str)
+        return all(any(kind.has(each) for kind in kinds if kind) for each in value)
+
+    names = " or ".join(kind.name for kind in kinds if kind)
+    return _Kind(f"a sequence of {names.replace('a number', 'numbers') or 'values'}", has)
+
+
+def _are_numbers(value: object) -> bool:
+    """Return whether something can be read as an array of numbers."""
+    try:
+        np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+def _is_called(hint: type) -> bool:
+    """Return whether an annotation is a protocol of functions."""
+    return _is_protocol(hint) and "__call__" in vars(hint)
+
+
+def _is_protocol(hint: type) -> bool:
+    """Return whether a class says only what others have; `typing.is_protocol` is of Python 3.13."""
+    return bool(getattr(hint, "_is_protocol", False))
