@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -57,6 +58,33 @@ def test_a_campaign_and_its_results(
     assert status == 0
     assert f"{len(small())} rows in {made[1]}" in printed
     assert len(list(Path(made[0]).glob("*.png"))) == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (
+            "UPDATE runs SET scenario = 'elsewhere' WHERE rowid = 2",
+            "got a run of 'convex' on 'elsewhere', expected runs of best, convex on pair, past",
+        ),
+        (
+            "UPDATE runs SET method = 'other' WHERE rowid = 1",
+            "got a run of 'other' on 'pair', expected runs of best, convex on pair, past",
+        ),
+        ("DELETE FROM study", "got no study, expected that of which the runs are"),
+    ],
+)
+def test_a_store_with_runs_of_something_else_is_one_line_and_status_2(
+    change: str, complaint: str, tmp_path: Path, capsys: Captured, monkeypatch: Patch
+) -> None:
+    store = tmp_path / "runs.sqlite"
+    rho.campaign(small(1), store)
+    with sqlite3.connect(store) as connection:
+        connection.execute(change)
+    connection.close()
+    status, printed, complained = run(capsys, monkeypatch, "results", str(store))
+    assert (status, printed) == (2, "")
+    assert complained == f"drake-rho: {store}: {complaint}\n"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
+from drake_rho.cli.summary import errors_of
 from drake_rho.simulation.closed_loop import fly
 from drake_rho.simulation.timeline import Timeline
 
@@ -169,3 +170,29 @@ def test_a_table_on_any_clock_is_read_back(start: float, tmp_path: Path) -> None
     (tmp_path / "short.csv").write_text("\n".join([head, *rows]) + "\n")
     with pytest.raises(ValueError, match="no sample at knot 3"):
         rho.load(tmp_path / "short.csv", scenario=plan.scenario)
+
+
+BALL = rho.Sphere([4, 0, 1], 1)
+
+
+@pytest.mark.parametrize("between", [BALL, rho.Obstacle(BALL)])
+def test_a_flight_that_ends_before_0_has_obstacles_as_any_other(
+    between: rho.Sphere | rho.Obstacle, tmp_path: Path
+) -> None:
+    """That an obstacle is known from 0 on, which nobody wrote, means from the start."""
+    vehicle = rho.Vehicle("v", rho.State([0, 0, 1]), rho.State([8, 0, 1]))
+    asked = rho.Scenario("before zero", rho.Grid(0.5, 11, -10.0), [vehicle], obstacles=[between])
+    later = dataclasses.replace(asked, grid=rho.Grid(0.5, 11))
+    rho.save_scenario(asked, tmp_path / "asked.yaml")
+    assert rho.load_scenario(tmp_path / "asked.yaml") == asked
+    for planner in (rho.plan, rho.plan_rho):
+        plan, same = planner(asked), planner(later)
+        assert plan.cost == pytest.approx(same.cost, rel=1e-9)
+        report = rho.verify(plan)
+        assert report.ok
+        assert any(check.constraint == "obstacle 1" and check.asked for check in report.checks)
+        assert not any("before it is known" in check.constraint for check in report.checks)
+    flown = rho.simulate(asked)
+    assert rho.verify(flown).ok
+    (row,) = errors_of(flown)
+    assert row.to_obstacles_m == pytest.approx(0.0, abs=1e-6)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import zipfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.files import replacing
+from drake_rho.scenario.files import check_replaceable, replacing
 from tests.scenarios import single
 
 
@@ -176,8 +178,22 @@ def test_a_loop_of_links_is_an_error_and_stays(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        rho.save(rho.plan_convex(single()), tmp_path / "nowhere" / "plan.npz")
+    planned = rho.plan_convex(single())
+    (tmp_path / "file").touch()
+    writers: list[Callable[[Path], None]] = [
+        partial(rho.save, planned),
+        lambda path: rho.save_scenario(planned.scenario, path.with_suffix(".yaml")),
+        check_replaceable,
+    ]
+    for write in writers:
+        for folder, error in (("nowhere", FileNotFoundError), ("file", NotADirectoryError)):
+            with pytest.raises(error) as caught:
+                write(tmp_path / folder / "plan.npz")
+            named = Path(str(caught.value.filename))  # what was asked for, nothing temporary
+            assert named in {tmp_path / folder, tmp_path / folder / "plan.npz"} or (
+                named == tmp_path / folder / "plan.yaml"
+            )
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
 
 
 @pytest.fixture(scope="module")

@@ -342,6 +342,34 @@ def test_limits_that_mean_nothing_are_refused() -> None:
         assert caught.value.value == value
 
 
+@pytest.mark.parametrize(
+    ("degrees", "told"),
+    [
+        (30, "radians, less than a right angle; 30° are 0.5236 rad"),
+        (90.0, "radians, less than a right angle"),
+        (np.inf, "radians, less than a right angle"),
+    ],
+)
+def test_a_tilt_in_degrees_is_told_in_radians(degrees: float, told: str) -> None:
+    with pytest.raises(rho.ScenarioError) as caught:
+        rho.Limits(max_tilt=degrees)
+    assert str(caught.value) == f"limits.max_tilt: got {degrees}, expected an angle in {told}"
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("max_velocity", "max_speed"),
+        ("speed", "max_speed"),
+        ("max_speeed", "max_speed"),
+        ("velocty", "velocity"),
+    ],
+)
+def test_a_limit_by_another_name_is_told_the_field_that_it_is(name: str, meant: str) -> None:
+    with pytest.raises(rho.ScenarioError, match=f"no field of this name; did you mean {meant}\\?$"):
+        rho.Limits(**{name: 3.0})  # type: ignore[arg-type]  # of another name
+
+
 def test_files_and_schema_hold_them() -> None:
     limits = rho.Limits(max_speed=3.0, max_acceleration=4.0, max_thrust=15.0, max_tilt=0.6)
     own = rho.Vehicle("own", rho.State([0, 0, 0]), rho.State([1, 0, 0]), rho.Limits(max_tilt=0.2))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import pickle
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -236,6 +239,43 @@ def test_what_is_seen_too_late_is_told_and_the_flight_goes_on(tmp_path: object) 
     again = rho.load(path)
     assert isinstance(again, rho.Flight)
     assert again.sightings == flown.sightings
+
+
+@pytest.mark.parametrize("planner", [rho.plan_rho, rho.simulate])
+@pytest.mark.parametrize(("x", "avoided"), [(5.0, True), (9.68, False)])
+def test_what_is_seen_after_the_last_window_began_is_told(
+    x: float, avoided: bool, planner: Callable[[rho.Scenario], rho.Flight | rho.Simulation]
+) -> None:
+    asked = late(7.1)
+    bird = dataclasses.replace(asked.bodies[0], shape=rho.Sphere([x, 0, 0], 0.1))
+    flown = planner(dataclasses.replace(asked, obstacles=(bird, late(2.0).bodies[0])))
+    flight = flown.flight if isinstance(flown, rho.Simulation) else flown
+    assert flight.windows[-1].plan.scenario.grid.start == 7.0
+    first, last = flight.sightings
+    assert (first.obstacle, first.time, first.planned_for) == ("obstacle 2 (bird)", 2.0, True)
+    assert (last.obstacle, last.time, last.planned_for) == ("obstacle 1 (bird)", 7.1, False)
+    assert not last.avoided  # no plan knew of it
+    report = rho.verify(flown)
+    assert report.sightings[1].avoided == report.ok == avoided
+    assert "became known at 7.1 s, after the last window began, so that no plan knew of it: " in (
+        str(report)
+    )
+
+
+def test_a_flight_that_began_windows_inside_of_something_can_be_copied() -> None:
+    flown = rho.plan_rho(late(3.6))
+    inside = next(window.plan.scenario for window in flown.windows if window.not_avoided)
+    with pytest.raises(rho.ScenarioError):  # to begin with such a state is no scenario
+        dataclasses.replace(inside, name="anew")
+    sent = pickle.loads(pickle.dumps(flown))  # noqa: S301  # made here
+    for other in (copy.copy(flown), copy.deepcopy(flown), sent):
+        assert other.sightings == flown.sightings
+        for one, same in zip(other.windows, flown.windows, strict=True):
+            assert one.plan.scenario == same.plan.scenario
+            np.testing.assert_array_equal(one.plan.positions, same.plan.positions)
+        with pytest.raises(ValueError, match="read-only"):
+            other.scenario.vehicles[0].start.position[0] = 1.0
+    assert str(rho.verify(sent)) == str(rho.verify(flown))
 
 
 def test_windows_that_begin_inside_of_what_is_seen_late_look_for_no_way_round_it() -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
+import sys
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,9 @@ import pytest
 from hypothesis import given
 
 import drake_rho as rho
+from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
-from tests.scenarios import scenarios, single
+from tests.scenarios import fleet, scenarios, single
 
 
 def as_any(value: Any) -> Any:
@@ -311,3 +314,81 @@ limits: {<<: *other}
 """
     scenario = scenario_from_yaml(text)
     assert scenario.limits == scenario.vehicles[1].limits != scenario.vehicles[0].limits
+
+
+def _kept_apart() -> rho.Scenario:
+    """A scenario in which every field says something."""
+    bird = rho.Obstacle(rho.Sphere([5, 0, 9], 0.5), velocity=[0, 0.5, 0], known_from=2.0)
+    return dataclasses.replace(
+        fleet([[0, 0, 0], [3, 3, 3]], [[9, 9, 9], [12, 12, 12]]),
+        obstacles=(rho.Sphere([5, 5, -9], 1.0), bird),
+        limits=rho.Limits(max_speed=20.0),
+        disturbance=rho.Disturbance(0.01),
+    )
+
+
+CHANGES: dict[str, Any] = {
+    "name": "other",
+    "grid": rho.Grid(0.25, 61, 1.0),
+    "vehicles": (rho.Vehicle("alone", rho.State([1, 2, 3]), rho.State([9, 1, 1]), radius=0.1),),
+    "limits": rho.Limits(max_speed=30.0, max_acceleration=50.0),
+    "obstacles": (rho.Obstacle(rho.Sphere([5, 0, -9], 2.5), velocity=[0, 9.0, 0]),),
+    "separation": rho.Separation(0.1),
+    "between_knots": False,
+    "disturbance": None,
+}
+"""Other values of every field."""
+
+
+def _computed(scenario: rho.Scenario) -> list[object]:
+    """What a scenario computes of itself."""
+    arrays = [
+        scenario.fleet.start_positions,
+        scenario.fleet.radii,
+        scenario.fleet.lengths,
+        *(scenario.fleet.scale(quantity) for quantity in ("position", "jerk")),
+        *(limit.most for limit in scenario.fleet.norms.values()),
+    ]
+    told = [scenario.bodies, scenario.bodies_in_flight, scenario.known, scenario.spheres]
+    return [*told, *(array.tolist() for array in arrays)]
+
+
+def test_no_copy_of_a_scenario_keeps_what_another_has_computed_of_itself() -> None:
+    scenario = _kept_apart()
+    assert CHANGES.keys() == {field.name for field in dataclasses.fields(scenario)}
+    before = _computed(scenario)
+    for field, value in CHANGES.items():
+        values = {each: getattr(scenario, each) for each in CHANGES} | {field: value}
+        asked = _computed(rho.Scenario(**values))
+        copies = [
+            dataclasses.replace(scenario, **{field: value}),
+            unchecked(scenario, **{field: value}),
+            scenario.derived(**{field: value}),
+        ]
+        if sys.version_info >= (3, 13):
+            copies.append(copy.replace(scenario, **{field: value}))
+        for each in copies:
+            assert _computed(each) == asked, field
+    assert _computed(scenario.without_obstacles()) == _computed(
+        dataclasses.replace(scenario, obstacles=())
+    )
+    assert _computed(copy.copy(scenario)) == before
+
+
+def test_copies_of_records_begin_with_their_fields_alone() -> None:
+    scenario = _kept_apart()
+    records: list[Any] = [scenario, scenario.grid, rho.Box([0, 0, 0], [1, 1, 1])]
+    records += [rho.Polytope([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), scenario.bodies[1]]
+    for each in records:
+        computed = [
+            name
+            for kind in type(each).__mro__
+            for name, value in vars(kind).items()
+            if isinstance(value, cached_property)
+        ]
+        for name in computed:
+            getattr(each, name)
+        assert set(computed) <= set(vars(each))
+        for other in (unchecked(each), copy.copy(each), pickle.loads(pickle.dumps(each))):  # noqa: S301
+            assert other == each
+            assert not set(computed) & set(vars(other))

@@ -240,7 +240,7 @@ def test_bad_arguments_are_refused_by_name() -> None:
         rho.simulate(scenario, plant="rocket")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"^replan_every: got 2.5"):
         rho.simulate(scenario, replan_every=2.5)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"^rng: got 'seed'"):
+    with pytest.raises(TypeError, match=r"^rng: got 'seed'"):
         rho.simulate(scenario, rng="seed")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"^wind: got shape \(3,\)"):
         rho.simulate(scenario, wind=lambda t, p, v: np.zeros(3))

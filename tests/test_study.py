@@ -184,11 +184,25 @@ def _function(name: str, **arguments: Any) -> dict[str, Any]:
         ({"methods": []}, "study.methods: got [], expected"),
         (
             {"methods": [{"name": "m", "planner": "plann"}]},
-            "study.methods[0]: got {'name': 'm', 'planner': 'plann'}, expected",
+            "study.methods[0].planner: got 'plann', expected one of plan, plan_convex, plan_rho, "
+            "simulate, function; did you mean plan?",
+        ),
+        (
+            {"methods": [{"name": "m"}]},
+            "study.methods[0].planner: got nothing, expected one of plan, plan_convex, plan_rho",
+        ),
+        (
+            {"methods": [{"name": "m", "planner": "simulate", "wind": {"wind": "gusts"}}]},
+            "study.methods[0].wind.wind: got 'gusts', expected one of constant, gust, "
+            "coloured_noise; did you mean gust?",
+        ),
+        (
+            {"methods": [{"name": "m", "planner": "plan", "solver": "gurobi"}]},
+            "study.methods[0].solver: got 'gurobi', expected 'clarabel', 'daqp' or 'osqp'",
         ),
         (
             {"methods": [{"name": "m", "planner": "plan", "tolerance": 1}]},
-            "tolerance: got 1, expected no field of this name",
+            "study.methods[0].tolerance: got 1, expected no field of this name",
         ),
         (
             {"methods": [_function("drake_rho:plann")]},

@@ -65,9 +65,11 @@ class Results:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with reading(self.path) as connection:
-            (study,) = connection.execute("SELECT study FROM study").fetchone()
+            found = connection.execute("SELECT study FROM study").fetchone()
             (self.runs,) = connection.execute("SELECT count(*) FROM runs").fetchone()
-        content = json.loads(study)
+        if found is None:
+            raise StoreError(f"{self.path}: got no study, expected that of which the runs are")
+        content = json.loads(found[0])
         self.study: str = content["name"]
         self.scenarios: tuple[str, ...] = tuple(each["name"] for each in content["scenarios"])
         self.methods: tuple[str, ...] = tuple(each["name"] for each in content["methods"])
@@ -274,6 +276,11 @@ class Results:
         names = "scenario, method, repetition, verified, cost, plan_seconds"
         with reading(self.path) as connection:
             rows = connection.execute(f"SELECT {names} FROM runs").fetchall()  # noqa: S608
+        for scenario, method, *_ in rows:
+            if scenario not in sources or method not in methods:
+                run = f"a run of {method!r} on {scenario!r}"
+                expected = f"runs of {', '.join(methods)} on {', '.join(sources)}"
+                raise StoreError(f"{self.path}: got {run}, expected {expected}")
         table = np.array(
             [
                 (

@@ -69,7 +69,12 @@ def judged(
             if each.infeasible
         ],
         sightings=[
-            SightingRow(obstacle=each.obstacle, time_s=each.time, avoided=each.avoided)
+            SightingRow(
+                obstacle=each.obstacle,
+                time_s=each.time,
+                avoided=each.avoided,
+                planned_for=each.planned_for,
+            )
             for each in report.sightings
         ],
         errors=errors_of(flown) if isinstance(flown, Simulation) else [],

@@ -81,6 +81,8 @@ class SightingRow:
     """when, on the scenario's clock"""
     avoided: bool
     """whether it was"""
+    planned_for: bool
+    """whether a window began after it became known"""
 
 
 @record

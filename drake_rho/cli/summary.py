@@ -97,8 +97,9 @@ def _from_obstacles(simulation: Simulation) -> FloatArray:
     """Least clearance of each vehicle from any obstacle that is known then [m], shape (N,)."""
     least = np.full(len(simulation.scenario.vehicles), np.inf)
     positions, times = np.swapaxes(simulation.positions, 0, 1), simulation.times
-    for obstacle in simulation.scenario.bodies:
-        if np.any(known := times >= obstacle.known_from):
+    first = {number for number, _ in simulation.scenario.known}  # whatever the clock says
+    for number, obstacle in enumerate(simulation.scenario.bodies, start=1):
+        if np.any(known := (times >= obstacle.known_from) | (number in first)):
             distances = obstacle.distances(positions[:, known], times[known]).min(axis=1)
             least = np.minimum(least, distances - obstacle.deviation)
     return least - simulation.scenario.fleet.radii

@@ -272,9 +272,12 @@ class Sighting:
     obstacle: str
     """what it is called"""
     time: float
-    """start of the first window that knew of it, on the scenario's clock [s]"""
+    """start of the first window that knew of it, on the scenario's clock [s]; without a window,
+    when it became known"""
     avoided: bool
     """whether all windows from then on had a plan that keeps out of it"""
+    planned_for: bool = True
+    """whether there was such a window: what is known after the last one has begun is in no plan"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -305,7 +308,7 @@ class Flight(metaclass=Described):
     def sightings(self) -> tuple[Sighting, ...]:
         """The obstacles that became known under way, in the order of time."""
         missed = {number for window in self.windows for number in window.not_avoided}
-        return tuple(
+        seen = [
             Sighting(
                 self.scenario.obstacle_name(number),
                 window.plan.scenario.grid.start,
@@ -313,7 +316,22 @@ class Flight(metaclass=Described):
             )
             for window in self.windows
             for number in window.learned
-        )
+        ]
+        return (*seen, *self._unplanned)
+
+    @property
+    def _unplanned(self) -> list[Sighting]:
+        """The obstacles that became known after the last window began, in the order of time."""
+        last = self.windows[-1].plan if self.windows else self.plan
+        known = {number for number, _ in last.scenario.known}
+        late = [
+            (obstacle.known_from, self.scenario.obstacle_name(number))
+            for number, obstacle in enumerate(self.scenario.bodies, start=1)
+            if number not in known
+        ]
+        return [
+            Sighting(name, time, avoided=False, planned_for=False) for time, name in sorted(late)
+        ]
 
     @property
     def statistics(self) -> Statistics:

@@ -98,6 +98,7 @@ class _Efforts:
 
     @classmethod
     def of(cls, scenario: Scenario) -> _Efforts:
+        """Return the costs of a scenario's starts and goals."""
         fleet, terminal, T = scenario.fleet, TerminalState(scenario.grid), scenario.grid.duration
         starts, start_rests = terminal.values(
             fleet.start_velocities, fleet.start_positions + T * fleet.start_velocities

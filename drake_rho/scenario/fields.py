@@ -222,9 +222,22 @@ def _equal(self: Any, other: Any) -> bool:
     )
 
 
-def _reduce(self: Any) -> tuple[type, tuple[object, ...]]:
-    """For copies and pickles: made anew from its fields, so checked and write-locked again."""
-    return type(self), tuple(getattr(self, field.name) for field in dataclasses.fields(self))
+def _reduce(self: Any) -> tuple[Callable[..., object], tuple[object, ...]]:
+    """For copies and pickles: made anew from its fields, and so without what it has computed."""
+    return _restored, (type(self), *(getattr(self, each.name) for each in dataclasses.fields(self)))
+
+
+def _restored(kind: type, *values: object) -> object:
+    """Return a record of values that were in one, arrays write-locked again.
+
+    They are not checked again: what a flight leads to may be no scenario to begin with, as where a
+    vehicle is inside of what was seen too late.
+    """
+    made: object = object.__new__(kind)
+    names = (each.name for each in dataclasses.fields(kind))
+    kept = (locked(each) if isinstance(each, np.ndarray) else each for each in values)
+    made.__dict__.update(zip(names, kept, strict=True))
+    return made
 
 
 def scenario_error(error: ValidationError, root: type, parent: str = "") -> ScenarioError:
@@ -243,6 +256,8 @@ def scenario_error(error: ValidationError, root: type, parent: str = "") -> Scen
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, ScenarioError):
         return cause.inside(where).inside(parent)
+    if (told := _mistaken_tag(first, where, kinds)) is not None:
+        return told.inside(parent)
     if first["type"] in _UNKNOWN:
         expected = "no field of this name" + _suggestion(str(names[-1]), kinds)
         return ScenarioError(where, first["input"], expected).inside(parent)
@@ -255,15 +270,37 @@ def scenario_error(error: ValidationError, root: type, parent: str = "") -> Scen
     return ScenarioError(where, first["input"], _expectation(first["msg"])).inside(parent)
 
 
+def _mistaken_tag(complaint: Any, where: str, kinds: list[type]) -> ScenarioError | None:
+    """Return what is wrong with the field that says of which kind a record is, if that is it.
+
+    Args:
+        complaint: of pydantic.
+        where: the record.
+        kinds: what it may be.
+    """
+    field = str(complaint.get("ctx", {}).get("discriminator", "")).strip("'")
+    if complaint["type"] not in _NO_TAG or not field.isidentifier():
+        return None
+    fields = [getattr(kind, "__pydantic_fields__", {}) for kind in kinds]
+    words = [word for each in fields if field in each for word in get_args(each[field].annotation)]
+    value = complaint["input"].get(field, Words("nothing"))
+    close = get_close_matches(str(value), words, 1)
+    expected = f"one of {', '.join(words)}" + "".join(f"; did you mean {each}?" for each in close)
+    return ScenarioError(field, value, expected).inside(where)
+
+
 def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], list[int | str]]:
     """The kinds of record that may hold what is at a location, and its path without their names.
 
-    Where a field may be one of several kinds pydantic puts the name of the kind into a location.
+    Where a field may be one of several kinds pydantic puts the name of the kind into a location, or
+    the word by which it is told from the others.
     """
     kinds: list[type] = [root]
     names = list[int | str]()
     for part in location:
         of_this_name = [kind for kind in kinds if kind.__name__ == part]
+        if not of_this_name and len(kinds) > 1:
+            of_this_name = [kind for kind in kinds if part in _words_of(kind)]
         if of_this_name:
             kinds = of_this_name
             continue
@@ -273,6 +310,13 @@ def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], lis
         if found:
             kinds = [kind for annotation in found for kind in _records_in(annotation)]
     return kinds, names
+
+
+def _words_of(kind: type) -> list[object]:
+    """Return the words by which a kind may be told from others: of fields that have one value."""
+    fields: Any = getattr(kind, "__pydantic_fields__", {})
+    words = [get_args(field.annotation) for field in fields.values() if field.is_required()]
+    return [each[0] for each in words if len(each) == 1]
 
 
 def _records_in(annotation: object) -> list[type]:
@@ -285,9 +329,15 @@ def _records_in(annotation: object) -> list[type]:
 def _suggestion(name: str, kinds: list[type]) -> str:
     """The field that a mistyped name was meant to be, as '; did you mean radius?', or nothing."""
     fields = {field for kind in kinds for field in getattr(kind, "__pydantic_fields__", {})}
+    if (other := _OTHER_NAMES.get(name)) in fields:
+        return f"; did you mean {other}?"
     return "".join(f"; did you mean {each}?" for each in get_close_matches(name, fields, 1))
 
 
+_OTHER_NAMES = {"max_velocity": "max_speed", "speed": "max_speed"}
+"""Names that others have for a field, where they look more like another field."""
+
+_NO_TAG = {"union_tag_invalid", "union_tag_not_found"}
 _UNKNOWN = {"unexpected_keyword_argument", "extra_forbidden"}
 _NO_RECORD = {"dataclass_type", "dataclass_exact_type", "union_tag_invalid", "union_tag_not_found"}
 

@@ -167,7 +167,8 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
         OSError: the file cannot be written, or `path` is there and no regular file.
     """
     path = _replaceable(path)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".drake_rho.")
+    with _named(path):
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".drake_rho.")
     try:
         with os.fdopen(handle, "wb") as file:
             yield file
@@ -184,8 +185,18 @@ def check_replaceable(path: str | Path) -> None:
     Raises:
         OSError: it will not.
     """
-    with tempfile.TemporaryFile(dir=_replaceable(path).parent):
+    path = _replaceable(path)
+    with _named(path), tempfile.TemporaryFile(dir=path.parent):
         pass
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Errors of a temporary file beside `path` as those of the folder that it was to be in."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path.parent)) from None
 
 
 def _replaceable(path: str | Path) -> Path:

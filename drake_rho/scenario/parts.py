@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
@@ -158,6 +158,14 @@ class State:
         ) -> None: ...
 
 
+def _no_degrees(value: object) -> object:
+    """Return what may be a tilt, unless it is a number of degrees."""
+    if isinstance(value, int | float) and np.pi / 2.0 <= value:
+        radians = f"; {value:g}° are {np.radians(value):.4g} rad" if value < 90.0 else ""
+        raise ScenarioError("", value, f"an angle in radians, less than a right angle{radians}")
+    return value
+
+
 @record
 class Limits:
     """Boxes (4) to (7) and norms that a vehicle keeps to; what is left out is no limit.
@@ -189,7 +197,12 @@ class Limits:
     """largest norm of a + g e_z [m/s²], the thrust for each kilogram; at least g = 9.81 m/s², which
     it takes to hover"""
     max_tilt: (
-        Annotated[float, Field(ge=1.0 / LARGEST, lt=np.pi / 2.0, allow_inf_nan=False), NO_TRUTH]
+        Annotated[
+            float,
+            Field(ge=1.0 / LARGEST, lt=np.pi / 2.0, allow_inf_nan=False),
+            NO_TRUTH,
+            BeforeValidator(_no_degrees),
+        ]
         | None
     ) = None
     """largest angle of a + g e_z to the upright [rad], less than a right angle; as far as a

@@ -259,14 +259,7 @@ class Scenario:
 
         Their clocks are 0 at the first knot, as in `bodies_in_flight`.
         """
-        now = max(self.grid.start, 0.0) + self.grid.rounding
-        return tuple(
-            (number, in_flight)
-            for number, (obstacle, in_flight) in enumerate(
-                zip(self.bodies, self.bodies_in_flight, strict=True), start=1
-            )
-            if obstacle.known_from <= now
-        )
+        return _known(self.bodies, self.bodies_in_flight, self.grid)
 
     def obstacle_name(self, number: int) -> str:
         """What an obstacle is called in reports, by its number from 1: number, and name if any."""
@@ -279,7 +272,7 @@ class Scenario:
 
     def without_obstacles(self) -> Scenario:
         """This scenario with nothing in the way (the paper's Examples 1 and 3)."""
-        return self.derived(obstacles=(), bodies=(), bodies_in_flight=())
+        return self.derived(obstacles=())
 
     def on_grid(self, grid: Grid) -> Scenario:
         """This scenario on another grid, on which the feedback is sampled as often or more often.
@@ -303,14 +296,13 @@ class Scenario:
     def derived(self, **changes: object) -> Scenario:
         """Return a copy with other values that are known to be valid.
 
-        What is computed of vehicles and obstacles is that of this scenario, but for changes.
+        What is computed of vehicles and obstacles is that of this scenario as long as nothing
+        changes that it is computed of; `changes` can name what it is then.
         """
         own = {
-            "bodies": self.bodies,
-            "bodies_in_flight": self.bodies_in_flight,
-            "fleet": self.fleet,
-            "margin_pieces": self.margin_pieces,
-            "under_way": self.under_way,
+            name: getattr(self, name)
+            for name, sources in _COMPUTED_OF.items()
+            if not sources & changes.keys()
         }
         return unchecked(self, **(own | changes))
 
@@ -352,12 +344,7 @@ class Scenario:
         )
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
-        now = max(grid.start, 0.0) + grid.rounding
-        seen = [
-            body
-            for obstacle, body in zip(self.bodies, bodies, strict=True)
-            if obstacle.known_from <= now
-        ]
+        seen = [body for _, body in _known(self.bodies, bodies, grid)]
         fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, seen)
         return self.derived(
             grid=grid,
@@ -378,3 +365,31 @@ class Scenario:
         if name not in names:
             raise ValueError(f"vehicle: got {name!r}, expected one of {', '.join(names)}")
         return names.index(name)
+
+
+_COMPUTED_OF: dict[str, set[str]] = {
+    "bodies": {"obstacles"},
+    "bodies_in_flight": {"obstacles", "grid"},
+    "fleet": {"grid", "vehicles", "limits", "obstacles", "separation"},
+    "margin_pieces": set(),
+    "under_way": set(),
+}
+"""What a scenario passes on to what is derived from it, and the fields that it is computed of."""
+
+
+def _known(
+    obstacles: Sequence[Obstacle], in_flight: Sequence[Obstacle], grid: Grid
+) -> tuple[tuple[int, Obstacle], ...]:
+    """Return the obstacles that planners know of at the first knot of a grid.
+
+    Args:
+        obstacles: all of them, on the scenario's clock.
+        in_flight: the same on a clock that is 0 at that knot.
+        grid: of the scenario, or what is left of it.
+
+    Returns:
+        Those of `in_flight`, with their numbers from 1.
+    """
+    now = max(grid.start, 0.0) + grid.rounding
+    both = enumerate(zip(obstacles, in_flight, strict=True), start=1)
+    return tuple((number, body) for number, (each, body) in both if each.known_from <= now)

@@ -208,8 +208,7 @@ class Report(metaclass=Described):
     def _notes(self) -> list[str]:
         """Lines on what was seen late, and on what is judged with an estimate."""
         notes = [
-            f"{each.obstacle} became known at {clock_time(each.time)} and was "
-            + ("avoided" if each.avoided else "not avoided: too late for any plan that was found")
+            f"{each.obstacle} became known at {clock_time(each.time)}{_outcome(each)}"
             for each in self.sightings
         ]
         estimated = [
@@ -222,6 +221,16 @@ class Report(metaclass=Described):
                 f"estimated from samples: how far from its track is {', '.join(estimated)}"
             )
         return [*notes, *self.notes]
+
+
+def _outcome(sighting: Sighting) -> str:
+    """Return what came of a sighting, as the end of a sentence."""
+    if not sighting.planned_for:
+        kept = "all the same what was flown keeps out of it" if sighting.avoided else "not avoided"
+        return f", after the last window began, so that no plan knew of it: {kept}"
+    if sighting.avoided:
+        return " and was avoided"
+    return " and was not avoided: too late for any plan that was found"
 
 
 def _kind(check: Check) -> tuple[str, str, bool]:

@@ -91,10 +91,15 @@ def verify(flown: Plan | Flight | Simulation) -> Report:
     checks = tuple(check for checks in by_vehicle for check in checks if check is not None)
     hit = {check.constraint for check in checks if not check.holds}
     sightings = tuple(
-        dataclasses.replace(each, avoided=each.avoided and each.obstacle not in hit)
+        dataclasses.replace(each, avoided=_is_avoided(each) and each.obstacle not in hit)
         for each in _sightings(flown)
     )
     return Report(scenario, checks, sightings, (*notes, *notes_on_tracks(scenario)))
+
+
+def _is_avoided(sighting: Sighting) -> bool:
+    """Return whether plans avoid what was seen; where none knew of it, the motion alone tells."""
+    return sighting.avoided or not sighting.planned_for
 
 
 def _sightings(flown: Plan | Flight | Simulation) -> tuple[Sighting, ...]:
