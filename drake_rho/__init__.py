@@ -4,56 +4,14 @@ The method of Zhou et al., ASCC 2017, on Drake's `MathematicalProgram`. SI units
 """
 
 from importlib import import_module
-from importlib.metadata import version as _version
 from typing import TYPE_CHECKING
-
-from drake_rho.assurance.diagnosis import Diagnosis
-from drake_rho.assurance.feasibility import diagnose, shortest_plan
-from drake_rho.assurance.infeasible_subset import infeasible_subset
-from drake_rho.assurance.optimality import Certificate, VehicleCertificate, certify
-from drake_rho.motion.files import PlanFileError, load, save
-from drake_rho.motion.plan import Flight, Plan, Window
-from drake_rho.motion.simulation import Simulation
-from drake_rho.motion.statistics import Statistics
-from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
-from drake_rho.planning.assignment import assign_goals
-from drake_rho.planning.best import plan, plan_scp
-from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.daqp import Daqp
-from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.keep_apart import coupled, decoupled, grouped
-from drake_rho.planning.options import Options
-from drake_rho.planning.rho import RecedingHorizon, plan_rho
-from drake_rho.planning.scp import scp_step
-from drake_rho.planning.windows import free_reference, tail_reference
-from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
-from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
-from drake_rho.scenario.generators import circle_swap, flight_cube, random_transitions
-from drake_rho.scenario.missions import load_lsc_mission
-from drake_rho.scenario.records import (
-    Box,
-    Cylinder,
-    Disturbance,
-    Ellipsoid,
-    Grid,
-    Limits,
-    Obstacle,
-    Polytope,
-    Scenario,
-    Separation,
-    Sphere,
-    State,
-    Track,
-    Vehicle,
-    Waypoint,
-)
-from drake_rho.scenario.worlds import random_field, trefoil_swap
-from drake_rho.simulation import winds
-from drake_rho.simulation.worst_case import WorstCase, worst_case
-from drake_rho.verification.verify import Check, Report, verify
 
 if TYPE_CHECKING:
     __version__: str
+    from drake_rho.assurance.diagnosis import Diagnosis
+    from drake_rho.assurance.feasibility import diagnose, shortest_plan
+    from drake_rho.assurance.infeasible_subset import infeasible_subset
+    from drake_rho.assurance.optimality import Certificate, VehicleCertificate, certify
     from drake_rho.campaigns.campaign import campaign
     from drake_rho.campaigns.results import Results
     from drake_rho.campaigns.study import Study, load_study
@@ -70,9 +28,49 @@ if TYPE_CHECKING:
     from drake_rho.display.publish import save_figure
     from drake_rho.exports.export import export
     from drake_rho.exports.record import Exported
+    from drake_rho.motion.files import PlanFileError, load, save
+    from drake_rho.motion.plan import Flight, Plan, Window
+    from drake_rho.motion.simulation import Simulation
+    from drake_rho.motion.statistics import Statistics
+    from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
+    from drake_rho.planning.assignment import assign_goals
+    from drake_rho.planning.best import plan, plan_scp
+    from drake_rho.planning.convex import plan_convex
+    from drake_rho.planning.daqp import Daqp
+    from drake_rho.planning.errors import InfeasibleError, SolverError
+    from drake_rho.planning.keep_apart import coupled, decoupled, grouped
+    from drake_rho.planning.options import Options
+    from drake_rho.planning.rho import RecedingHorizon, plan_rho
+    from drake_rho.planning.scp import scp_step
+    from drake_rho.planning.windows import free_reference, tail_reference
+    from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
+    from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
+    from drake_rho.scenario.generators import circle_swap, flight_cube, random_transitions
+    from drake_rho.scenario.missions import load_lsc_mission
+    from drake_rho.scenario.records import (
+        Box,
+        Cylinder,
+        Disturbance,
+        Ellipsoid,
+        Grid,
+        Limits,
+        Obstacle,
+        Polytope,
+        Scenario,
+        Separation,
+        Sphere,
+        State,
+        Track,
+        Vehicle,
+        Waypoint,
+    )
+    from drake_rho.scenario.worlds import random_field, trefoil_swap
+    from drake_rho.simulation import winds
     from drake_rho.simulation.attack import Attack, attack
     from drake_rho.simulation.simulate import simulate
     from drake_rho.simulation.systems import RecedingHorizonController, WindyPointMass
+    from drake_rho.simulation.worst_case import WorstCase, worst_case
+    from drake_rho.verification.verify import Check, Report, verify
 
 __all__ = [
     "Attack",
@@ -164,35 +162,89 @@ __all__ = [
     "worst_case",
 ]
 
-# What draws is loaded when it is first asked for: matplotlib takes longer to load than the rest.
-# So are what flies, in Drake's simulator or without, what does many runs, and other formats.
-_LATER = {
-    "animate": "drake_rho.display.animation",
-    "accelerations_figure": "drake_rho.display.figures",
-    "distances_figure": "drake_rho.display.figures",
-    "errors_figure": "drake_rho.display.figures",
-    "paths_figure": "drake_rho.display.paths",
-    "save_figure": "drake_rho.display.publish",
-    "separation_figure": "drake_rho.display.figures",
-    "velocities_figure": "drake_rho.display.figures",
-    "Exported": "drake_rho.exports.record",
-    "export": "drake_rho.exports.export",
-    "viewer_page": "drake_rho.display.page",
-    "Attack": "drake_rho.simulation.attack",
-    "RecedingHorizonController": "drake_rho.simulation.systems",
-    "WindyPointMass": "drake_rho.simulation.systems",
-    "attack": "drake_rho.simulation.attack",
-    "simulate": "drake_rho.simulation.simulate",
-    "Results": "drake_rho.campaigns.results",
-    "Study": "drake_rho.campaigns.study",
-    "campaign": "drake_rho.campaigns.campaign",
-    "load_study": "drake_rho.campaigns.study",
+# What is public is loaded when it is first asked for, each with what it needs: Drake and matplotlib
+# take a second, and whoever loads a scenario, or stops a command at once, does not wait for them.
+_NAMES = {
+    "drake_rho.assurance.diagnosis": ("Diagnosis",),
+    "drake_rho.assurance.feasibility": ("diagnose", "shortest_plan"),
+    "drake_rho.assurance.infeasible_subset": ("infeasible_subset",),
+    "drake_rho.assurance.optimality": ("Certificate", "VehicleCertificate", "certify"),
+    "drake_rho.campaigns.campaign": ("campaign",),
+    "drake_rho.campaigns.results": ("Results",),
+    "drake_rho.campaigns.study": ("Study", "load_study"),
+    "drake_rho.display.animation": ("animate",),
+    "drake_rho.display.figures": (
+        "accelerations_figure",
+        "distances_figure",
+        "errors_figure",
+        "separation_figure",
+        "velocities_figure",
+    ),
+    "drake_rho.display.page": ("viewer_page",),
+    "drake_rho.display.paths": ("paths_figure",),
+    "drake_rho.display.publish": ("save_figure",),
+    "drake_rho.exports.export": ("export",),
+    "drake_rho.exports.record": ("Exported",),
+    "drake_rho.motion.files": ("PlanFileError", "load", "save"),
+    "drake_rho.motion.plan": ("Flight", "Plan", "Window"),
+    "drake_rho.motion.simulation": ("Simulation",),
+    "drake_rho.motion.statistics": ("Statistics",),
+    "drake_rho.motion.tube": ("ErrorTube", "error_tube", "largest_disturbance"),
+    "drake_rho.planning.assignment": ("assign_goals",),
+    "drake_rho.planning.best": ("plan", "plan_scp"),
+    "drake_rho.planning.convex": ("plan_convex",),
+    "drake_rho.planning.daqp": ("Daqp",),
+    "drake_rho.planning.errors": ("InfeasibleError", "SolverError"),
+    "drake_rho.planning.keep_apart": ("coupled", "decoupled", "grouped"),
+    "drake_rho.planning.options": ("Options",),
+    "drake_rho.planning.rho": ("RecedingHorizon", "plan_rho"),
+    "drake_rho.planning.scp": ("scp_step",),
+    "drake_rho.planning.windows": ("free_reference", "tail_reference"),
+    "drake_rho.scenario.errors": ("DrakeRhoError", "ScenarioError"),
+    "drake_rho.scenario.files": ("library", "load_scenario", "save_scenario", "scenario_schema"),
+    "drake_rho.scenario.generators": ("circle_swap", "flight_cube", "random_transitions"),
+    "drake_rho.scenario.missions": ("load_lsc_mission",),
+    "drake_rho.scenario.records": (
+        "Box",
+        "Cylinder",
+        "Disturbance",
+        "Ellipsoid",
+        "Grid",
+        "Limits",
+        "Obstacle",
+        "Polytope",
+        "Scenario",
+        "Separation",
+        "Sphere",
+        "State",
+        "Track",
+        "Vehicle",
+        "Waypoint",
+    ),
+    "drake_rho.scenario.worlds": ("random_field", "trefoil_swap"),
+    "drake_rho.simulation.attack": ("Attack", "attack"),
+    "drake_rho.simulation.simulate": ("simulate",),
+    "drake_rho.simulation.systems": ("RecedingHorizonController", "WindyPointMass"),
+    "drake_rho.simulation.worst_case": ("WorstCase", "worst_case"),
+    "drake_rho.verification.verify": ("Check", "Report", "verify"),
 }
+_WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> object:
+    found: object
     if name == "__version__":
-        return _version("drake-rho")
-    if name in _LATER:
-        return getattr(import_module(_LATER[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        found = import_module("importlib.metadata").version("drake-rho")
+    elif name == "winds":
+        found = import_module("drake_rho.simulation.winds")
+    elif name in _WHERE:
+        found = getattr(import_module(_WHERE[name]), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    kept = (name for name in globals() if name.startswith("__"))
+    return sorted({*__all__, "__version__", *kept})

@@ -10,6 +10,7 @@ import re
 import shlex
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ import pytest
 import drake_rho as rho
 from drake_rho import cli
 from drake_rho.cli.commands import GROUPS
+from drake_rho.cli.failures import status_of
 from drake_rho.planning import daqp
 from tests.scenarios import box, single
 
@@ -446,3 +448,17 @@ def test_the_module_runs_too() -> None:
     )
     assert ran.returncode == 2
     assert "Traceback" not in ran.stderr
+
+
+def test_ctrl_c_of_which_a_package_makes_another_error_is_told_as_it_was(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """As pybind11 does where it comes while a module of Drake's begins."""
+
+    def command(cause: BaseException | None) -> int:
+        raise ImportError("initialization failed") from cause
+
+    assert status_of(partial(command, KeyboardInterrupt())) == 130
+    assert capsys.readouterr().err == "drake-rho: interrupted\n"
+    with pytest.raises(ImportError, match="initialization failed"):
+        status_of(partial(command, None))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import importlib.metadata
+import json
 import re
 import subprocess
 import sys
@@ -55,3 +58,48 @@ def test_it_is_cited_by_the_version_that_it_has() -> None:
     (bibtex,) = re.findall(r"```bibtex\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert f"version = {{{PROJECT['version']}}}" in bibtex
     assert bibtex.count("{") == bibtex.count("}")
+
+
+def test_every_public_name_is_listed_and_is_what_type_checkers_take_it_for() -> None:
+    code = "import drake_rho, json; print(json.dumps(dir(drake_rho)))"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    listed = json.loads(told.stdout)  # before anything was asked for
+    assert {*rho.__all__, "__version__"} <= set(listed)
+    assert [name for name in listed if not name.startswith("__")] == sorted(rho.__all__)
+    source = ast.parse((ROOT / "drake_rho" / "__init__.py").read_text())
+    imports = [node for node in ast.walk(source) if isinstance(node, ast.ImportFrom)]
+    typed = {
+        alias.name: node.module
+        for node in imports
+        for alias in node.names
+        if str(node.module).startswith("drake_rho")
+    }
+    assert typed.keys() == set(rho.__all__)
+    for name, module in typed.items():
+        assert getattr(importlib.import_module(str(module)), name) is getattr(rho, name)
+    with pytest.raises(AttributeError, match="has no attribute 'plann'"):
+        rho.plann  # noqa: B018  # no such name
+
+
+def test_to_import_the_package_loads_nothing_else() -> None:
+    code = "import sys, drake_rho; print({'numpy', 'pydrake', 'pydantic'} & set(sys.modules))"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize(
+    "loading", ["typer", "numpy", "pydrake.solvers", "drake_rho.planning.best"]
+)
+def test_ctrl_c_while_the_command_loads_is_one_line(loading: str) -> None:
+    code = (
+        "import os, signal, sys\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, *rest):\n"
+        f"        if name == {loading!r}:\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        "sys.argv = ['drake-rho', '--version']\n"
+        "import drake_rho.__main__\n"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (told.returncode, told.stdout, told.stderr) == (130, "", "drake-rho: interrupted\n")

@@ -32,6 +32,10 @@ def status_of(command: Callable[[], int | None]) -> int:
         return _complain(error, SOLVERS_FAILED)
     except (DrakeRhoError, ValueError, OSError) as error:
         return _complain(error, BAD_INPUT)
+    except ImportError as error:
+        if not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        return _complain("interrupted", INTERRUPTED)  # while a part of Drake was being loaded
     except MemoryError:
         return _complain("out of memory: the scenario is too large for this machine", BAD_INPUT)
     except Exception as error:
