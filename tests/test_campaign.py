@@ -256,13 +256,31 @@ def test_times_and_memory_are_those_of_the_run(tmp_path: Path) -> None:
     assert 290.0 < after.megabytes - before.megabytes < 400.0
 
 
+_INSIDE = "vehicles[0].start.position"
+
+
 def test_what_is_drawn_and_makes_no_scenario_is_a_row(tmp_path: Path) -> None:
-    vary = {"vehicles[0].start.position": Choice(([4.0, 0.5, 0.0],))}
+    vary = {_INSIDE: Choice(([4.0, 0.5, 0.0], [0.0, 0.0, 0.0]))}
     source = dataclasses.replace(small().scenarios[1], vary=vary)
-    rho.campaign(small(1, scenarios=[source]), tmp_path / "runs.sqlite")
-    for status, reason in table(tmp_path / "runs.sqlite", ("status", "reason")):
-        assert status == "invalid"
-        assert "start.position" in reason
+    rho.campaign(small(8, scenarios=[source]), tmp_path / "runs.sqlite")
+    rows = table(tmp_path / "runs.sqlite", ("status", "reason"))
+    assert {status for status, _ in rows} >= {"invalid", "solved"}
+    for status, reason in rows:
+        assert (_INSIDE in reason) == (status == "invalid")
+
+
+def test_a_source_of_which_nothing_can_be_drawn_ends_the_campaign_before_it_begins(
+    tmp_path: Path,
+) -> None:
+    good, past = small().scenarios
+    source = dataclasses.replace(past, vary={_INSIDE: Choice(([4.0, 0.5, 0.0],))})
+    words = (
+        r"scenarios\[1\]: got no scenario in 3 draws of 'past', expected at least one that makes "
+        r"sense; the last one: vehicles\[0\]\.start\.position: got \[4\.0, 0\.5, 0\.0\], expected"
+    )
+    with pytest.raises(rho.ScenarioError, match=words):
+        rho.campaign(small(3, scenarios=[good, source]), tmp_path / "runs.sqlite")
+    assert not list(tmp_path.iterdir())
 
 
 def test_flights_in_wind_are_judged_by_how_they_went(tmp_path: Path) -> None:

@@ -16,8 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.campaigns.statistics import Proportion, Quantiles, sign_test
+from drake_rho.campaigns.statistics import Failure, Proportion, Quantiles, sign_test
 from drake_rho.campaigns.store import COLUMNS, StoreError
+from drake_rho.campaigns.tables import tables
 from drake_rho.display.campaigns import (
     costs_figure,
     failures_figure,
@@ -162,6 +163,18 @@ def test_tables_name_what_there_is(results: rho.Results) -> None:
     for word in ("pair", "past", "best", "convex", "infeasible", "convex / best"):
         assert word in text
     assert all(line == line.rstrip() for line in text.splitlines())
+
+
+def test_reasons_are_told_in_full() -> None:
+    reason = " ".join(f"vehicle-{number} and all of its neighbours;" for number in range(40))
+    failures = [Failure("best", "infeasible", reason, 3), Failure("other", "error", "", 12)]
+    *_, told = tables("runs", (), failures, ()).split("\n\n")
+    head, *lines = told.splitlines()
+    place = head.index("most often because")
+    assert " ".join(line[place:] for line in lines[:-1]) == reason
+    assert lines[0][:place].split() == ["best", "infeasible", "3"]
+    assert lines[-1].split() == ["other", "error", "12"]
+    assert max(map(len, lines)) <= 100
 
 
 def test_figures_show_the_numbers(results: rho.Results) -> None:

@@ -79,6 +79,29 @@ def test_a_field_is_drawn_and_nothing_else_is_changed() -> None:
         assert back == base
 
 
+def test_an_offset_is_added_to_what_stands_there() -> None:
+    base = single(obstacles=[rho.Sphere([5.0, 2.0, -1.0], 0.5)])
+    center = "obstacles[0].center"
+    shifted = Given(
+        "shifted",
+        base,
+        vary={f"{center}[0]": {"choice": [6.0]}},
+        offset={
+            center: {"uniform": [[-1, -2, 0], [1, 2, 0]]},
+            f"{center}[2]": {"choice": [0.25]},
+            "grid.knots": {"integers": [1, 2]},
+        },
+    )
+    drawn = [shifted.drawn(np.random.default_rng(seed)) for seed in range(20)]
+    centers = np.array([each.spheres[0].center for each in drawn])
+    away = centers - [6.0, 2.0, -0.75]  # `vary` first, then offsets, one after the other
+    assert np.all(np.abs(away) <= [1.0, 2.0, 1e-12])
+    assert np.all(np.ptp(away[:, :2], axis=0) > 0.5)
+    assert {each.grid.knots - base.grid.knots for each in drawn} == {1, 2}
+    for each in drawn:
+        assert dataclasses.replace(each, grid=base.grid, obstacles=base.obstacles) == base
+
+
 def test_a_generators_parameters_may_be_drawn_and_records() -> None:
     source = Generated(
         "some",
@@ -245,6 +268,36 @@ def _function(name: str, **arguments: Any) -> dict[str, Any]:
                 ]
             },
             "vary: got 'vehicles[4]', expected a field that exists: vehicles has 4 entries",
+        ),
+        (
+            {
+                "scenarios": [
+                    {"name": "a", "file": "paper", "offset": {"limits.velocty": {"choice": [1]}}}
+                ]
+            },
+            "study.scenarios[0].offset: got 'limits.velocty', expected a field that exists",
+        ),
+        (
+            {
+                "scenarios": [
+                    {"name": "a", "file": "paper", "offset": {"vehicles[0].name": {"choice": [1]}}}
+                ]
+            },
+            "offset: got 'vehicles[0].name', expected the path of a number or of a list of "
+            "numbers; 'UAV-1' stands there",
+        ),
+        (
+            {
+                "scenarios": [
+                    {
+                        "name": "a",
+                        "file": "paper",
+                        "offset": {"vehicles[0].start.position": {"choice": [50.0]}},
+                    }
+                ]
+            },
+            "study.scenarios[0].offset.vehicles[0].start.position: got 50.0, expected a list of 3 "
+            "numbers, as what it is added to",
         ),
         (
             {"scenarios": [{"name": "a", "file": "paper", "vary": {"name": {"unifrm": [0, 1]}}}]},

@@ -80,7 +80,8 @@ def campaign(
         What the store holds.
 
     Raises:
-        ScenarioError: a scenario of the study is in a file that cannot be read.
+        ScenarioError: a scenario of the study is in a file that cannot be read, or nothing that is
+            drawn of one of its sources is a scenario; nothing is planned then.
         StoreError: the store is another study's or version's, or cannot be written.
         CampaignError: the executor failed. What was done before is kept, as it is when the call is
             interrupted: the same call goes on.
@@ -97,6 +98,7 @@ def campaign(
         3
     """
     study = study.resolved()
+    study.check_draws()
     with Store(store, study) as kept:
         already = kept.keys()
         missing = (run for run in study.runs() if run.key not in already)

@@ -10,6 +10,9 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drake_rho.scenario.errors import ScenarioError
 
 _PATH = re.compile(r"\w+(\[\d+\])*(\.\w+(\[\d+\])*)*")
@@ -27,6 +30,47 @@ def put(content: Any, path: str, value: object) -> None:
     Raises:
         ScenarioError: there is no such field.
     """
+    around, last = _place(content, path)
+    around[last] = value
+
+
+def add(content: Any, path: str, value: object) -> None:
+    """Add an offset to the number, or the list of numbers, that stands at a path.
+
+    Args:
+        content: a scenario as mappings and lists, every field in it, absent ones as None.
+        path: of the field.
+        value: a number, or a list of as many numbers as stand there; a number is not added to a
+            list.
+
+    Raises:
+        ScenarioError: there is no such field, or what stands there cannot be added to.
+    """
+    around, last = _place(content, path)
+    before, offset = (_numbers(each) for each in (around[last], value))
+    if before is None:
+        expected = f"the path of a number or of a list of numbers; {around[last]!r} stands there"
+        raise ScenarioError("", path, expected)
+    if offset is None or offset.shape != before.shape:
+        kind = "a number" if before.ndim == 0 else f"a list of {len(before)} numbers"
+        raise ScenarioError(path, value, f"{kind}, as what it is added to")
+    around[last] = (before + offset).tolist()
+
+
+def _numbers(value: object) -> NDArray[Any] | None:
+    """A number or a list of them as an array; None if it is neither."""
+    entries = value if isinstance(value, list) else [value]
+    if any(isinstance(each, bool) or not isinstance(each, int | float) for each in entries):
+        return None
+    return np.array(value)
+
+
+def _place(content: Any, path: str) -> tuple[Any, Any]:
+    """The mapping or list that holds a field, and the field's name or number in it.
+
+    Raises:
+        ScenarioError: there is no such field.
+    """
     if not _PATH.fullmatch(path):
         expected = "the path of a field, as vehicles[0].start.position"
         raise ScenarioError("", path, expected)
@@ -35,7 +79,7 @@ def put(content: Any, path: str, value: object) -> None:
     for part in parts:
         content = _at(content, part, path, walked)[part]
         walked += f"[{part}]" if isinstance(part, int) else f".{part}" if walked else part
-    _at(content, last, path, walked)[last] = value
+    return _at(content, last, path, walked), last
 
 
 def _at(content: Any, part: str | int, path: str, walked: str) -> Any:

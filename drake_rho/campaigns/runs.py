@@ -31,9 +31,6 @@ SOLVED, INFEASIBLE, FAILED, INVALID, ERROR = "solved", "infeasible", "failed", "
 """What becomes of a run: planned or flown; without a plan; given up by the solvers; not a scenario
 that makes sense, as it was drawn; and anything else."""
 
-_LONGEST_REASON = 300
-"""Characters of a reason that are kept."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Run:
@@ -243,7 +240,7 @@ def _packed(found: Found) -> bytes:
 
 
 def _words(error: Exception) -> str:
-    return " ".join(str(error).split())[:_LONGEST_REASON]
+    return " ".join(str(error).split())
 
 
 @lru_cache(maxsize=64)

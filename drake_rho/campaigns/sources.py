@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, TypeAdapter, ValidationError
 
 from drake_rho.campaigns.distributions import AnyDistribution, is_distribution
-from drake_rho.campaigns.paths import put
+from drake_rho.campaigns.paths import add, put
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import Count, Name, Positive, record, scenario_error
 from drake_rho.scenario.files import (
@@ -56,7 +56,9 @@ class Generated:
     parameters: dict[str, Any] = field(default_factory=dict)
     """its arguments by name, without `rng`; each may be a distribution"""
     vary: Vary = field(default_factory=dict)
-    """distributions of fields of what is generated, by their paths, drawn in this order"""
+    """distributions that replace fields of what is generated, by their paths, in this order"""
+    offset: Vary = field(default_factory=dict)
+    """distributions of what is added to fields, by their paths; drawn after `vary`"""
     repetitions: Repetitions | None = None
     """how many are drawn; as many as the study says if not given"""
 
@@ -70,7 +72,7 @@ class Generated:
                 refused = error
         else:
             raise refused.inside("parameters")
-        _check_paths(made, self.vary)
+        _check_paths(made, self.vary, self.offset)
 
     def drawn(self, rng: np.random.Generator) -> Scenario:
         """One of them.
@@ -78,7 +80,7 @@ class Generated:
         Raises:
             ScenarioError: what was drawn makes no scenario.
         """
-        return varied(self._generated(rng), self.vary, rng)
+        return varied(self._generated(rng), self.vary, self.offset, rng)
 
     def _generated(self, rng: np.random.Generator) -> Scenario:
         generator = GENERATORS[self.generator]
@@ -103,12 +105,14 @@ class Given:
     scenario: Scenario
     """what is drawn around"""
     vary: Vary = field(default_factory=dict)
-    """distributions of its fields, by their paths, drawn in this order"""
+    """distributions that replace its fields, by their paths, drawn in this order"""
+    offset: Vary = field(default_factory=dict)
+    """distributions of what is added to its fields, by their paths; drawn after `vary`"""
     repetitions: Repetitions | None = None
     """how many are drawn; as many as the study says if not given"""
 
     def __post_init__(self) -> None:
-        _check_paths(self.scenario, self.vary)
+        _check_paths(self.scenario, self.vary, self.offset)
 
     def drawn(self, rng: np.random.Generator) -> Scenario:
         """One of them.
@@ -116,7 +120,7 @@ class Given:
         Raises:
             ScenarioError: what was drawn makes no scenario.
         """
-        return varied(self.scenario, self.vary, rng)
+        return varied(self.scenario, self.vary, self.offset, rng)
 
 
 @record
@@ -135,7 +139,9 @@ class FromFile:
     world: str | None = None
     """path of a CSV file with boxes in the way of a mission"""
     vary: Vary = field(default_factory=dict)
-    """distributions of its fields, by their paths, drawn in this order"""
+    """distributions that replace its fields, by their paths, drawn in this order"""
+    offset: Vary = field(default_factory=dict)
+    """distributions of what is added to its fields, by their paths; drawn after `vary`"""
     repetitions: Repetitions | None = None
     """how many are drawn; as many as the study says if not given"""
 
@@ -146,8 +152,8 @@ class FromFile:
             ScenarioError: there is no such file, or no scenario in it.
         """
         scenario = self._read(folder)
-        _check_paths(scenario, self.vary)
-        return Given(self.name, scenario, self.vary, self.repetitions)
+        _check_paths(scenario, self.vary, self.offset)
+        return Given(self.name, scenario, self.vary, self.offset, self.repetitions)
 
     def _read(self, folder: Path) -> Scenario:
         path = folder / self.file
@@ -189,28 +195,36 @@ AnySource = Annotated[
 """Where scenarios come from, told apart by its keys."""
 
 
-def varied(scenario: Scenario, vary: Mapping[str, Any], rng: np.random.Generator) -> Scenario:
-    """A scenario with values drawn for some of its fields.
+def varied(
+    scenario: Scenario,
+    vary: Mapping[str, Any],
+    offset: Mapping[str, Any],
+    rng: np.random.Generator,
+) -> Scenario:
+    """A scenario with values drawn for some of its fields, and offsets drawn for some.
 
     Raises:
         ScenarioError: there is no such field, or what comes of it is no scenario.
     """
-    if not vary:
+    if not vary and not offset:
         return scenario
     content = scenario_to_content(scenario)
     for path, distribution in vary.items():
         put(content, path, distribution.draw(rng))
+    for path, distribution in offset.items():
+        add(content, path, distribution.draw(rng))
     return scenario_from_content(content)
 
 
-def _check_paths(scenario: Scenario, vary: Mapping[str, object]) -> None:
-    content = scenario_to_content(scenario)
-    for path in vary:
-        try:
-            put(content, path, None)
-        except ScenarioError as error:
-            raise error.inside("vary") from None
-        content = scenario_to_content(scenario)
+def _check_paths(scenario: Scenario, vary: Mapping[str, Any], offset: Mapping[str, Any]) -> None:
+    """See that the fields are there, and that what is drawn can be added to those of offsets."""
+    content, rng = scenario_to_content(scenario), np.random.default_rng(0)
+    for name, distributions, change in (("vary", vary, put), ("offset", offset, add)):
+        for path, distribution in distributions.items():
+            try:
+                change(content, path, distribution.draw(rng))
+            except ScenarioError as error:
+                raise error.inside(name) from None
 
 
 def _check_parameters(generator: str, parameters: Mapping[str, object]) -> None:

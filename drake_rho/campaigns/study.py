@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from drake_rho.campaigns.methods import AnyMethod
-from drake_rho.campaigns.runs import Run, run_keys
+from drake_rho.campaigns.runs import Run, generators, run_keys
 from drake_rho.campaigns.sources import AnySource, FromFile, Repetitions
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.errors import ScenarioError, Words
 from drake_rho.scenario.fields import NO_TRUTH, Name, record, scenario_error
 from drake_rho.scenario.files import yaml_content
+
+_DRAWS = 100
+"""Draws of a source of which one has to be a scenario, or its study is refused."""
 
 
 @record
@@ -73,6 +76,29 @@ class Study:
             except ScenarioError as error:
                 raise error.inside(f"scenarios[{index}]") from None
         return dataclasses.replace(self, scenarios=tuple(found))
+
+    def check_draws(self) -> None:
+        """See that the scenarios of every source can be drawn, before anything is planned.
+
+        Raises:
+            ScenarioError: none of the first draws of a source, nor of all that it is asked for if
+                they are fewer, is a scenario that makes sense.
+        """
+        for index, source in enumerate(self.scenarios):
+            if isinstance(source, FromFile):  # as in a study that is not resolved
+                continue
+            draws = min(self.repetitions_of(index), _DRAWS)
+            for repetition in range(draws):
+                chance, _ = generators((self.seed, index, repetition))
+                try:
+                    source.drawn(chance)
+                    break
+                except ScenarioError as error:
+                    reason = error
+            else:
+                drawn = Words(f"no scenario in {draws} draws of {source.name!r}")
+                expected = f"at least one that makes sense; the last one: {reason}"
+                raise ScenarioError(f"scenarios[{index}]", drawn, expected)
 
     def repetitions_of(self, index: int) -> int:
         """How many scenarios are drawn of one source."""

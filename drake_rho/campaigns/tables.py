@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 
 from drake_rho.campaigns.statistics import Comparison, Failure, Group, Quantiles
 
-_LONGEST = 12
-"""Kinds of failure that are shown."""
+_WIDE = 100
+"""Columns of the terminal."""
 
-_WORDS = 60
-"""Characters of a reason that are shown."""
+_NARROW = 40
+"""Columns that a reason has at least."""
 
 
 def tables(
@@ -42,13 +43,15 @@ def _groups(groups: Sequence[Group]) -> str:
 
 
 def _failures(failures: Sequence[Failure]) -> str:
-    rows = [
-        (each.method, each.status, str(each.runs), each.reason[:_WORDS])
-        for each in failures[:_LONGEST]
-    ]
-    more = len(failures) - _LONGEST
-    rest = f"\n… and {more} more kinds" if more > 0 else ""
-    return _grid(("failures of", "status", "runs", "most often because"), rows) + rest
+    """A row a kind of failure, its reason in full, on as many lines as that takes."""
+    heads = ("failures of", "status", "runs", "most often because")
+    kinds = [(each.method, each.status, str(each.runs)) for each in failures]
+    before = sum(max(map(len, column)) + 2 for column in zip(heads[:3], *kinds, strict=True))
+    wide, rows = max(_WIDE - before, _NARROW), list[Sequence[str]]()
+    for kind, each in zip(kinds, failures, strict=True):
+        first, *others = textwrap.wrap(each.reason, wide, break_on_hyphens=False) or [""]
+        rows += [(*kind, first), *(("", "", "", line) for line in others)]
+    return _grid(heads, rows)
 
 
 def _comparisons(comparisons: Sequence[Comparison]) -> str:
