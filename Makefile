@@ -28,7 +28,7 @@ docs: $(VENV)/.docs ## Build the documentation into site/, and check its links (
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	$(BIN)/python -m tools.site.links site
 
-bench: $(VENV)/.bench ## Time it against others, and its growth (ten minutes, benchmarks/results)
+bench: $(VENV)/.bench .venv-openscvx/.ready ## Time it against others, and its growth (ten minutes, benchmarks/results)
 	$(BIN)/python -m benchmarks
 
 bench-fleet: $(VENV)/.bench ## The same for fleets (forty minutes); MISSIONS=folder of the LSC planner's
@@ -77,7 +77,7 @@ $(VENV)/.pins: pyproject.toml constraints.txt tools/check-pins $(READY)
 	@touch $@
 
 # Peers that nothing else may share an environment with: each has its own, with an extra of its name.
-.venv-crazyflow/.ready .venv-ampyc/.ready: .venv-%/.ready: pyproject.toml $(READY)
+.venv-crazyflow/.ready .venv-ampyc/.ready .venv-openscvx/.ready: .venv-%/.ready: pyproject.toml $(READY)
 	$(BIN)/python -m venv .venv-$*
 	.venv-$*/bin/python -m pip --quiet --disable-pip-version-check install '.[$*]'
 	@touch $@

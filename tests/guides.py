@@ -1,21 +1,37 @@
-"""The blocks of a page of the documentation, and running them as a reader would."""
+"""The fenced blocks of the documentation, and doing what they say as a reader would."""
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import io
 import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from json import loads
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import yaml
+
+import drake_rho as rho
+from drake_rho import cli
+from drake_rho.campaigns.study import study_from_yaml
+from drake_rho.scenario.files import scenario_from_content
+
+ROOT = Path(__file__).parent.parent
 
 _FENCE = re.compile(
-    r"^```(?P<language>\w+)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```$",
+    r"^```(?P<language>\w*)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```$",
     flags=re.DOTALL | re.MULTILINE,
 )
+
+NOT_RUN = ("", "bibtex", "console")
+"""Languages of what is not run: drawings, how to cite, how to install (which needs a network)."""
 
 
 @dataclass(frozen=True)
@@ -36,32 +52,146 @@ def blocks(page: Path) -> Iterator[Block]:
         yield Block(found["language"], found["title"], found["text"])
 
 
-def follow(page: Path) -> None:
+def calls(page: Path) -> Iterator[ast.Call]:
+    """The calls of this package in a page's text, outside of blocks: `rho.plan(scenario)`.
+
+    Arguments may be left out, as in `rho.plan(progress=)`.
+    """
+    text = _FENCE.sub("", page.read_text())
+    for span in re.findall(r"`(rho\.[^`]+\([^`]*\))`", text):
+        code = re.sub(r"=(?=[,)])", "=...", " ".join(span.split()))
+        yield from (node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Call))
+
+
+def follow(page: Path, shorter: Mapping[str, str]) -> None:
     """Do in the current folder what a page says, from top to bottom.
 
-    Files are written, code is run, each block by itself, and commands are given. Raises what they
-    raise, and an AssertionError where a block does not print what stands below it.
+    Files are written, code is run, each block by itself, commands are given, and pieces of YAML
+    are completed to a scenario or read as a study. Raises what they raise, and an AssertionError
+    where a block does not print what stands below it, or is of a language that is not known.
+
+    Args:
+        page: Markdown.
+        shorter: what is written in place of some words, so that long work takes seconds.
     """
     printed = ""
-    for block in blocks(page):
-        if block.title is not None:
-            Path(block.title).write_text(block.text)
-        elif block.language == "python":
-            out = io.StringIO()
-            with contextlib.redirect_stdout(out):
-                exec(compile(block.text, page.name, "exec"), {})  # noqa: S102  # the page's own
-            printed = out.getvalue()
-        elif block.language == "text":
-            assert printed == block.text
-        elif block.language == "sh":
-            for line in block.text.splitlines():
-                _command(line)
+    with contextlib.ExitStack() as background, _unwatched():
+        for block in blocks(page):
+            text = _in_place(block.text, shorter)
+            if block.title is not None:
+                Path(block.title).write_text(text)
+            if block.language == "python":
+                printed = _run(text, page.name)
+            elif block.language == "sh":
+                for line in text.splitlines():
+                    printed = _line(line, shorter, background)
+            elif block.language == "yaml":
+                _read(text)
+            elif block.language == "text":
+                assert _is_told(printed, text), f"{page}: got\n{printed}expected\n{text}"
+            else:
+                assert block.language in NOT_RUN, f"{page}: a block of {block.language!r}"
 
 
-def _command(line: str) -> None:
+def _is_told(printed: str, text: str) -> bool:
+    """Whether something was printed as a text tells, in which a line `...` stands for any lines."""
+    lines = "".join(f"{line.rstrip()}\n" for line in printed.splitlines())
+    pieces = [re.escape(piece) for piece in re.split(r"^\.\.\.\n", text, flags=re.MULTILINE)]
+    return re.fullmatch(r"(?:.*\n)*".join(pieces), lines) is not None
+
+
+def _run(code: str, name: str) -> str:
+    """What some code prints."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        exec(compile(code, name, "exec"), {"__name__": "__main__"})  # noqa: S102  # the page's own
+    return out.getvalue()
+
+
+def _read(text: str) -> None:
+    """Read a study, a scenario, or a part of one."""
+    content = yaml.safe_load(text)
+    if "methods" in content:
+        study_from_yaml(text)
+        return
+    whole: dict[str, Any] = {
+        "name": "a part",
+        "grid": {"step": 0.25, "knots": 41},
+        "vehicles": [
+            {"name": "v", "start": {"position": [0, 0, 1]}, "goal": {"position": [1, 0, 1]}}
+        ],
+    }
+    assert rho.verify(rho.plan(scenario_from_content(whole | content))).ok
+
+
+def _in_place(text: str, shorter: Mapping[str, str]) -> str:
+    """A text with shorter work in place of long."""
+    for long, short in shorter.items():
+        text = text.replace(long, short)
+    return text
+
+
+def _line(line: str, shorter: Mapping[str, str], background: contextlib.ExitStack) -> str:
+    """Give the commands of a line, and return what the last one prints.
+
+    There may be several, joined by `&&`; what one prints may go to a file by `>`, or be looked at
+    by `| jq .path`. Commands of `make` are looked at only, and what serves goes on in the
+    background until the page ends.
+    """
+    printed = ""
+    for command in " ".join(_tokens(line)).split(" && "):
+        before, _, file = command.partition(" > ")
+        words, _, query = before.partition(" | jq .")
+        given = shlex.split(words)
+        if given[0] == "drake-rho":
+            printed = _drake_rho(line, given)
+        elif given[0] == "make":
+            looked_at = ["make", "--dry-run", *given[1:]]
+            subprocess.run(looked_at, cwd=ROOT, check=True, capture_output=True)
+        elif given[0] == "dask":
+            serving = subprocess.Popen([sys.executable, "-m", "dask", *given[1:]])
+            background.callback(serving.wait)
+            background.callback(serving.kill)
+        else:
+            raise AssertionError(f"no command that is known: {line}")
+        if file:
+            Path(file).write_text(_in_place(printed, shorter))
+        if query:
+            found = loads(printed)
+            for name in query.split("."):
+                found = found[name]
+    return printed
+
+
+def _tokens(line: str) -> list[str]:
+    """The words of a line, quoted where they have to be, and without a comment."""
+    marks = ("&&", ">", "|")
     words = shlex.split(line, comments=True)
-    assert words[0] == "drake-rho", line
-    done = subprocess.run(
-        [sys.executable, "-m", "drake_rho", *words[1:]], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+    return [word if word in marks else shlex.quote(word) for word in words]
+
+
+def _drake_rho(line: str, words: list[str]) -> str:
+    """Give a command in this process, and return what it prints."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        patch.object(sys, "argv", words),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        try:
+            cli.main()
+            status: object = 0
+        except SystemExit as left:
+            status = left.code
+    assert status == 0, f"{line}\n{out.getvalue()}{err.getvalue()}"
+    return out.getvalue()
+
+
+@contextlib.contextmanager
+def _unwatched() -> Iterator[None]:
+    """What is served is served, but nobody looks at it, and it ends at once."""
+    with (
+        patch("drake_rho.cli.commands.on_interrupt", lambda: lambda: None),
+        patch("webbrowser.open", lambda url: True),
+    ):
+        yield

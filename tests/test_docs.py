@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import functools
+import inspect
 import io
+import json
 import re
+import shutil
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -13,29 +18,84 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
+from tests.guides import blocks, calls, follow
+from tests.studies import small
+from tests.test_missions import MISSION as LSC_MISSION
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text()
+DOCUMENTS = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+DOCUMENTS += [page.relative_to(ROOT).as_posix() for page in sorted(ROOT.glob("docs/**/*.md"))]
+FOLLOWED = [
+    document
+    for document in DOCUMENTS
+    if document != "docs/gallery.md" and list(blocks(ROOT / document))  # tests/test_site.py
+]
+_FEWER = {"repetitions: 40 ": "repetitions: 1 "}
+SHORTER = {
+    "README.md": _FEWER,
+    "docs/campaigns.md": _FEWER,
+    "docs/fleets.md": {"2000": "60"},
+    "docs/guides/campaign.md": {
+        "repetitions=200": "repetitions=4",
+        "repetitions: 200": "repetitions: 4",
+    },
+    "docs/guides/compare.md": {"repetitions=40": "repetitions=4"},
+    "docs/flight.md": {" --figures figures": ""},
+    "docs/guides/film.md": {"--rate 10": "--rate 100"},
+    "docs/viewer.md": {"--film flight.gif": "--html film.html"},  # filmed in guides/film.md
+}
+"""What is written in place of long work: fewer runs, smaller fleets, shorter films."""
 
 
-def _blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", README, flags=re.DOTALL | re.MULTILINE)
+GIVEN = {
+    "docs/command_line.md": ("mission.yaml",),
+    "docs/export.md": ("plan.npz",),
+    "docs/figures.md": ("runs.sqlite",),
+    "docs/viewer.md": ("flight.npz",),
+    "docs/guides/fleet.md": ("mission.json", "world.csv"),
+}
+"""The files that documents take for granted as the reader's own."""
 
 
-def test_the_readmes_code_prints_what_it_says() -> None:
-    (code,), (expected,) = _blocks("python"), _blocks("text")
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
-        exec(code, {})  # noqa: S102  # the README's own
-    assert printed.getvalue() == expected
+@pytest.fixture(scope="session")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with everything that documents take for granted."""
+    folder = tmp_path_factory.mktemp("desk")
+    (mission,) = (each for each in blocks(ROOT / "README.md") if each.title == "mission.yaml")
+    (folder / "mission.yaml").write_text(mission.text)
+    scenario = rho.load_scenario(folder / "mission.yaml")
+    rho.save(rho.plan(scenario), folder / "plan.npz")
+    rho.save(rho.plan_rho(scenario), folder / "flight.npz")
+    (folder / "mission.json").write_text(json.dumps(LSC_MISSION))
+    (folder / "world.csv").write_text("0, 0, 1, 0.5, 0.5, 2\n")  # a box in the middle
+    rho.campaign(small(1), folder / "runs.sqlite")
+    return folder
 
 
-def test_the_readmes_scenario_is_planned(tmp_path: Path) -> None:
-    (text,) = _blocks("yaml")
-    (tmp_path / "mission.yaml").write_text(text)
-    scenario = rho.load_scenario(tmp_path / "mission.yaml")
-    for plan in (rho.plan_scp(scenario), rho.plan_rho(scenario).plan):
-        assert rho.verify(plan).ok
+@pytest.mark.parametrize("document", FOLLOWED)
+def test_what_a_document_says_can_be_done(
+    document: str, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in GIVEN.get(document, ()):
+        shutil.copy(desk / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    with socket.socket() as free:  # the one of the documents may be taken
+        free.bind(("127.0.0.1", 0))
+        port = {"8786": str(free.getsockname()[1])}
+    follow(ROOT / document, SHORTER.get(document, {}) | port)
+
+
+@pytest.mark.parametrize("document", sorted(set(DOCUMENTS) - {"CHANGELOG.md"}))
+def test_what_is_called_in_the_text_exists_and_takes_what_it_is_given(document: str) -> None:
+    for call in calls(ROOT / document):
+        root, *names = ast.unparse(call.func).split(".")
+        if root != "rho" or any("(" in name for name in names):  # of what another call returns
+            continue
+        found: Any = functools.reduce(getattr, names, rho)
+        given = [argument for argument in call.args if not isinstance(argument, ast.Starred)]
+        named = {keyword.arg: ... for keyword in call.keywords if keyword.arg is not None}
+        inspect.signature(found).bind_partial(*given, **named)
 
 
 def test_the_diagram_of_ones_own_in_the_documents_flies() -> None:
@@ -62,10 +122,6 @@ def _names(path: Path) -> set[str]:
                     f"{node.name}.{child.name}" for child in node.body if hasattr(child, "name")
                 }
     return names
-
-
-DOCUMENTS = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
-DOCUMENTS += [page.relative_to(ROOT).as_posix() for page in sorted(ROOT.glob("docs/**/*.md"))]
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
