@@ -111,7 +111,7 @@ def main() -> None:
             console.print(f"skipped: {reason}")
             continue
         written = write(table)
-        console.print(Markdown(to_markdown(table)))
+        console.print(Markdown(to_markdown(table, console.width)))
         console.print("written:", *(path.name for path in written))
 
 

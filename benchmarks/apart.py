@@ -1,11 +1,19 @@
-"""Running a peer's script in an environment of its own, which has the peer and not this package."""
+"""Peers in environments of their own, which nothing else may share: `.venv-<peer>`."""
 
 from __future__ import annotations
 
+import atexit
+import functools
+import json
 import subprocess
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks.race import Skipped
+from drake_rho import Scenario
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.files import scenario_to_json
 
 ROOT = Path(__file__).parents[1]
 
@@ -18,16 +26,63 @@ def run_apart(peer: str, script: str, *files: Path) -> None:
     Raises:
         Skipped: there is no such environment, or the script fails.
     """
-    python = ROOT / f".venv-{peer}" / "bin" / "python"
-    if not python.exists():
-        raise Skipped(f"no environment for {peer}; `make .venv-{peer}/.ready` sets it up")
-    command = [str(python), str(ROOT / "benchmarks" / "peers" / script), *map(str, files)]
+    command = [_python(peer), str(ROOT / "benchmarks" / "peers" / script), *map(str, files)]
     done = subprocess.run(  # noqa: S603  # scripts of this folder
         command, capture_output=True, text=True, cwd=files[0].parent, check=False
     )
     if done.returncode != 0:
         said = done.stderr.strip().splitlines()
         raise Skipped(f"{script} failed: {said[-1] if said else 'without a word'}")
+
+
+def accelerations_apart(peer: str, module: str, scenario: Scenario) -> FloatArray:
+    """What `python -m <module>` plans in the environment of a peer: [m/s²], shape (N, K-1, 3).
+
+    It is started once, and goes on as long as this process: it reads scenarios, each a line of
+    JSON, and answers each with a line, `{"accelerations": [...]}` or `{"error": "..."}`.
+
+    Raises:
+        Skipped: there is no such environment, or the peer does not start.
+        RuntimeError: the peer finds no plan.
+    """
+    serving = _serving(peer, module)
+    if serving.stdin is None or serving.stdout is None:  # never: both are pipes
+        raise Skipped(f"{peer}: no pipes")
+    try:
+        serving.stdin.write(f"{scenario_to_json(scenario)}\n")
+        serving.stdin.flush()
+        line = serving.stdout.readline()
+    except BrokenPipeError:
+        line = ""
+    if not line:
+        raise Skipped(f"{peer} does not start: `.venv-{peer}/bin/python -m {module}` says why")
+    answer = json.loads(line)
+    if "error" in answer:
+        raise RuntimeError(answer["error"])
+    return np.array(answer["accelerations"])
+
+
+@functools.cache
+def _serving(peer: str, module: str) -> subprocess.Popen[str]:
+    """A module of this folder that goes on in the environment of a peer."""
+    process = subprocess.Popen(  # noqa: S603  # a module of this folder
+        [_python(peer), "-m", module],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        cwd=ROOT,
+    )
+    atexit.register(process.kill)
+    return process
+
+
+def _python(peer: str) -> str:
+    """The interpreter of a peer's environment."""
+    python = ROOT / f".venv-{peer}" / "bin" / "python"
+    if not python.exists():
+        raise Skipped(f"no environment for {peer}; `make .venv-{peer}/.ready` sets it up")
+    return str(python)
 
 
 def version(peer: str) -> str:

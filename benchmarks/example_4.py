@@ -12,13 +12,13 @@ from benchmarks.peers import (
     osqp_direct,
 )
 from benchmarks.race import SAME_INDEX, Entry, peer, race
-from benchmarks.ranking import COLUMNS, THIS_PACKAGE, ratio, rows
+from benchmarks.ranking import COLUMNS, THIS_PACKAGE, ratio, rounds, rows
 from benchmarks.tables import Goal, Table
 
 INDEX = 17027.239234
 """f of Example 4 [m²/s⁴]."""
 
-_WITH_DAQP = "this package, solver=rho.Daqp()"
+_WITH_DAQP = "this package with Daqp"
 _REBUILT = "CVXPY + Clarabel, rebuilt for each solve"
 _PARAMETRISED = "CVXPY + Clarabel, parametrised (DPP)"
 _JOINT = "CVXPY + Clarabel, all vehicles in one problem"
@@ -86,8 +86,8 @@ def run(repetitions: int = 9) -> Table:
         name="example_4",
         title="Example 4, the whole receding horizon",
         columns=COLUMNS,
-        rows=rows("example_4", results),
-        notes=(_WORK, _TOLERANCES, _LIMITATIONS),
+        rows=rows(results),
+        notes=(_WORK, rounds(repetitions), _TOLERANCES, _LIMITATIONS),
         goals=goals,
         packages=("drake-rho", "drake", "numpy", "scipy", "cvxpy", "clarabel", "osqp", "daqp"),
     )

@@ -10,28 +10,26 @@ from benchmarks.tables import Cell
 
 THIS_PACKAGE = "this package"
 
-COLUMNS = (
-    "benchmark",
-    "implementation",
-    "median_seconds",
-    "min_seconds",
-    "repetitions",
-    "index",
-    "relative_index_error",
-    "verified",
-    "ratio_to_this_package",
-    "note",
-)
+COLUMNS = ("implementation", "median [s]", "least [s]", "ratio", "index error", "note")
+"""What they are of is told by `rounds`."""
 
 
-def rows(benchmark: str, results: Sequence[Result]) -> tuple[tuple[Cell, ...], ...]:
+def rows(results: Sequence[Result]) -> tuple[tuple[Cell, ...], ...]:
     """One row for each implementation, in the order of `COLUMNS`.
 
     Times of an implementation that did not do the work are left out, and the note says why.
     """
     ours = next(result for result in results if result.name == THIS_PACKAGE)
     ranked = sorted(results, key=lambda one: one.median if one.counts else math.inf)
-    return tuple(_row(benchmark, result, ours) for result in ranked)
+    return tuple(_row(result, ours) for result in ranked)
+
+
+def rounds(repetitions: int) -> str:
+    """What the columns are of a race of so many rounds."""
+    return (
+        f"Times are of {repetitions} rounds. The ratio is that of the medians, to this package's; the "
+        "error of the index is a relative one, the largest of all rounds."
+    )
 
 
 def ratio(results: Sequence[Result], *names: str, ours: str = THIS_PACKAGE) -> float | None:
@@ -43,20 +41,16 @@ def ratio(results: Sequence[Result], *names: str, ours: str = THIS_PACKAGE) -> f
     return by_name[ours].median / min(peers)
 
 
-def _row(benchmark: str, result: Result, ours: Result) -> tuple[Cell, ...]:
+def _row(result: Result, ours: Result) -> tuple[Cell, ...]:
     if not result.laps:
-        return (benchmark, result.name, None, None, 0, None, None, None, None, result.failure)
+        return (result.name, None, None, None, None, result.failure)
     both_count = result.counts and ours.counts
     return (
-        benchmark,
         result.name,
         result.median if result.counts else None,
         result.least if result.counts else None,
-        len(result.laps),
-        result.laps[-1].index,
-        result.index_error,
-        result.verified,
         result.median / ours.median if both_count else None,
+        result.index_error,
         _note(result),
     )
 
@@ -69,5 +63,5 @@ def _note(result: Result) -> str:
         notes.append("another index: time not counted")
     solver = sorted(lap.solver_seconds for lap in result.laps)[len(result.laps) // 2]
     if solver:
-        notes.append(f"solver's own {solver:.3g} s, {result.outside_solver:.1%} outside it")
+        notes.append(f"solver's own {solver:.2g} s")
     return "; ".join(notes)

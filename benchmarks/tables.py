@@ -9,6 +9,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results"
@@ -68,18 +69,25 @@ def write(table: Table, folder: Path = RESULTS) -> tuple[Path, Path]:
     return markdown, values
 
 
-def to_markdown(table: Table) -> str:
-    """The whole Markdown file: results, goals, notes, conditions."""
-    parts = [f"# {table.title}", _grid(table.columns, table.rows)]
+def to_markdown(table: Table, width: int | None = None) -> str:
+    """The whole Markdown file: results, goals, notes, conditions.
+
+    Args:
+        table: the result.
+        width: columns of a terminal; where a table is wider even with a word a line, each of its
+            rows becomes an item of a list. As wide as they are if not given.
+    """
+    grid = partial(_grid, width=width)
+    parts = [f"# {table.title}", grid(table.columns, table.rows)]
     if table.goals:
         rows = [
             (goal.work, f"at most {goal.most:.3g}", goal.measured, goal.outcome)
             for goal in table.goals
         ]
-        parts += ["## Goals", _grid(("work", "goal", "measured", "outcome"), rows)]
+        parts += ["## Goals", grid(("work", "goal", "measured", "outcome"), rows)]
     if table.notes:
         parts += ["## Notes", *table.notes]
-    parts += ["## Conditions", _grid(("what", "value"), list(conditions(table.packages).items()))]
+    parts += ["## Conditions", grid(("what", "value"), list(conditions(table.packages).items()))]
     return "\n\n".join(parts) + "\n"
 
 
@@ -91,6 +99,7 @@ def conditions(packages: Sequence[str]) -> dict[str, str]:
         "system": f"{platform.system()} {platform.machine()}",
         "Python": platform.python_version(),
         "commit": commit(),
+        "load average": f"{os.getloadavg()[1]:.1f} in the last five minutes, this work included",
     }
     for package in packages:
         try:
@@ -121,9 +130,23 @@ def commit() -> str:
     return done.stdout.strip()
 
 
-def _grid(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
-    lines = [columns, ["---"] * len(columns), *([_text(cell) for cell in row] for row in rows)]
+def _grid(columns: Sequence[str], rows: Sequence[Sequence[Cell]], width: int | None) -> str:
+    texts = [[_text(cell) for cell in row] for row in rows]
+    if width is not None and _narrowest([columns, *texts]) > width:
+        named = (zip(columns, line, strict=True) for line in texts)
+        return "\n".join(
+            f"- {'; '.join(f'{head}: {text}' for head, text in line if text != '-')}"
+            for line in named
+        )
+    lines = [columns, ["---"] * len(columns), *texts]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _narrowest(lines: Sequence[Sequence[str]]) -> int:
+    """How wide a table is in a terminal at the least: its longest words, and three between two."""
+    columns = zip(*lines, strict=True)
+    words = ((word for text in column for word in text.split()) for column in columns)
+    return sum(max(map(len, column), default=0) + 3 for column in words)
 
 
 def _text(cell: Cell) -> str:

@@ -1,5 +1,8 @@
 """OpenSCvx, penalised trust region, on the non-convex program, obstacles as (8) at the knots.
 
+`python -m benchmarks.peers.openscvx_scp` runs in an environment of its own, and plans one scenario
+a line (`benchmarks.apart.accelerations_apart`).
+
 Lengths in half-sides of the position box and times in durations: OpenSCvx 0.5.2 applies gradients
 of constraints at knots to scaled states without scaling them (its issue 516), which does no harm
 where its scale is 1. The index is a state that grows by a control `power`, bounded from below by
@@ -10,13 +13,13 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import io
+import json
+import sys
 from typing import Any
 
 import numpy as np
 
 from benchmarks.peers.first_guess import Guess, obstacle_free
-from benchmarks.race import Skipped
 from drake_rho import Box, Scenario, Vehicle
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_json, scenario_to_json
@@ -42,7 +45,8 @@ def solve(scenario: Scenario) -> FloatArray:
     The first call for a scenario also compiles its program, which takes much longer.
 
     Raises:
-        Skipped: OpenSCvx is not installed.
+        RuntimeError: it does not converge.
+        ValueError: it cannot take the scenario.
     """
     program, guess = _compiled(scenario_to_json(scenario)), obstacle_free(scenario)
     return np.array(
@@ -53,11 +57,7 @@ def solve(scenario: Scenario) -> FloatArray:
 @functools.cache
 def _compiled(scenario: str) -> _Program:
     """The program of a scenario given as JSON."""
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints its progress
-            return _Program(scenario_from_json(scenario))
-    except ImportError as error:
-        raise Skipped(f"OpenSCvx cannot be imported ({error})") from error
+    return _Program(scenario_from_json(scenario))
 
 
 class _Program:
@@ -68,7 +68,7 @@ class _Program:
 
         limits, K = scenario.limits, scenario.grid.knots
         if limits.position is None or limits.velocity is None or limits.acceleration is None:
-            raise Skipped("OpenSCvx needs a box for every quantity")
+            raise ValueError("OpenSCvx needs a box for every quantity")
         self._ox, self._knots, self._duration = ox, K, scenario.grid.duration
         self._length = float(np.max(limits.position.upper - limits.position.lower)) / 2
         self._units = [self._length / self._duration**power for power in range(3)]
@@ -127,8 +127,7 @@ class _Program:
         """One vehicle's accelerations [m/s²], shape (K-1, 3)."""
         self._set(vehicle, guess, index)
         self._problem.reset()
-        with contextlib.redirect_stdout(io.StringIO()):
-            results = self._problem.solve()
+        results = self._problem.solve()
         if not results.converged:
             raise RuntimeError("OpenSCvx: not converged")
         return np.asarray(results.u)[: self._knots - 1, :3] * self._units[2]
@@ -138,3 +137,18 @@ def _boxed(variable: Any, box: Box, unit: float) -> Any:
     """A state or control of OpenSCvx within a box, in its own unit."""
     variable.min, variable.max = box.lower / unit, box.upper / unit
     return variable
+
+
+def main() -> None:
+    """Answer every scenario on standard input, until there is none."""
+    for line in sys.stdin:
+        try:
+            with contextlib.redirect_stdout(sys.stderr):  # it prints its progress
+                answer: dict[str, Any] = {"accelerations": solve(scenario_from_json(line)).tolist()}
+        except Exception as error:  # whatever its tools raise is its result
+            answer = {"error": f"{type(error).__name__}: {error}"}
+        print(json.dumps(answer), flush=True)  # noqa: T201  # read by who has started it
+
+
+if __name__ == "__main__":
+    main()
