@@ -21,8 +21,8 @@ Four vehicles, 49 steps of 1 s, every knot outside the sphere, least index; noth
 vehicles, so each peer solves four programs. IPOPT and SNOPT start from the motion of least index
 without the obstacle, as this package does. A time runs from the scenario record to the verified
 plan and includes building the programs. All run in one process, OpenSCvx in one of its own beside
-it, once a round in turn, after one round that is not counted (imports, first calls). A time counts if the index is {INDEX} to
-{SAME_INDEX:g} relative and every constraint is verified."""
+it, once a round in turn, after one round that is not counted (imports, first calls). A time counts
+if the index is {INDEX} to {SAME_INDEX:g} relative and every constraint is verified."""
 
 _TOLERANCES = """\
 Tolerances: this package, Clarabel at 1e-10, stopping when the index falls by less than 1e-9 of it;

@@ -27,8 +27,8 @@ def rows(results: Sequence[Result]) -> tuple[tuple[Cell, ...], ...]:
 def rounds(repetitions: int) -> str:
     """What the columns are of a race of so many rounds."""
     return (
-        f"Times are of {repetitions} rounds. The ratio is that of the medians, to this package's; the "
-        "error of the index is a relative one, the largest of all rounds."
+        f"Times are of {repetitions} rounds. The ratio is that of the medians, to this package's; "
+        "the error of the index is a relative one, the largest of all rounds."
     )
 
 
