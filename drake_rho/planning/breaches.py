@@ -15,7 +15,7 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.close_pairs import too_close
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_apart import NAME
-from drake_rho.planning.keep_out import FIRST, obstacles_of
+from drake_rho.planning.keep_out import FIRST, KeepOutOfObstacle, obstacles_of
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import IntArray
@@ -24,6 +24,11 @@ from drake_rho.scenario.records import TOLERANCE, Scenario
 _ALMOST = 0.05
 """Part of a separation, or of an obstacle's least extent, by which vehicles may be too close and
 rows are tried as hard ones."""
+
+_TOLERATED = 0.5
+"""Part of the verifier's tolerance up to which coming too close counts as none. Programs ask for
+less, and solvers give about that: a motion that is held against them would not become another by
+being linearised anew."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,13 +121,14 @@ def breaches_of(
     motion, between = plan.motion(), scenario.between_knots
     apart, margins = scenario.separation, finer_margins_of(scenario)
     obstacles = obstacles_of(scenario, motion)
-    approaches = {each.number - FIRST: each.approaches(motion) for each in obstacles}
+    approaches = {each.number - FIRST: _too_deep(each, motion) for each in obstacles}
     inside = {number: found for number, found in approaches.items() if len(found) > 0}
     moved = None if before is None else _moved(before[0].motion(), motion)
     pairs = NONE
     if apart is not None:
         finer = motion.finer(scenario.margin_pieces)
         pairs = too_close(apart, finer, margins, between=between, of=moved)
+        pairs = pairs.select(pairs.distances < apart.distance - _TOLERATED * apart.tolerance)
     everyone = np.arange(len(scenario.vehicles))
     looked = everyone if moved is None else moved
     unflyable, beyond = _unflyable(scenario, motion, looked), _beyond(scenario, motion, looked)
@@ -134,6 +140,12 @@ def breaches_of(
         unflyable = np.union1d(unflyable, np.setdiff1d(old.unflyable, moved))
         beyond = np.union1d(beyond, np.setdiff1d(old.beyond, moved))
     return Breaches(pairs, inside, unflyable, beyond)
+
+
+def _too_deep(obstacle: KeepOutOfObstacle, motion: Motion) -> CloseApproaches:
+    """Return where a motion comes too close to an obstacle by more than is tolerated."""
+    found = obstacle.approaches(motion)
+    return found.select(found.distances < -_TOLERATED * obstacle.tolerances[found.one])
 
 
 def _moved(before: Motion, after: Motion) -> IntArray:
