@@ -89,7 +89,7 @@ class Subproblem:
         labels: vehicles whose iterations stop together have the same one, shape (N,).
     """
 
-    steepest = 1e9
+    steepest = 1e5
     begun = 0
 
     def __init__(
