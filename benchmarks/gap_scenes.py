@@ -80,7 +80,7 @@ class _Wall:
         half = size * rng.uniform(0.1, 0.5)
         wide, high = size * rng.uniform(0.2, 0.8, 2)
         low = -room[2] if kind != "window" else -high
-        middles = (0.0,)
+        middles: tuple[float, ...] = (0.0,)
         if kind == "two doors":
             aside = rng.uniform(wide + 0.2 * size, room[1] - wide)
             middles = (-aside, aside)
@@ -97,7 +97,9 @@ class _Wall:
     def boxes(self) -> list[rho.Box]:
         """The wall without its openings; it is longer than the room."""
         x, far = self.half, 3.0 * float(self.room.max())
-        edges = sorted({-far, far, *(y for box in self.openings for y in (box.lower[1], box.upper[1]))})
+        edges = sorted(
+            {-far, far, *(y for box in self.openings for y in (box.lower[1], box.upper[1]))}
+        )
         closed = zip(edges[::2], edges[1::2], strict=True)
         boxes = [rho.Box([-x, y0, -far], [x, y1, far]) for y0, y1 in closed]
         if self.kind == "window":
@@ -116,7 +118,11 @@ def _motions(wall: _Wall, count: int, rng: np.random.Generator) -> FloatArray | 
             positions = _sampled(wall.grid, start, accelerations)
             if not _is_clear(wall, positions):
                 continue
-            apart = wall.separation.scaled(sampled - positions) if len(found) > 0 else np.zeros((0, 1, 3))
+            apart = (
+                wall.separation.scaled(sampled - positions)
+                if len(found) > 0
+                else np.zeros((0, 1, 3))
+            )
             if np.all(np.linalg.norm(apart, axis=-1) > _WIDER * wall.separation.distance):
                 break
         else:

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import BISECTED, BISECTED_APART, _lasting, is_monotone
+from drake_rho.assurance.feasibility import BISECTED, BISECTED_APART, is_monotone
+from drake_rho.planning.related import rescaled
 from tests.scenarios import box, scenarios, single, through_the_middle
 
 
@@ -163,7 +164,7 @@ def test_another_duration_begins_at_the_same_time_and_obstacles_stay_on_the_cloc
     )
     asked = single(grid=rho.Grid(0.5, 17, 100.0), obstacles=obstacles)
     for factor in (0.5, 0.1, 3.0):
-        other = _lasting(asked, factor)
+        other = rescaled(asked, factor)
         assert other.grid == rho.Grid(0.5 * factor, 17, 100.0)
         for old, new in zip(asked.bodies, other.bodies, strict=True):
             assert new == dataclasses.replace(old, known_from=min(old.known_from, other.grid.end))

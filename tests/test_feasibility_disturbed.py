@@ -7,7 +7,8 @@ import dataclasses
 import pytest
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import BISECTED_AROUND, can_be_slower, is_monotone
+from drake_rho.assurance.feasibility import BISECTED_AROUND, is_monotone
+from drake_rho.planning.related import can_be_slower
 from tests.scenarios import box, single
 
 

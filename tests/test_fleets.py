@@ -477,8 +477,8 @@ def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(
 
 
 def test_a_reference_of_other_vehicles_is_refused() -> None:
-    with pytest.raises(ValueError, match="reference: got 3 vehicles"):
-        rho.plan_scp(through_the_middle(2), reference=rho.plan_scp(through_the_middle(3)))
+    with pytest.raises(ValueError, match="reference: got 2 vehicles"):
+        rho.plan_scp(through_the_middle(3), reference=rho.plan_scp(through_the_middle(2)))
 
 
 def test_one_vehicle_has_nobody_to_keep_from() -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-import numpy as np
-
 from drake_rho.assurance.diagnosis import Diagnosis
 from drake_rho.assurance.infeasible_subset import infeasible_subset
 from drake_rho.motion.plan import Plan
@@ -14,11 +12,12 @@ from drake_rho.planning.best import first_plan, plan_scp
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.progress import Progress, tell, within
+from drake_rho.planning.related import can_be_slower, rescaled
 from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.records import Box, Grid, Limits, Obstacle, Scenario, Vehicle
+from drake_rho.scenario.records import Box, Limits, Scenario, Vehicle
 from drake_rho.verification.verify import verify
 
 BISECTED = 1e-4
@@ -129,7 +128,7 @@ def shortest_plan(
     if duration is None:
         plan_scp(scenario, solver=solver, progress=progress)  # raises, with the reason
         raise SolverError("a duration had a plan that could not be found again")
-    shortest = _lasting(scenario, duration / scenario.grid.duration)
+    shortest = rescaled(scenario, duration / scenario.grid.duration)
     return plan_scp(shortest, solver=solver, progress=progress)
 
 
@@ -141,45 +140,6 @@ def is_monotone(scenario: Scenario) -> bool:
     another.
     """
     return can_be_slower(scenario) and not scenario.obstacles and scenario.separation is None
-
-
-def can_be_slower(scenario: Scenario) -> bool:
-    """Return whether a plan for one duration can be flown slower for any longer one.
-
-    That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
-    motion can be stretched in time, which leaves its path and makes its derivatives smaller. Limits
-    on norms never do: they are convex sets in which rest and hovering are, so that what is between
-    these and a value inside is inside. Waypoints have times of their own, which are not stretched,
-    as have obstacles that move; and errors grow with the time that a disturbance has for it.
-    """
-    if scenario.disturbance is not None or any(body.moves for body in scenario.bodies):
-        return False
-    for vehicle in scenario.vehicles:
-        limits = scenario.limits_of(vehicle)
-        moving = np.any(vehicle.start.velocity) or np.any(vehicle.goal.velocity)
-        pushed = vehicle.start.acceleration is not None and np.any(vehicle.start.acceleration)
-        if moving or pushed or vehicle.waypoints:
-            return False
-        for box in (limits.velocity, limits.acceleration, limits.jerk):
-            if box is not None and (np.any(box.lower > 0.0) or np.any(box.upper < 0.0)):
-                return False
-    return True
-
-
-def _lasting(scenario: Scenario, factor: float) -> Scenario:
-    """The scenario with `factor` times its duration, on as many knots and from the same time on.
-
-    Obstacles move as they did, on the clock. One that would be known only after the end is known
-    at the end: there the goals are clear of it, so that it asks for nothing more.
-    """
-    grid = Grid(scenario.grid.step * factor, scenario.grid.knots, scenario.grid.start)
-    obstacles = tuple(
-        dataclasses.replace(each, known_from=min(each.known_from, grid.end))
-        if isinstance(each, Obstacle)
-        else each
-        for each in scenario.obstacles
-    )
-    return dataclasses.replace(scenario, obstacles=obstacles).on_grid(grid)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -223,7 +183,7 @@ def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float
 
     def lasting(factor: float) -> bool:
         words = f"a duration of {factor * duration:.5g} s"
-        return trials.has_plan(lambda: _lasting(scenario, factor), words)
+        return trials.has_plan(lambda: rescaled(scenario, factor), words)
 
     high = _some_factor(lasting, shorter=not can_be_slower(scenario))
     if high is None:

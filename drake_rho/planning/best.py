@@ -23,6 +23,7 @@ from drake_rho.planning.improvement import Improvement
 from drake_rho.planning.keep_apart import COUPLINGS, Coupling, CouplingName, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.progress import Progress, tell, within
+from drake_rho.planning.related import can_be_slower, fitted, rescaled
 from drake_rho.planning.restoration import Restoration
 from drake_rho.planning.room import check_room, with_finer_margins
 from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, iterate, restored
@@ -34,6 +35,9 @@ from drake_rho.scenario.records import Scenario
 
 _SLOWLY = 1.7, 36
 """How fast penalties grow in the last attempt at a restoration, and how many there are."""
+
+_SHORTER = 0.75, 0.5
+"""Parts of a duration that are tried where it has no plan, but motions can be flown slower."""
 
 _FEW = 0.25
 """Part of a fleet that may be in trouble with obstacles while the others fly as if alone."""
@@ -65,6 +69,9 @@ def plan(
     Args:
         scenario: what is asked.
         reference: a motion to linearise around at first, in place of the plan without obstacles.
+            It may be a plan of a related scenario: of more vehicles, from rest to rest in less
+            time (`fitted`), with more obstacles or tighter limits. What keeps every constraint of
+            this one is a plan in any case.
         coupling: how pairs are kept apart, a word or what it is called in this package: `coupled`,
             at the least cost; `decoupled`, every vehicle with a program of its own; or `grouped`,
             the same around references in which groups of vehicles are coupled, at almost the least
@@ -99,8 +106,14 @@ def plan(
     own, kept_apart = solver_of(solver), coupling or coupling_for(scenario, options)
     backend = OnWorkers(own, executor) if executor is not None else own
 
+    if reference is not None:
+        reference = fitted(reference, scenario)
+
     def best(asked: Scenario) -> Plan:
-        first = _first(asked, reference, backend, progress, options)
+        try:
+            first = _first(asked, reference, backend, progress, options)
+        except InfeasibleError as error:
+            first = _first_slowly(asked, error, backend, progress, options)
         return _iterated(first, kept_apart, backend, progress, options)
 
     return with_finer_margins(best, scenario)
@@ -185,11 +198,15 @@ def _first(
     try:
         return linearised_once(scenario, reference, solver)
     except SolverError:
+        if (held := _held(scenario, reference)) is not None:
+            return held
         if not scenario.known:
             raise
         everyone = [vehicle.name for vehicle in scenario.vehicles]
         return _ways_round(scenario, everyone, None, solver, options, progress)
     except InfeasibleError as error:
+        if (held := _held(scenario, reference)) is not None:
+            return held
         if not error.about_linearisation:
             raise
         stuck = list(error.conflicts)
@@ -292,7 +309,48 @@ def _around_if_apart(
     if reference is not None and subproblem.keeps_apart(reference):
         with suppress(InfeasibleError, SolverError):
             return subproblem.around(reference)
+        return _held(scenario, reference)
     return None
+
+
+def _held(scenario: Scenario, reference: Plan | None) -> Plan | None:
+    """A reference as a plan, if it keeps every constraint; None else."""
+    if reference is None or not Subproblem(scenario, decoupled).holds(reference):
+        return None
+    return Plan.from_accelerations(scenario, reference.accelerations)
+
+
+def _first_slowly(
+    scenario: Scenario,
+    failure: InfeasibleError,
+    solver: Solver | OnWorkers | None,
+    progress: Progress | None,
+    options: Options,
+) -> Plan:
+    """A first plan that is one for a shorter duration, flown slower.
+
+    Raises:
+        InfeasibleError: the failure, where motions cannot be flown slower, it is proved, or no
+            shorter duration has a plan.
+    """
+    searched = failure.statistics.searched
+    no_way = searched is not None and searched.ways == 0
+    if no_way or not failure.about_linearisation or not can_be_slower(scenario):
+        raise failure
+    for factor in _SHORTER:
+        shorter = rescaled(scenario, factor)
+        words = f"trying a duration of {shorter.grid.duration:.4g} s"
+        tell(progress, words)
+        try:
+            plan = _first(shorter, None, solver, within(progress, words), options)
+        except (InfeasibleError, SolverError) as error:
+            failure.statistics += error.statistics
+            if isinstance(error, InfeasibleError) and not error.about_linearisation:
+                break  # too short even without what is in the way
+            continue
+        first = _first(scenario, fitted(plan, scenario), solver, progress, options)
+        return first.with_statistics(failure.statistics + plan.statistics + first.statistics)
+    raise failure
 
 
 def _plan_along_ways(

@@ -9,6 +9,7 @@ from itertools import islice, repeat
 import numpy as np
 
 from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.options import DEFAULTS
@@ -39,6 +40,9 @@ the penalties after which that can be told."""
 
 GROWTH = 3.0
 """How fast the penalty grows."""
+
+_BACK = 3
+"""How many penalties are tried in one step, each after the first one step less."""
 
 _CLOSER = 10.0
 """Times the first penalty for a reference that is a way among obstacles and cannot be flown: what
@@ -91,7 +95,7 @@ def iterate(
             break
         try:
             if restoring:
-                after = subproblem.restored(around, penalty, subproblem.begun + number)
+                after = _nearer(subproblem, around, penalty, subproblem.begun + number)
             else:
                 after = subproblem.improved(plan, falling, tolerance)
         except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
@@ -173,6 +177,25 @@ class _Patience:
             return True
         known = self._dead_ends
         return known is not None and self._steps >= _ARRIVED and known.is_near(plan)
+
+
+def _nearer(subproblem: Subproblem, around: Plan, penalty: float, number: int) -> Plan:
+    """Return a restoration's next step, at a penalty that is less by as much as solvers ask for.
+
+    Raises:
+        InfeasibleError: the constraints without any obstacle or pair cannot be met.
+        SolverError: the solvers fail numerically at lower penalties too.
+    """
+    spent = Statistics()
+    for back in range(_BACK):
+        try:
+            after = subproblem.restored(around, penalty / GROWTH**back, max(number - back, 0))
+        except SolverError as error:
+            spent += error.statistics
+            failure = SolverError(str(error), spent)
+        else:
+            return after.with_statistics(spent + after.statistics)
+    raise failure
 
 
 def _words(linearisations: int, cost: float, worst: float, left: int) -> str:

@@ -1,0 +1,119 @@
+"""Plans of related scenarios: as references, and where a longer flight has no plan of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from benchmarks.gap_scenes import KINDS, GapScene, gap_scene
+from drake_rho.planning import best
+from drake_rho.planning.errors import SolverError
+from drake_rho.planning.options import Options
+from drake_rho.planning.progress import Progress
+from drake_rho.planning.related import can_be_slower, fitted, rescaled
+from drake_rho.planning.solve import Solver
+from drake_rho.planning.subproblem import Subproblem
+
+DOOR = gap_scene("door", 4, np.random.default_rng(3))
+
+
+def wider(limits: rho.Limits) -> rho.Limits:
+    """Return limits with twice the acceleration."""
+    assert limits.max_acceleration is not None
+    return dataclasses.replace(limits, max_acceleration=2.0 * limits.max_acceleration)
+
+
+ASKED = DOOR.scenario
+GRID = ASKED.grid
+RELATED = {
+    "the same": ASKED,
+    "slower": ASKED.on_grid(rho.Grid(1.7 * GRID.step, GRID.knots, GRID.start)),
+    "longer": ASKED.on_grid(rho.Grid(GRID.step, GRID.knots + 7, GRID.start)),
+    "fewer obstacles": dataclasses.replace(ASKED, obstacles=ASKED.obstacles[:1]),
+    "looser limits": dataclasses.replace(ASKED, limits=wider(ASKED.limits)),
+    "fewer vehicles": dataclasses.replace(ASKED, vehicles=ASKED.vehicles[1:3]),
+}
+
+
+@pytest.mark.parametrize("name", RELATED)
+def test_a_known_plan_is_a_plan_of_every_scenario_that_asks_less(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def around(*_: object) -> rho.Plan:
+        raise SolverError("none")
+
+    monkeypatch.setattr(Subproblem, "around", around)
+    plan = rho.plan(RELATED[name], reference=DOOR.known)
+    assert rho.verify(plan).ok
+    assert plan.scenario == RELATED[name]
+
+
+@pytest.mark.parametrize("name", RELATED)
+def test_it_is_improved(name: str) -> None:
+    plan = rho.plan(RELATED[name], reference=DOOR.known)
+    assert rho.verify(plan).ok
+    assert plan.cost < 0.9 * fitted(DOOR.known, RELATED[name]).cost
+
+
+def test_one_vehicle_keeps_a_known_plan_that_its_linearisation_has_not() -> None:
+    """The plan without obstacles is no reference, and the way round it is what was known."""
+    asked = dataclasses.replace(ASKED, vehicles=ASKED.vehicles[:1], separation=None)
+    plan = rho.plan(asked, reference=DOOR.known)
+    assert rho.verify(plan).ok
+
+
+def test_what_moves_or_begins_elsewhere_is_not_stretched() -> None:
+    tail = rho.plan(rescaled(ASKED, 2.0), reference=DOOR.known).tail(3)
+    assert fitted(tail, ASKED) is tail
+    faster = rescaled(ASKED, 0.5)
+    assert fitted(DOOR.known, faster) is DOOR.known
+
+
+def test_a_longer_flight_without_a_plan_of_its_own_is_a_shorter_one_flown_slower(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first, asked, told = best._first, rescaled(ASKED, 2.0), list[str]()
+
+    def missed(
+        scenario: rho.Scenario,
+        reference: rho.Plan | None,
+        solver: Solver | None,
+        progress: Progress | None,
+        options: Options,
+    ) -> rho.Plan:
+        if reference is None and scenario.grid == asked.grid:
+            names = [vehicle.name for vehicle in scenario.vehicles]
+            told_of = dict.fromkeys(names, frozenset({1}))
+            raise rho.InfeasibleError(dict.fromkeys(names, ("obstacle 1",)), obstacles=told_of)
+        return first(scenario, reference, solver, progress, options)
+
+    monkeypatch.setattr(best, "_first", missed)
+    assert can_be_slower(asked)
+    plan = rho.plan(asked, progress=told.append)
+    assert rho.verify(plan).ok
+    assert any("trying a duration" in words for words in told)
+    ball = rho.Obstacle(rho.Sphere([0, 0, 99], 1), velocity=[0, 0, 1])
+    moving = dataclasses.replace(asked, obstacles=(*asked.obstacles, ball))
+    with pytest.raises(rho.InfeasibleError):
+        rho.plan(moving)
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "seed"), [("door", 8, 2), ("two doors", 7, 1), ("window", 5, 4)]
+)
+def test_fleets_through_a_gap_are_planned(kind: str, count: int, seed: int) -> None:
+    scene = gap_scene(kind, count, np.random.default_rng(seed))
+    plan = rho.plan(scene.scenario)
+    assert rho.verify(plan).ok
+    assert plan.cost < scene.known.cost
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_gap_scenes_have_the_plan_that_they_are_built_around(kind: str) -> None:
+    scene: GapScene = gap_scene(kind, 6, np.random.default_rng(7))
+    assert rho.verify(scene.known).ok
+    through = np.abs(np.diff(np.sign(scene.known.positions[:, :, 0]), axis=1)).sum(axis=1)
+    assert np.all(through >= 2.0)
