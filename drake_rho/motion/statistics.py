@@ -15,9 +15,10 @@ class Searched:
 
     __pydantic_config__ = ConfigDict(extra="forbid")  # for reading it from files
 
-    spacing: float
-    """greatest distance of neighbours along an axis of the finest grid [m]"""
-    points: int
+    spacing: float = 0.0
+    """greatest distance of neighbours along an axis of the finest grid [m]; 0 if every grid
+    takes more memory than it may"""
+    points: int = 0
     """how many points it has, clear ones and others"""
     layers: int = 0
     """in how many moves a way was to lead to its goal; 0 where time did not matter"""
@@ -28,6 +29,8 @@ class Searched:
 
     def __str__(self) -> str:
         """What was found, and on which grid."""
+        if self.points == 0:
+            return "every grid for ways would take more than `max_memory`"
         if self.ways == 0:
             return f"no way was found on a grid of {self.spacing:.2g} m"
         found = "1 way was" if self.ways == 1 else f"{self.ways} ways were"

@@ -23,7 +23,7 @@ from drake_rho.planning.scp import DeadEnds, iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.towards import towards
-from drake_rho.planning.ways import Ways, find_ways
+from drake_rho.planning.ways import find_ways
 from drake_rho.scenario.records import Scenario
 
 _NAMED = 4
@@ -71,10 +71,7 @@ def plan_along_ways(
         progress: called with a few words on what is being done.
     """
     tell(progress, "looking for ways")
-    try:
-        found = find_ways(with_room(scenario), options.max_ways)
-    except MemoryError:  # a region so large, or speeds so different, that no grid resolves it
-        found = Ways((), 0, None)
+    found = find_ways(with_room(scenario), options.max_ways, options.max_memory)
     spent = Statistics(searched=found.searched)
     best: Plan | None = None
     failure: InfeasibleError | None = None

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_rho.planning.lattice import Lattice, Raster
+from drake_rho.planning.lattice import KEPT_BYTES, POINT_BYTES, Lattice, Raster
 from drake_rho.planning.pace import Leg, legs_of, paced, usable_speeds
-from drake_rho.planning.resolution import region
+from drake_rho.planning.resolution import Resolution, Size
 from drake_rho.planning.space_ways import SpaceWay, SpaceWays
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -15,14 +15,19 @@ from drake_rho.scenario.records import Scenario
 class FleetInSpace:
     """Searches for all vehicles on grids of one resolution; vehicles alike share a lattice.
 
+    Args:
+        scenario: what is asked.
+        resolution: of the lattices.
+        most: bytes that they may take.
+
     Attributes:
         points: of the largest lattice so far, clear ones and others.
     """
 
-    def __init__(self, scenario: Scenario, length: float) -> None:
-        self._scenario, self._length, self.points = scenario, length, 0
+    def __init__(self, scenario: Scenario, resolution: Resolution, most: float = np.inf) -> None:
+        self._scenario, self._resolution, self.points = scenario, resolution, 0
         self._bodies = [body for _, body in scenario.known]
-        self._boxes, self._speeds = region(scenario), usable_speeds(scenario)
+        self._speeds, self._most = usable_speeds(scenario), most
         self._lattices: dict[bytes, Lattice] = {}
 
     def timed(self, number: int, most: int) -> list[FloatArray]:
@@ -51,11 +56,25 @@ class FleetInSpace:
         return positions
 
     def _lattice(self, number: int, radius: float) -> Lattice:
-        """The lattice of a vehicle, shared by all alike."""
-        lower, upper = (corner[number] for corner in self._boxes)
-        kind = np.array([radius, *lower, *upper]).tobytes()
+        """The lattice of a vehicle, shared by all alike; others make room for it if they have to."""
+        raster = _raster(self._resolution, number)
+        kind = np.array([radius, *raster.lower, *raster.spacing, *raster.shape]).tobytes()
         if kind not in self._lattices:
-            raster = Raster.filling(lower, upper, np.full(3, self._length))
+            kept = sum(lattice.raster.count for lattice in self._lattices.values())
+            if KEPT_BYTES * kept + POINT_BYTES * raster.count > self._most:
+                self._lattices.clear()
             self._lattices[kind] = Lattice(raster, self._bodies, radius)
             self.points = max(self.points, raster.count)
         return self._lattices[kind]
+
+
+def size_in_space(scenario: Scenario, resolution: Resolution) -> Size:
+    """What a search for the vehicle with the largest lattice takes."""
+    numbers = range(len(scenario.vehicles))
+    return Size(POINT_BYTES * max(_raster(resolution, number).count for number in numbers))
+
+
+def _raster(resolution: Resolution, number: int) -> Raster:
+    """The points for a vehicle."""
+    lower, upper = resolution.region.lower[number], resolution.region.upper[number]
+    return Raster.filling(lower, upper, np.full(3, resolution.length))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING
@@ -31,8 +31,18 @@ STAY = 13
 _ROUNDING = 1e-6
 """Part of a step of the grid that is as good as none."""
 
-_MOST = 2.5e7
-"""Bound on the points of a lattice, for the memory that they take."""
+POINT_BYTES = 1400.0
+"""Memory that a lattice takes for each point of its raster while its shortest ways are found."""
+
+KEPT_BYTES = 700.0
+"""What it goes on taking."""
+
+AT_ONCE = 50_000
+"""Places whose distances from something are computed at once, for the memory that this takes."""
+
+
+class TooLargeError(MemoryError):
+    """A search would take more memory than it may."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,24 +92,19 @@ class Lattice:
 
     Attributes:
         raster: as given.
+        free: which points of the raster are clear, of its shape.
         points: the clear ones [m], shape (F, 3).
         numbers: which of them each point of the raster is, F if it is not clear; with one more
             layer around, shape (X + 2, Y + 2, Z + 2).
         neighbors: where each move leads, F if it is not clear, shape (27, F).
-
-    Raises:
-        MemoryError: there would be too many points.
     """
 
     def __init__(self, raster: Raster, still: Sequence[Obstacle], radius: float) -> None:
-        if raster.count > _MOST:
-            expected = f"at most {_MOST:g} points, which take some ten gigabytes"
-            raise MemoryError(f"lattice: got {raster.count:g} points, expected {expected}")
         free = np.ones(raster.shape, dtype=bool)
         clear = np.ones((len(MOVES), *raster.shape), dtype=bool)
         for body in still:
             _block(raster, body, radius, free, clear)
-        self.raster, self._still, self._radius = raster, still, radius
+        self.raster, self.free, self._still, self._radius = raster, free, still, radius
         count = int(free.sum())
         self.numbers: IntArray = np.full(np.array(raster.shape) + 2, count, dtype=np.int64)
         self.numbers[1:-1, 1:-1, 1:-1][free] = np.arange(count)
@@ -210,8 +215,34 @@ def _block(
     low, high = raster.window(center, body.shape.extent + kept + 1.001 * raster.spacing)
     if np.any(low >= high):
         return
+    for first, past in _parts(low, high):
+        _block_part(raster, body, kept, (first, past), free, clear)
+
+
+def _parts(low: IntArray, high: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
+    """Parts of a window that are small enough; neighbours share a layer, so none splits a move."""
+    wide = high - low
+    axis = int(np.argmax(wide))
+    if np.prod(2.0 * wide - 1.0) <= AT_ONCE or wide[axis] < 3:
+        yield low, high
+        return
+    middle, unit = low[axis] + wide[axis] // 2, np.arange(3) == axis
+    yield from _parts(low, np.where(unit, middle + 1, high))
+    yield from _parts(np.where(unit, middle, low), high)
+
+
+def _block_part(
+    raster: Raster,
+    body: Obstacle,
+    kept: float,
+    window: tuple[IntArray, IntArray],
+    free: BoolArray,
+    clear: BoolArray,
+) -> None:
+    """Mark what an obstacle blocks in a part of the raster."""
+    low, high = window
     halves = [np.arange(2 * a, 2 * b - 1) / 2.0 for a, b in zip(low, high, strict=True)]
-    x = raster.at(np.stack(np.meshgrid(*halves, indexing="ij"), axis=-1)) - center
+    x = raster.at(np.stack(np.meshgrid(*halves, indexing="ij"), axis=-1)) - body.first_center
     room = body.shape.signed_distance(x) - kept
     every, none = high - low, np.zeros(3, dtype=np.int64)
     free[_block_of(low, every)] &= room[_halves(none, every)] >= 0.0

@@ -52,6 +52,9 @@ class Options:
     max_ways: Annotated[Count, Field(ge=1)] = 6
     """bound on the ways past obstacles that are tried for one vehicle; the plan of least cost among
     them is kept"""
+    max_memory: Annotated[float, Field(ge=1e7)] = 1e9
+    """bytes that a search for ways may take: grids are as coarse as that asks for, and where none
+    is small enough the search says so"""
 
     def tolerance_of(self, scenario: Scenario, *, together: bool, in_groups: bool = False) -> float:
         """The tolerance for a scenario, whose pairs are coupled (`together`), in groups, or not."""

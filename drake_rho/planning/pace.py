@@ -19,13 +19,16 @@ straight flight needs little more than the least effort."""
 
 
 def usable_speeds(scenario: Scenario) -> FloatArray:
-    """Speeds along each axis that ways may use [m/s], infinite without a limit, shape (N, 3)."""
+    """Speeds against each axis, and along it, that ways may use [m/s], shape (N, 2, 3).
+
+    They are infinite without a limit, and zero where a vehicle has to go the other way.
+    """
     fleet = scenario.fleet
-    most = np.full((len(scenario.vehicles), 3), np.inf)
+    most = np.full((len(scenario.vehicles), 2, 3), np.inf)
     if (bounds := fleet.bounds("velocity")) is not None:
-        most = np.minimum(most, np.minimum(bounds.upper, -bounds.lower))
+        most = np.maximum(np.stack([-bounds.lower, bounds.upper], axis=1), 0.0)
     if "max_speed" in fleet.norms:
-        most = np.minimum(most, fleet.norms["max_speed"].most[:, None])
+        most = np.minimum(most, fleet.norms["max_speed"].most[:, None, None])
     return _WITHIN * most
 
 
@@ -60,14 +63,15 @@ def paced(way: FloatArray, elapsed: FloatArray, most: FloatArray) -> FloatArray:
     Args:
         way: corners of a polyline [m], shape (P, 3).
         elapsed: from the beginning to the end of the way [s], shape (K,).
-        most: speed along each axis [m/s], shape (3,).
+        most: speeds against each axis, and along it [m/s], shape (2, 3).
 
     Returns:
         Positions [m], shape (K, 3).
     """
     ways = np.diff(way, axis=0)
     lengths = np.linalg.norm(ways, axis=1)
-    shortest = float(np.sum(np.max(np.abs(ways) / np.maximum(most, 1e-300), axis=1)))
+    speeds = np.where(ways < 0.0, most[0], most[1])
+    shortest = float(np.sum(np.max(np.abs(ways) / np.maximum(speeds, 1e-300), axis=1)))
     ramp = min(_GENTLE, max(0.02, 1.0 - shortest / (elapsed[-1] - elapsed[0])))
     gone = np.concatenate([[0.0], np.cumsum(lengths)])
     s = gone[-1] * progress(elapsed, ramp)

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from drake_rho.planning.pace import legs_of, usable_speeds
+from drake_rho.planning.reach import Reach, reach_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
 
 _MOST_POINTS = 2e5
 """Points of the finest grid."""
 
-_FINER = 1.5
-"""How much finer the next grid is."""
+_FINER, _COARSER = 1.5, 1.25
+"""How much finer the next grid is, and how much coarser the first is made if it is too large."""
 
-_VALUES = 5e7
-"""Bound on points times layers, for the memory they take."""
+_FIRST_VALUES, _VALUES = 2e6, 5e7
+"""Bounds on points times layers of the first grid, and of others, for the time they take."""
+
+_FLATTEST = 8.0
+"""How much longer moves may be along one axis than along another. What a slow axis then misses in
+speeds, bounds on where a vehicle can be at a time tell."""
 
 _FASTER = 2.5
 """How much faster than straight to its goal a vehicle may fly on its way where no limit binds."""
@@ -28,9 +33,23 @@ _ROUNDED = 1.06
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class Region:
+    """Where ways are looked for."""
+
+    lower: FloatArray
+    """corners of a box for each vehicle [m], shape (N, 3)"""
+    upper: FloatArray
+    """the opposite ones [m], shape (N, 3)"""
+    reach: Reach
+    """where the vehicles can be at a time"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Resolution:
     """How fine a grid is in space and time."""
 
+    region: Region
+    """what it fills"""
     length: float
     """the distance of neighbours where only space matters [m]"""
     spacing: FloatArray
@@ -39,37 +58,60 @@ class Resolution:
     """between layers, since the first knot [s], shape (M + 1,)"""
 
 
-def resolutions(scenario: Scenario, points: float) -> Iterator[Resolution]:
+@dataclasses.dataclass(frozen=True)
+class Size:
+    """What a search on some grids takes."""
+
+    bytes: float
+    """of memory, at most at a time"""
+    values: float = 0.0
+    """to be computed, in the largest search"""
+
+
+def resolutions(
+    scenario: Scenario, points: float, size: Callable[[Resolution], Size], most: float
+) -> Iterator[Resolution]:
     """From a coarse grid, on which a search is quick, to the finest that is looked at.
+
+    The first is made coarser until it is small enough; there is none if none is.
 
     Args:
         scenario: what is asked.
         points: of the first grid, unless fewer resolve what there is.
+        size: what a search would take, told before anything is made.
+        most: bytes that it may take.
     """
-    (lower, upper), scale = region(scenario), _scale(scenario)
-    sides = np.maximum((upper - lower).max(axis=0), scale)
-    volume, first = float(np.prod(sides)), True
+    where, scale = region(scenario), _scale(scenario)
+    sides = np.maximum((where.upper - where.lower).max(axis=0), scale)
+    volume, faster = float(np.prod(sides)), _FASTER
+
+    def at(length: float, values: float) -> tuple[Resolution, bool]:
+        resolution = _resolution(scenario, where, length, _speeds(scenario, where.reach, faster))
+        takes = size(resolution)
+        return resolution, takes.bytes <= most and takes.values <= values
+
     length = max(scale, (volume / points) ** (1.0 / 3.0))
-    faster = _FASTER
-    while first or volume / length**3 <= _MOST_POINTS:
-        resolution = _resolution(scenario, length, _speeds(scenario, faster))
-        count = np.prod(sides / resolution.spacing.min(axis=0) + 1.0) * len(resolution.times)
-        if not first and count > _VALUES:
-            break
+    resolution, fits = at(length, _FIRST_VALUES)
+    while not fits and length < 2.0 * float(sides.max()):
+        length *= _COARSER
+        resolution, fits = at(length, _FIRST_VALUES)
+    while fits:
         yield resolution
-        first = False
         length, faster = length / _FINER, faster * 1.2
+        if volume / length**3 > _MOST_POINTS:
+            break
+        resolution, fits = at(length, _VALUES)
 
 
-def _resolution(scenario: Scenario, length: float, speeds: FloatArray) -> Resolution:
+def _resolution(scenario: Scenario, where: Region, length: float, speeds: FloatArray) -> Resolution:
     """Layers in which one move of about `length` is made at given speeds, shape (N, 3)."""
     times = _layers(scenario.grid, length / float(speeds.max()))
     spacing = speeds * (times[1] - times[0])
     if scenario.separation is not None:
-        lower, upper = region(scenario)
         above = scenario.separation.distance * scenario.separation.downwash
-        spacing[:, 2] = _levels(spacing[:, 2], above, upper[:, 2] - lower[:, 2])
-    return Resolution(length, spacing, times)
+        heights = where.upper[:, 2] - where.lower[:, 2]
+        spacing[:, 2] = _levels(spacing[:, 2], above, heights)
+    return Resolution(where, length, spacing, times)
 
 
 def _layers(grid: Grid, layer: float) -> FloatArray:
@@ -97,18 +139,20 @@ def _levels(spacing: FloatArray, above: float, heights: FloatArray) -> FloatArra
     """
     levels = above / np.ceil(above / (_ROUNDED * spacing))
     levels = np.maximum(heights / np.maximum(np.floor(heights / levels), 1.0), levels)
+    levels = np.maximum(levels, spacing / _FLATTEST)
     return np.asarray(levels, dtype=np.float64)
 
 
-def _speeds(scenario: Scenario, faster: float) -> FloatArray:
+def _speeds(scenario: Scenario, reach: Reach, faster: float) -> FloatArray:
     """Speeds along each axis at which ways are flown [m/s], shape (N, 3)."""
     legs = [leg for n in range(len(scenario.vehicles)) for leg in legs_of(scenario, n)]
     straight = max(
         float(np.linalg.norm(leg.goal - leg.start)) / (leg.end - leg.begin) for leg in legs
     )
     wanted = faster * max(straight, _scale(scenario) / scenario.grid.duration)
-    speeds = np.minimum(wanted, usable_speeds(scenario))
-    return np.maximum(speeds, 1e-3 * wanted)
+    usable = np.minimum(usable_speeds(scenario).max(axis=1), reach.speeds)
+    speeds = np.minimum(wanted, usable)
+    return np.maximum(speeds, max(float(speeds.max()), 1e-3 * wanted) / _FLATTEST)
 
 
 def _scale(scenario: Scenario) -> float:
@@ -120,11 +164,11 @@ def _scale(scenario: Scenario) -> float:
     return max(min(scales, default=1.0), 1e-3 * float(scenario.fleet.lengths.max()))
 
 
-def region(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Boxes in which ways are looked for, as lower and upper corners [m], each (N, 3).
+def region(scenario: Scenario) -> Region:
+    """Boxes in which ways are looked for.
 
-    Each vehicle's position box, as far as starts, goals, waypoints and obstacles reach, and what a
-    way round them all takes.
+    Each vehicle's position box, as far as starts, goals, waypoints and obstacles reach, what a way
+    round them all takes, and no further than any vehicle gets.
     """
     fleet, grid = scenario.fleet, scenario.grid
     lows = [fleet.start_positions.min(axis=0), fleet.goal_positions.min(axis=0)]
@@ -140,9 +184,11 @@ def region(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     around = 2.0 * float(fleet.radii.max()) + _scale(scenario) + np.zeros(3)
     if scenario.separation is not None:
         around += 2.0 * scenario.separation.shape.semi_axes
-    lower, upper = np.min(lows, axis=0) - around, np.max(highs, axis=0) + around
+    reach = reach_of(scenario)
+    lower = np.maximum(np.min(lows, axis=0) - around, reach.lower.min(axis=(0, 1)))
+    upper = np.minimum(np.max(highs, axis=0) + around, reach.upper.max(axis=(0, 1)))
     count = len(scenario.vehicles)
     lower, upper = np.tile(lower, (count, 1)), np.tile(upper, (count, 1))
     if (bounds := fleet.bounds("position")) is not None:
         lower, upper = np.maximum(lower, bounds.lower), np.minimum(upper, bounds.upper)
-    return lower, upper
+    return Region(lower, np.maximum(lower, upper), reach)

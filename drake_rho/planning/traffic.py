@@ -6,15 +6,20 @@ layer, an obstacle's deviation from that being added to what is kept from it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from drake_rho.planning.clear_moves import kept_from, least_between
-from drake_rho.planning.lattice import MOVES, Lattice
+from drake_rho.planning.lattice import AT_ONCE, MOVES, Lattice
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Obstacle, Separation
 
 _PARTS = np.array([0.0, 0.5, 1.0])
 """Parts of a layer at which the distance from an obstacle is looked at first."""
+
+_ROUNDING = 1e-6
+"""Part of a step of the lattice that is as good as none."""
 
 _FINE_PARTS = np.linspace(0.0, 1.0, 9)
 """Those where that leaves open whether a move keeps clear."""
@@ -113,43 +118,74 @@ def _least_squares(x0: FloatArray, way: FloatArray) -> FloatArray:
 
 Moving = MovingObstacle | MovingVehicle
 
+Bounds = tuple[FloatArray, FloatArray]
+"""Lower and upper bounds on positions between layers [m], shape (M + 1, 3) each, or (1, 3)."""
 
-def met_moves(lattice: Lattice, moving: Moving) -> list[IntArray]:
+ANYWHERE: Bounds = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
+"""Bounds that are none."""
+
+
+def met_moves(lattice: Lattice, moving: Moving, reach: Bounds = ANYWHERE) -> list[IntArray]:
     """For each layer the moves that come too close, as u F + the number of the point they lead to.
 
     Only points near enough to be met within the layer are looked at and, of what blocks the way,
     none that is too close when the layer begins: moves that lead there are met before.
+
+    Args:
+        lattice: with the moves.
+        moving: what comes too close.
+        reach: where moves begin that are asked for; of others some may be left out.
     """
-    raster, count = lattice.raster, len(lattice.points)
-    centers = moving.centers
-    shifts = np.abs(np.diff(centers, axis=0)).max(axis=0, initial=0.0)
-    reach = moving.reach + raster.spacing + shifts / 2.0
-    layers, points = _near(lattice, (centers[:-1] + centers[1:]) / 2.0, reach)
-    to = lattice.neighbors[:, points]
-    start, ways = lattice.points[points], MOVES * raster.spacing
-    room = moving.room(layers, start)
-    if moving.blocks:
-        asked = np.flatnonzero((room >= 0.0) | (layers == 0))
-        layers, to, start, room = layers[asked], to[:, asked], start[asked], room[asked]
-    within = room < moving.lengths(ways)[:, layers]
-    u, q = np.nonzero(within & (to < count))
-    to, start, layers = to[u, q], start[q], layers[q]
-    met = moving.met(layers, start, start + ways[u])
-    codes, layers = (u * count + to)[met], layers[met]
+    none = np.zeros(0, dtype=np.int64)
+    found = [
+        (none, none),
+        *(_met_among(lattice, moving, *near) for near in _near(lattice, moving, reach)),
+    ]
+    layers, codes = map(np.concatenate, zip(*found, strict=True))
     order = np.argsort(layers, kind="stable")
-    ends = np.searchsorted(layers[order], np.arange(1, len(centers) - 1))
+    ends = np.searchsorted(layers[order], np.arange(1, len(moving.centers) - 1))
     return np.split(codes[order], ends)
 
 
-def _near(lattice: Lattice, centers: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
-    """Layers, and numbers of points that are within `reach` of the layer's center, each (Q,)."""
-    raster = lattice.raster
+def _met_among(
+    lattice: Lattice, moving: Moving, layers: IntArray, points: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Layers, and moves as above, of those that begin at some points in some layers, (Q,) each."""
+    count = len(lattice.points)
+    start, ways = lattice.points[points], MOVES * lattice.raster.spacing
+    room, lengths = moving.room(layers, start), moving.lengths(ways)
+    asked = room < lengths.max(axis=0)[layers]
+    if moving.blocks:
+        asked &= (room >= 0.0) | (layers == 0)
+    layers, points, start, room = layers[asked], points[asked], start[asked], room[asked]
+    to = lattice.neighbors[:, points]
+    u, q = np.nonzero((room < lengths[:, layers]) & (to < count))
+    to, start, layers = to[u, q], start[q], layers[q]
+    met = moving.met(layers, start, start + ways[u])
+    return layers[met], (u * count + to)[met]
+
+
+def _near(lattice: Lattice, moving: Moving, bounds: Bounds) -> Iterator[tuple[IntArray, IntArray]]:
+    """Layers, and numbers of points that may be met in them, each (Q,), not too many at once."""
+    raster, ends = lattice.raster, moving.centers
     shape = np.array(raster.shape)
-    reach = np.minimum(reach, raster.spacing * shape)
-    low = np.ceil((centers - reach - raster.lower) / raster.spacing).astype(np.int64)
-    width = np.floor(2.0 * reach / raster.spacing).astype(np.int64) + 1
-    offsets = np.stack(np.meshgrid(*map(np.arange, width), indexing="ij"), axis=-1).reshape(-1, 3)
-    index = np.clip(low[:, None] + offsets, -1, shape) + 1
-    numbers = lattice.numbers[index[..., 0], index[..., 1], index[..., 2]]
-    layers, which = np.nonzero(numbers < len(lattice.points))
-    return layers, numbers[layers, which]
+    shifts = np.abs(np.diff(ends, axis=0)).max(axis=0, initial=0.0)
+    reach = moving.reach + raster.spacing + shifts / 2.0
+    middles = ((ends[:-1] + ends[1:]) / 2.0 - raster.lower) / raster.spacing
+    wide = reach / raster.spacing  # infinite where it is endless
+    width = np.minimum(np.floor(2.0 * wide) + 1.0, shape).astype(np.int64)
+    meets = np.all((middles + wide >= 0.0) & (middles - wide <= shape - 1.0), axis=1)
+    low = np.clip(np.ceil(middles - wide), 0, shape - width).astype(np.int64)
+    some, every = np.flatnonzero(meets), np.arange(np.prod(width))
+    for window in np.array_split(every, max(1, len(every) // AT_ONCE)):
+        offsets = np.stack(np.unravel_index(window, width), axis=-1) + 1
+        for layers in np.array_split(some, max(1, len(some) * len(offsets) // AT_ONCE)):
+            index = low[layers][:, None] + offsets
+            numbers = lattice.numbers[index[..., 0], index[..., 1], index[..., 2]]
+            asked = numbers < len(lattice.points)
+            for side, sign in zip(bounds, (1.0, -1.0), strict=True):
+                ends = np.broadcast_to(side, (len(moving.centers), 3))[layers]
+                last = sign * (ends - raster.at(-1.0)) / raster.spacing - _ROUNDING
+                asked &= np.all(sign * index >= last[:, None], axis=-1)
+            which, points = np.nonzero(asked)
+            yield layers[which], numbers[which, points]

@@ -9,13 +9,16 @@ restoration brings the motion to it.
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Searched
-from drake_rho.planning.fleet_in_space import FleetInSpace
-from drake_rho.planning.fleet_in_time import FleetInTime, conflicts_of
+from drake_rho.planning.fleet_in_space import FleetInSpace, size_in_space
+from drake_rho.planning.fleet_in_time import FleetInTime, conflicts_of, size_in_time
+from drake_rho.planning.lattice import TooLargeError
+from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.resolution import resolutions
 from drake_rho.planning.timed_ways import TimedWay
 from drake_rho.planning.towards import straight_between
@@ -38,11 +41,11 @@ class Ways:
     first; none if a vehicle has no way on the grids that were searched"""
     conflicts: int
     """moves in which vehicles come too close to each other, for lack of better ways"""
-    searched: Searched | None
-    """None where what there is was too large for a search"""
+    searched: Searched
+    """where they were looked for"""
 
 
-def find_ways(scenario: Scenario, most: int = 1) -> Ways:
+def find_ways(scenario: Scenario, most: int = 1, max_memory: float = DEFAULTS.max_memory) -> Ways:
     """References that keep clear of known obstacles and, if one was found, vehicles apart.
 
     Complete at its resolution for a single vehicle. Vehicles that keep apart are planned one after
@@ -51,56 +54,63 @@ def find_ways(scenario: Scenario, most: int = 1) -> Ways:
     Args:
         scenario: what is asked.
         most: bound on the references; where time matters there is one at most.
+        max_memory: bytes that the grids and what is computed on them may take.
     """
     moving = any(body.moves for _, body in scenario.known)
     if moving or (scenario.separation is not None and len(scenario.vehicles) > 1):
-        return _in_space_and_time(scenario)
-    return _in_space(scenario, most)
+        return _in_space_and_time(scenario, max_memory)
+    return _in_space(scenario, most, max_memory)
 
 
-def _in_space(scenario: Scenario, most: int) -> Ways:
-    for resolution in resolutions(scenario, _POINTS):
-        flight = FleetInSpace(scenario, resolution.length)
-        vehicles = list[list[FloatArray]]()
+def _in_space(scenario: Scenario, most: int, max_memory: float) -> Ways:
+    vehicles, searched = list[list[FloatArray]](), Searched()
+    for resolution in resolutions(scenario, _POINTS, partial(size_in_space, scenario), max_memory):
+        flight = FleetInSpace(scenario, resolution, max_memory)
+        vehicles = []
         for number in range(len(scenario.vehicles)):
             vehicles.append(flight.timed(number, most))
             if not vehicles[-1]:
                 break
-        if vehicles[-1]:
+        found = all(vehicles)
+        count = max(map(len, vehicles)) if found else 0
+        searched = Searched(spacing=resolution.length, points=flight.points, ways=count)
+        if found:
             break
-    count = max(map(len, vehicles)) if vehicles[-1] else 0
-    searched = Searched(spacing=resolution.length, points=flight.points, ways=count)
     references = [
         straight_between(scenario, np.array([each[min(k, len(each) - 1)] for each in vehicles]))
-        for k in range(count)
+        for k in range(searched.ways)
     ]
     return Ways(tuple(references), 0, searched)
 
 
-def _in_space_and_time(scenario: Scenario) -> Ways:
-    best, orders = list[TimedWay](), 0
-    for resolution in resolutions(scenario, _TIMED_POINTS):
-        fleet = FleetInTime(scenario, resolution)
-        order = fleet.first_order()
-        for _ in range(_ORDERS):
-            if len(order) == 0:
-                break
-            orders += 1
-            ways, stuck = fleet.prioritised(order)
-            if ways and (not best or conflicts_of(ways) < conflicts_of(best)):
-                best, times = ways, resolution.times
-            if stuck is None or stuck == order[0]:
-                break
-            order = np.concatenate([[stuck], order[order != stuck]])
+def _in_space_and_time(scenario: Scenario, max_memory: float) -> Ways:
+    best, orders, searched = list[TimedWay](), 0, Searched()
+    size = partial(size_in_time, scenario)
+    for resolution in resolutions(scenario, _TIMED_POINTS, size, max_memory):
+        try:
+            fleet = FleetInTime(scenario, resolution, max_memory)
+            order = fleet.first_order()
+            for _ in range(_ORDERS):
+                if len(order) == 0:
+                    break
+                orders += 1
+                ways, stuck = fleet.prioritised(order)
+                if ways and (not best or conflicts_of(ways) < conflicts_of(best)):
+                    best, times = ways, resolution.times
+                if stuck is None or stuck == order[0]:
+                    break
+                order = np.concatenate([[stuck], order[order != stuck]])
+        except TooLargeError:
+            break
+        searched = Searched(
+            spacing=float(resolution.spacing.max()),
+            points=fleet.points,
+            layers=len(resolution.times) - 1,
+            orders=orders,
+            ways=int(len(best) > 0),
+        )
         if best:
             break
-    searched = Searched(
-        spacing=float(resolution.spacing.max()),
-        points=fleet.points,
-        layers=len(resolution.times) - 1,
-        orders=orders,
-        ways=int(len(best) > 0),
-    )
     if not best:
         return Ways((), 0, searched)
     positions = np.array(

@@ -1,0 +1,260 @@
+"""Scenes built around a known motion: every one of them has a plan, so each without one is missed.
+
+A random smooth motion of one to three vehicles comes first. Limits are then what it needs and a
+little more, and obstacles, at rest and in motion, are put where it keeps clear of them, many of
+them where the straight way would lead.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+import drake_rho as rho
+from benchmarks.fleets import attempts, findings, percent
+from benchmarks.tables import Goal, Table
+from benchmarks.worlds import COLUMNS, JUDGED, plan_within, row, unhindered
+from drake_rho.motion.dynamics import Motion
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.shapes import Shape
+
+LIMIT = 15.0
+"""A plan that takes longer counts as missed [s]."""
+
+MEMORY = 2000.0
+"""What the process may take [MB]."""
+
+_DENSE = 24
+"""Places on each step at which the motion is looked at while obstacles are put around it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class KnownMotion:
+    """A scene, and the motion that it was built around."""
+
+    scenario: rho.Scenario
+    """what is asked"""
+    plan: rho.Plan
+    """one that keeps every constraint"""
+
+
+def known_motion(seed: int) -> KnownMotion:
+    """One scene; the same seed gives the same one."""
+    rng = np.random.default_rng([24, seed])
+    while True:
+        scene = _drawn(rng, f"known motion, seed {seed}")
+        if rho.verify(scene.plan).ok:
+            return scene
+
+
+def run(seeds: int = 500, stores: Path | None = None) -> Table:
+    """Plan as many scenes; `stores` is as `attempts` takes it."""
+    makes = [partial(_scenario, seed) for seed in range(seeds)]
+    trials = attempts(
+        makes, "known motions", partial(plan_within, seconds=LIMIT), unhindered, stores
+    )
+    missed = 100.0 - percent(trials)
+    return Table(
+        name="known_motions",
+        title="Scenes built around a known motion",
+        columns=COLUMNS,
+        rows=(row("known motions", float("nan"), trials),),
+        notes=(findings(trials), _WORK, JUDGED),
+        goals=(
+            Goal("scenes missed [%]", 0.5, missed),
+            Goal("slowest [s]", LIMIT, max(trial.seconds for trial in trials)),
+            Goal("memory [MB]", MEMORY, max(trial.megabytes for trial in trials)),
+        ),
+    )
+
+
+_WORK = f"""\
+Random smooth motions of one to three vehicles on 8 to 40 knots, of centimetres to hundreds of
+metres; boxes of positions, velocities and accelerations, and norms, that they keep with 2 to 60 %
+to spare, some that only lead forward and some in which a vehicle hardly climbs; 2 to 20 obstacles
+of all shapes, a third of them in motion, most of which the straight way meets. The motion itself
+passes `verify`. A plan that takes longer than {LIMIT:g} s counts as missed. The flight time is a
+scene's own."""
+
+
+def _scenario(seed: int) -> rho.Scenario:
+    return known_motion(seed).scenario
+
+
+def _drawn(rng: np.random.Generator, name: str) -> KnownMotion:
+    """A scene whose motion keeps it at all places that were looked at."""
+    count, knots = int(rng.choice([1, 1, 2, 3])), int(rng.choice([8, 12, 20, 30, 40]))
+    length, duration = 10.0 ** rng.uniform(-1.5, 2.5), 10.0 ** rng.uniform(-0.5, 1.3)
+    grid = rho.Grid(duration / (knots - 1), knots)
+    first = rng.uniform(-1.0, 1.0, 3) * length * rng.choice([0.0, 1.0, 10.0])
+    accelerations = _accelerations(rng, count, grid, length)
+    vehicles = list[rho.Vehicle]()
+    radius, at_rest = float(rng.choice([0.0, 0.01, 0.03]) * length), rng.random() < 0.6
+    ahead = np.zeros(3)
+    if not at_rest and rng.random() < 0.5:
+        ahead[rng.integers(3)] = rng.choice([-2.0, 2.0]) * length / duration
+    for number, each in enumerate(accelerations):
+        position = first + rng.uniform(-0.5, 0.5, 3) * length * (count > 1)
+        velocity = np.zeros(3) if at_rest else ahead + rng.normal(0.0, 0.3, 3) * length / duration
+        begun = rho.Vehicle(f"v{number}", rho.State(position, velocity), rho.State(position))
+        flown = _flown(grid, (begun,), each[None])
+        end = rho.State(flown.positions[0, -1], flown.velocities[0, -1])
+        vehicles.append(rho.Vehicle(begun.name, begun.start, end, radius=radius))
+    plan = _flown(grid, tuple(vehicles), accelerations)
+    limits = _limits(rng, plan, length)
+    separation = _separation(rng, plan)
+    obstacles = _obstacles(rng, plan, radius, length)
+    scenario = rho.Scenario(name, grid, vehicles, limits, obstacles, separation)
+    return KnownMotion(scenario, rho.Plan.from_accelerations(scenario, accelerations))
+
+
+def _flown(
+    grid: rho.Grid, vehicles: tuple[rho.Vehicle, ...], accelerations: FloatArray
+) -> rho.Plan:
+    return rho.Plan.from_accelerations(rho.Scenario("motion", grid, vehicles), accelerations)
+
+
+def _accelerations(
+    rng: np.random.Generator, count: int, grid: rho.Grid, length: float
+) -> FloatArray:
+    """Of smooth motions of about a length, that change speed as much as they end with, (N, K-1, 3).
+
+    Half of all draws have an axis along which hardly anything happens, or one along which speed
+    only changes a little, so that it never turns.
+    """
+    steps = grid.knots - 1
+    t = (np.arange(steps) + 0.5) / steps
+    waves = np.array([np.cos(np.pi * k * t) for k in range(1, 5)])
+    waves -= waves.mean(axis=1, keepdims=True)  # which brings speed back to what it was
+    weights = rng.normal(0.0, 1.0, (count, 3, 4)) / np.array([1.0, 1.5, 2.5, 4.0])
+    sizes = rng.uniform(0.3, 1.0, 3)
+    if rng.random() < 0.4:
+        sizes[rng.integers(3)] *= 10.0 ** rng.uniform(-3.0, -1.0)
+    accelerations = np.einsum("nax,xk->nka", weights * sizes[:, None], waves)
+    scale: FloatArray = accelerations * 8.0 * length / grid.duration**2
+    return scale
+
+
+def _limits(rng: np.random.Generator, plan: rho.Plan, length: float) -> rho.Limits:
+    """Limits that the motion keeps, with 2 to 60 % to spare."""
+    motion = plan.motion()
+    times = _times(plan)
+    found: dict[str, object] = {}
+
+    def around(values: FloatArray, least: float) -> rho.Box:
+        lower, upper = values.min(axis=(0, 1)), values.max(axis=(0, 1))
+        spare = np.maximum(upper - lower, least)
+        return rho.Box(
+            lower - rng.uniform(0.02, 0.6, 3) * spare, upper + rng.uniform(0.02, 0.6, 3) * spare
+        )
+
+    if rng.random() < 0.7:
+        found["position"] = around(motion.at("position", times), 0.05 * length)
+    velocities = motion.at("velocity", times)
+    if rng.random() < 0.8:
+        found["velocity"] = around(velocities, 1e-3 * length / plan.scenario.grid.duration)
+    if rng.random() < 0.6:
+        most = 1.0 + rng.uniform(0.02, 0.6)
+        found["acceleration"] = rho.Box(
+            *(sign * most * abs(plan.accelerations).max(axis=(0, 1)) for sign in (-1.0, 1.0))
+        )
+    if rng.random() < 0.25:
+        most = 1.0 + rng.uniform(0.02, 0.6)
+        found["max_speed"] = float(most * np.linalg.norm(velocities, axis=-1).max())
+    if rng.random() < 0.25:
+        most = 1.0 + rng.uniform(0.02, 0.6)
+        found["max_acceleration"] = float(most * np.linalg.norm(plan.accelerations, axis=-1).max())
+    return rho.Limits(**found)  # type: ignore[arg-type]
+
+
+def _separation(rng: np.random.Generator, plan: rho.Plan) -> rho.Separation | None:
+    """One that all pairs keep; None for one vehicle, and sometimes for several."""
+    x = plan.motion().at("position", _times(plan))
+    if len(x) == 1 or rng.random() < 0.3:
+        return None
+    downwash = float(rng.choice([1.0, 2.0]))
+    scaled = x / np.array([1.0, 1.0, downwash])
+    least = min(
+        float(np.linalg.norm(scaled[i] - scaled[j], axis=-1).min())
+        for i in range(len(x))
+        for j in range(i)
+    )
+    return rho.Separation(rng.uniform(0.5, 0.97) * least, downwash)
+
+
+def _obstacles(
+    rng: np.random.Generator, plan: rho.Plan, radius: float, length: float
+) -> tuple[rho.Obstacle, ...]:
+    """Obstacles that the motion clears by a little, most of which the straight way meets."""
+    times = _times(plan)
+    x = plan.motion().at("position", times)
+    found = list[rho.Obstacle]()
+    wanted = int(rng.integers(2, 21))
+    for _ in range(40 * wanted):
+        if len(found) == wanted:
+            break
+        who, when = rng.integers(len(x)), rng.uniform(0.1, 0.9)
+        t = when * times[-1]
+        straight = (1.0 - when) * x[who, 0] + when * x[who, -1]
+        flown = x[who, round(when * (len(times) - 1))]
+        part = rng.choice([0.0, 0.3, 0.6, 1.0], p=[0.4, 0.2, 0.2, 0.2])
+        center = (1.0 - part) * straight + part * flown
+        center = center + rng.normal(0.0, 0.15, 3) * length
+        body = _moving(rng, _shape(rng, center, length), t, times[-1], length)
+        margin = 10.0 ** rng.uniform(-2.5, -1.0) * length
+        if float(body.distances(x, times).min()) > radius + body.deviation + margin:
+            found.append(body)
+    return tuple(found)
+
+
+def _shape(rng: np.random.Generator, center: FloatArray, length: float) -> Shape:
+    """A shape of some kind around a centre."""
+    size = length * 10.0 ** rng.uniform(-1.3, -0.3, 3)
+    kind = int(rng.integers(6))
+    if kind == 0:
+        return rho.Sphere(center, size[0])
+    if kind == 1:
+        return rho.Ellipsoid(center, size)
+    if kind == 2:
+        return rho.Box(center - size, center + size)
+    if kind == 3:
+        return rho.Cylinder(center, size[0], 2.0 * size[1], axis=str(rng.choice(["x", "y", "z"])))
+    if kind == 4:
+        return rho.Cylinder(center, size[0])
+    return rho.Polytope(center + rng.normal(0.0, 1.0, (int(rng.integers(6, 12)), 3)) * size)
+
+
+def _moving(
+    rng: np.random.Generator, shape: Shape, t: float, duration: float, length: float
+) -> rho.Obstacle:
+    """The shape as an obstacle; a third of them move, and are there at a time t [s]."""
+    drawn, center = rng.random(), np.array(shape.center)
+    if drawn < 0.67:
+        return rho.Obstacle(shape)
+    speed = rng.normal(0.0, 0.5, 3) * length / duration
+    if drawn < 0.85:
+        return rho.Obstacle(_moved(shape, -speed * t), velocity=speed)
+    count = int(rng.integers(2, 6))
+    times = np.sort(rng.uniform(-0.2, 1.2, count)) * duration + np.arange(count) * 1e-3 * duration
+    positions = center + rng.normal(0.0, 0.3, (count, 3)) * length
+    deviation = float(rng.choice([0.0, 0.005])) * length
+    return rho.Obstacle(shape, track=rho.Track(times, positions, deviation, after="rests"))
+
+
+def _moved(shape: Shape, by: FloatArray) -> Shape:
+    """The shape elsewhere."""
+    if isinstance(shape, rho.Box):
+        return rho.Box(shape.lower + by, shape.upper + by)
+    if isinstance(shape, rho.Polytope):
+        return rho.Polytope(shape.vertices + by)
+    return dataclasses.replace(shape, center=shape.center + by)  # type: ignore[type-var]
+
+
+def _times(plan: rho.Plan) -> FloatArray:
+    """Dense times of a flight since its first knot [s]."""
+    grid = plan.scenario.grid
+    times: FloatArray = np.linspace(0.0, grid.duration, (grid.knots - 1) * _DENSE + 1)
+    return times

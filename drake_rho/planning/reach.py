@@ -1,0 +1,114 @@
+"""Where vehicles can be at a time, as far as limits along each axis tell, and how fast.
+
+Between start and goal speed rises and falls no faster than accelerations allow, and no position is
+further from either than that speed leads. What is outside is in no plan; what is inside need not be
+in one, as axes are taken one by one and jerks, tilts and thrusts not at all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
+
+_SAMPLES = 65
+"""Times at which it is computed; it is nearly straight between them."""
+
+_UNLIMITED = 1e4
+"""Speed that stands for no limit, in flights across everything there is."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Reach:
+    """Bounds on positions and velocities along each axis, for every vehicle."""
+
+    times: FloatArray
+    """since the first knot [s], shape (S,)"""
+    lower: FloatArray
+    """of positions [m], shape (N, S, 3)"""
+    upper: FloatArray
+    """of positions [m], shape (N, S, 3)"""
+    speeds: FloatArray
+    """the greatest of any vehicle along each axis [m/s], shape (3,)"""
+
+    def of(self, number: int, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds of a vehicle's positions at times [m], shape (M, 3) each."""
+        lower, upper = (
+            np.stack([np.interp(times, self.times, axis) for axis in bound[number].T], axis=-1)
+            for bound in (self.lower, self.upper)
+        )
+        return lower, upper
+
+
+def reach_of(scenario: Scenario) -> Reach:
+    """Bounds on where vehicles can be, and how fast they can go."""
+    fleet, T = scenario.fleet, scenario.grid.duration
+    times = np.linspace(0.0, T, _SAMPLES)
+    most = _UNLIMITED * float(fleet.lengths.max()) / T
+    fastest = _fastest(scenario, times, most, 1.0)
+    slowest = -_fastest(scenario, times, most, -1.0)
+    none, ends = np.zeros(len(fastest)), (fleet.start_positions, fleet.goal_positions)
+    sides = [
+        _within(times, fastest, slowest, none + when, where)
+        for when, where in zip((0.0, T), ends, strict=True)
+    ]
+    lower = np.maximum(sides[0][0], sides[1][0])
+    upper = np.minimum(sides[0][1], sides[1][1])
+    for each in fleet.waypoints:
+        due = np.flatnonzero(each.due)
+        when = np.clip(each.times[due] - scenario.grid.start, 0.0, T)
+        low, high = _within(times, fastest[due], slowest[due], when, each.positions[due])
+        off = np.where(np.isfinite(each.within[due]), each.within[due], np.inf)[:, None, None]
+        lower[due] = np.maximum(lower[due], low - off)
+        upper[due] = np.minimum(upper[due], high + off)
+    speeds = np.maximum(fastest, -slowest).max(axis=(0, 1))
+    return Reach(times, np.minimum(lower, upper), np.maximum(lower, upper), speeds)
+
+
+def _fastest(scenario: Scenario, times: FloatArray, most: float, sign: float) -> FloatArray:
+    """Bounds on velocities at times along each axis, or against it, [m/s], shape (N, S, 3)."""
+    fleet = scenario.fleet
+    limits = []
+    for quantity, norm in (("velocity", "max_speed"), ("acceleration", "max_acceleration")):
+        sides = np.full((2, len(scenario.vehicles), 3), np.inf)
+        if (bounds := fleet.bounds(quantity)) is not None:  # type: ignore[arg-type]
+            sides = np.array([bounds.upper, -bounds.lower][:: int(sign)])
+        if norm in fleet.norms:
+            sides = np.minimum(sides, fleet.norms[norm].most[:, None])  # type: ignore[index]
+        limits.append(np.maximum(sides, 0.0) if quantity == "acceleration" else sides)
+    (along, _), (rising, falling) = limits
+    gone, left = times[:, None], times[-1] - times[:, None]
+    start, goal = sign * fleet.start_velocities, sign * fleet.goal_velocities
+    with np.errstate(invalid="ignore"):  # no time at no limit
+        begun = start[:, None] + np.where(gone > 0.0, gone * rising[:, None], 0.0)
+        ended = goal[:, None] + np.where(left > 0.0, left * falling[:, None], 0.0)
+    fastest: FloatArray = np.minimum(np.minimum(begun, ended), np.minimum(along, most)[:, None])
+    return fastest
+
+
+def _within(
+    times: FloatArray, fastest: FloatArray, slowest: FloatArray, when: FloatArray, where: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Bounds on positions of vehicles that are somewhere at some time, shape (N, S, 3) each.
+
+    Args:
+        times: of the bounds [s], shape (S,).
+        fastest: velocities there, at most [m/s], shape (N, S, 3).
+        slowest: velocities there, at least [m/s], shape (N, S, 3).
+        when: [s], shape (N,).
+        where: [m], shape (N, 3).
+    """
+    gone = []
+    for velocities in (fastest, slowest):
+        parts = np.diff(times)[:, None] * (velocities[:, 1:] + velocities[:, :-1]) / 2.0
+        total = np.concatenate([np.zeros_like(parts[:, :1]), np.cumsum(parts, axis=1)], axis=1)
+        k = np.clip(np.searchsorted(times, when, side="right"), 1, len(times) - 1)
+        part = ((when - times[k - 1]) / (times[k] - times[k - 1]))[:, None]
+        each = np.arange(len(total))
+        then = (1.0 - part) * total[each, k - 1] + part * total[each, k]
+        gone.append(where[:, None] + total - then[:, None])
+    later = (times >= when[:, None])[..., None]
+    return np.where(later, gone[1], gone[0]), np.where(later, gone[0], gone[1])
