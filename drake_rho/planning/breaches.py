@@ -25,7 +25,7 @@ _ALMOST = 0.05
 """Part of a separation, or of an obstacle's least extent, by which vehicles may be too close and
 rows are tried as hard ones."""
 
-_TOLERATED = 0.5
+_TOLERATED = 0.99
 """Part of the verifier's tolerance up to which coming too close counts as none. Programs ask for
 less, and solvers give about that: a motion that is held against them would not become another by
 being linearised anew."""
