@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -17,7 +18,6 @@ import drake_rho as rho
 from benchmarks.fleets import attempts, findings, percent
 from benchmarks.tables import Goal, Table
 from benchmarks.worlds import COLUMNS, JUDGED, plan_within, row, unhindered
-from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes import Shape
 
@@ -221,7 +221,8 @@ def _shape(rng: np.random.Generator, center: FloatArray, length: float) -> Shape
     if kind == 2:
         return rho.Box(center - size, center + size)
     if kind == 3:
-        return rho.Cylinder(center, size[0], 2.0 * size[1], axis=str(rng.choice(["x", "y", "z"])))
+        axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+        return rho.Cylinder(center, size[0], 2.0 * size[1], axis=axes[rng.integers(3)])
     if kind == 4:
         return rho.Cylinder(center, size[0])
     return rho.Polytope(center + rng.normal(0.0, 1.0, (int(rng.integers(6, 12)), 3)) * size)

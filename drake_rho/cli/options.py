@@ -10,6 +10,7 @@ import typer
 
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.progress import Progress
 from drake_rho.planning.windows import Planner, free_reference, tail_reference
 from drake_rho.scenario.files import library, load_scenario
@@ -111,12 +112,20 @@ MethodOption = Annotated[
         "that has no solution, scp."
     ),
 ]
+MaxMemoryOption = Annotated[
+    float,
+    typer.Option(
+        metavar="BYTES", help="Memory that a search for ways may take, at least 1e7, ten megabytes."
+    ),
+]
 SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]
 
 
-def planners(method: Method, progress: Progress) -> tuple[Planner, Planner | None]:
+def planners(
+    method: Method, progress: Progress, options: Options = DEFAULTS
+) -> tuple[Planner, Planner | None]:
     """What plans a window, and what does where that has no solution."""
-    iterated = partial(best_plan, progress=progress)
+    iterated = partial(best_plan, progress=progress, options=options)
     if method is Method.AUTO:
         return plan_convex, iterated
     return (plan_convex, None) if method is Method.CONVEX else (iterated, None)

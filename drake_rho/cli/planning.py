@@ -18,6 +18,7 @@ from drake_rho.cli.options import (
     DurationOption,
     FiguresOption,
     FormatOption,
+    MaxMemoryOption,
     Method,
     MethodOption,
     OutputOption,
@@ -39,6 +40,7 @@ from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.rho import plan_rho
 from drake_rho.planning.solve import SOLVERS
 from drake_rho.planning.solve import Solver as AnySolver
@@ -52,6 +54,7 @@ def plan(
     output: OutputOption = None,
     method: MethodOption = Method.AUTO,
     solver: SolverOption = Solver.CLARABEL,
+    max_memory: MaxMemoryOption = DEFAULTS.max_memory,
     duration: DurationOption = None,
     step: Annotated[
         list[float] | None,
@@ -72,9 +75,10 @@ def plan(
     own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
     if further and method is Method.SCP:
         raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
+    options = Options(max_memory=max_memory)
     asked = read(scenario, duration, own_step, world)
     with working("planning") as work:
-        planned = _plan(asked, method, further, SOLVERS[solver](), work)
+        planned = _plan(asked, method, further, SOLVERS[solver](), options, work)
     return finish(planned, output, drawing)
 
 
@@ -92,6 +96,7 @@ def fly(
         ),
     ] = None,
     solver: SolverOption = Solver.CLARABEL,
+    max_memory: MaxMemoryOption = DEFAULTS.max_memory,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
@@ -102,9 +107,10 @@ def fly(
     """Fly a scenario with a receding horizon, and verify the flight."""
     drawing = asked_drawing(figures, file_format, width)
     check_kept(output, drawing)
+    options = Options(max_memory=max_memory)
     asked = read(scenario, duration, step, world)
     with working("planning the first window") as work:
-        planner, fallback = planners(method, work.detail)
+        planner, fallback = planners(method, work.detail, options)
         flight = plan_rho(
             asked,
             replan_every=replan_every,
@@ -141,7 +147,12 @@ def assign(
 
 
 def _plan(
-    scenario: Scenario, method: Method, further: list[float], solver: AnySolver, work: Work
+    scenario: Scenario,
+    method: Method,
+    further: list[float],
+    solver: AnySolver,
+    options: Options,
+    work: Work,
 ) -> Plan:
     """The plan of a method; further steps are tried by the convex one first."""
     if method is Method.CONVEX or further:
@@ -150,7 +161,7 @@ def _plan(
         except InfeasibleError as error:
             if method is Method.CONVEX or not error.about_linearisation:
                 raise
-    return best_plan(scenario, solver=solver, progress=work)
+    return best_plan(scenario, solver=solver, progress=work, options=options)
 
 
 def _effort(scenario: Scenario) -> float:

@@ -18,7 +18,7 @@ from drake_rho.planning.along_ways import AlongWays, no_plan, plan_along_ways
 from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.convex import linearised_once
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import InfeasibleError, SolverError, within_memory
 from drake_rho.planning.improvement import Improvement
 from drake_rho.planning.keep_apart import COUPLINGS, Coupling, CouplingName, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
@@ -46,6 +46,7 @@ _FEW = 0.25
 @checked
 @with_wall_time
 @one_for_arrays()
+@within_memory()
 def plan(
     scenario: Scenario,
     *,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from drake_rho.motion.statistics import Statistics
@@ -143,6 +144,15 @@ class SolverError(DrakeRhoError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+@contextmanager
+def within_memory() -> Iterator[None]:
+    """Turn a `MemoryError` of what is done within it into a `SolverError`."""
+    try:
+        yield
+    except MemoryError as error:
+        raise SolverError("the planner ran out of memory") from error
 
 
 class NotInstalledError(DrakeRhoError, ImportError):

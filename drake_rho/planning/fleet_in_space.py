@@ -56,7 +56,7 @@ class FleetInSpace:
         return positions
 
     def _lattice(self, number: int, radius: float) -> Lattice:
-        """The lattice of a vehicle, shared by all alike; others make room for it if they have to."""
+        """The lattice of a vehicle, shared by all alike; others make room for it if need be."""
         raster = _raster(self._resolution, number)
         kind = np.array([radius, *raster.lower, *raster.spacing, *raster.shape]).tobytes()
         if kind not in self._lattices:

@@ -22,8 +22,8 @@ _RAMP = 1.0 / 8.0
 _SLOWEST = 50.0
 """How many times less fast against an axis than along it a vehicle may be and still go there."""
 
-_SEARCH_BYTES = 4.0
-"""What a search keeps for each point of its lattice."""
+_SEARCH_BYTES, _MOVES_BYTES = 4.0, 280.0
+"""What a search keeps for each point of its lattice, and what it takes for the moves of a layer."""
 
 _BLOCKED = 0.2
 """Part of the memory that is left for the numbers of moves that something blocks."""
@@ -173,11 +173,12 @@ def size_in_time(scenario: Scenario, resolution: Resolution) -> Size:
     """What searches for all vehicles take."""
     _, rasters, kinds = _kinds(scenario, resolution)
     counts = np.array([float(raster.count) for raster in rasters])
-    values = float(counts.max()) * len(resolution.times)
+    largest = float(counts.max())
+    values = largest * len(resolution.times)
     legs = np.array([1 + len(vehicle.waypoints) for vehicle in scenario.vehicles])
     searches = _SEARCH_BYTES * float(np.sum(counts[kinds] * legs))
-    finding = max((POINT_BYTES - KEPT_BYTES) * counts.max(), 4.0 * values)
-    taken = KEPT_BYTES * counts.sum() + searches + finding
+    finding = max((POINT_BYTES - KEPT_BYTES) * largest, 4.0 * values + _MOVES_BYTES * largest)
+    taken = KEPT_BYTES * float(counts.sum()) + searches + finding
     return Size(taken / (1.0 - _BLOCKED), values)
 
 

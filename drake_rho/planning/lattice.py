@@ -31,13 +31,13 @@ STAY = 13
 _ROUNDING = 1e-6
 """Part of a step of the grid that is as good as none."""
 
-POINT_BYTES = 1400.0
+POINT_BYTES = 1100.0
 """Memory that a lattice takes for each point of its raster while its shortest ways are found."""
 
-KEPT_BYTES = 700.0
+KEPT_BYTES = 600.0
 """What it goes on taking."""
 
-AT_ONCE = 50_000
+AT_ONCE = 16_000
 """Places whose distances from something are computed at once, for the memory that this takes."""
 
 

@@ -12,6 +12,8 @@ import dataclasses
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.norms import Norm
+from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
 _SAMPLES = 65
@@ -71,15 +73,8 @@ def reach_of(scenario: Scenario) -> Reach:
 def _fastest(scenario: Scenario, times: FloatArray, most: float, sign: float) -> FloatArray:
     """Bounds on velocities at times along each axis, or against it, [m/s], shape (N, S, 3)."""
     fleet = scenario.fleet
-    limits = []
-    for quantity, norm in (("velocity", "max_speed"), ("acceleration", "max_acceleration")):
-        sides = np.full((2, len(scenario.vehicles), 3), np.inf)
-        if (bounds := fleet.bounds(quantity)) is not None:  # type: ignore[arg-type]
-            sides = np.array([bounds.upper, -bounds.lower][:: int(sign)])
-        if norm in fleet.norms:
-            sides = np.minimum(sides, fleet.norms[norm].most[:, None])  # type: ignore[index]
-        limits.append(np.maximum(sides, 0.0) if quantity == "acceleration" else sides)
-    (along, _), (rising, falling) = limits
+    along, _ = _sides(scenario, "velocity", "max_speed", sign)
+    rising, falling = np.maximum(_sides(scenario, "acceleration", "max_acceleration", sign), 0.0)
     gone, left = times[:, None], times[-1] - times[:, None]
     start, goal = sign * fleet.start_velocities, sign * fleet.goal_velocities
     with np.errstate(invalid="ignore"):  # no time at no limit
@@ -87,6 +82,17 @@ def _fastest(scenario: Scenario, times: FloatArray, most: float, sign: float) ->
         ended = goal[:, None] + np.where(left > 0.0, left * falling[:, None], 0.0)
     fastest: FloatArray = np.minimum(np.minimum(begun, ended), np.minimum(along, most)[:, None])
     return fastest
+
+
+def _sides(scenario: Scenario, quantity: Quantity, norm: Norm, sign: float) -> FloatArray:
+    """Bounds on a quantity along each axis and against it, or the other way, (2, N, 3)."""
+    fleet = scenario.fleet
+    sides = np.full((2, len(scenario.vehicles), 3), np.inf)
+    if (bounds := fleet.bounds(quantity)) is not None:
+        sides = np.array([bounds.upper, -bounds.lower][:: int(sign)])
+    if norm in fleet.norms:
+        sides = np.minimum(sides, fleet.norms[norm].most[:, None])
+    return sides
 
 
 def _within(

@@ -28,6 +28,10 @@ speeds, bounds on where a vehicle can be at a time tell."""
 _FASTER = 2.5
 """How much faster than straight to its goal a vehicle may fly on its way where no limit binds."""
 
+_AHEAD = 1.15
+"""How much faster than straight to its goal along an axis a vehicle goes on its way at least, so
+that no layer that is lost makes it late; a little faster than its limits, if need be."""
+
 _ROUNDED = 1.06
 """How much faster than its limits a vehicle may climb for the sake of fewer levels."""
 
@@ -145,14 +149,24 @@ def _levels(spacing: FloatArray, above: float, heights: FloatArray) -> FloatArra
 
 def _speeds(scenario: Scenario, reach: Reach, faster: float) -> FloatArray:
     """Speeds along each axis at which ways are flown [m/s], shape (N, 3)."""
-    legs = [leg for n in range(len(scenario.vehicles)) for leg in legs_of(scenario, n)]
+    legs = [legs_of(scenario, number) for number in range(len(scenario.vehicles))]
+    least = np.array(
+        [
+            np.max([abs(leg.goal - leg.start) / (leg.end - leg.begin) for leg in each], axis=0)
+            for each in legs
+        ]
+    )
     straight = max(
-        float(np.linalg.norm(leg.goal - leg.start)) / (leg.end - leg.begin) for leg in legs
+        float(np.linalg.norm(leg.goal - leg.start)) / (leg.end - leg.begin)
+        for each in legs
+        for leg in each
     )
     wanted = faster * max(straight, _scale(scenario) / scenario.grid.duration)
     usable = np.minimum(usable_speeds(scenario).max(axis=1), reach.speeds)
-    speeds = np.minimum(wanted, usable)
-    return np.maximum(speeds, max(float(speeds.max()), 1e-3 * wanted) / _FLATTEST)
+    usable = np.maximum(usable, _AHEAD * np.minimum(least, usable))
+    speeds: FloatArray = np.minimum(wanted, usable)
+    floor: FloatArray = np.maximum(speeds.max(), 1e-3 * wanted) / _FLATTEST
+    return np.maximum(speeds, floor)
 
 
 def _scale(scenario: Scenario) -> float:

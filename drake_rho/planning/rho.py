@@ -14,6 +14,7 @@ from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.errors import within_memory
 from drake_rho.planning.measured import ROUNDING, beyond, off_tube, tracked_anew
 from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.solve import Solver, SolverName, solver_of
@@ -133,6 +134,7 @@ class RecedingHorizon:
 
     @with_wall_time
     @one_for_arrays()
+    @within_memory()
     def _window(self, states: npt.ArrayLike, time: float) -> Window:
         """Return the next window; see `step`."""
         measured = self._checked(states)
@@ -242,6 +244,7 @@ class RecedingHorizon:
 @checked
 @with_wall_time
 @one_for_arrays()
+@within_memory()
 def plan_rho(
     scenario: Scenario,
     *,

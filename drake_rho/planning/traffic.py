@@ -160,9 +160,12 @@ def _met_among(
     layers, points, start, room = layers[asked], points[asked], start[asked], room[asked]
     to = lattice.neighbors[:, points]
     u, q = np.nonzero((room < lengths[:, layers]) & (to < count))
-    to, start, layers = to[u, q], start[q], layers[q]
-    met = moving.met(layers, start, start + ways[u])
-    return layers[met], (u * count + to)[met]
+    met = np.zeros(len(u), dtype=bool)
+    for some in np.array_split(np.arange(len(u)), 1 + len(u) // AT_ONCE):
+        begin = start[q[some]]
+        met[some] = moving.met(layers[q[some]], begin, begin + ways[u[some]])
+    u, q = u[met], q[met]
+    return layers[q], u * count + to[u, q]
 
 
 def _near(lattice: Lattice, moving: Moving, bounds: Bounds) -> Iterator[tuple[IntArray, IntArray]]:
@@ -185,7 +188,7 @@ def _near(lattice: Lattice, moving: Moving, bounds: Bounds) -> Iterator[tuple[In
             asked = numbers < len(lattice.points)
             for side, sign in zip(bounds, (1.0, -1.0), strict=True):
                 ends = np.broadcast_to(side, (len(moving.centers), 3))[layers]
-                last = sign * (ends - raster.at(-1.0)) / raster.spacing - _ROUNDING
+                last = sign * (ends - (raster.lower - raster.spacing)) / raster.spacing - _ROUNDING
                 asked &= np.all(sign * index >= last[:, None], axis=-1)
             which, points = np.nonzero(asked)
             yield layers[which], numbers[which, points]

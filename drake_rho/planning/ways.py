@@ -17,7 +17,6 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Searched
 from drake_rho.planning.fleet_in_space import FleetInSpace, size_in_space
 from drake_rho.planning.fleet_in_time import FleetInTime, conflicts_of, size_in_time
-from drake_rho.planning.lattice import TooLargeError
 from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.resolution import resolutions
 from drake_rho.planning.timed_ways import TimedWay
@@ -65,12 +64,14 @@ def find_ways(scenario: Scenario, most: int = 1, max_memory: float = DEFAULTS.ma
 def _in_space(scenario: Scenario, most: int, max_memory: float) -> Ways:
     vehicles, searched = list[list[FloatArray]](), Searched()
     for resolution in resolutions(scenario, _POINTS, partial(size_in_space, scenario), max_memory):
-        flight = FleetInSpace(scenario, resolution, max_memory)
-        vehicles = []
-        for number in range(len(scenario.vehicles)):
-            vehicles.append(flight.timed(number, most))
-            if not vehicles[-1]:
-                break
+        flight, vehicles = FleetInSpace(scenario, resolution, max_memory), []
+        try:
+            for number in range(len(scenario.vehicles)):
+                vehicles.append(flight.timed(number, most))
+                if not vehicles[-1]:
+                    break
+        except MemoryError:
+            break
         found = all(vehicles)
         count = max(map(len, vehicles)) if found else 0
         searched = Searched(spacing=resolution.length, points=flight.points, ways=count)
@@ -100,7 +101,7 @@ def _in_space_and_time(scenario: Scenario, max_memory: float) -> Ways:
                 if stuck is None or stuck == order[0]:
                     break
                 order = np.concatenate([[stuck], order[order != stuck]])
-        except TooLargeError:
+        except MemoryError:  # what was found on coarser grids is left
             break
         searched = Searched(
             spacing=float(resolution.spacing.max()),
