@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from itertools import islice
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
@@ -19,15 +20,18 @@ from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.room import with_room
-from drake_rho.planning.scp import DeadEnds, iterate, restored
+from drake_rho.planning.scp import DeadEnds, Follow, iterate, restored
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.planning.towards import towards
-from drake_rho.planning.ways import find_ways
+from drake_rho.planning.ways import ways_on_grids
 from drake_rho.scenario.records import Scenario
 
 _NAMED = 4
 """Obstacles in the way of a vehicle without a way that are named one by one."""
+
+_GRIDS = 2
+"""Grids on which ways are looked for, as long as no plan is found along those on the one before."""
 
 _MOST_LINEARISATIONS = 60
 """Linearisations after which no other bend is tried: what is found at all is found with fewer."""
@@ -71,56 +75,98 @@ def plan_along_ways(
         progress: called with a few words on what is being done.
     """
     tell(progress, "looking for ways")
-    found = find_ways(with_room(scenario), options.max_ways, options.max_memory)
-    spent = Statistics(searched=found.searched)
-    best: Plan | None = None
-    failure: InfeasibleError | None = None
-    dead_ends = DeadEnds(scenario)
-    subproblem = Subproblem(scenario, decoupled, solver)
-    for number, reference in enumerate(found.references, start=1):
-        subproblem = subproblem.afresh()
-        along = within(progress, f"way {number} of {len(found.references)}")
-        try:
-            plan = restored(reference, subproblem, along, towards, dead_ends=dead_ends)
-        except SolverError as error:
-            spent = error.statistics + spent
-            continue
-        except InfeasibleError as error:
-            spent, failure = error.statistics + spent, failure or error
-            continue
-        if len(found.references) > 1:
-            plan = iterate(subproblem, plan, _ROUGHLY, progress=along)
-        spent = plan.statistics + spent
-        if best is None or plan.cost < best.cost:
-            best = plan
+    grids = ways_on_grids(with_room(scenario), options.max_ways, options.max_memory)
+    attempts, best = _Attempts(scenario, solver), None
+    for found in islice(grids, _GRIDS):
+        attempts.spent += Statistics(searched=found.searched)
+        if (best := _best_along(found.references, attempts, progress)) is not None:
+            break
     if best is None and found.references and len(scenario.vehicles) == 1:
-        best, more = _by_bends(subproblem, progress, dead_ends)
-        spent = more + spent
+        best = _by_bends(attempts, progress)
+    spent, failure = attempts.spent, attempts.failure
     if best is not None or failure is None:
         conflicts, obstacles = _everything(scenario) if best is None else ({}, {})
         return AlongWays(scenario, best, spent, conflicts, obstacles)
     return AlongWays(scenario, None, spent, failure.conflicts, failure.obstacles)
 
 
-def _by_bends(
-    subproblem: Subproblem, progress: Progress | None, dead_ends: DeadEnds
-) -> tuple[Plan | None, Statistics]:
-    """A plan of one vehicle from its cheapest motion, bent in several ways; and what it took."""
-    spent, known, since = Statistics(), 0, 0
-    for number in range(BENDS):
-        known, since = len(dead_ends), 0 if len(dead_ends) > known else since + 1
-        if spent.linearisations > _MOST_LINEARISATIONS or since > _KNOWN_ENDS:
-            break
-        subproblem = subproblem.afresh()
-        reference = bent_alone(subproblem.scenario, number)
+class _Attempts:
+    """Restorations of one scenario from several references.
+
+    Args:
+        scenario: what is asked.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+
+    Attributes:
+        scenario: as given.
+        dead_ends: where those without a plan ended.
+        spent: on all of them.
+        failure: why the first without a plan has none; None if there is none such.
+    """
+
+    def __init__(self, scenario: Scenario, solver: Solver | None) -> None:
+        self.scenario, self.dead_ends = scenario, DeadEnds(scenario)
+        self.spent = Statistics()
+        self.failure: InfeasibleError | None = None
+        self._subproblem = Subproblem(scenario, decoupled, solver)
+
+    def plan_near(
+        self,
+        reference: Plan,
+        progress: Progress | None,
+        follow: Follow | None = None,
+        *,
+        improved: bool = False,
+    ) -> Plan | None:
+        """Return a plan near a reference; None if none is found.
+
+        Args:
+            reference: where to begin.
+            progress: called after each linearisation.
+            follow: as in `iterate`.
+            improved: whether to go on until the plan can be told from others.
+        """
+        subproblem = self._subproblem = self._subproblem.afresh()
         try:
-            bent = within(progress, f"bend {number + 1} of {BENDS}")
-            plan = restored(reference, subproblem, bent, dead_ends=dead_ends)
+            plan = restored(reference, subproblem, progress, follow, dead_ends=self.dead_ends)
         except (InfeasibleError, SolverError) as error:
-            spent += error.statistics
-        else:
-            return plan, spent + plan.statistics
-    return None, spent
+            self.spent = error.statistics + self.spent
+            if isinstance(error, InfeasibleError):
+                self.failure = self.failure or error
+            return None
+        if improved:
+            plan = iterate(subproblem, plan, _ROUGHLY, progress=progress)
+        self.spent = plan.statistics + self.spent
+        return plan
+
+
+def _best_along(
+    references: Sequence[Plan], attempts: _Attempts, progress: Progress | None
+) -> Plan | None:
+    """Return the cheapest plan near one of some references; None if none is found."""
+    best: Plan | None = None
+    for number, reference in enumerate(references, start=1):
+        along = within(progress, f"way {number} of {len(references)}")
+        plan = attempts.plan_near(reference, along, towards, improved=len(references) > 1)
+        if plan is not None and (best is None or plan.cost < best.cost):
+            best = plan
+    return best
+
+
+def _by_bends(attempts: _Attempts, progress: Progress | None) -> Plan | None:
+    """Return a plan of one vehicle from its cheapest motion, bent in several ways, if any."""
+    begun, since = attempts.spent.linearisations, 0
+    for number in range(BENDS):
+        linearisations = attempts.spent.linearisations - begun
+        if linearisations > _MOST_LINEARISATIONS or since == _KNOWN_ENDS:
+            break
+        known = len(attempts.dead_ends)
+        bent = within(progress, f"bend {number + 1} of {BENDS}")
+        plan = attempts.plan_near(bent_alone(attempts.scenario, number), bent)
+        if plan is not None:
+            return plan
+        since = 0 if len(attempts.dead_ends) > known else since + 1
+    return None
 
 
 def _everything(scenario: Scenario) -> tuple[dict[str, Names], dict[str, frozenset[int]]]:

@@ -9,6 +9,7 @@ restoration brings the motion to it.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -55,54 +56,71 @@ def find_ways(scenario: Scenario, most: int = 1, max_memory: float = DEFAULTS.ma
         most: bound on the references; where time matters there is one at most.
         max_memory: bytes that the grids and what is computed on them may take.
     """
+    return next(ways_on_grids(scenario, most, max_memory))
+
+
+def ways_on_grids(scenario: Scenario, most: int, max_memory: float) -> Iterator[Ways]:
+    """Those of `find_ways`, and others for which another grid is looked at each time.
+
+    Where only space matters others are in time too, which knows how fast a vehicle can go where.
+
+    Args:
+        scenario: as for `find_ways`, as the next two.
+        most: bound on the references of one grid.
+        max_memory: in bytes.
+    """
     moving = any(body.moves for _, body in scenario.known)
+    timed = _in_space_and_time(scenario, max_memory)
     if moving or (scenario.separation is not None and len(scenario.vehicles) > 1):
-        return _in_space_and_time(scenario, max_memory)
-    return _in_space(scenario, most, max_memory)
+        yield from _from_first_found(timed)
+        return
+    first = next(_from_first_found(_in_space(scenario, most, max_memory)))
+    yield first
+    if first.references:
+        yield from _from_first_found(timed)
 
 
-def _in_space(scenario: Scenario, most: int, max_memory: float) -> Ways:
-    vehicles, searched = list[list[FloatArray]](), Searched()
+def _from_first_found(grids: Iterator[Ways]) -> Iterator[Ways]:
+    """Those with references, or the last if none has any; one without if there are no grids."""
+    last, found = Ways((), 0, Searched()), False
+    for last in grids:
+        if last.references:
+            found = True
+            yield last
+    if not found:
+        yield last
+
+
+def _in_space(scenario: Scenario, most: int, max_memory: float) -> Iterator[Ways]:
+    """Those on each grid, from coarse to fine."""
     for resolution in resolutions(scenario, _POINTS, partial(size_in_space, scenario), max_memory):
-        flight, vehicles = FleetInSpace(scenario, resolution, max_memory), []
+        flight, vehicles = FleetInSpace(scenario, resolution, max_memory), list[list[FloatArray]]()
         try:
             for number in range(len(scenario.vehicles)):
                 vehicles.append(flight.timed(number, most))
                 if not vehicles[-1]:
                     break
         except MemoryError:
-            break
-        found = all(vehicles)
-        count = max(map(len, vehicles)) if found else 0
+            return
+        count = max(map(len, vehicles)) if all(vehicles) else 0
+        references = [
+            straight_between(scenario, np.array([each[min(k, len(each) - 1)] for each in vehicles]))
+            for k in range(count)
+        ]
         searched = Searched(spacing=resolution.length, points=flight.points, ways=count)
-        if found:
-            break
-    references = [
-        straight_between(scenario, np.array([each[min(k, len(each) - 1)] for each in vehicles]))
-        for k in range(searched.ways)
-    ]
-    return Ways(tuple(references), 0, searched)
+        yield Ways(tuple(references), 0, searched)
 
 
-def _in_space_and_time(scenario: Scenario, max_memory: float) -> Ways:
-    best, orders, searched = list[TimedWay](), 0, Searched()
-    size = partial(size_in_time, scenario)
+def _in_space_and_time(scenario: Scenario, max_memory: float) -> Iterator[Ways]:
+    """Those on each grid, from coarse to fine."""
+    size, orders = partial(size_in_time, scenario), 0
     for resolution in resolutions(scenario, _TIMED_POINTS, size, max_memory):
         try:
             fleet = FleetInTime(scenario, resolution, max_memory)
-            order = fleet.first_order()
-            for _ in range(_ORDERS):
-                if len(order) == 0:
-                    break
-                orders += 1
-                ways, stuck = fleet.prioritised(order)
-                if ways and (not best or conflicts_of(ways) < conflicts_of(best)):
-                    best, times = ways, resolution.times
-                if stuck is None or stuck == order[0]:
-                    break
-                order = np.concatenate([[stuck], order[order != stuck]])
-        except MemoryError:  # what was found on coarser grids is left
-            break
+            best, tried = _in_a_few_orders(fleet)
+        except MemoryError:
+            return
+        orders += tried
         searched = Searched(
             spacing=float(resolution.spacing.max()),
             points=fleet.points,
@@ -110,15 +128,31 @@ def _in_space_and_time(scenario: Scenario, max_memory: float) -> Ways:
             orders=orders,
             ways=int(len(best) > 0),
         )
-        if best:
-            break
-    if not best:
-        return Ways((), 0, searched)
+        references = (_reference(scenario, best, resolution.times),) if best else ()
+        yield Ways(references, conflicts_of(best), searched)
+
+
+def _in_a_few_orders(fleet: FleetInTime) -> tuple[list[TimedWay], int]:
+    """The ways of all vehicles with the fewest conflicts, none if one has none; orders tried."""
+    best, order = list[TimedWay](), fleet.first_order()
+    for number in range(_ORDERS):
+        if len(order) == 0:
+            return best, number
+        ways, stuck = fleet.prioritised(order)
+        if ways and (not best or conflicts_of(ways) < conflicts_of(best)):
+            best = ways
+        if stuck is None or stuck == order[0]:
+            return best, number + 1
+        order = np.concatenate([[stuck], order[order != stuck]])
+    return best, _ORDERS
+
+
+def _reference(scenario: Scenario, ways: list[TimedWay], times: FloatArray) -> Plan:
+    """The motion along ways, whose positions are told between layers."""
     positions = np.array(
         [
             [np.interp(scenario.grid.elapsed, times, axis) for axis in way.positions.T]
-            for way in best
+            for way in ways
         ]
     )
-    reference = straight_between(scenario, positions.transpose(0, 2, 1))
-    return Ways((reference,), conflicts_of(best), searched)
+    return straight_between(scenario, positions.transpose(0, 2, 1))
