@@ -20,7 +20,14 @@ RACES = ("example_4", "converged")
 STUDIES = ("growth", "import_time")
 """The others without fleets: `run() -> Table`."""
 
-DRAWN = {"fleet_b1": 50, "fleet_joint": 5, "fleet_b2": 10, "world_b7": 20, "world_b8": 50}
+DRAWN = {
+    "fleet_b1": 50,
+    "fleet_joint": 5,
+    "fleet_b2": 10,
+    "world_b7": 20,
+    "world_b8": 50,
+    "known_motions": 500,
+}
 """Those of random fleets and worlds, and how many of each size: `run(seeds) -> Table`."""
 
 MISSIONS = ("fleet_b3", "world_b6")
@@ -51,7 +58,7 @@ FLOWN_MISSIONS = ("flight_crazyflow",)
 CAMPAIGNS = ("fleet_b1", "fleet_b2", "fleet_b3", "world_b6", "world_b7", "world_b8")
 """Those among them that are campaigns, whose stores may be kept: `run(..., stores) -> Table`."""
 
-WORLDS = ("world_b6", "world_b7", "world_b8")
+WORLDS = ("world_b6", "world_b7", "world_b8", "known_motions")
 """Those among the draws and the missions that are of worlds with obstacles."""
 
 

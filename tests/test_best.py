@@ -205,6 +205,7 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
         assert rho.Options(tolerance=0.1).tolerance_of(asked, together=False) == 0.1
     assert (options.max_iterations, options.max_coupled, options.max_ways) == (200, 15, 6)
     assert (options.max_group, options.max_grouped) == (10, 500)
+    assert options.max_memory == 1e9
 
 
 @pytest.mark.parametrize(
@@ -218,6 +219,8 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
         {"max_group": 0},
         {"max_grouped": 0},
         {"max_ways": 0},
+        {"max_memory": 9.9e6},
+        {"max_memory": float("nan")},
     ],
 )
 def test_options_that_make_no_sense_are_refused(bad: dict[str, float]) -> None:

@@ -439,6 +439,20 @@ def test_reproduce_writes_sixteen_figures_and_the_tables(
     assert "greatly reduces" in out
 
 
+@pytest.mark.parametrize("command", ["plan", "fly"])
+def test_a_bound_on_memory_that_is_none_is_refused(
+    command: str,
+    scenario_file: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    words = (command, str(scenario_file), "--max-memory")
+    status, _, err = run(capsys, monkeypatch, *words, "1e6")
+    assert status == 2
+    assert "max_memory: got 1000000.0, expected" in err
+    assert run(capsys, monkeypatch, *words, "2e7")[0] == 0
+
+
 def test_the_module_runs_too() -> None:
     ran = subprocess.run(
         [sys.executable, "-m", "drake_rho", "plan", "nowhere"],

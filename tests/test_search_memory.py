@@ -1,0 +1,186 @@
+"""What searches for ways take: grids that fit speeds, and a bound in bytes."""
+
+from __future__ import annotations
+
+import dataclasses
+import tracemalloc
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.planning.along_ways import plan_along_ways
+from drake_rho.planning.fleet_in_space import FleetInSpace, size_in_space
+from drake_rho.planning.fleet_in_time import FleetInTime, size_in_time
+from drake_rho.planning.lattice import Lattice, Raster, TooLargeError
+from drake_rho.planning.reach import reach_of
+from drake_rho.planning.resolution import resolutions
+from drake_rho.planning.timed_ways import Layers
+from drake_rho.planning.traffic import MovingObstacle
+from drake_rho.planning.ways import find_ways
+from drake_rho.scenario.files import load_scenario
+
+CASES = Path(__file__).parent / "cases"
+
+
+def door(
+    velocity: rho.Box, *, speed: float = 0.0, moving: bool = True, span: float = 20.0
+) -> rho.Scenario:
+    """A flight of ten seconds past two walls and, if asked, a box that moves."""
+    obstacles: list[rho.Obstacle] = [
+        rho.Obstacle(rho.Box([6, -8, -5], [7, 2, 15])),
+        rho.Obstacle(rho.Box([12, -2, -5], [13, 8, 15])),
+    ]
+    if moving:
+        obstacles.append(rho.Obstacle(rho.Box([9, -1, 0], [10, 0, 10]), velocity=[0, 0.1, 0]))
+    ends = (rho.State([0, 0, 5], [speed, 0, 0]), rho.State([span, 0, 5], [speed, 0, 0]))
+    limits = rho.Limits(
+        position=rho.Box([-5, -10, 0], [25, 10, 10]),
+        velocity=velocity,
+        acceleration=rho.Box([-4] * 3, [4] * 3),
+    )
+    vehicle = rho.Vehicle("v", *ends, radius=0.2)
+    return rho.Scenario("door", rho.Grid(0.25, 41), [vehicle], limits, obstacles)
+
+
+SLOW_CLIMB = rho.Box([-5, -5, -0.02], [5, 5, 0.02])
+FORWARD = rho.Box([0.5, -5, -5], [5, 5, 5])
+
+
+@pytest.mark.parametrize(
+    ("case", "most"), [("slow_climb", 1e7), ("forward_only", 1e8), ("fast_descent", 1e7)]
+)
+def test_a_search_takes_no_more_than_it_may(case: str, most: float) -> None:
+    scenario = load_scenario(CASES / f"{case}.yaml")
+    find_ways(scenario, max_memory=most)  # what is loaded and kept once
+    tracemalloc.start()
+    try:
+        found = find_ways(scenario, max_memory=most)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert found.searched.points > 0
+    assert peak < most + 2e7  # what is looked at at once
+
+
+def test_a_lattice_takes_what_is_said_beforehand() -> None:
+    scenario = door(rho.Box([-5] * 3, [5] * 3))
+    for size, fleet in ((size_in_space, FleetInSpace), (size_in_time, FleetInTime)):
+        *_, finest = resolutions(scenario, 5e3, partial(size, scenario), 1e8)
+        tracemalloc.start()
+        try:
+            searched = fleet(scenario, finest)
+            if isinstance(searched, FleetInTime):
+                searched.prioritised(searched.first_order())
+            else:
+                searched.timed(0, 1)
+            _, peak = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        told = size(scenario, finest).bytes
+        assert 0.2 * told < peak < told
+
+
+def test_grids_are_coarser_with_less_memory() -> None:
+    scenario = door(rho.Box([-5] * 3, [5] * 3))
+    finest = []
+    for most in (1e7, 1e8, 1e9):
+        *_, last = resolutions(scenario, 5e3, partial(size_in_time, scenario), most)
+        assert size_in_time(scenario, last).bytes <= most
+        finest.append(last.length)
+    assert finest[0] > finest[1] > finest[2]
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_where_no_grid_is_small_enough_it_is_said(moving: bool) -> None:
+    scenario = door(SLOW_CLIMB, moving=moving)
+    found = find_ways(scenario, max_memory=1.0)
+    assert found.references == ()
+    assert "max_memory" in str(found.searched)
+    options = rho.Options()
+    object.__setattr__(options, "max_memory", 1.0)  # less than anyone may ask for
+    along = plan_along_ways(scenario, options=options)
+    assert along.plan is None
+    assert "max_memory" in str(along.spent.searched)
+
+
+def test_too_many_blocked_moves_are_too_large() -> None:
+    lattice = Lattice(Raster.filling(np.zeros(3), np.full(3, 9.0), np.ones(3)), (), 0.0)
+    times = np.arange(9.0)
+    body = rho.Obstacle(rho.Sphere([4, 4, 4], 2.0), velocity=[0.1, 0, 0])
+    moving = MovingObstacle(body, 0.1, times)
+    taken = sum(each.nbytes for each in Layers(lattice, 8, [moving]).blocked)
+    assert Layers(lattice, 8, [moving], most=taken).count == 8
+    with pytest.raises(TooLargeError):
+        Layers(lattice, 8, [moving], most=taken - 1)
+
+
+def test_memory_that_the_machine_does_not_have_ends_no_planner(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def without(*_: object) -> None:
+        raise MemoryError
+
+    scenario = door(SLOW_CLIMB)
+    with monkeypatch.context() as patch:
+        patch.setattr("drake_rho.planning.fleet_in_time.Lattice", without)
+        with pytest.raises(rho.InfeasibleError, match="max_memory"):
+            rho.plan(scenario)
+    monkeypatch.setattr("drake_rho.planning.cutting_planes.CuttingPlanes.keep_to", without)
+    for planner in (rho.plan, rho.plan_convex, rho.plan_rho):
+        with pytest.raises(rho.SolverError, match="memory"):
+            planner(scenario)
+
+
+def test_moves_are_as_long_as_speeds_allow_along_each_axis() -> None:
+    for velocity, speed, ratio in ((SLOW_CLIMB, 0.0, [1, 1, 0.125]), (FORWARD, 2.0, [1, 1, 1])):
+        scenario = door(velocity, speed=speed)
+        first = next(resolutions(scenario, 5e3, partial(size_in_time, scenario), 1e9))
+        assert np.allclose(first.spacing[0] / first.spacing[0].max(), ratio)
+
+
+def test_no_way_leads_where_a_vehicle_cannot_be_in_time() -> None:
+    """Over a wall that it could climb in twice the time, and round one that leaves it behind."""
+    scenario = door(rho.Box([-5, -5, -0.5], [5, 5, 0.5]), moving=False)
+    high = rho.Box([12, -10, 0], [13, 10, 7.3])
+    blocked = dataclasses.replace(
+        scenario,
+        obstacles=(high, rho.Obstacle(rho.Sphere([0, 9, 9], 0.1), velocity=[0.1, 0, 0])),
+    )
+    assert find_ways(blocked).references == ()
+    low = rho.Box([12, -10, 0], [13, 10, 5.8])
+    passed = dataclasses.replace(blocked, obstacles=(low, *blocked.obstacles[1:]))
+    assert len(find_ways(passed).references) == 1
+
+
+def test_plans_stay_within_reach() -> None:
+    for case in ("slow_climb", "forward_only"):
+        scenario = load_scenario(CASES / f"{case}.yaml")
+        plan = rho.plan(scenario, options=rho.Options(max_iterations=1))
+        times = np.linspace(0.0, scenario.grid.duration, 201)
+        reach = reach_of(scenario)
+        lower, upper = reach.of(0, times)
+        x = plan.motion().at("position", times)[0]
+        assert np.all((x >= lower - 1e-3) & (x <= upper + 1e-3))  # straight between samples
+    assert reach.upper[0, :, 0].max() == pytest.approx(20.0)  # nobody gets there and back
+
+
+def test_reach_is_what_speeds_and_accelerations_leave() -> None:
+    scenario = door(rho.Box([-5, -5, -0.1], [5, 5, 0.2]))
+    reach = reach_of(scenario)
+    lower, upper = reach.of(0, np.array([0.0, 5.0, 10.0]))
+    assert np.allclose(lower[[0, 2]], [[0, 0, 5], [20, 0, 5]])
+    assert np.allclose(upper[[0, 2]], [[0, 0, 5], [20, 0, 5]])
+    # up at 0.2 m/s and down at 0.1 m/s: at 5 s no higher than what is left to come down from
+    assert upper[1, 2] == pytest.approx(5.5, abs=0.02)
+    assert lower[1, 2] == pytest.approx(4.5, abs=0.02)
+    assert np.all(reach.speeds <= [5.0, 5.0, 0.2])
+
+
+def test_a_vehicle_with_no_time_to_lose_has_a_way() -> None:
+    """At 2 m/s all along, neither faster nor slower by more than a hundredth."""
+    scenario = door(rho.Box([1.98, -5, -5], [2.02, 5, 5]), speed=2.0)
+    plan = rho.plan(scenario, options=rho.Options(max_iterations=1))
+    assert rho.verify(plan).ok
