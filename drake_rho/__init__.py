@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from drake_rho.planning.best import plan, plan_scp
     from drake_rho.planning.convex import plan_convex
     from drake_rho.planning.daqp import Daqp
-    from drake_rho.planning.errors import InfeasibleError, SolverError
+    from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
     from drake_rho.planning.keep_apart import coupled, decoupled, grouped
     from drake_rho.planning.options import Options
     from drake_rho.planning.rho import RecedingHorizon, plan_rho
@@ -91,6 +91,7 @@ __all__ = [
     "Limits",
     "Obstacle",
     "Options",
+    "OutOfTimeError",
     "Plan",
     "PlanFileError",
     "Polytope",
@@ -194,7 +195,7 @@ _NAMES = {
     "drake_rho.planning.best": ("plan", "plan_scp"),
     "drake_rho.planning.convex": ("plan_convex",),
     "drake_rho.planning.daqp": ("Daqp",),
-    "drake_rho.planning.errors": ("InfeasibleError", "SolverError"),
+    "drake_rho.planning.errors": ("InfeasibleError", "OutOfTimeError", "SolverError"),
     "drake_rho.planning.keep_apart": ("coupled", "decoupled", "grouped"),
     "drake_rho.planning.options": ("Options",),
     "drake_rho.planning.rho": ("RecedingHorizon", "plan_rho"),

@@ -14,6 +14,9 @@ _LINES, _REASONS, _SHOWN = 12, 3, 5
 """Lines of a printed diagnosis, and vehicles and breaches that it shows, all at most."""
 
 
+_CUT = "time was up before everything was tried: less than what is told may be enough"
+
+
 @dataclasses.dataclass(frozen=True)
 class Diagnosis(metaclass=Described):
     """Why there is no plan, and what would mend it; prints in at most twelve lines."""
@@ -47,6 +50,9 @@ class Diagnosis(metaclass=Described):
     the feedback that is best for it and all else unchanged [m/s²]; 0 if errors of the estimate are
     too much already; None where there is no plan without a disturbance either, or none is asked"""
 
+    cut: bool = False
+    """whether time was up before all trials were made: less than what is told may be enough"""
+
     @property
     def feasible(self) -> bool:
         """Whether a plan was found after all."""
@@ -59,7 +65,8 @@ class Diagnosis(metaclass=Described):
     def reason(self) -> str:
         """Which constraints cannot be met together, in at most five lines; or that all can."""
         if self.feasible:
-            return f"{self.scenario.name}: there is a plan{self._shorter()}"
+            cut = f"; {_CUT}" if self.cut else ""
+            return f"{self.scenario.name}: there is a plan{self._shorter()}{cut}"
         shown = list(self.conflicts.items())[:_REASONS]
         more = len(self.conflicts) - len(shown)
         premise = f" {self.premise}" if self.premise else ""
@@ -86,6 +93,7 @@ class Diagnosis(metaclass=Described):
                 *(["the least breach of them is"] if breaches else []),
                 *breaches[: _LINES - above - 1 - len(below)],
                 *below,
+                *([_CUT] if self.cut else []),
             ]
         )
 
@@ -122,6 +130,8 @@ class Diagnosis(metaclass=Described):
                 f"wind up to {_rounded_down(self.bearable_wind)} m/s² instead of "
                 f"{around.acceleration:.5g} m/s²"
             )
+        if not ways and self.cut:
+            return []  # nothing is known of them
         if not ways:
             return ["neither more time nor stronger vehicles were found to help"]
         heads = ["there is a plan with", *["or with"] * (len(ways) - 1)]

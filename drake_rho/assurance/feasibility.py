@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Protocol
 
 from drake_rho.assurance.diagnosis import Diagnosis
 from drake_rho.assurance.infeasible_subset import infeasible_subset
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.best import first_plan, plan_scp
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.best import first_plan, plan_near, plan_scp
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.minimum_violation import minimum_violation
+from drake_rho.planning.options import Options
 from drake_rho.planning.progress import Progress, tell, within
-from drake_rho.planning.related import can_be_slower, rescaled
+from drake_rho.planning.related import can_be_slower, paced, rescaled
 from drake_rho.planning.solve import Solver, SolverName, solver_of
+from drake_rho.planning.time_limit import check_time, with_time_limit
 from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Limits, Scenario, Vehicle
+from drake_rho.verification.report import Check
 from drake_rho.verification.verify import verify
 
 BISECTED = 1e-4
@@ -32,17 +36,22 @@ BISECTED_APART = 1e-2
 LARGEST_FACTOR = 2.0**10
 """How much longer, or how much stronger vehicles, are looked at."""
 
+_ANEW = 3
+"""How often a boundary that plans near each other lead to is looked beyond everywhere."""
+
 SHORTER = 0.5**0.5
 """The next shorter duration that is tried, in parts of the last one, where shorter may help: the
 durations that have a plan may be few."""
 
 
 @checked
+@with_time_limit
 def diagnose(
     scenario: Scenario,
     *,
     solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
+    time_limit: float | None = None,
 ) -> Diagnosis:
     """Say why a scenario has no plan, by how much, and what would mend it.
 
@@ -55,8 +64,10 @@ def diagnose(
         scenario: what is asked.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words on what is being done, as on each trial.
+        time_limit: seconds, above 0, after which what is known then is returned (`cut`).
 
     Raises:
+        OutOfTimeError: time was up before there was a plan, or a reason why there is none.
         SolverError: the solvers fail numerically.
 
     Examples:
@@ -70,22 +81,29 @@ def diagnose(
         {'scout': ('goal x', 'maximum acceleration from 0 s to 9.75 s')}
     """
     solver = solver_of(solver)
+    violations: tuple[Check, ...] = ()
     bearable, premise, trials = None, "", _Trials(solver, progress)
     try:
         plan = first_plan(scenario, solver=solver, progress=progress)
     except InfeasibleError as error:
         bearable = _bearable_wind(scenario, trials)
-        if bearable is None and scenario.disturbance is not None:
-            error = _undisturbed(error, scenario, solver)
-        tell(progress, "looking for constraints that cannot be met together")
-        conflicts, premise = infeasible_subset(error, solver=solver), error.premise
-        tell(progress, "looking for the least breach")
-        violations = verify(minimum_violation(scenario, solver)).violations
+        conflicts, premise = error.conflicts, error.premise
+        try:
+            if bearable is None and scenario.disturbance is not None:
+                error = _undisturbed(error, scenario, solver)
+            tell(progress, "looking for constraints that cannot be met together")
+            conflicts, premise = infeasible_subset(error, solver=solver), error.premise
+            tell(progress, "looking for the least breach")
+            violations = verify(minimum_violation(scenario, solver)).violations
+        except OutOfTimeError:
+            trials.cut = True
         if bearable is not None:  # what is left can be met, so that it has a part in every conflict
             conflicts = {name: (*why, "disturbance") for name, why in conflicts.items()}
     else:
         conflicts, violations = {}, verify(plan).violations
+        trials.plan = plan
     shortest, longest = _durations(scenario, trials)
+    stronger = _smallest_relaxation(scenario, trials)
     return Diagnosis(
         scenario=scenario,
         conflicts=conflicts,
@@ -93,21 +111,24 @@ def diagnose(
         shortest_duration=shortest,
         longest_duration=longest,
         is_monotone=is_monotone(scenario),
-        acceleration_factor=_smallest_relaxation(scenario, trials),
+        acceleration_factor=stronger,
         premise=premise,
         bearable_wind=bearable,
+        cut=trials.cut,
     )
 
 
 @checked
 @with_wall_time
+@with_time_limit
 def shortest_plan(
     scenario: Scenario,
     *,
     solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
+    options: Options | None = None,
 ) -> Plan:
-    """The plan of least duration, on as many knots, everything else unchanged.
+    """Return the plan of least duration, on as many knots, everything else unchanged.
 
     The flight begins at the same time, and obstacles move as they did. The duration is found by
     bisection to a relative `BISECTED`. Where feasibility grows with the duration (`is_monotone`)
@@ -118,18 +139,31 @@ def shortest_plan(
         scenario: what is asked; its own duration need not be feasible.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words on what is being done, as on each trial.
+        options: of the plan that is returned, and `time_limit` of all trials together: then the
+            shortest so far is returned (`statistics.cut`).
 
     Raises:
         InfeasibleError: no duration that was tried, up to `LARGEST_FACTOR` times the scenario's,
             has a plan.
+        OutOfTimeError: time was up before one was found.
     """
-    solver = solver_of(solver)
-    duration, _ = _durations(scenario, _Trials(solver, progress))
+    solver, trials = solver_of(solver), _Trials(solver_of(solver), progress)
+    duration, _ = _durations(scenario, trials)
     if duration is None:
-        plan_scp(scenario, solver=solver, progress=progress)  # raises, with the reason
+        check_time()
+        plan_scp(scenario, solver=solver, progress=progress, options=options)  # says why
         raise SolverError("a duration had a plan that could not be found again")
+    found = trials.plan
+    assert found is not None  # noqa: S101  # of that duration
     shortest = rescaled(scenario, duration / scenario.grid.duration)
-    return plan_scp(shortest, solver=solver, progress=progress)
+    try:
+        reference = paced(found, shortest)
+        plan = plan_scp(
+            shortest, reference=reference, solver=solver, progress=progress, options=options
+        )
+    except OutOfTimeError:
+        plan = found
+    return plan.with_statistics(dataclasses.replace(plan.statistics, cut=trials.cut))
 
 
 def is_monotone(scenario: Scenario) -> bool:
@@ -142,22 +176,52 @@ def is_monotone(scenario: Scenario) -> bool:
     return can_be_slower(scenario) and not scenario.obstacles and scenario.separation is None
 
 
-@dataclasses.dataclass(frozen=True)
 class _Trials:
-    """Whether scenarios have a plan, one after the other."""
+    """Whether scenarios have a plan, one after the other.
 
-    solver: Solver | None
-    progress: Progress | None
+    A plan of one is where the search for that of the next begins.
 
-    def has_plan(self, make: Callable[[], Scenario], words: str) -> bool:
-        """Whether a plan is found for what is made; told are words, and how the search goes."""
+    Args:
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        progress: called with a few words on each trial.
+
+    Attributes:
+        plan: the last that was found.
+        cut: whether time was up; then no other scenario has a plan as far as is known.
+    """
+
+    def __init__(self, solver: Solver | None, progress: Progress | None) -> None:
+        self.plan: Plan | None = None
+        self.cut = False
+        self._solver, self._progress = solver, progress
+
+    def has_plan(self, make: Callable[[], Scenario], words: str, *, near: bool = False) -> bool:
+        """Return whether a plan is found for what is made.
+
+        Args:
+            make: a scenario like those before it.
+            words: what is tried, to be told.
+            near: whether to look near the last plan only.
+        """
+        if self.cut:
+            return False
         words = f"trying {words}"
-        tell(self.progress, words)
+        tell(self._progress, words)
         try:
-            first_plan(make(), solver=self.solver, progress=within(self.progress, words))
+            self.plan = self._found(make(), within(self._progress, words), near)
         except (InfeasibleError, SolverError, ScenarioError):
             return False
+        except OutOfTimeError:
+            self.cut = True
+            return False
         return True
+
+    def _found(self, scenario: Scenario, progress: Progress | None, near: bool) -> Plan:
+        if near and self.plan is not None:
+            return plan_near(
+                scenario, paced(self.plan, scenario), solver=self._solver, progress=progress
+            )
+        return first_plan(scenario, solver=self._solver, progress=progress)
 
 
 def _undisturbed(
@@ -181,16 +245,18 @@ def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float
     """
     duration, precision = scenario.grid.duration, _precision(scenario)
 
-    def lasting(factor: float) -> bool:
+    def lasting(factor: float, near: bool = False) -> bool:
         words = f"a duration of {factor * duration:.5g} s"
-        return trials.has_plan(lambda: rescaled(scenario, factor), words)
+        return trials.has_plan(lambda: rescaled(scenario, factor), words, near=near)
 
     high = _some_factor(lasting, shorter=not can_be_slower(scenario))
     if high is None:
         return None, None
     longest = None
     if high < 1.0:
+        found = trials.plan
         longest = duration * _boundary(lasting, high, high / SHORTER, precision)
+        trials.plan = found
     while 1.0 >= high > 1.0 / LARGEST_FACTOR and lasting(high / 2.0):
         high /= 2.0
     if high > 1.0 / LARGEST_FACTOR:
@@ -198,7 +264,13 @@ def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float
     return duration * high, longest
 
 
-def _some_factor(has_plan: Callable[[float], bool], *, shorter: bool) -> float | None:
+class _Trial(Protocol):
+    """Whether there is a plan with some factor; `near` looks near the last one found only."""
+
+    def __call__(self, factor: float, near: bool = False) -> bool: ...
+
+
+def _some_factor(has_plan: _Trial, *, shorter: bool) -> float | None:
     """Return a factor that has a plan, of powers of two and, if `shorter`, of `SHORTER`."""
     if has_plan(1.0):
         return 1.0
@@ -214,17 +286,25 @@ def _some_factor(has_plan: Callable[[float], bool], *, shorter: bool) -> float |
     return None
 
 
-def _boundary(
-    has_plan: Callable[[float], bool], one: float, other: float, precision: float
-) -> float:
-    """Return the last factor with a plan on the way from one that has it to one that has not."""
-    while abs(one - other) > precision * max(one, other):
-        middle = (one + other) / 2.0
-        one, other = (middle, other) if has_plan(middle) else (one, middle)
+def _boundary(has_plan: _Trial, one: float, other: float, precision: float) -> float:
+    """Return the last factor with a plan on the way from one that has it to one that has not.
+
+    Plans are looked for near those before them, which takes a part of the time. Where none is left,
+    one is looked for everywhere; if there is one, it goes on from there.
+    """
+    without = other
+    for _ in range(_ANEW):
+        other = without
+        while abs(one - other) > precision * max(one, other):
+            middle = (one + other) / 2.0
+            one, other = (middle, other) if has_plan(middle, near=True) else (one, middle)
+        if other == without or not has_plan(other):
+            break
+        one = other
     return one
 
 
-def _least_factor(has_plan: Callable[[float], bool], precision: float) -> float | None:
+def _least_factor(has_plan: _Trial, precision: float) -> float | None:
     """Return the least factor from 1 on that has a plan, by doubling, then bisection.
 
     None if none up to the largest has.
@@ -268,9 +348,9 @@ def _smallest_relaxation(scenario: Scenario, trials: _Trials) -> float | None:
     if not any(each.acceleration or each.max_acceleration for each in limits):
         return None
 
-    def suffices(factor: float) -> bool:
+    def suffices(factor: float, near: bool = False) -> bool:
         words = f"acceleration limits {factor:.5g} times as wide"
-        return trials.has_plan(lambda: _stronger(scenario, factor), words)
+        return trials.has_plan(lambda: _stronger(scenario, factor), words, near=near)
 
     return _least_factor(suffices, _precision(scenario))
 

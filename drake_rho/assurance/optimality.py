@@ -16,7 +16,7 @@ bound is for plans that do, so that it can be told what the plan and what the ma
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -25,14 +25,16 @@ from drake_rho.assurance.lagrangian import Lagrangian
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.best import plan_scp
 from drake_rho.planning.cutting_planes import CuttingPlanes
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.keep_apart import coupled
+from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import ALONE
 from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.room import with_more_pieces
 from drake_rho.planning.scp import iterate
 from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.subproblem import Subproblem
+from drake_rho.planning.time_limit import check_time, seconds_left, with_time_limit
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
@@ -98,6 +100,8 @@ class Certificate(metaclass=Described):
     left_out: tuple[str, ...] = ()
     """obstacles that the plan leans on and the bound does not count, so that the gap is not only
     the plan's: those that are neither balls nor ellipsoids"""
+    cut: bool = False
+    """whether time was up before the bound was as good as it can be made"""
 
     @property
     def cost(self) -> float:
@@ -149,6 +153,9 @@ class Certificate(metaclass=Described):
     def __str__(self) -> str:
         verdict = "globally optimal" if self.is_globally_optimal else "not proved optimal"
         verdict = verdict if self.holds else "breaks its constraints"
+        verdict = (
+            f"{verdict} (time was up)" if self.cut and not self.is_globally_optimal else verdict
+        )
         lines = [
             f"{self.scenario.name}: {verdict}; cost {self.cost:.6f}, no plan below "
             f"{self.lower_bound:.6f} m²/s⁴, gap {self.gap:.1e}"
@@ -168,11 +175,13 @@ class Certificate(metaclass=Described):
 
 
 @checked
+@with_time_limit
 def certify(
     flown: Plan | Flight,
     *,
     solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
+    time_limit: float | None = None,
 ) -> Certificate:
     """Bound from below what any plan of the scenario costs, and compare.
 
@@ -185,6 +194,8 @@ def certify(
             windows begin with thinner tubes than a plan has by then may cost less than any plan.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words on what is being done, as after each linearisation.
+        time_limit: seconds, above 0, after which the bound so far is returned (`cut`): at the least
+            that of the motions of minimum effort.
 
     Raises:
         InfeasibleError: no plan was found to take multipliers from.
@@ -201,8 +212,13 @@ def certify(
     if vehicles > MOST_CERTIFIED_TOGETHER:  # without pairs the bound is lower, and still one
         scenario = scenario.without_separation()
     start = Plan.from_accelerations(scenario, plan.accelerations)
-    converged = _converged(start, solver, progress)
-    proposals = [_solved_around(each, solver, progress) for each in converged]
+    cut, proposals = False, list[CuttingPlanes]()
+    try:
+        for each in _converged(start, solver, progress):
+            proposals.append(_solved_around(each, solver, progress))
+    except OutOfTimeError:
+        cut = True
+    efforts = np.sum(MinimumEffort.of(scenario).motion.accelerations ** 2, axis=(1, 2))
     certificates, left_out = [], set[str]()
     disturbed = scenario.disturbance is not None
     groups = _groups(vehicles, proposals)
@@ -210,6 +226,9 @@ def certify(
         name = scenario.vehicles[group[0]].name
         name = name if len(group) == 1 else f"{name} and {len(group) - 1} more"
         tell(progress, f"bounding the cost of {name} ({number} of {len(groups)})")
+        if not proposals:
+            certificates.append(_by_effort(name, plan, efforts, group))
+            continue
         lagrangians = [Lagrangian(solved, group) for solved in proposals]
         bounds = planned = [each.unit**2 * _best_bound(each) for each in lagrangians]
         if disturbed:
@@ -231,20 +250,37 @@ def certify(
         )
     names = [scenario.obstacle_name(number) for number, _ in scenario.known]
     not_counted = tuple(name for name in names if name in left_out)
-    return Certificate(plan.scenario, tuple(certificates), verify(flown).ok, not_counted)
+    cut = cut or seconds_left() <= 0.0
+    return Certificate(plan.scenario, tuple(certificates), verify(flown).ok, not_counted, cut)
 
 
-def _converged(plan: Plan, solver: Solver | None, progress: Progress | None) -> list[Plan]:
-    """Plans iterated to convergence: from this one, if it allows that, and from none."""
-    found = []
+def _by_effort(name: str, plan: Plan, efforts: FloatArray, group: IntArray) -> VehicleCertificate:
+    """Return the certificate of a group by minimum effort alone: with no multipliers at all."""
+    bound = float(np.sum(efforts[group])) * (1.0 - _ENOUGH)
+    return VehicleCertificate(
+        vehicle=name,
+        cost=float(np.sum(plan.accelerations[group] ** 2)),
+        lower_bound=bound,
+        least_eigenvalue=2.0,
+        stationarity=1.0,
+        complementarity=0.0,
+        planned_bound=bound if plan.scenario.disturbance is not None else None,
+    )
+
+
+def _converged(plan: Plan, solver: Solver | None, progress: Progress | None) -> Iterator[Plan]:
+    """Yield plans iterated to convergence: from this one, if it allows that, and from none."""
+    found = False
     with suppress(InfeasibleError, SolverError):  # a plan that breaks its scenario may lead nowhere
-        found.append(plan_scp(plan.scenario, reference=plan, solver=solver, progress=progress))
+        yield plan_scp(plan.scenario, reference=plan, solver=solver, progress=progress)
+        found = True
     try:
-        found.append(plan_scp(plan.scenario, solver=solver, progress=progress))
+        other = plan_scp(plan.scenario, solver=solver, progress=progress)
     except (InfeasibleError, SolverError):
         if not found:
             raise
-    return found
+    else:
+        yield other
 
 
 def _solved_around(plan: Plan, solver: Solver | None, progress: Progress | None) -> CuttingPlanes:
@@ -313,6 +349,7 @@ def _climb(lagrangian: Lagrangian, weights: FloatArray, multipliers: FloatArray)
 
     def descend(x: FloatArray) -> tuple[float, FloatArray]:
         nonlocal best
+        check_time()
         given = np.maximum(x, 0.0) * sizes
         found = lagrangian.minimum(given[: len(weights)], given[len(weights) :])
         if not np.isfinite(found.value):
@@ -321,12 +358,13 @@ def _climb(lagrangian: Lagrangian, weights: FloatArray, multipliers: FloatArray)
         return -found.value, -np.concatenate(lagrangian.slopes(found.at)) * sizes
 
     scale = float(np.sum(lagrangian.solution**2)) + 1.0
-    minimize(
-        descend,
-        start / sizes,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[(0.0, None)] * len(start),
-        options={"maxiter": 300},
-    )
+    with suppress(OutOfTimeError):
+        minimize(
+            descend,
+            start / sizes,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(0.0, None)] * len(start),
+            options={"maxiter": 300},
+        )
     return best

@@ -23,7 +23,7 @@ from drake_rho.campaigns.methods import AnyMethod, Found, Runs
 from drake_rho.campaigns.sources import AnySource
 from drake_rho.motion.files import save
 from drake_rho.motion.threads import one_for_arrays
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
 
@@ -162,7 +162,7 @@ def do(run: Run) -> Done:
             plan = _packed(found) if run.keep else None
     except InfeasibleError as error:
         told |= {"status": INFEASIBLE, "reason": _words(error)}
-    except SolverError as error:
+    except (SolverError, OutOfTimeError) as error:
         told |= {"status": FAILED, "reason": _words(error)}
     except Exception as error:  # one run must not end the others
         told |= {"status": ERROR, "reason": f"{type(error).__name__}: {_words(error)}"}

@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drake_rho.cli.documents import Document
+from drake_rho.planning.time_limit import stoppable
 
 out = Console()
 err = Console(stderr=True)
@@ -95,6 +96,26 @@ def working(words: str) -> Iterator[Work]:
     """Show on standard error, if it is a terminal, what is under way in the block."""
     with err.status(Text(words)) as status:
         yield Work(words, status)
+
+
+@contextmanager
+def stopping_early() -> Iterator[None]:
+    """Let Ctrl-C end the planning in the block with the best there is; a second one ends it all."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
+        yield
+        return
+    with stoppable() as stop:
+
+        def on_first(*_: object) -> None:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            stop()
+
+        signal.signal(signal.SIGINT, on_first)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
 
 
 def bar(*columns: ProgressColumn) -> Progress:

@@ -59,6 +59,8 @@ def judged(
         programs=took.programs,
         linearisations=took.linearisations,
         converged=took.converged,
+        cut=took.cut,
+        last_fall=took.last_fall,
         solver=took.solver,
         clearance_m=_least(report, "obstacle "),
         separation_m=_least(report, "separation"),
@@ -100,6 +102,7 @@ def why(diagnosis: Diagnosis) -> Why:
         is_monotone=diagnosis.is_monotone,
         acceleration_factor=diagnosis.acceleration_factor,
         bearable_wind_mps2=diagnosis.bearable_wind,
+        cut=diagnosis.cut,
     )
 
 
@@ -114,6 +117,7 @@ def certified(certificate: Certificate) -> Certified:
         is_globally_optimal=certificate.is_globally_optimal,
         holds=certificate.holds,
         left_out=list(certificate.left_out),
+        cut=certificate.cut,
         vehicles=[
             CertifiedRow(
                 vehicle=each.vehicle,

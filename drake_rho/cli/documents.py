@@ -127,6 +127,11 @@ class Judged(Document):
     """references around which obstacles and pairs were linearised"""
     converged: bool
     """whether each iteration stopped because the cost had settled"""
+    cut: bool
+    """whether time was up before that, by --time-limit or by Ctrl-C"""
+    last_fall: float | None
+    """by what part of itself the cost fell in the last linearisation; null where nothing was
+    iterated"""
     solver: str
     """of the last program; empty if none was needed"""
     clearance_m: float | None
@@ -179,6 +184,8 @@ class Why:
     """least factor on the limits of acceleration for which a plan was found"""
     bearable_wind_mps2: float | None
     """where the disturbance is why there is none, the largest wind for which a plan was found"""
+    cut: bool
+    """whether time was up before everything was tried: less may be enough"""
 
 
 @record
@@ -235,6 +242,8 @@ class Certified(Document):
     """whether the plan meets its constraints"""
     left_out: list[str]
     """obstacles that the plan leans on and the bound does not count"""
+    cut: bool
+    """whether time was up before the bound was as good as it can be made"""
     vehicles: list[CertifiedRow]
     """for each vehicle or, where pairs couple them, for all"""
 

@@ -6,13 +6,16 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from drake_rho.assurance.feasibility import diagnose
-from drake_rho.cli.console import err, manner, say, working, write
+from drake_rho.cli.console import err, manner, say, stopping_early, working, write
 from drake_rho.cli.described import why
 from drake_rho.cli.documents import Failed
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.scenario.errors import DrakeRhoError
 
-BAD_INPUT, NO_PLAN, SOLVERS_FAILED, INTERRUPTED = 2, 3, 4, 130
+BAD_INPUT, NO_PLAN, SOLVERS_FAILED, OUT_OF_TIME, INTERRUPTED = 2, 3, 4, 5, 130
+
+_LOOK = 15.0
+"""Longest look for what would mend a scenario, where nothing but a plan was asked for [s]."""
 
 
 class InterruptedByUserError(Exception):
@@ -30,6 +33,8 @@ def status_of(command: Callable[[], int | None]) -> int:
         return _complain(str(error) or "interrupted", INTERRUPTED)
     except SolverError as error:
         return _complain(error, SOLVERS_FAILED)
+    except OutOfTimeError as error:
+        return _complain(error, INTERRUPTED if error.time_limit is None else OUT_OF_TIME)
     except (DrakeRhoError, ValueError, OSError) as error:
         return _complain(error, BAD_INPUT)
     except ImportError as error:
@@ -53,8 +58,9 @@ def _without_plan(error: InfeasibleError) -> int:
     if not manner.as_json:
         say(f"drake-rho: {_line(error)}", err)
     diagnosis = None
-    with suppress(SolverError), working("looking for what would mend it") as work:
-        diagnosis = diagnose(error.scenario, progress=work)
+    look = working("looking for what would mend it")
+    with suppress(SolverError, OutOfTimeError), look as work, stopping_early():
+        diagnosis = diagnose(error.scenario, progress=work, time_limit=_LOOK)
     if manner.as_json:
         found = None if diagnosis is None else why(diagnosis)
         write(Failed(status=NO_PLAN, error=_line(error), diagnosis=found).to_json())

@@ -10,7 +10,7 @@ import typer
 from drake_rho.assurance.feasibility import diagnose as diagnosis_of
 from drake_rho.assurance.optimality import certify as certificate_of
 from drake_rho.cli import described
-from drake_rho.cli.console import answer, working
+from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.documents import Diagnosed
 from drake_rho.cli.options import (
     DurationOption,
@@ -18,6 +18,7 @@ from drake_rho.cli.options import (
     Solver,
     SolverOption,
     StepOption,
+    TimeLimitOption,
     WorldOption,
     read,
 )
@@ -39,6 +40,7 @@ def verify(
 def certify(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A file kept by 'plan' or 'fly'.")],
     solver: SolverOption = Solver.CLARABEL,
+    time_limit: TimeLimitOption = None,
 ) -> int:
     """Say how far a plan or a flight is above the best there is.
 
@@ -47,14 +49,17 @@ def certify(
     flown = load(file)
     if isinstance(flown, Simulation):
         raise ValueError(f"{file}: got a simulation, expected a plan or a flight")
-    with working("looking for a lower bound") as work:
-        certificate = certificate_of(flown, solver=SOLVERS[solver](), progress=work)
+    with working("looking for a lower bound") as work, stopping_early():
+        certificate = certificate_of(
+            flown, solver=SOLVERS[solver](), progress=work, time_limit=time_limit
+        )
     return answer(described.certified(certificate), str(certificate))
 
 
 def diagnose(
     scenario: ScenarioArgument,
     solver: SolverOption = Solver.CLARABEL,
+    time_limit: TimeLimitOption = None,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
@@ -64,6 +69,8 @@ def diagnose(
     The status is 0 whatever the answer is.
     """
     asked = read(scenario, duration, step, world)
-    with working("looking for a plan") as work:
-        diagnosis = diagnosis_of(asked, solver=SOLVERS[solver](), progress=work)
+    with working("looking for a plan") as work, stopping_early():
+        diagnosis = diagnosis_of(
+            asked, solver=SOLVERS[solver](), progress=work, time_limit=time_limit
+        )
     return answer(Diagnosed(diagnosis=described.why(diagnosis)), str(diagnosis))

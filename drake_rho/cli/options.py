@@ -112,6 +112,14 @@ MethodOption = Annotated[
         "that has no solution, scp."
     ),
 ]
+TimeLimitOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS",
+        help="After that the best so far is the result, or what was being done is told. Ctrl-C "
+        "does the same at once.",
+    ),
+]
 MaxMemoryOption = Annotated[
     float,
     typer.Option(

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from drake_rho.cli import described
 from drake_rho.cli.checks import asked_drawing, check_kept, check_writable
-from drake_rho.cli.console import Work, answer, tell, working
+from drake_rho.cli.console import Work, answer, stopping_early, tell, working
 from drake_rho.cli.documents import Assigned
 from drake_rho.cli.options import (
     REFERENCES,
@@ -28,6 +28,7 @@ from drake_rho.cli.options import (
     Solver,
     SolverOption,
     StepOption,
+    TimeLimitOption,
     WidthOption,
     WorldOption,
     planners,
@@ -55,6 +56,7 @@ def plan(
     method: MethodOption = Method.AUTO,
     solver: SolverOption = Solver.CLARABEL,
     max_memory: MaxMemoryOption = DEFAULTS.max_memory,
+    time_limit: TimeLimitOption = None,
     duration: DurationOption = None,
     step: Annotated[
         list[float] | None,
@@ -75,9 +77,9 @@ def plan(
     own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
     if further and method is Method.SCP:
         raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
-    options = Options(max_memory=max_memory)
+    options = Options(max_memory=max_memory, time_limit=time_limit)
     asked = read(scenario, duration, own_step, world)
-    with working("planning") as work:
+    with working("planning") as work, stopping_early():
         planned = _plan(asked, method, further, SOLVERS[solver](), options, work)
     return finish(planned, output, drawing)
 
@@ -97,6 +99,7 @@ def fly(
     ] = None,
     solver: SolverOption = Solver.CLARABEL,
     max_memory: MaxMemoryOption = DEFAULTS.max_memory,
+    time_limit: TimeLimitOption = None,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
@@ -107,9 +110,9 @@ def fly(
     """Fly a scenario with a receding horizon, and verify the flight."""
     drawing = asked_drawing(figures, file_format, width)
     check_kept(output, drawing)
-    options = Options(max_memory=max_memory)
+    options = Options(max_memory=max_memory, time_limit=time_limit)
     asked = read(scenario, duration, step, world)
-    with working("planning the first window") as work:
+    with working("planning the first window") as work, stopping_early():
         planner, fallback = planners(method, work.detail, options)
         flight = plan_rho(
             asked,
@@ -119,6 +122,7 @@ def fly(
             reference=None if reference is None else REFERENCES[reference],
             solver=SOLVERS[solver](),
             progress=work,
+            options=options,
         )
     return finish(flight, output, drawing)
 
@@ -157,7 +161,7 @@ def _plan(
     """The plan of a method; further steps are tried by the convex one first."""
     if method is Method.CONVEX or further:
         try:
-            return plan_convex(scenario, steps=further, solver=solver)
+            return plan_convex(scenario, steps=further, solver=solver, options=options)
         except InfeasibleError as error:
             if method is Method.CONVEX or not error.about_linearisation:
                 raise

@@ -68,7 +68,12 @@ def _words(flown: Flown, judged: Report) -> Iterator[str | Table]:
         yield from _why(flown)
     if numbers.tolerance is not None and numbers.converged:
         yield f"converged: the last linearisation saved less than {100 * numbers.tolerance:g} %"
-    if not numbers.converged:
+    if numbers.cut:
+        fell = "was not lowered yet"
+        if numbers.last_fall is not None:
+            fell = f"last fell by {100 * numbers.last_fall:.2g} %"
+        yield f"cut: time was up before the cost settled; it {fell}"
+    elif not numbers.converged:
         yield "not converged: the iteration was stopped before the cost settled"
 
 

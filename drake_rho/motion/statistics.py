@@ -51,6 +51,11 @@ class Statistics(metaclass=Described):
     """references around which (8) was linearised"""
     converged: bool = True
     """whether an iterated planner stopped because the cost fell by less than `tolerance`"""
+    cut: bool = False
+    """whether time was up before that, by a time limit or by Ctrl-C"""
+    last_fall: float | None = None
+    """by what part of itself the cost fell in the last linearisation; None where nothing was
+    iterated"""
     tolerance: float | None = None
     """relative fall of the cost in one linearisation below which an iteration counts as converged;
     None where nothing was iterated"""
@@ -75,6 +80,8 @@ class Statistics(metaclass=Described):
             solver_seconds=self.solver_seconds + other.solver_seconds,
             seconds=self.seconds + other.seconds,
             converged=self.converged and other.converged,
+            cut=self.cut or other.cut,
+            last_fall=self.last_fall if other.last_fall is None else other.last_fall,
             solver=other.solver or self.solver,
             tolerance=other.tolerance or self.tolerance,
             steps_tried=other.steps_tried or self.steps_tried,

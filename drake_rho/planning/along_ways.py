@@ -15,7 +15,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.bends import BENDS, bent_alone
-from drake_rho.planning.errors import InfeasibleError, Names, SolverError
+from drake_rho.planning.errors import InfeasibleError, Names, OutOfTimeError, SolverError
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.progress import Progress, tell, within
@@ -147,7 +147,12 @@ def _best_along(
     best: Plan | None = None
     for number, reference in enumerate(references, start=1):
         along = within(progress, f"way {number} of {len(references)}")
-        plan = attempts.plan_near(reference, along, towards, improved=len(references) > 1)
+        try:
+            plan = attempts.plan_near(reference, along, towards, improved=len(references) > 1)
+        except OutOfTimeError:
+            if best is None:
+                raise
+            return best
         if plan is not None and (best is None or plan.cost < best.cost):
             best = plan
     return best

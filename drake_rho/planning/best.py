@@ -18,7 +18,7 @@ from drake_rho.planning.along_ways import AlongWays, no_plan, plan_along_ways
 from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.convex import linearised_once
-from drake_rho.planning.errors import InfeasibleError, SolverError, within_memory
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError, within_memory
 from drake_rho.planning.improvement import Improvement
 from drake_rho.planning.keep_apart import COUPLINGS, Coupling, CouplingName, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
@@ -29,6 +29,7 @@ from drake_rho.planning.room import check_room, with_finer_margins
 from drake_rho.planning.scp import GROWTH, MAX_RESTORATIONS, iterate, restored
 from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.subproblem import Subproblem, coupling_for, plan_around
+from drake_rho.planning.time_limit import with_time_limit, within_time
 from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
@@ -45,6 +46,7 @@ _FEW = 0.25
 
 @checked
 @with_wall_time
+@with_time_limit
 @one_for_arrays()
 @within_memory()
 def plan(
@@ -91,6 +93,7 @@ def plan(
 
     Raises:
         InfeasibleError: a vehicle has no plan without the obstacles, or no way round was found.
+        OutOfTimeError: `options.time_limit` was over before there was a plan.
         SolverError: the solvers fail numerically.
         TypeError: an argument is of another type.
         ValueError: the solver is not available, or the reference is for other vehicles or another
@@ -183,6 +186,37 @@ def first_plan(
     return with_finer_margins(
         lambda asked: _first(asked, reference, solver, progress, options), scenario
     )
+
+
+def plan_near(
+    scenario: Scenario,
+    reference: Plan,
+    *,
+    solver: Solver | OnWorkers | None = None,
+    progress: Progress | None = None,
+) -> Plan:
+    """Return a first plan that is found from a reference alone: no ways are looked for.
+
+    Args:
+        scenario: what is asked.
+        reference: positions of the same vehicles at as many knots, that need not be flown.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        progress: called after each linearisation.
+
+    Raises:
+        InfeasibleError: there is no plan, or none was found from there.
+        SolverError: the solvers fail numerically.
+    """
+
+    def find(asked: Scenario) -> Plan:
+        check_room(asked)
+        if not asked.known and asked.separation is None:
+            return linearised_once(asked, None, solver)
+        apart = asked.separation is not None
+        subproblem = Restoration(asked, solver) if apart else Subproblem(asked, decoupled, solver)
+        return restored(reference, subproblem, progress)
+
+    return with_finer_margins(find, scenario)
 
 
 def _first(
@@ -358,7 +392,8 @@ def _plan_along_ways(
     pieces: int, scenario: Scenario, solver: Solver | None, options: Options
 ) -> AlongWays:
     """Look for a plan along ways on a worker, to which a scenario comes without its pieces."""
-    return plan_along_ways(scenario.derived(margin_pieces=pieces), solver, options)
+    with within_time(options.time_limit):
+        return plan_along_ways(scenario.derived(margin_pieces=pieces), solver, options)
 
 
 def _ways_round(
@@ -395,7 +430,7 @@ def _ways_round(
     around = Plan.from_accelerations(scenario, accelerations)
     try:
         plan = plan_around(scenario, around, solver)
-    except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
+    except (InfeasibleError, SolverError, OutOfTimeError):  # by rounding, where there is no room
         if not Subproblem(scenario, decoupled, solver).holds(around):
             raise
         plan = around

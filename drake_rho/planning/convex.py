@@ -12,9 +12,11 @@ from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, within_memory
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.limits import convex_constraints
+from drake_rho.planning.options import Options
 from drake_rho.planning.room import check_room, with_finer_margins
 from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.subproblem import Subproblem, coupling_for
+from drake_rho.planning.time_limit import with_time_limit
 from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
@@ -23,6 +25,7 @@ from drake_rho.scenario.records import Grid, Scenario
 
 @checked
 @with_wall_time
+@with_time_limit
 @within_memory()
 def plan_convex(
     scenario: Scenario,
@@ -30,6 +33,7 @@ def plan_convex(
     reference: Plan | None = None,
     steps: Iterable[float] = (),
     solver: Solver | SolverName | None = None,
+    options: Options | None = None,
 ) -> Plan:
     """Plan by the paper's convex method.
 
@@ -47,11 +51,14 @@ def plan_convex(
             its `statistics.steps_tried`.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
 
+        options: `time_limit` counts; `Options()` if not given.
+
     Returns:
         A plan that meets every constraint of the scenario.
 
     Raises:
         InfeasibleError: no step has a solution; it names the constraints in the way.
+        OutOfTimeError: `options.time_limit` was over before there was a plan.
         SolverError: the solvers fail numerically.
         ValueError: a step does not divide the duration, or the reference does not fit.
 

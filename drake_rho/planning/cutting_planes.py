@@ -26,6 +26,7 @@ from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import SMALL_FLEET
 from drake_rho.planning.rows import about, groups_of
 from drake_rho.planning.solve import MAX_RETRIES, Solver
+from drake_rho.planning.time_limit import check_time
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -156,6 +157,7 @@ class CuttingPlanes:
         if not broken.any():
             broken, unseen = self._add_violated(look, unseen, 0), unseen[:0]
         for _ in range(MAX_ROUNDS):
+            check_time()
             if not broken.any():
                 if infeasible and self._scenario.separation is not None:
                     return infeasible  # what pairs do between is worth nothing now

@@ -155,5 +155,33 @@ def within_memory() -> Iterator[None]:
         raise SolverError("the planner ran out of memory") from error
 
 
+class OutOfTimeError(DrakeRhoError):
+    """Time was up, by a time limit or by Ctrl-C, before there was anything to return.
+
+    Attributes:
+        doing: the last words on what was being done; empty where nothing was told.
+        time_limit: the limit [s]; None where Ctrl-C came before it, or there was none.
+        statistics: what it took; of what was under way only the time is known.
+    """
+
+    def __init__(
+        self, doing: str = "", time_limit: float | None = None, statistics: Statistics | None = None
+    ) -> None:
+        self.doing, self.time_limit = doing, time_limit
+        self.statistics = statistics or Statistics()
+        super().__init__(doing, time_limit, self.statistics)
+
+    def while_doing(self, words: str, time_limit: float | None) -> OutOfTimeError:
+        """Return this error with what was being done and the limit, unless these are told."""
+        limit = time_limit if self.time_limit is None else self.time_limit
+        return OutOfTimeError(self.doing or words, limit, self.statistics)
+
+    def __str__(self) -> str:
+        limit = self.time_limit
+        ended = "stopped" if limit is None else f"the time limit of {limit:g} s was over"
+        doing = f"; the last that was done: {self.doing}" if self.doing else ""
+        return f"{ended} before there was an answer{doing}"
+
+
 class NotInstalledError(DrakeRhoError, ImportError):
     """What was asked for needs a package that is not installed."""

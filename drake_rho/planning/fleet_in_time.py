@@ -11,6 +11,7 @@ import numpy as np
 from drake_rho.planning.lattice import KEPT_BYTES, POINT_BYTES, Lattice, Raster
 from drake_rho.planning.pace import legs_of, progress, usable_speeds
 from drake_rho.planning.resolution import Resolution, Size
+from drake_rho.planning.time_limit import check_time
 from drake_rho.planning.timed_ways import Layers, Search, TimedWay
 from drake_rho.planning.traffic import Bounds, Moving, MovingObstacle, MovingVehicle
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -140,6 +141,7 @@ class FleetInTime:
         ways: dict[int, TimedWay] = {}
         stuck: int | None = None
         for vehicle in map(int, order):
+            check_time()
             way = self._way(vehicle, vehicles[self._kinds[vehicle]])
             if way is None:
                 return [], vehicle

@@ -32,6 +32,7 @@ from drake_rho.planning.least_norm import LeastNorm
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.solve import Solver
+from drake_rho.planning.time_limit import check_time
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -114,6 +115,7 @@ class InGroups:
         best = around = plan.motion()
         cost, self.settled = plan.cost, False
         for number in range(_AHEAD):
+            check_time()
             ahead = around is not best
             try:
                 after, statistics = self.around(around)
@@ -185,6 +187,7 @@ class InGroups:
         if rounds is None:
             rounds = _ROUNDS if self.active else _ROUNDS_AT_FIRST
         for number in range(rounds):
+            check_time()
             if number > 0 or len(program) > 0:
                 program.solve()
             if not rows.enter_broken([*others, pairs], number):

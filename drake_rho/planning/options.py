@@ -56,6 +56,10 @@ class Options:
     """bytes that a search for ways may take: grids are as coarse as that asks for, and where none
     is small enough the search says so"""
 
+    time_limit: Annotated[float, Field(gt=0.0)] | None = None
+    """seconds after which the best plan so far is returned (`statistics.cut`), or `OutOfTimeError`
+    raised where there is none; a single step of the search that is under way then is ended first"""
+
     def tolerance_of(self, scenario: Scenario, *, together: bool, in_groups: bool = False) -> float:
         """The tolerance for a scenario, whose pairs are coupled (`together`), in groups, or not."""
         if self.tolerance is not None:

@@ -58,6 +58,13 @@ def rescaled(scenario: Scenario, factor: float) -> Scenario:
     return dataclasses.replace(scenario, obstacles=obstacles).on_grid(grid)
 
 
+def paced(plan: Plan, scenario: Scenario) -> Plan:
+    """Return the motion of a plan at the pace of a scenario of the same vehicles and knots."""
+    slower = scenario.grid.step / plan.scenario.grid.step
+    velocities, accelerations = plan.velocities / slower, plan.accelerations / slower**2
+    return Plan(scenario, plan.positions, velocities, accelerations)
+
+
 def fitted(plan: Plan, scenario: Scenario) -> Plan:
     """Return the motion of a plan for the vehicles of a scenario, and for as long as it lasts.
 
@@ -74,8 +81,7 @@ def fitted(plan: Plan, scenario: Scenario) -> Plan:
         return plan
     slower, more = grid.step / own.step, grid.knots - own.knots
     if more == 0 and slower > 1.0 + _SAME:
-        velocities, accelerations = plan.velocities / slower, plan.accelerations / slower**2
-        return Plan(scenario, plan.positions, velocities, accelerations)
+        return paced(plan, scenario)
     if more > 0 and abs(slower - 1.0) <= _SAME:
         rest = np.zeros((len(asked), more, 3))
         return Plan(

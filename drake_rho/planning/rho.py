@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from numbers import Integral
 
 import numpy as np
@@ -12,12 +13,15 @@ from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.best import plan as best_plan
+from drake_rho.planning.best import plan_scp
 from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import within_memory
 from drake_rho.planning.measured import ROUNDING, beyond, off_tube, tracked_anew
+from drake_rho.planning.options import Options
 from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.solve import Solver, SolverName, solver_of
+from drake_rho.planning.time_limit import with_time_limit, within_time
 from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.planning.windows import (
     Planner,
@@ -54,6 +58,7 @@ class RecedingHorizon:
             fleets that keep apart, the tail, which is a plan for the next window already.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words when a window begins, as 'window 3 of 10'.
+        options: of this package's planners; after `time_limit` in a step the previous plan is kept.
 
     Attributes:
         scenario: as given.
@@ -75,6 +80,7 @@ class RecedingHorizon:
         reference: Reference | None = None,
         solver: Solver | SolverName | None = None,
         progress: Progress | None = None,
+        options: Options | None = None,
     ) -> None:
         whole = isinstance(replan_every, Integral) and not isinstance(replan_every, bool)
         if not whole or replan_every < 1:
@@ -84,9 +90,15 @@ class RecedingHorizon:
         self.scenario, self.replan_every = scenario, int(replan_every)
         self.windows: list[Window] = []
         self._planner, self._progress = (
-            WindowPlanner(planner, fallback, reference, solver_of(solver)),
+            WindowPlanner(
+                _with(options, planner),
+                None if fallback is None else _with(options, fallback),
+                reference,
+                solver_of(solver),
+            ),
             progress,
         )
+        self._time_limit = None if options is None else options.time_limit
 
     @property
     def knots(self) -> range:
@@ -129,7 +141,8 @@ class RecedingHorizon:
             SolverError: the solvers fail numerically there, with the fallback too.
             ValueError: the states are no numbers of this shape, or the time is another.
         """
-        self.windows.append(self._window(states, time))
+        with within_time(self._time_limit):
+            self.windows.append(self._window(states, time))
         return self.windows[-1]
 
     @with_wall_time
@@ -243,6 +256,7 @@ class RecedingHorizon:
 
 @checked
 @with_wall_time
+@with_time_limit
 @one_for_arrays()
 @within_memory()
 def plan_rho(
@@ -254,6 +268,7 @@ def plan_rho(
     reference: Reference | None = None,
     solver: Solver | SolverName | None = None,
     progress: Progress | None = None,
+    options: Options | None = None,
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
 
@@ -281,6 +296,7 @@ def plan_rho(
             fleets that keep apart, the tail, which is a plan for the next window already.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
         progress: called with a few words when a window begins, as 'window 3 of 10'.
+        options: of this package's planners; after `time_limit` in all the previous plan is kept.
 
     Returns:
         The flight; `flight.plan` meets every constraint of the scenario, but for obstacles that
@@ -288,6 +304,7 @@ def plan_rho(
 
     Raises:
         InfeasibleError: the first window has no solution, with the fallback neither.
+        OutOfTimeError: time was up before the first window had a plan.
         SolverError: the solvers fail numerically in the first window, with the fallback too.
         ValueError: `replan_every` is not a whole number of at least 1.
 
@@ -304,11 +321,20 @@ def plan_rho(
         reference=reference,
         solver=solver,
         progress=progress,
+        options=options,
     )
     times = scenario.grid.times
     for knot in horizon.knots:
         horizon.step(horizon.planned(knot), times[knot])
     return horizon.flight
+
+
+def _with(options: Options | None, planner: Planner) -> Planner:
+    """Return a planner with options, if it is one of this package's; time is for a whole call."""
+    if options is None or planner not in (best_plan, plan_scp, plan_convex):
+        return planner
+    ours: Planner = partial(planner, options=dataclasses.replace(options, time_limit=None))
+    return ours
 
 
 def _seen(states: FloatArray, predicted: FloatArray) -> FloatArray:

@@ -10,12 +10,13 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.keep_apart import coupled
 from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.progress import Progress
 from drake_rho.planning.solve import Solver, SolverName, solver_of
 from drake_rho.planning.subproblem import Subproblem
+from drake_rho.planning.time_limit import check_time
 from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -89,16 +90,23 @@ def iterate(
     """
     restoring, falling = penalties is not None, np.arange(len(plan.accelerations))
     patience = _Patience(subproblem, dead_ends)
+    cut, fall = False, None
     converged, spent, around = False, plan.statistics, plan
     for number, penalty in enumerate(islice(penalties or repeat(np.inf), most)):
         if restoring and subproblem.holds(plan):
             break
         try:
+            check_time()
             if restoring:
                 after = _nearer(subproblem, around, penalty, subproblem.begun + number)
             else:
                 after = subproblem.improved(plan, falling, tolerance)
         except (InfeasibleError, SolverError):  # by rounding, where there is no room at all
+            break
+        except OutOfTimeError:
+            if restoring:
+                raise
+            cut = True
             break
         spent += after.statistics
         if progress is not None:
@@ -111,6 +119,7 @@ def iterate(
             if patience.ends(after):
                 break
             continue
+        fall = max(0.0, 1.0 - after.cost / plan.cost) if plan.cost > 0.0 else 0.0
         plan, falling = _better(subproblem, plan, after, falling, tolerance)
         if converged := len(falling) == 0 or subproblem.settled:
             break
@@ -118,7 +127,9 @@ def iterate(
         if dead_ends is not None:
             dead_ends.add(plan)
         raise failure
-    done = dataclasses.replace(spent, converged=converged or restoring, tolerance=tolerance)
+    done = dataclasses.replace(
+        spent, converged=converged or restoring, cut=cut, last_fall=fall, tolerance=tolerance
+    )
     return plan.with_statistics(done)
 
 

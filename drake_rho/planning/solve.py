@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
+from contextvars import copy_context
 from functools import partial
 from itertools import chain, islice
 from typing import Literal, TypeAlias
@@ -27,7 +29,16 @@ from drake_rho.planning.daqp import Daqp
 from drake_rho.planning.dense import DenseProgram, Program
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.solution import Solution
+from drake_rho.planning.time_limit import check_time, seconds_left
 from drake_rho.scenario.fields import FloatArray
+
+
+def _is_told(record: logging.LogRecord) -> bool:
+    """Whether a line of Drake's log is for users: not how a solver ended, which is judged here."""
+    return not record.getMessage().startswith("Clarabel returns")
+
+
+logging.getLogger("drake").addFilter(_is_told)
 
 Solver: TypeAlias = SolverInterface | Daqp
 """What a planner takes as `solver=`."""
@@ -69,6 +80,9 @@ _OSQP: _Options = {
     "polishing": 1,
     "polish_refine_iter": 10,
 }
+
+_LEAST_TIME = 1e-3
+"""Time that a solver has at least [s]."""
 
 _CHUNK = 40_000
 """Squared variables of the programs that a thread is given at once, some ten milliseconds: less
@@ -144,6 +158,7 @@ def solve(
     for attempt, options in attempts:
         if len(solutions) == len(programs):
             break
+        check_time()
         left = [
             index
             for index, program in enumerate(programs)
@@ -159,6 +174,7 @@ def solve(
     solutions = almost | solutions
     failed = len(programs) - len(solutions)
     if failed:
+        check_time()  # which may be why
         raise SolverError(f"all solvers failed numerically on {failed} of {len(programs)} programs")
     return [solutions[index] for index in range(len(programs))]
 
@@ -192,7 +208,7 @@ def solve_side_by_side(
             chunk.append(program)
             work += _work(program, dense)
             if work > _CHUNK:
-                tasks.append(threads().submit(task, chunk))
+                tasks.append(threads().submit(copy_context().run, task, chunk))
                 chunk, work = [], 0
     rest = task(chunk) if chunk else []
     every = chain(*(each.result() for each in tasks), rest)
@@ -249,6 +265,8 @@ def _solve_with(
     options = SolverOptions()
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
+    if _name(solver) == "Clarabel" and (left := seconds_left()) < np.inf:
+        options.SetOption(solver.solver_id(), "time_limit", max(left, _LEAST_TIME))
     written = [each.written if isinstance(each, DenseProgram) else each for each in programs]
     results = SolveInParallel(
         progs=written,

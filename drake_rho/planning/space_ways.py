@@ -15,6 +15,7 @@ import numpy as np
 from drake_rho.planning.clear_moves import kept_from
 from drake_rho.planning.keep_out import across
 from drake_rho.planning.lattice import Lattice
+from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Obstacle
 
@@ -86,6 +87,7 @@ class SpaceWays:
         ways = [self._through(int(np.argmin(self._lengths)))]
         longest = _LONGER * ways[0].length
         for way in ways:  # which grows meanwhile
+            check_time()
             points = self._beside(way)
             for point in points[np.argsort(self._lengths[points], kind="stable")]:
                 if len(ways) >= most or self._lengths[point] > longest:

@@ -14,6 +14,7 @@ from copy import copy
 import numpy as np
 
 from drake_rho.planning.lattice import MOVES, Lattice, TooLargeError
+from drake_rho.planning.time_limit import check_time
 from drake_rho.planning.traffic import ANYWHERE, Bounds, Moving, met_moves
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
@@ -194,6 +195,7 @@ class Search:
         pace = _PACE * self._scale * self.length / M
         before = np.full(F + 1, np.inf, dtype=np.float32)
         for t in range(M):
+            check_time()
             before[:F], after = values[t, :F], values[t + 1]
             np.take(before, origins, out=arrivals, mode="clip")
             arrivals += costs

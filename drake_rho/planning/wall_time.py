@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import ParamSpec, Protocol, Self, TypeVar
 
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 
 
 class _Planned(Protocol):
@@ -26,7 +26,7 @@ _Result = TypeVar("_Result", bound=_Planned)
 def with_wall_time(planner: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """Return a planner whose `Statistics.seconds` are those from its call to its return.
 
-    The statistics of an `InfeasibleError` or a `SolverError` tell the time until it was raised.
+    The statistics of what is raised in place of a plan tell the time until then.
     """
 
     @functools.wraps(planner)
@@ -34,7 +34,7 @@ def with_wall_time(planner: Callable[_Arguments, _Result]) -> Callable[_Argument
         began = time.perf_counter()
         try:
             planned = planner(*args, **kwargs)
-        except (InfeasibleError, SolverError) as error:
+        except (InfeasibleError, SolverError, OutOfTimeError) as error:
             seconds = time.perf_counter() - began
             error.statistics = dataclasses.replace(error.statistics, seconds=seconds)
             raise

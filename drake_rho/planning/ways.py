@@ -20,6 +20,7 @@ from drake_rho.planning.fleet_in_space import FleetInSpace, size_in_space
 from drake_rho.planning.fleet_in_time import FleetInTime, conflicts_of, size_in_time
 from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.resolution import resolutions
+from drake_rho.planning.time_limit import check_time
 from drake_rho.planning.timed_ways import TimedWay
 from drake_rho.planning.towards import straight_between
 from drake_rho.scenario.fields import FloatArray
@@ -97,6 +98,7 @@ def _in_space(scenario: Scenario, most: int, max_memory: float) -> Iterator[Ways
         flight, vehicles = FleetInSpace(scenario, resolution, max_memory), list[list[FloatArray]]()
         try:
             for number in range(len(scenario.vehicles)):
+                check_time()
                 vehicles.append(flight.timed(number, most))
                 if not vehicles[-1]:
                     break

@@ -16,7 +16,7 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan, Window
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.minimum_violation import minimum_breach, minimum_violation
@@ -63,15 +63,15 @@ def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None)
     return tail
 
 
-_Failure = InfeasibleError | SolverError
+_Failure = InfeasibleError | SolverError | OutOfTimeError
 
-_FAILURES = InfeasibleError, SolverError, MemoryError
+_FAILURES = InfeasibleError, SolverError, OutOfTimeError, MemoryError
 """What planners raise: none of it ends a flight."""
 
 
 def _failure(error: Exception) -> _Failure:
     """Return what a planner raised as what a window tells of it."""
-    if isinstance(error, InfeasibleError | SolverError):
+    if isinstance(error, InfeasibleError | SolverError | OutOfTimeError):
         return error
     return SolverError("the planner ran out of memory")
 
@@ -112,7 +112,7 @@ class WindowPlanner:
         else:
             try:
                 return self._first(measured)
-            except (InfeasibleError, SolverError) as error:
+            except (InfeasibleError, SolverError, OutOfTimeError) as error:
                 failure = error
         own = self._first(scenario)
         plan = least_breach(_moved(own.plan, measured), self.solver)
@@ -156,11 +156,13 @@ class WindowPlanner:
             window = self._planned_again(other, scenario, first_knot, followed, window)
             if isinstance(window, Window):
                 return window
+        cut = isinstance(window, OutOfTimeError)
+        spent = dataclasses.replace(window.statistics, cut=window.statistics.cut or cut)
         if holds:
-            plan = tail.with_statistics(window.statistics)
+            plan = tail.with_statistics(spent)
         else:
             plan = least_breach(followed, self.solver)
-            plan = plan.with_statistics(window.statistics + plan.statistics)
+            plan = plan.with_statistics(spent + plan.statistics)
         return Window(first_knot, plan, plan, infeasible=str(window), kept=holds)
 
     def _without_room(self, scenario: Scenario, tail: Plan, last: Window) -> _Failure | None:
@@ -276,11 +278,11 @@ def least_breach(reference: Plan, solver: Solver | None = None) -> Plan:
     if scenario.known or scenario.separation is not None:  # else nothing can be too close
         try:
             return minimum_breach(reference, solver)
-        except (InfeasibleError, SolverError) as error:
+        except (InfeasibleError, SolverError, OutOfTimeError) as error:
             spent = error.statistics
     try:
         plan = minimum_violation(scenario, solver)
-    except SolverError as error:
+    except (SolverError, OutOfTimeError) as error:
         return reference.with_statistics(spent + error.statistics)
     return plan.with_statistics(spent + plan.statistics)
 
