@@ -32,6 +32,13 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
 
+_CREEPING = 16
+"""Reach from which on worst instants creep: where normals jump they would never get there."""
+
+_HALVINGS, _JUMP = 18, 0.99
+"""How often the time of a jump is bisected, so that keys still tell its two sides, and the product
+of unit normals below which it is one: past an edge they turn, and inside of it they jump."""
+
 FIRST = 32
 """Number of the pairs' constraint; those of obstacles follow, those of keep-in sets come before."""
 
@@ -106,7 +113,14 @@ class KeepOut(Constraint):
         if len(places) == 0:
             return self.none
         rows = self.rows(places)  # of two that are too close, one may keep its own half
-        return rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
+        broken = rows.margins(motion) < -BROKEN * rows.tolerances
+        if reach < _CREEPING or not broken.any():
+            return rows.select(broken)
+        return rows.select(broken).and_also(self.rows(self.jumps(places.select(broken))))
+
+    def jumps(self, places: Places) -> Places:
+        """Return the instants beside jumps of the normals, within a step of some places."""
+        return places.select(np.zeros(0, dtype=int))
 
     @abc.abstractmethod
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
@@ -170,6 +184,28 @@ class KeepOutOfObstacle(KeepOut):
             normals=normals,
             bounds=beyond + np.vecdot(normals, centers),
             tolerances=self.tolerances[places.vehicles],
+        )
+
+    def jumps(self, places: Places) -> Places:
+        """Return the instants beside jumps of the normals, within a step of some places."""
+        h, steps = self.reference.step, self.reference.accelerations.shape[1]
+        one = places.times
+        jumps = list[Places]()
+        for end in (np.maximum(one - h, AT_ONCE * h), np.minimum(one + h, (steps - AT_ONCE) * h)):
+            here, there = (dataclasses.replace(places, times=each) for each in (one, end))
+            first, last = self.directions(here), self.directions(there)
+            for _ in range(_HALVINGS):
+                middle = dataclasses.replace(places, times=(here.times + there.times) / 2.0)
+                n = self.directions(middle)
+                near = np.vecdot(n, first) >= np.vecdot(n, last)
+                here = dataclasses.replace(here, times=np.where(near, middle.times, here.times))
+                there = dataclasses.replace(there, times=np.where(near, there.times, middle.times))
+            jump = np.vecdot(self.directions(here), self.directions(there)) < _JUMP
+            jumps += [here.select(jump), there.select(jump)]
+        return Places(
+            np.concatenate([each.vehicles for each in jumps]),
+            np.concatenate([each.partners for each in jumps]),
+            np.concatenate([each.times for each in jumps]),
         )
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
