@@ -113,10 +113,11 @@ class KeepOut(Constraint):
         if len(places) == 0:
             return self.none
         rows = self.rows(places)  # of two that are too close, one may keep its own half
-        broken = rows.margins(motion) < -BROKEN * rows.tolerances
-        if reach < _CREEPING or not broken.any():
-            return rows.select(broken)
-        return rows.select(broken).and_also(self.rows(self.jumps(places.select(broken))))
+        broken = rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
+        if reach < _CREEPING or len(broken) == 0:
+            return broken
+        beside = self.jumps(Places(broken.vehicles, broken.partners, broken.times))
+        return broken.and_also(self.rows(beside)) if len(beside) > 0 else broken
 
     def jumps(self, places: Places) -> Places:
         """Return the instants beside jumps of the normals, within a step of some places."""
