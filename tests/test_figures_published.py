@@ -214,6 +214,17 @@ def test_settings_of_the_session_change_nothing(tmp_path: Path) -> None:
     assert one == other
 
 
+def test_last_digits_of_a_plan_are_not_seen(tmp_path: Path) -> None:
+    """From processor to processor they differ; drawn, they used to change pixels."""
+    plan, rng = rho.plan_convex(rho.load_scenario("paper")), np.random.default_rng(0)
+    noise = 1.0 + 1e-14 * rng.uniform(-1.0, 1.0, plan.accelerations.shape)
+    other = rho.Plan.from_accelerations(plan.scenario, plan.accelerations * noise)
+    assert np.any(other.velocities != plan.velocities)
+    for draw in (rho.velocities_figure, rho.accelerations_figure):
+        seen, again = (_drawn(draw(each)) for each in (plan, other))
+        np.testing.assert_array_equal(seen, again)
+
+
 def _drawn(figure: Figure) -> np.ndarray:
     """What is seen of a figure, red, green and blue from 0 to 1, shape (rows, columns, 3)."""
     canvas: Any = FigureCanvasAgg(figure)  # matplotlib has no types for it

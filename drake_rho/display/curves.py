@@ -7,6 +7,7 @@ Every function takes the axes first and returns the artists it has drawn.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -41,6 +42,8 @@ _NORM_LABELS: dict[Norm, str] = {
 
 _NO_CHANGE = 1e-6
 """Range of a component, in parts of the largest of all, that is put down to rounding."""
+_SEEN = 6
+"""Digits of values that are drawn, counted from the largest."""
 _LEVEL = 0.05
 """Half the range of the axes of such a component, in parts of the largest of all."""
 
@@ -91,13 +94,12 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
 def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
     """Velocity components over time with their bounds; one axes for each of x, y and z."""
     times = dense_times(plan)
-    exact, drawn = plan.motion().at("velocity", times), plan.scenario.grid.start + times
+    exact = _as_seen(plan.motion().at("velocity", times))
+    knots, drawn = _as_seen(plan.velocities), plan.scenario.grid.start + times
     lines = []
     for axis, ax in enumerate(axes):
         lines += [
-            draw_curve(
-                ax, plan, i, (drawn, exact[i, :, axis]), (plan.times, plan.velocities[i, :, axis])
-            )
+            draw_curve(ax, plan, i, (drawn, exact[i, :, axis]), (plan.times, knots[i, :, axis]))
             for i in range(len(exact))
         ]
         _finish_component(ax, plan, "velocity", "v", "m/s", axis)
@@ -111,6 +113,7 @@ def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
     """Acceleration components, constant in each step, with their bounds; one axes an axis."""
     lines = []
     times, values = commands(plan)
+    values = _as_seen(values)
     for axis, ax in enumerate(axes):
         lines += [_draw_steps(ax, plan, i, times, values[i, :, axis]) for i in range(len(values))]
         _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
@@ -133,20 +136,30 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
         ax.axhline(most, **LIMIT_STYLE)
     if limit.kind.quantity == "velocity":
         times, start = dense_times(plan), plan.scenario.grid.start
-        exact = limit.kind.measured(plan.motion().at("velocity", times))
-        knots = limit.kind.measured(plan.velocities)
+        exact = _as_seen(limit.kind.measured(plan.motion().at("velocity", times)))
+        knots = _as_seen(limit.kind.measured(plan.velocities))
         lines = [
             draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
             for index in range(len(exact))
         ]
     else:
         ends, values = commands(plan)
-        steps = limit.kind.measured(values)
+        steps = _as_seen(limit.kind.measured(values))
         lines = [_draw_steps(ax, plan, index, ends, steps[index]) for index in range(len(steps))]
     ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
     _show_hidden(ax, plan, lines)
     return lines
+
+
+def _as_seen(values: FloatArray) -> FloatArray:
+    """Return values without the digits that nobody sees.
+
+    Some of these differ from processor to processor, and with them whether points are on one line,
+    which pixels tell.
+    """
+    largest = float(np.max(np.abs(values), initial=0.0))
+    return np.round(values, _SEEN - math.ceil(math.log10(largest))) if largest else values
 
 
 def _draw_steps(ax: Axes, plan: Drawn, index: int, times: FloatArray, values: FloatArray) -> Line2D:
