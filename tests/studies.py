@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sqlite3
+import time
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,13 @@ def own(scenario: rho.Scenario, *, megabytes: int = 0, wrong: str = "") -> rho.P
         return careless
     if wrong == "separation":
         return dataclasses.replace(careless, scenario=scenario)
+    return rho.plan(scenario)
+
+
+def held(scenario: rho.Scenario, *, until: str) -> rho.Plan:
+    """A planner that begins once there is a file."""
+    while not Path(until).exists():
+        time.sleep(0.01)
     return rho.plan(scenario)
 
 
