@@ -3,9 +3,11 @@
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+PYTEST := $(BIN)/python -m pytest -n auto -q
+SEED := $(shell od -An -N4 -tu4 /dev/urandom | tr -d ' ')
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale test lint format clean
+.PHONY: help reproduce animate notebooks pictures docs bench bench-fleet bench-world bench-flight bench-scale test test-all lint format clean
 .DEFAULT_GOAL := help
 
 help: ## This list
@@ -43,9 +45,15 @@ bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The sa
 bench-scale: $(VENV)/.bench ## The same for large fleets and campaigns
 	$(BIN)/python -m benchmarks --scale
 
-test: $(VENV)/.test ## Run the tests, the notebooks among them
+test: $(VENV)/.test ## Run the tests, but for slow ones (five minutes on two cores)
 	@sh tools/setup-browser $(VENV)
-	$(BIN)/python -m pytest -n auto -q
+	$(PYTEST) -m "not slow"
+
+test-all: $(VENV)/.test ## Run all tests, then random ones with a fresh SEED, which is printed (eight minutes)
+	@sh tools/setup-browser $(VENV)
+	$(PYTEST)
+	@echo 'Random tests with another seed; to have these again: make test-all SEED=$(SEED)'
+	$(PYTEST) -m hypothesis --hypothesis-profile=random --hypothesis-seed=$(SEED)
 
 lint: $(VENV)/.dev $(VENV)/.pins ## Check format, style, types, the direction of imports, the pins
 	$(BIN)/ruff format --check .

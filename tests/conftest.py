@@ -11,19 +11,28 @@ from drake_rho.paper.study import Study, run_study
 from drake_rho.planning import solve
 
 # No deadline: how long a program takes is no property to test. Fixtures that hypothesis reuses
-# are frozen records.
+# are frozen records. What fails comes again from its seed, and needs no database.
 settings.register_profile(
-    "drake_rho",
+    "random",
     deadline=None,
-    derandomize=True,
+    database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-settings.load_profile("drake_rho")
+settings.register_profile("same", settings.get_profile("random"), derandomize=True, max_examples=25)
+settings.load_profile("same")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--solver daqp` runs the whole suite with another solver where a test asks for none."""
     parser.addoption("--solver", choices=["clarabel", "daqp"], default="clarabel")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave notebooks to `make test-all`, but for the one to start with."""
+    for item in items:
+        if item.path.suffix == ".ipynb" and item.path.stem != "start_here":
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(autouse=True, scope="session")

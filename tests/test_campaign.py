@@ -395,6 +395,7 @@ def test_a_store_is_read_while_it_is_written(tmp_path: Path) -> None:
     assert seen == [0, 1, 2, 3, 4]
 
 
+@pytest.mark.slow
 def test_the_whole_killed_anywhere_goes_on(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
     path, program = tmp_path / "runs.sqlite", tmp_path / "program.py"
     (tmp_path / "study.json").write_text(study_to_json(small()))

@@ -16,6 +16,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.campaigns.store import StoreError
 from drake_rho.campaigns.study import example_study, study_from_yaml, study_to_json
+from tests.scenarios import slow
 from tests.studies import small, table
 from tests.test_cli import run
 
@@ -151,9 +152,7 @@ def test_another_study_is_refused(
     assert table(store) == before
 
 
-@pytest.mark.parametrize(
-    "how", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("how", [signal.SIGINT, *slow(signal.SIGKILL)])
 def test_a_campaign_on_workers_that_is_ended_goes_on(
     how: signal.Signals, tmp_path: Path, capsys: Captured, monkeypatch: Patch
 ) -> None:

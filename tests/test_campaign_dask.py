@@ -52,6 +52,7 @@ def test_a_cluster_of_processes_finds_the_same_also_when_one_dies(
     assert table(tmp_path / "runs.sqlite") == expected
 
 
+@pytest.mark.slow
 def test_a_scheduler_and_workers_that_are_commands(
     expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:

@@ -28,6 +28,7 @@ import drake_rho as rho
 from drake_rho.display import curves, space
 from drake_rho.display.distances import draw_distances_from_centre
 from drake_rho.display.figures import write_figures
+from drake_rho.display.formats import SINGLE_COLUMN
 from drake_rho.display.frame import frame_scene
 from drake_rho.display.snapshots import snapshots
 from drake_rho.motion.plan import Window
@@ -481,7 +482,8 @@ def test_rounding_does_not_fill_axes_on_which_nothing_changes() -> None:
 def test_every_figure_there_is_of_a_plan_is_written(
     scenario: str, names: list[str], plan: rho.Plan, fleet: rho.Plan, tmp_path: Path
 ) -> None:
-    paths = write_figures(plan if scenario == "paper" else fleet, tmp_path / "new")
+    drawn = plan if scenario == "paper" else fleet
+    paths = write_figures(drawn, tmp_path / "new", width=SINGLE_COLUMN)
     assert [path.stem for path in paths] == names
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(
         f"{name}.png" for name in names
@@ -489,6 +491,7 @@ def test_every_figure_there_is_of_a_plan_is_written(
     assert all(imread(path).std() > 0.05 for path in paths)
 
 
+@pytest.mark.slow
 def test_sixteen_figures_are_written(study: Study, tmp_path: Path) -> None:
     done: list[str] = []
     paths = write_paper_figures(study, tmp_path / "new" / "figures", done.append)
@@ -498,6 +501,27 @@ def test_sixteen_figures_are_written(study: Study, tmp_path: Path) -> None:
     images = [imread(path) for path in paths]
     assert all(image.shape[1] == 2148 for image in images)  # 7.16 in of 300 dots
     assert all(image.std() > 0.05 for image in images)  # none is blank
+
+
+def test_a_figure_that_looks_the_same_is_left_as_it_is(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But one that looks otherwise is written, and so is one in the place of no picture."""
+    grey = np.full((20, 30, 3), 100, np.uint8)
+
+    def drawn(number: int, *_: object, **__: object) -> Figure:
+        figure = Figure(figsize=(0.1, 0.1), dpi=300)
+        figure.figimage(grey + {3: 0, 4: 1, 5: 2}.get(number, 0))
+        return figure
+
+    monkeypatch.setattr("drake_rho.paper.figures.draw_figure", drawn)
+    paths = write_paper_figures(study, tmp_path)
+    before = [path.read_bytes() for path in paths]
+    for path in (*paths[1:3], tmp_path / "fig07.png"):
+        path.write_bytes(before[0])
+    paths[3].write_text("no picture")
+    write_paper_figures(study, tmp_path)
+    assert [path.read_bytes() for path in paths] == [before[0], before[0], *before[2:]]
 
 
 def test_every_figure_names_its_example(study: Study) -> None:

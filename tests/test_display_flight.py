@@ -18,6 +18,7 @@ import drake_rho as rho
 from drake_rho.display import curves, distances, errors, space
 from drake_rho.display.figures import write_figures
 from drake_rho.display.flown import commands, drawn, planned
+from drake_rho.display.formats import SINGLE_COLUMN
 from drake_rho.display.style import vehicle_colours
 from drake_rho.simulation.closed_loop import fly
 
@@ -247,4 +248,6 @@ def test_every_figure_there_is_of_a_simulation_is_written(
     simulation: rho.Simulation, tmp_path: Path
 ) -> None:
     names = ("paths", "distances", "separation", "velocities", "accelerations", "errors")
-    assert [path.stem for path in write_figures(simulation, tmp_path)] == list(names)
+    assert [path.stem for path in write_figures(simulation, tmp_path, width=SINGLE_COLUMN)] == list(
+        names
+    )

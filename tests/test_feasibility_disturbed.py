@@ -93,6 +93,7 @@ def test_the_largest_wind_of_a_corridor_is_that_whose_tube_fills_it() -> None:
     assert len(told.splitlines()) <= 12
 
 
+@pytest.mark.slow
 def test_there_is_a_plan_with_the_largest_wind_and_none_with_more() -> None:
     scenario = gap(rho.Disturbance(3.0, feedback_every=0.5))
     with pytest.raises(rho.InfeasibleError) as caught:

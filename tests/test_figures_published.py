@@ -36,7 +36,7 @@ from drake_rho.paper.figures import draw_figure
 from drake_rho.paper.study import Study
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.obstacles import Obstacle
-from tests.scenarios import straight
+from tests.scenarios import slow, straight
 
 NAMES = ("$x^$", "<b>&amp;</b>", "a_b_c", "'q\"uote & co", "w" * 80, "v")
 """Names that mean something elsewhere."""
@@ -101,7 +101,7 @@ def _texts(figure: Figure) -> list[Text]:
     return [text for text in found if text.get_visible() and text.get_text()]
 
 
-@pytest.mark.parametrize("width", [SINGLE_COLUMN, DOUBLE_COLUMN])
+@pytest.mark.parametrize("width", [SINGLE_COLUMN, *slow(DOUBLE_COLUMN)])
 @pytest.mark.parametrize("scene", SCENES)
 def test_no_text_lies_on_another_or_leaves_the_figure(scene: str, width: float) -> None:
     plan = SCENES[scene]()
@@ -150,6 +150,7 @@ for file_format in ("png", "pdf", "svg"):
 """
 
 
+@pytest.mark.slow
 def test_the_same_drawing_is_the_same_file_in_every_format(tmp_path: Path) -> None:
     """By processes of other random hashes, and on another day."""
     for name, seed in (("one", "1"), ("other", "2")):

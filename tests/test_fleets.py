@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.optimize import minimize
@@ -25,11 +25,13 @@ from drake_rho.planning.rows import about
 from drake_rho.planning.subproblem import Subproblem
 from tests.scenarios import (
     box,
+    examples,
     fleet,
     mapped,
     random_fleet,
     sampled_separation,
     single,
+    slow,
     through_the_middle,
 )
 from tests.test_invariance import SIGNED_PERMUTATIONS
@@ -117,7 +119,7 @@ def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, .
 
 
 @given(seed=st.integers(0, 2**32 - 1), between_knots=st.booleans())
-@settings(max_examples=40)
+@examples(40)
 def test_random_fleets_hold_when_sampled(seed: int, between_knots: bool) -> None:
     asked = random_fleet(seed, between_knots=between_knots)
     for coupling in (coupled, decoupled):
@@ -203,7 +205,7 @@ def test_relabelling_the_vehicles_permutes_the_plan(name: str) -> None:
     length=st.floats(0.01, 100),
     time=st.floats(0.1, 10),
 )
-@settings(max_examples=25)
+@examples(25)
 def test_mirroring_turning_shifting_and_changing_units(
     seed: int, turn: np.ndarray, shift: tuple[float, float, float], length: float, time: float
 ) -> None:
@@ -230,7 +232,7 @@ def _free(scenario: rho.Scenario) -> Motion:
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=25)
+@examples(25)
 def test_planned_jointly_from_a_split_plan_it_never_costs_more(seed: int) -> None:
     asked = random_fleet(seed, most=5)
     try:
@@ -417,7 +419,7 @@ TUBE = rho.Limits(position=rho.Box([-6, -0.3, -0.3], [6, 0.3, 0.3]))
 HEAD_ON = ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]])
 
 
-@pytest.mark.parametrize("name", ["coupled", "decoupled", "rho"])
+@pytest.mark.parametrize("name", ["coupled", *slow("decoupled", "rho")])
 def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> None:
     asked = fleet(*HEAD_ON, limits=TUBE)
     with pytest.raises(rho.InfeasibleError) as caught:

@@ -18,7 +18,7 @@ from drake_rho.display.figures import write_figures
 from drake_rho.display.names import as_path, brief
 from drake_rho.motion.plan import Window
 from tests.browser import open_page
-from tests.scenarios import straight
+from tests.scenarios import slow, straight
 
 LONG = "w" * 80
 NAMES = ("$x^$", "a", "a/b", "a%2Fb", "<b>&amp;</b>", "<object>", "_hidden", r"\$5", "..", LONG)
@@ -66,8 +66,8 @@ def test_names_beside_starts_and_of_the_closest_two_are_text() -> None:
     FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
 
 
-@pytest.mark.parametrize("count", [1, 6, 14, 36])
-@pytest.mark.parametrize("length", [3, 10, 80])
+@pytest.mark.parametrize("count", [*slow(1, 6), 14, 36])
+@pytest.mark.parametrize("length", [*slow(3), 10, 80])
 def test_a_legend_is_whole_and_never_over_the_plot(count: int, length: int) -> None:
     names = [f"{index:02}" + "W" * (length - 2) for index in range(count)]
     plan = straight(count, names)

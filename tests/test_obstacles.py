@@ -26,6 +26,7 @@ from tests.shapes import KINDS, random_shape
 
 seeds = st.integers(0, 2**32 - 1)
 BALL = rho.Sphere([5.0, 5.0, 5.0], 1.0)
+SCHEMA = jsonschema.Draft202012Validator(rho.scenario_schema())
 
 
 def as_any(value: Any) -> Any:
@@ -319,7 +320,7 @@ def test_files_bring_back_every_number_and_keep_to_the_schema(seed: int) -> None
     assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
     text = scenario_to_json(scenario)
     assert scenario_from_json(text) == scenario
-    jsonschema.validate(json.loads(text), rho.scenario_schema())
+    SCHEMA.validate(json.loads(text))
 
 
 def asked(obstacle: str = "{center: [5, 5, 5], radius: 1}", vehicle: str = "radius: 0.1") -> str:

@@ -10,7 +10,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.assurance.optimality import GLOBAL_GAP
 from drake_rho.scenario.fields import unchecked
-from tests.scenarios import box, single, through_the_middle
+from tests.scenarios import box, single, slow, through_the_middle
 
 NOISY = rho.Disturbance(0.2, 0.01, 0.02, 0.1, 1, 0.4)
 COARSE = rho.Disturbance(0.2, feedback_every=0.5)
@@ -61,14 +61,14 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", ["ellipsoid", *slow("ball", "pair"), "pair with downwash"])
 def test_no_plan_from_any_reference_is_below_the_bound(name: str) -> None:
     scenario = dataclasses.replace(SHAPES[name], disturbance=NOISY)
     certificate = rho.certify(rho.plan_scp(scenario))
     rng = np.random.default_rng(5)
     free = rho.plan_scp(scenario.without_obstacles().without_separation())
     found = 0
-    for _ in range(20):
+    for _ in range(10):
         moved = free.accelerations + 0.5 * rng.normal(size=free.accelerations.shape)
         reference = rho.Plan.from_accelerations(scenario, moved)
         try:
@@ -78,7 +78,7 @@ def test_no_plan_from_any_reference_is_below_the_bound(name: str) -> None:
         found += 1
         assert rho.verify(plan).ok
         assert certificate.lower_bound <= plan.cost * (1.0 + GLOBAL_GAP)
-    assert found >= 10
+    assert found >= 5
 
 
 def test_a_plan_with_less_than_margins_may_cost_less_but_not_less_than_the_bound() -> None:
