@@ -9,8 +9,9 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
 
-TWIN = 1e-6
-"""Relative, for the cost of the program with cones, solved to Drake's default tolerances."""
+TWIN = 1e-5
+"""Relative, for the cost of the program with cones, solved to Drake's default tolerances: it has
+been 1.1e-6 above that of a plan which its certificate proved to be within 1e-11 of the optimum."""
 
 
 def integrals(scenario: rho.Scenario) -> tuple[FloatArray, FloatArray]:

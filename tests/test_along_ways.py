@@ -215,6 +215,7 @@ def test_a_gate_that_opens_is_waited_for() -> None:
     assert np.interp(4.25, plan.positions[0, :, 0], plan.times) > 5.0
 
 
+@pytest.mark.slow
 def test_a_crowd_between_pillars_is_planned() -> None:
     """Six vehicles change sides through three gaps, in which only one has room."""
     pillars = tuple(rho.Box([-0.4, y, -2], [0.4, y + 1.0, 2]) for y in (-3.5, -1.75, 0.0, 1.75))

@@ -104,6 +104,7 @@ def test_the_live_page_shows_the_swarm(flight: rho.Flight) -> None:
         assert errors == []
 
 
+@pytest.mark.slow
 def test_trails_grow_and_predictions_change_with_the_windows(flight: rho.Flight) -> None:
     meshcat = rho.animate(flight)
     with open_page() as (page, _):
@@ -119,6 +120,7 @@ def test_trails_grow_and_predictions_change_with_the_windows(flight: rho.Flight)
             assert seen == [str(min(int(time // 5), 9) + 1)]
 
 
+@pytest.mark.slow
 def test_one_page_in_a_file_does_the_same_without_a_network(
     flight: rho.Flight, tmp_path: Path
 ) -> None:
@@ -131,6 +133,7 @@ def test_one_page_in_a_file_does_the_same_without_a_network(
         assert errors == []
 
 
+@pytest.mark.slow
 def test_a_plan_in_a_small_room_is_shown_too() -> None:
     plan = rho.plan_convex(single(obstacles=(rho.Sphere([5.0, 2.3, -1.0], 1.0),)))
     meshcat = rho.animate(plan, rate=2.0)
@@ -172,6 +175,7 @@ def _count(page: Page, *path: str) -> int:
     return drawn
 
 
+@pytest.mark.slow
 def test_a_light_scene_has_little_but_the_vehicles() -> None:
     plan = crossing(60)
     meshcat = rho.animate(plan)
@@ -195,6 +199,7 @@ def test_a_light_scene_has_little_but_the_vehicles() -> None:
         assert errors == []
 
 
+@pytest.mark.slow
 def test_a_thousand_vehicles_are_one_object_each_and_their_page_opens(tmp_path: Path) -> None:
     plan = crossing(1000)
     page_file = tmp_path / "thousand.html"

@@ -102,6 +102,7 @@ def test_the_live_page_shows_the_true_motion_and_the_tube(simulation: rho.Simula
         assert errors == []
 
 
+@pytest.mark.slow
 def test_one_page_in_a_file_does_the_same_without_a_network(
     simulation: rho.Simulation, tmp_path: Path
 ) -> None:
@@ -141,6 +142,7 @@ def winds_times(scenario: rho.Scenario, factor: float) -> rho.Simulation:
     return dataclasses.replace(still, wind=wind)
 
 
+@pytest.mark.slow
 def test_a_light_scene_of_a_simulation_has_little_but_the_vehicles() -> None:
     rng = np.random.default_rng(1)
     asked = rho.random_transitions(30, rng, duration=8.0, step=0.4)
@@ -152,6 +154,7 @@ def test_a_light_scene_of_a_simulation_has_little_but_the_vehicles() -> None:
         assert not meshcat.HasPath(f"/flight/{part}")
 
 
+@pytest.mark.slow
 def test_many_windows_of_long_flights_make_no_large_page() -> None:
     scenario = mission()
     longer = dataclasses.replace(scenario, grid=rho.Grid(0.25, 161))

@@ -235,6 +235,7 @@ def test_what_a_function_does_wrong_is_told_in_its_row(tmp_path: Path) -> None:
     assert [row.method for row in rows.values() if row.verified] == ["right"]
 
 
+@pytest.mark.slow
 def test_times_and_memory_are_those_of_the_run(tmp_path: Path) -> None:
     by_own = {"planner": "function", "function": own}
     methods = [

@@ -32,6 +32,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Any, ...]]:
     return table(path)
 
 
+@pytest.mark.slow
 def test_a_cluster_of_processes_finds_the_same_also_when_one_dies(
     expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:

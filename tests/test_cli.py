@@ -261,12 +261,14 @@ def _completed(*words: str) -> list[str]:
     return ran.stdout.split()
 
 
+@pytest.mark.slow
 def test_shells_complete_commands_options_and_scenarios() -> None:
     assert _completed("drake-rho", "pl") == ["plan"]
     assert _completed("drake-rho", "fly", "pa") == ["paper", "paper_assembly"]
     assert _completed("drake-rho", "verify", "x.npz", "--q") == ["--quiet"]
 
 
+@pytest.mark.slow
 def test_a_report_fits_a_terminal_of_80_columns() -> None:
     ran = subprocess.run(
         [sys.executable, "-m", "drake_rho", "plan", "paper"],
@@ -335,9 +337,9 @@ def _with_reader(reader: str, *words: str, python: str = "-s") -> tuple[str, str
 @pytest.mark.parametrize(
     "words",
     [
-        *(["plan", "paper"], ["schema"], ["--help"]),
+        *(["plan", "paper"], ["--help"]),
         *slow(
-            *(["fly", "paper"], ["plan", "--help"], ["verify", "{}/plan.npz"]),
+            *(["schema"], ["fly", "paper"], ["plan", "--help"], ["verify", "{}/plan.npz"]),
             ["show", "{}/plan.npz", "--html", "{}/page.html"],
             ["reproduce", "--figures", "{}/figures"],
         ),
@@ -352,6 +354,7 @@ def test_a_reader_that_leaves_early_is_status_141_and_no_word(
     assert _with_reader("| true", *words) == ("141 0", "")
 
 
+@pytest.mark.slow
 def test_a_reader_of_unbuffered_output_may_leave_too() -> None:
     assert _with_reader("| true", "schema", python="-u") == ("141 0", "")
 
@@ -365,22 +368,26 @@ def test_a_reader_that_leaves_within_the_output_is_status_141(tmp_path: Path) ->
     assert _with_reader("| head -c 9", *words) == ("141 0", "")
 
 
+@pytest.mark.slow
 def test_complaints_that_nobody_reads_are_status_141() -> None:
     assert _with_reader("2>&1 | true", "plan", "nowhere") == ("141 0", "")
 
 
+@pytest.mark.slow
 def test_output_that_cannot_be_written_is_one_line_and_status_2() -> None:
     complaint = "drake-rho: [Errno 28] No space left on device"
     assert _with_reader("> /dev/full", "schema") == ("2", complaint)
     assert _with_reader(">&-", "schema") == ("0", "")
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_early_loses_no_plan(tmp_path: Path) -> None:
     kept = tmp_path / "kept.npz"
     assert _with_reader("| true", "plan", "paper", "-o", str(kept)) == ("141 0", "")
     assert isinstance(rho.load(kept), rho.Plan)
 
 
+@pytest.mark.slow
 def test_a_terminal_without_greek_or_squares_is_no_obstacle(tmp_path: Path) -> None:
     ran = subprocess.run(
         [sys.executable, "-m", "drake_rho", "plan", "paper"],
@@ -392,6 +399,7 @@ def test_a_terminal_without_greek_or_squares_is_no_obstacle(tmp_path: Path) -> N
     assert b"m/s?" in ran.stdout
 
 
+@pytest.mark.slow
 def test_a_terminal_of_no_width_and_names_like_markup_are_no_obstacle(tmp_path: Path) -> None:
     asked = dataclasses.replace(single(), name="[/b] [red] :x:")
     rho.save(rho.plan_convex(asked), tmp_path / "plan.npz")
@@ -414,7 +422,7 @@ def test_the_schema_is_json(
     assert json.loads(out)["title"] == "Scenario"
 
 
-@pytest.mark.parametrize("command", ["plan", "fly"])
+@pytest.mark.parametrize("command", ["plan", *slow("fly")])
 def test_figures_of_the_result_are_written_where_asked(
     command: str,
     scenario_file: Path,

@@ -160,7 +160,7 @@ def test_a_quadrotor_is_told_from_a_point_mass(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     kept, figures = tmp_path / "flown.npz", tmp_path / "figures"
-    words = ("--plant", "quadrotor", "--figures", str(figures), "-o", str(kept))
+    words = ("--plant", "quadrotor", "--figures", str(figures), "--width", "3.5", "-o", str(kept))
     _, out, _ = run(capsys, monkeypatch, "simulate", mission, *words)
     simulation = _flown(kept)
     assert simulation.plant == "quadrotor"

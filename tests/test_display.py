@@ -524,6 +524,7 @@ def test_a_figure_that_looks_the_same_is_left_as_it_is(
     assert [path.read_bytes() for path in paths] == [before[0], before[0], *before[2:]]
 
 
+@pytest.mark.slow
 def test_every_figure_names_its_example(study: Study) -> None:
     titles = [draw_figure(number, study).get_suptitle() for number in NUMBERS]
     assert [title.split(":")[0] for title in titles] == [

@@ -289,6 +289,7 @@ def test_notes_say_what_is_kept_and_when_moving_obstacles_are_shown(plan: rho.Pl
     assert len(rho.paths_figure(still).texts) == 1
 
 
+@pytest.mark.slow
 def test_fifty_obstacles_and_forty_vehicles_are_drawn(tmp_path: object) -> None:
     rng = np.random.default_rng(3)
     boxes = [rho.Box(low, low + 0.5) for low in rng.uniform(0, 10, (50, 3))]

@@ -48,7 +48,7 @@ def test_a_dip_between_knots_is_judged_by_what_is_asked(careful: rho.Scenario) -
 
 
 @given(scenario=scenarios(between_knots=True))
-@examples(200)
+@examples(100)
 def test_random_plans_hold_when_sampled_a_thousand_times_a_step(scenario: rho.Scenario) -> None:
     try:
         plan = rho.plan_scp(scenario)

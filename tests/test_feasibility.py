@@ -142,6 +142,7 @@ def test_two_that_pass_each_other_take_no_longer_than_one_alone() -> None:
     assert "or perhaps less" in str(reason)
 
 
+@pytest.mark.slow
 def test_two_that_cannot_pass_at_all_are_told_by_how_much_they_are_too_close() -> None:
     """With two steps there is one way from rest to rest, through the middle together."""
     reason = rho.diagnose(through_the_middle(2, grid=rho.Grid(5.0, 3)))

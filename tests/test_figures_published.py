@@ -102,7 +102,10 @@ def _texts(figure: Figure) -> list[Text]:
 
 
 @pytest.mark.parametrize("width", [SINGLE_COLUMN, *slow(DOUBLE_COLUMN)])
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize(
+    "scene",
+    [each for name in SCENES for each in (slow(name) if name == "many obstacles" else [name])],
+)
 def test_no_text_lies_on_another_or_leaves_the_figure(scene: str, width: float) -> None:
     plan = SCENES[scene]()
     figures = [
@@ -167,6 +170,7 @@ def test_the_same_drawing_is_the_same_file_in_every_format(tmp_path: Path) -> No
         assert b"Matplotlib v" not in written
 
 
+@pytest.mark.slow
 def test_pdf_embeds_its_fonts_and_svg_keeps_text(tmp_path: Path) -> None:
     plan = straight(len(NAMES), NAMES)
     for file_format in ("pdf", "svg"):

@@ -12,7 +12,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.scenario.disturbance import Tracking
 from tests.loop import Loop
-from tests.scenarios import box, single
+from tests.scenarios import box, single, slow
 
 SECONDS = 0.1
 
@@ -42,7 +42,7 @@ def test_the_peak_is_close_to_what_no_sampled_feedback_is_below(limit: float | N
 
 @pytest.mark.parametrize("delay", [0, 1, 2])
 @pytest.mark.parametrize("error", [0.0, 1.0])
-@pytest.mark.parametrize("limit", [3.0, 6.0, None])
+@pytest.mark.parametrize("limit", [*slow(3.0), 6.0, None])
 def test_no_gains_of_a_dense_grid_are_better(delay: int, error: float, limit: float | None) -> None:
     around = rho.Disturbance(1.0, 0.001 * error, 0.05 * error, SECONDS, delay)
     scenario = scenario_of(around, limit, knots=9)
@@ -131,7 +131,7 @@ def test_the_largest_disturbance_is_the_one_whose_tube_just_fits(
             assert (peaks(tube)[0] <= radius) == fits
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [*range(6), *slow(*range(6, 12))])
 def test_the_largest_disturbance_is_never_too_large(seed: int) -> None:
     rng = np.random.default_rng(seed)
     step, knots = float(rng.choice([0.1, 0.25, 0.5])), int(rng.integers(5, 30))

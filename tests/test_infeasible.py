@@ -88,7 +88,7 @@ def test_an_obstacle_in_the_way_is_named_with_its_times() -> None:
 
 
 @given(scenario=scenarios(tight=True))
-@examples(60)
+@examples(30)
 def test_constraints_that_are_not_named_are_not_needed_for_the_conflict(
     scenario: rho.Scenario,
 ) -> None:

@@ -112,6 +112,7 @@ def _vehicles(page: Page) -> dict[str, list[str]]:
     return found
 
 
+@pytest.mark.slow
 def test_every_vehicle_of_any_name_is_an_object_of_its_own_in_the_page() -> None:
     names = [*NAMES, " ", "constructor", "<img src=x onerror=alert(1)>"]
     meshcat = rho.animate(straight(len(names), names))
@@ -126,6 +127,7 @@ def test_every_vehicle_of_any_name_is_an_object_of_its_own_in_the_page() -> None
         assert errors == []
 
 
+@pytest.mark.slow
 def test_36_vehicles_have_colours_of_their_own_in_the_page() -> None:
     meshcat = rho.animate(straight(36))
     with open_page() as (page, errors):

@@ -198,8 +198,8 @@ def test_many_knots_take_few_rounds(kind: str, knots: int) -> None:
     ("limits", "words"),
     [
         (rho.Limits(max_acceleration=0.6), "maximum acceleration from 0 s to 7.5 s"),
-        (rho.Limits(max_thrust=9.815), "maximum thrust from"),
-        (rho.Limits(max_tilt=0.03), "maximum tilt from"),
+        pytest.param(rho.Limits(max_thrust=9.815), "maximum thrust from", marks=pytest.mark.slow),
+        pytest.param(rho.Limits(max_tilt=0.03), "maximum tilt from", marks=pytest.mark.slow),
     ],
 )
 def test_a_limit_in_the_way_is_named_and_diagnosed(limits: rho.Limits, words: str) -> None:

@@ -18,6 +18,8 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 BUILDS = "what builds the site is installed by make docs and make lint"
 GUIDES = sorted([DOCS / "quick_start.md", *(DOCS / "guides").glob("*.md")])
+LONG = ("campaign", "compare", "film")
+"""Guides that take long to follow."""
 TASKS = 10
 """What a newcomer may want to do, each with code to copy."""
 
@@ -43,6 +45,7 @@ def test_the_gallery_has_scenes_of_every_kind() -> None:
     assert len(scenes(DOCS / "gallery.md")) == text.count("## ") == text.count("![") >= 10
 
 
+@pytest.mark.slow  # make docs draws them too
 @pytest.mark.parametrize("name", scenes(DOCS / "gallery.md"))
 def test_a_scene_of_the_gallery_is_planned_and_drawn(name: str) -> None:
     found: dict[str, object] = {}

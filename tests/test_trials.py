@@ -36,6 +36,7 @@ def test_a_campaign_of_fleets_finds_what_planning_each_does() -> None:
         assert trial.bound == 2.0 * rho.plan_scp(make()).cost
 
 
+@pytest.mark.slow
 def test_an_interrupted_one_goes_on(tmp_path: Path) -> None:
     first = fleets.attempts(FOUR[:2], "four", stores=tmp_path)
     again = fleets.attempts(FOUR, "four", stores=tmp_path)

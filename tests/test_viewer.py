@@ -137,6 +137,7 @@ def test_the_papers_page_says_what_the_plan_says(paper: rho.Flight, tmp_path: Pa
             _keep(page, f"paper_{view}")
 
 
+@pytest.mark.slow
 def test_colours_are_by_vehicle_speed_or_clearance(paper: rho.Flight, tmp_path: Path) -> None:
     speeds = np.linalg.norm(paper.plan.motion().at("velocity", np.array(TIMES)), axis=2)
     with _opened(rho.viewer_page(paper), tmp_path) as page:
@@ -160,6 +161,7 @@ def test_colours_are_by_vehicle_speed_or_clearance(paper: rho.Flight, tmp_path: 
         assert page.evaluate(colour, "UAV-1") == "#0072b2"
 
 
+@pytest.mark.slow
 def test_numbers_of_a_fleet_with_radii_in_a_yard_and_names_that_are_text(tmp_path: Path) -> None:
     plan = _yard()
     motion, bodies = plan.motion(), plan.scenario.bodies
@@ -190,6 +192,7 @@ def test_numbers_of_a_fleet_with_radii_in_a_yard_and_names_that_are_text(tmp_pat
         _keep(page, "yard")
 
 
+@pytest.mark.slow
 def test_what_is_shown_can_be_chosen_and_the_table_sorted(tmp_path: Path) -> None:
     plan = _yard()
     with _opened(rho.viewer_page(plan), tmp_path) as page:
@@ -221,6 +224,7 @@ def test_what_is_shown_can_be_chosen_and_the_table_sorted(tmp_path: Path) -> Non
         _keep(page, "yard_top_dark")
 
 
+@pytest.mark.slow
 def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) -> None:
     with _opened(rho.viewer_page(_yard()), tmp_path) as page:
         page.evaluate("drakeRho.follow(1, 0)")
@@ -256,6 +260,7 @@ def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) ->
             _keep(page, f"followed_{quarter}")
 
 
+@pytest.mark.slow
 def test_a_folded_fleet_opens_and_a_single_one_is_named(tmp_path: Path) -> None:
     plan = crossing(40, separation=rho.Separation(0.1))
     with _opened(rho.viewer_page(plan), tmp_path) as page:
@@ -274,6 +279,7 @@ def test_a_folded_fleet_opens_and_a_single_one_is_named(tmp_path: Path) -> None:
         _keep(page, "forty_followed_dark")
 
 
+@pytest.mark.slow
 def test_the_page_of_a_simulation_has_its_wind_and_tubes(tmp_path: Path) -> None:
     simulation = in_noise()
     with _opened(rho.viewer_page(simulation), tmp_path) as page:
@@ -292,6 +298,7 @@ def test_the_page_of_a_simulation_has_its_wind_and_tubes(tmp_path: Path) -> None
             )
 
 
+@pytest.mark.slow
 def test_time_runs_stops_and_begins_again(tmp_path: Path) -> None:
     plan = crossing(3)
     with _opened(rho.viewer_page(plan), tmp_path) as page:
@@ -309,6 +316,7 @@ def test_time_runs_stops_and_begins_again(tmp_path: Path) -> None:
         np.testing.assert_allclose(shown, plan.positions[0, 1], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_served_page_is_the_same(tmp_path: Path) -> None:
     html = rho.viewer_page(crossing(3))
     first, second = serve(html, port=7750), serve("second", port=7750)

@@ -25,6 +25,7 @@ from tests.scenarios import (
     mapped,
     random_scenario,
     single,
+    slow,
     through_the_middle,
 )
 from tests.tolerances import INDEX, MOTION
@@ -270,7 +271,7 @@ _CROSSING = rho.Obstacle(rho.Sphere([0.0, -9.0, 1.0], 0.3), velocity=[0.5, 0.0, 
     "waypoints",
     [
         (rho.Waypoint(7.4, [9.0, 0.0, 1.0]),),
-        (rho.Waypoint(9.0, [9.0, 3.0, 2.0], 0.3), rho.Waypoint(6.0, [9.0, 0.0, 1.0])),
+        *slow((rho.Waypoint(9.0, [9.0, 3.0, 2.0], 0.3), rho.Waypoint(6.0, [9.0, 0.0, 1.0]))),
     ],
 )
 def test_ways_lead_through_them(
