@@ -19,6 +19,7 @@ import pytest
 
 import drake_rho as rho
 from tests.guides import blocks, calls, follow
+from tests.scenarios import slow
 from tests.studies import small
 from tests.test_missions import MISSION as LSC_MISSION
 
@@ -72,7 +73,14 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("document", FOLLOWED)
+LONG = ("campaign.md", "compare.md", "film.md", "campaigns.md", "fleets.md", "viewer.md")
+"""Documents that take several seconds each."""
+
+
+@pytest.mark.parametrize(
+    "document",
+    [one for each in FOLLOWED for one in (slow(each) if Path(each).name in LONG else [each])],
+)
 def test_what_a_document_says_can_be_done(
     document: str, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,8 +18,6 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 BUILDS = "what builds the site is installed by make docs and make lint"
 GUIDES = sorted([DOCS / "quick_start.md", *(DOCS / "guides").glob("*.md")])
-LONG = ("campaign", "compare", "film")
-"""Guides that take long to follow."""
 TASKS = 10
 """What a newcomer may want to do, each with code to copy."""
 
