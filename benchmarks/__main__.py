@@ -27,6 +27,7 @@ DRAWN = {
     "world_b7": 20,
     "world_b8": 50,
     "known_motions": 500,
+    "world_boundary": 20,
     "world_gaps": 20,
 }
 """Those of random fleets and worlds, and how many of each size: `run(seeds) -> Table`."""
@@ -59,7 +60,7 @@ FLOWN_MISSIONS = ("flight_crazyflow",)
 CAMPAIGNS = ("fleet_b1", "fleet_b2", "fleet_b3", "world_b6", "world_b7", "world_b8")
 """Those among them that are campaigns, whose stores may be kept: `run(..., stores) -> Table`."""
 
-WORLDS = ("world_b6", "world_b7", "world_b8", "world_gaps", "known_motions")
+WORLDS = ("world_b6", "world_b7", "world_b8", "world_boundary", "world_gaps", "known_motions")
 """Those among the draws and the missions that are of worlds with obstacles."""
 
 
