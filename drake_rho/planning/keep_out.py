@@ -33,11 +33,13 @@ from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
 
 _CREEPING = 16
-"""Reach from which on worst instants creep: where normals jump they would never get there."""
+"""Reach from which on the worst instants of a motion creep. Where the normals of a reference turn
+at once, as at a box's edge, these instants are not those of the rows that are broken most, and come
+nearer to them each round without getting there."""
 
-_HALVINGS, _JUMP = 18, 0.99
-"""How often the time of a jump is bisected, so that keys still tell its two sides, and the product
-of unit normals below which it is one: past an edge they turn, and inside of it they jump."""
+_AROUND, _ZOOMS, _FINER = np.linspace(-1.0, 1.0, 17), 4, 8.0
+"""Where the row that is broken most is looked for, in steps from a worst instant; how often, and
+how much closer to the worst of them each time."""
 
 FIRST = 32
 """Number of the pairs' constraint; those of obstacles follow, those of keep-in sets come before."""
@@ -116,12 +118,12 @@ class KeepOut(Constraint):
         broken = rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
         if reach < _CREEPING or len(broken) == 0:
             return broken
-        beside = self.jumps(Places(broken.vehicles, broken.partners, broken.times))
-        return broken.and_also(self.rows(beside)) if len(beside) > 0 else broken
+        beside = self.worst_beside(motion, broken)
+        return broken.and_also(beside) if len(beside) > 0 else broken
 
-    def jumps(self, places: Places) -> Places:
-        """Return the instants beside jumps of the normals, within a step of some places."""
-        return places.select(np.zeros(0, dtype=int))
+    def worst_beside(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
+        """Return the rows that are broken most within a step of some rows, where that differs."""
+        return self.none
 
     @abc.abstractmethod
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
@@ -187,27 +189,17 @@ class KeepOutOfObstacle(KeepOut):
             tolerances=self.tolerances[places.vehicles],
         )
 
-    def jumps(self, places: Places) -> Places:
-        """Return the instants beside jumps of the normals, within a step of some places."""
-        h, steps = self.reference.step, self.reference.accelerations.shape[1]
-        one = places.times
-        jumps = list[Places]()
-        for end in (np.maximum(one - h, AT_ONCE * h), np.minimum(one + h, (steps - AT_ONCE) * h)):
-            here, there = (dataclasses.replace(places, times=each) for each in (one, end))
-            first, last = self.directions(here), self.directions(there)
-            for _ in range(_HALVINGS):
-                middle = dataclasses.replace(places, times=(here.times + there.times) / 2.0)
-                n = self.directions(middle)
-                near = np.vecdot(n, first) >= np.vecdot(n, last)
-                here = dataclasses.replace(here, times=np.where(near, middle.times, here.times))
-                there = dataclasses.replace(there, times=np.where(near, there.times, middle.times))
-            jump = np.vecdot(self.directions(here), self.directions(there)) < _JUMP
-            jumps += [here.select(jump), there.select(jump)]
-        return Places(
-            np.concatenate([each.vehicles for each in jumps]),
-            np.concatenate([each.partners for each in jumps]),
-            np.concatenate([each.times for each in jumps]),
-        )
+    def worst_beside(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
+        """Return the rows that are broken most within a step of some rows."""
+        h, steps = motion.step, motion.accelerations.shape[1]
+        whose = np.repeat(rows.vehicles, len(_AROUND))
+        times, each = rows.times, np.arange(len(rows))
+        for finer in range(_ZOOMS):
+            around = times[:, None] + h * _AROUND[None] / _FINER**finer
+            around = np.clip(around, AT_ONCE * h, (steps - AT_ONCE) * h)
+            margins = self.rows(Places(whose, whose, around.reshape(-1))).margins(motion)
+            times = around[each, np.argmin(margins.reshape(around.shape), axis=1)]
+        return self.rows(Places(rows.vehicles, rows.partners, times))
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
         """The deepest instants of steps that lead inside, once where two share the instant."""
