@@ -14,7 +14,7 @@ from drake_rho.display.bodies import _turns
 from drake_rho.display.scene import Scene
 from drake_rho.display.snapshots import placed
 from tests.browser import open_page
-from tests.scenarios import single
+from tests.scenarios import single, slow
 
 _CUBE = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64)
 SHAPES = (
@@ -99,7 +99,7 @@ def test_every_shape_has_its_place_and_size() -> None:
         assert errors == []
 
 
-@pytest.mark.parametrize("start", [0.0, 64.0])
+@pytest.mark.parametrize("start", [*slow(0.0), 64.0])
 def test_moving_obstacles_are_where_they_are_and_ghosts_until_they_are_known(start: float) -> None:
     bent = rho.Track(np.array([1.0, 3.0, 3.5]) + start, [[5, 8, 0], [9, 8, 1], [9, 6, 3]])
     obstacles = (

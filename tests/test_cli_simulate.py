@@ -153,6 +153,7 @@ def test_without_a_disturbance_a_scenario_flies_without_feedback(
     assert rho.error_tube(_flown(kept).scenario).position(6.0) == 0.0
 
 
+@pytest.mark.slow
 def test_a_quadrotor_is_told_from_a_point_mass(
     mission: str,
     tmp_path: Path,
@@ -223,6 +224,7 @@ def test_a_flight_that_breaks_a_constraint_exits_1(
     assert "goal" in out
 
 
+@pytest.mark.slow
 def test_a_scenario_without_a_plan_says_why(
     mission: str,
     tmp_path: Path,

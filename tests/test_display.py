@@ -35,7 +35,7 @@ from drake_rho.motion.plan import Window
 from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
 from drake_rho.paper.study import Study
 from drake_rho.paper.tables import claims_table, study_table
-from tests.scenarios import box, straight
+from tests.scenarios import box, slow, straight
 from tests.scenarios import fleet as fleet_of
 from tests.tolerances import ROUNDING
 
@@ -305,7 +305,7 @@ def test_no_two_vehicles_of_a_flight_look_alike() -> None:
     assert [line.get_color() for line in legend.get_lines()] == looks
 
 
-@pytest.mark.parametrize("count", [37, 200])
+@pytest.mark.parametrize("count", [37, *slow(200)])
 def test_a_swarm_is_drawn_without_knots_and_names(count: int) -> None:
     plan = straight(count)
     ax = Figure().add_subplot(projection="3d")

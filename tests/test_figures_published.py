@@ -80,6 +80,9 @@ SCENES: dict[str, Callable[[], rho.Plan]] = {
 }
 
 
+LARGE = ("many obstacles", "many vehicles")
+
+
 def _flight(plan: rho.Plan) -> rho.Flight:
     """The plan, flown by windows from its first knot and its fifth."""
     windows = tuple(Window(knot, plan.tail(knot), plan.tail(knot)) for knot in (0, 4))
@@ -104,7 +107,7 @@ def _texts(figure: Figure) -> list[Text]:
 @pytest.mark.parametrize("width", [SINGLE_COLUMN, *slow(DOUBLE_COLUMN)])
 @pytest.mark.parametrize(
     "scene",
-    [each for name in SCENES for each in (slow(name) if name == "many obstacles" else [name])],
+    [each for name in SCENES for each in (slow(name) if name in LARGE else [name])],
 )
 def test_no_text_lies_on_another_or_leaves_the_figure(scene: str, width: float) -> None:
     plan = SCENES[scene]()

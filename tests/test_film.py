@@ -15,6 +15,7 @@ from drake_rho.display import browser, film
 from drake_rho.display.browser import BrowserError
 from drake_rho.display.film import FilmError, Footage, check_film, write_film
 from tests.browser import open_page
+from tests.scenarios import slow
 from tests.test_animation import crossing
 from tests.test_cli import run
 
@@ -29,7 +30,7 @@ def test_footage_holds_the_whole_flight_at_its_pace() -> None:
     assert len(Footage.of(49.0, ".gif", 24.5).times) == 26
 
 
-@pytest.mark.parametrize("ending", [".gif", ".mp4"])
+@pytest.mark.parametrize("ending", [".gif", *slow(".mp4")])
 def test_a_film_moves_from_the_first_to_the_last_instant(ending: str, tmp_path: Path) -> None:
     if ending == ".mp4" and shutil.which("ffmpeg") is None:
         pytest.skip("no ffmpeg is installed")
