@@ -45,15 +45,16 @@ bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The sa
 bench-scale: $(VENV)/.bench ## The same for large fleets and campaigns
 	$(BIN)/python -m benchmarks --scale
 
-test: $(VENV)/.test ## Run the tests, but for slow ones (five minutes on two cores)
+test: $(VENV)/.test ## Run the tests, but for slow ones (four minutes on two cores)
 	@sh tools/setup-browser $(VENV)
 	$(PYTEST) -m "not slow"
 
-test-all: $(VENV)/.test ## Run all tests, then random ones with a fresh SEED, which is printed (eight minutes)
+test-all: $(VENV)/.test ## Run every test, then random ones from a fresh seed, which is printed
 	@sh tools/setup-browser $(VENV)
 	$(PYTEST)
-	@echo 'Random tests with another seed; to have these again: make test-all SEED=$(SEED)'
-	$(PYTEST) -m hypothesis --hypothesis-profile=random --hypothesis-seed=$(SEED)
+	@echo "random tests from seed $(SEED): make test-all SEED=$(SEED) repeats them"
+	$(PYTEST) -m hypothesis --hypothesis-profile=random --hypothesis-seed=$(SEED) || \
+		{ echo "failed with seed $(SEED): make test-all SEED=$(SEED) repeats it"; exit 1; }
 
 lint: $(VENV)/.dev $(VENV)/.pins ## Check format, style, types, the direction of imports, the pins
 	$(BIN)/ruff format --check .

@@ -16,9 +16,10 @@ settings.register_profile(
     "random",
     deadline=None,
     database=None,
+    max_examples=30,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-settings.register_profile("same", settings.get_profile("random"), derandomize=True, max_examples=25)
+settings.register_profile("same", settings.get_profile("random"), derandomize=True)
 settings.load_profile("same")
 
 

@@ -9,19 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.scenario.shapes import Shape
-
-
-def examples(most: int) -> settings:
-    """Return the decorator for so many random examples; of those that are always the same, a third.
-
-    These are what `make test` takes; `make test-all` takes others, from a fresh seed.
-    """
-    return settings(max_examples=most // 3 if settings().derandomize else most)
 
 
 def slow(*cases: Any) -> list[Any]:

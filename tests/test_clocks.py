@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.cli.summary import errors_of
 from drake_rho.simulation.closed_loop import fly
 from drake_rho.simulation.timeline import Timeline
-from tests.scenarios import examples
 
 starts = st.one_of(
     st.integers(-100, 100).map(lambda k: 0.1 * k),
@@ -54,7 +53,7 @@ def least_clearance(plan: rho.Plan) -> float:
 
 
 @given(start=starts, corner=st.integers(1, 45).map(lambda k: 0.1 * k), step=st.floats(0.1, 1.0))
-@examples(60)
+@settings(max_examples=20)
 def test_no_corner_of_a_track_is_missed(start: float, corner: float, step: float) -> None:
     scenario = dashing(start, corner, step)
     for flown in (rho.plan(scenario), rho.plan_rho(scenario, replan_every=2).plan):
@@ -69,7 +68,7 @@ def test_a_corner_that_rounds_to_the_piece_before_it(start: float, corner: float
 
 
 @given(start=starts.filter(lambda t: t >= 0.0), step=st.sampled_from([0.1, 1.0 / 3.0, 0.5]))
-@examples(25)
+@settings(max_examples=8)
 def test_a_flight_in_wind_does_not_depend_on_when_it_begins(start: float, step: float) -> None:
     def at(begin: float) -> rho.Simulation:
         scenario = rho.Scenario(
@@ -110,7 +109,7 @@ def test_a_flight_in_wind_does_not_depend_on_when_it_begins(start: float, step: 
 
 
 @given(start=starts, sample=st.sampled_from([0.01, 0.05, 0.1]))
-@examples(30)
+@settings(max_examples=10)
 def test_times_of_a_simulation_rise_and_begin_at_the_samples(start: float, sample: float) -> None:
     scenario = rho.Scenario(
         "times",

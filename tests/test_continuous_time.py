@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -22,7 +22,7 @@ from drake_rho.verification.closest_pairs import closest_at_all_times, closest_a
 from drake_rho.verification.continuous_time import lowest_over_time
 from drake_rho.verification.course import Course
 from drake_rho.verification.steps import Steps
-from tests.scenarios import examples, fleet
+from tests.scenarios import fleet
 from tests.tolerances import ROUNDING
 
 seeds = st.integers(0, 2**32 - 1)
@@ -210,7 +210,7 @@ def _of_every_pair(
 
 
 @given(seed=seeds)
-@examples(50)
+@settings(max_examples=16)
 def test_the_closest_of_the_others_is_that_of_the_exact_roots(seed: int) -> None:
     rng = np.random.default_rng(seed)
     motion, size = _random(seed)

@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 
 import drake_rho as rho
 from drake_rho.assurance.feasibility import BISECTED, BISECTED_APART, is_monotone
 from drake_rho.planning.related import rescaled
-from tests.scenarios import box, examples, scenarios, single, through_the_middle
+from tests.scenarios import box, scenarios, single, through_the_middle
 
 
 def test_from_rest_to_rest_full_thrust_and_full_brake_is_the_shortest() -> None:
@@ -61,7 +61,7 @@ def test_a_feasible_scenario_has_no_conflict_and_a_shorter_duration() -> None:
 
 
 @given(scenario=scenarios(tight=True, between_knots=True))
-@examples(10)
+@settings(max_examples=3)
 def test_what_a_diagnosis_suggests_works(scenario: rho.Scenario) -> None:
     scenario = scenario.without_obstacles()
     reason = rho.diagnose(scenario)

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.scenario.files import check_replaceable, replacing
-from tests.scenarios import examples, single
+from tests.scenarios import single
 
 
 def _same(one: rho.Plan, other: rho.Plan) -> bool:
@@ -78,7 +78,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @given(data=st.data())
-@examples(150)
+@settings(max_examples=50)
 def test_a_damaged_file_is_refused_or_the_same(
     whole: bytes, tmp_path: Path, data: st.DataObject
 ) -> None:

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.optimize import minimize
@@ -25,7 +25,6 @@ from drake_rho.planning.rows import about
 from drake_rho.planning.subproblem import Subproblem
 from tests.scenarios import (
     box,
-    examples,
     fleet,
     mapped,
     random_fleet,
@@ -119,7 +118,7 @@ def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, .
 
 
 @given(seed=st.integers(0, 2**32 - 1), between_knots=st.booleans())
-@examples(40)
+@settings(max_examples=13)
 def test_random_fleets_hold_when_sampled(seed: int, between_knots: bool) -> None:
     asked = random_fleet(seed, between_knots=between_knots)
     for coupling in (coupled, decoupled):
@@ -205,7 +204,7 @@ def test_relabelling_the_vehicles_permutes_the_plan(name: str) -> None:
     length=st.floats(0.01, 100),
     time=st.floats(0.1, 10),
 )
-@examples(25)
+@settings(max_examples=8)
 def test_mirroring_turning_shifting_and_changing_units(
     seed: int, turn: np.ndarray, shift: tuple[float, float, float], length: float, time: float
 ) -> None:
@@ -232,7 +231,7 @@ def _free(scenario: rho.Scenario) -> Motion:
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@examples(25)
+@settings(max_examples=8)
 def test_planned_jointly_from_a_split_plan_it_never_costs_more(seed: int) -> None:
     asked = random_fleet(seed, most=5)
     try:

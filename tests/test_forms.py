@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -19,7 +19,7 @@ from drake_rho.planning.program import programs_of, rows_of
 from drake_rho.planning.rows import about
 from drake_rho.planning.solve import solve
 from drake_rho.planning.subproblem import constraints_around, plan_around
-from tests.scenarios import box, examples, random_scenario, scenarios, single
+from tests.scenarios import box, random_scenario, scenarios, single
 from tests.tolerances import MOTION
 
 seeds = st.integers(0, 2**32 - 1)
@@ -40,7 +40,7 @@ def _fresh(scenario: rho.Scenario) -> rho.Scenario:
 
 
 @given(seed=seeds)
-@examples(40)
+@settings(max_examples=13)
 def test_a_window_moved_on_is_planned_like_a_fresh_scenario(seed: int) -> None:
     """Windows take over goals, bounds and states in arrays; a scenario made anew does not."""
     scenario = random_scenario(seed, between_knots=bool(seed % 2))
@@ -62,7 +62,7 @@ def test_a_window_moved_on_is_planned_like_a_fresh_scenario(seed: int) -> None:
 
 
 @given(scenario=scenarios())
-@examples(40)
+@settings(max_examples=13)
 def test_the_span_of_the_rows_loses_nothing(scenario: rho.Scenario) -> None:
     """The same rows in all accelerations, with states beside them, give the same solution."""
     try:

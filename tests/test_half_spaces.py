@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -17,7 +17,7 @@ from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
 from drake_rho.planning.keep_goal import goals_of
 from drake_rho.planning.keep_in import boxes_of
 from drake_rho.planning.keep_out import across, obstacles_of, side_of
-from tests.scenarios import box, examples, fleet, single
+from tests.scenarios import box, fleet, single
 from tests.tolerances import ROUNDING
 
 seeds = st.integers(0, 2**32 - 1)
@@ -83,7 +83,7 @@ def _slow_box_rows(
 
 
 @given(seed=seeds)
-@examples(20)
+@settings(max_examples=6)
 def test_a_box_gives_a_row_for_every_side_and_knot_that_is_broken(seed: int) -> None:
     scenario = _three()
     motion = _flown(scenario, seed)
@@ -97,7 +97,7 @@ def test_a_box_gives_a_row_for_every_side_and_knot_that_is_broken(seed: int) -> 
 
 
 @given(seed=seeds)
-@examples(20)
+@settings(max_examples=6)
 def test_neighbours_of_a_broken_row_are_the_same_side_at_the_next_knots(seed: int) -> None:
     scenario = _three()
     motion, every = _flown(scenario, seed, 0.4), np.arange(3)
@@ -124,7 +124,7 @@ def test_a_motion_inside_its_boxes_gives_no_rows() -> None:
 
 
 @given(seed=seeds)
-@examples(20)
+@settings(max_examples=6)
 def test_between_knots_a_box_gives_a_row_where_a_coordinate_turns_beyond_it(seed: int) -> None:
     scenario = _three(between_knots=True)
     motion = _flown(scenario, seed, 6.0)
@@ -191,7 +191,7 @@ def test_margins_answer_to_accelerations_as_the_responses_say(coupling: Coupling
 
 
 @given(seed=seeds)
-@examples(20)
+@settings(max_examples=6)
 def test_the_rows_of_an_obstacle_support_it_and_a_reference_outside_keeps_its_own(
     seed: int,
 ) -> None:
@@ -208,7 +208,7 @@ def test_the_rows_of_an_obstacle_support_it_and_a_reference_outside_keeps_its_ow
 
 
 @given(seed=seeds)
-@examples(20)
+@settings(max_examples=6)
 def test_an_obstacle_gives_the_rows_that_are_broken_at_the_knots(seed: int) -> None:
     scenario = _three()
     reference, other = _flown(scenario, seed, 0.5), _flown(scenario, seed + 1)
@@ -280,7 +280,7 @@ def test_rows_about_differences_support_the_ellipsoid(downwash: float) -> None:
 
 
 @given(seed=seeds)
-@examples(20)
+@settings(max_examples=6)
 def test_two_vehicles_share_what_the_reference_leaves_between_them(seed: int) -> None:
     """Their two rows add up to the one about their difference, and both have half its room."""
     scenario = _three()

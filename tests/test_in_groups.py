@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.optimize import lsq_linear
@@ -33,7 +33,7 @@ from drake_rho.planning.program import rows_of
 from drake_rho.planning.rows import Rows
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
-from tests.scenarios import box, examples, fleet, mapped, sampled_separation, through_the_middle
+from tests.scenarios import box, fleet, mapped, sampled_separation, through_the_middle
 from tests.tolerances import INDEX
 
 WITHIN = 1.03
@@ -64,7 +64,7 @@ def first(asked: rho.Scenario) -> Plan:
 
 
 @given(data=st.data(), vehicles=st.integers(2, 12), most=st.integers(1, 6))
-@examples(100)
+@settings(max_examples=33)
 def test_groups_are_a_partition_and_within_their_bound(
     data: st.DataObject, vehicles: int, most: int
 ) -> None:
@@ -159,7 +159,7 @@ def test_the_motion_of_least_norm_keeps_its_rows_at_the_cost_drake_finds(
 
 
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40))
-@examples(60)
+@settings(max_examples=20)
 def test_multipliers_without_bounds_meet_the_conditions_of_an_optimum(seed: int, rows: int) -> None:
     rng = np.random.default_rng(seed)
     matrix = rng.standard_normal((rows, 10)) + 3.0 * rng.standard_normal(10)  # much alike
@@ -176,7 +176,7 @@ def test_multipliers_without_bounds_meet_the_conditions_of_an_optimum(seed: int,
 
 @pytest.mark.parametrize("dense", [False, True], ids=["own", "daqp"])
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40))
-@examples(60)
+@settings(max_examples=20)
 def test_bounded_multipliers_are_those_of_bounded_least_squares(
     dense: bool, seed: int, rows: int
 ) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, reject
+from hypothesis import given, reject, settings
 from pydrake.solvers import ClarabelSolver, GurobiSolver, OsqpSolver, SolverInterface
 from scipy.optimize import linprog
 
@@ -16,7 +16,7 @@ from drake_rho.planning import solve
 from drake_rho.planning.half_spaces import HalfSpaces
 from drake_rho.planning.working_set import WorkingSet
 from drake_rho.scenario.fields import FloatArray
-from tests.scenarios import box, examples, scenarios, single
+from tests.scenarios import box, scenarios, single
 
 
 def _conflict(scenario: rho.Scenario, solver: SolverInterface | None = None) -> tuple[str, ...]:
@@ -88,7 +88,7 @@ def test_an_obstacle_in_the_way_is_named_with_its_times() -> None:
 
 
 @given(scenario=scenarios(tight=True))
-@examples(30)
+@settings(max_examples=10)
 def test_constraints_that_are_not_named_are_not_needed_for_the_conflict(
     scenario: rho.Scenario,
 ) -> None:
@@ -169,7 +169,7 @@ def test_no_named_constraint_can_be_spared() -> None:
 
 
 @given(scenario=scenarios(tight=True))
-@examples(30)
+@settings(max_examples=10)
 def test_without_any_one_of_the_named_boxes_there_is_a_plan_for_their_axes(
     scenario: rho.Scenario,
 ) -> None:

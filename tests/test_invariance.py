@@ -7,11 +7,11 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from tests.scenarios import examples, mapped, scenarios
+from tests.scenarios import mapped, scenarios
 from tests.tolerances import INDEX, MOTION
 
 SIGNED_PERMUTATIONS = [
@@ -35,7 +35,7 @@ def _plan(scenario: rho.Scenario) -> rho.Plan | None:
     length=st.floats(0.01, 100),
     time=st.floats(0.1, 10),
 )
-@examples(60)
+@settings(max_examples=20)
 def test_mirroring_turning_shifting_and_changing_units(
     scenario: rho.Scenario,
     turn: np.ndarray,

@@ -7,7 +7,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.spatial.transform import Rotation
@@ -20,15 +20,7 @@ from drake_rho.planning.minimum_violation import minimum_violation
 from drake_rho.planning.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import FloatArray
 from tests.cones import TWIN, integrals, twin_cost
-from tests.scenarios import (
-    box,
-    examples,
-    fleet,
-    mapped,
-    random_scenario,
-    single,
-    through_the_middle,
-)
+from tests.scenarios import box, fleet, mapped, random_scenario, single, through_the_middle
 from tests.tolerances import INDEX, MOTION
 
 CURVE = rho.State([0.0, 0.0, 0.0], [-1.0, 1.0, 0.5])
@@ -77,7 +69,7 @@ def limited(seed: int, *, tight: bool = False) -> rho.Scenario | None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), tight=st.booleans())
-@examples(60)
+@settings(max_examples=20)
 def test_random_scenarios_cost_what_the_programs_with_cones_cost(seed: int, tight: bool) -> None:
     """With boxes, and obstacles linearised around the plan without them."""
     scenario = limited(seed, tight=tight)
@@ -118,7 +110,7 @@ def test_a_long_active_stretch_takes_few_rounds(knots: int, acceleration: rho.Bo
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@examples(25)
+@settings(max_examples=8)
 def test_programs_are_few(seed: int) -> None:
     """Each round divides the excess by four: from all of it to the tolerance in about fifteen."""
     scenario = limited(seed)
@@ -137,7 +129,7 @@ def test_programs_are_few(seed: int) -> None:
     length=st.floats(0.01, 100),
     time=st.floats(0.1, 10),
 )
-@examples(30)
+@settings(max_examples=10)
 def test_turning_by_any_rotation_turns_the_plan(
     seed: int, obstacle: bool, length: float, time: float
 ) -> None:

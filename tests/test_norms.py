@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -19,15 +19,7 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from drake_rho.scenario.norms import NORMS, Norm
 from tests.cones import TWIN, twin_cost
-from tests.scenarios import (
-    box,
-    examples,
-    fleet,
-    mapped,
-    random_scenario,
-    single,
-    through_the_middle,
-)
+from tests.scenarios import box, fleet, mapped, random_scenario, single, through_the_middle
 from tests.tolerances import INDEX, MOTION
 
 G = 9.81
@@ -127,7 +119,7 @@ def _of_gravitys_size(scenario: rho.Scenario, seed: int) -> rho.Scenario:
     kinds=st.sets(st.sampled_from(list(NORMS)), min_size=1),
     part=st.floats(0.7, 0.95),
 )
-@examples(60)
+@settings(max_examples=20)
 def test_random_scenarios_cost_what_the_programs_with_cones_cost(
     seed: int, tight: bool, kinds: set[Norm], part: float
 ) -> None:
@@ -158,7 +150,7 @@ def test_random_scenarios_cost_what_the_programs_with_cones_cost(
 
 
 @given(angle=st.floats(0.0, 2.0 * np.pi), boxes=st.booleans())
-@examples(20)
+@settings(max_examples=6)
 def test_turning_about_the_upright_turns_the_plan(angle: float, boxes: bool) -> None:
     """By a quarter where there are boxes, else by any angle; gravity keeps its direction."""
     limits = rho.Limits(max_speed=2.3, max_acceleration=1.4, max_thrust=9.97, max_tilt=0.13)

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
@@ -19,7 +19,6 @@ from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.solve import Solver
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes import Shape
-from tests.scenarios import examples
 from tests.shapes import KINDS, random_shape
 
 seeds = st.integers(0, 2**32 - 1)
@@ -172,7 +171,7 @@ def test_the_order_of_obstacles_is_of_no_consequence() -> None:
 
 
 @given(seed=seeds, kind=st.sampled_from(sorted(KINDS)), moves=st.booleans())
-@examples(60)
+@settings(max_examples=20)
 def test_the_deepest_instants_are_those_that_dense_samples_find(
     seed: int, kind: str, moves: bool
 ) -> None:

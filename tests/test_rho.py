@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.solvers import SolverInterface
 
@@ -16,7 +16,7 @@ import drake_rho as rho
 from drake_rho.planning import blocks
 from drake_rho.planning.program import programs_of
 from drake_rho.planning.windows import Planner
-from tests.scenarios import box, examples, scenarios, single
+from tests.scenarios import box, scenarios, single
 from tests.tolerances import INDEX, ROUNDING
 
 
@@ -257,7 +257,7 @@ def test_jerk_is_kept_where_windows_meet() -> None:
 
 
 @given(scenario=scenarios(), replan_every=st.integers(1, 9), tail=st.booleans())
-@examples(40)
+@settings(max_examples=13)
 def test_a_flight_that_begins_ends_at_its_goal(
     scenario: rho.Scenario, replan_every: int, tail: bool
 ) -> None:

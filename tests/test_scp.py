@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
@@ -15,7 +15,7 @@ from drake_rho.planning.keep_apart import decoupled
 from drake_rho.planning.scp import PATIENCE, DeadEnds, iterate, restored
 from drake_rho.planning.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
-from tests.scenarios import examples, fleet, scenarios, through_the_middle
+from tests.scenarios import fleet, scenarios, through_the_middle
 from tests.tolerances import INDEX
 
 
@@ -37,7 +37,7 @@ def test_every_iterate_is_feasible_and_the_cost_does_not_rise(
 
 
 @given(scenario=scenarios())
-@examples(40)
+@settings(max_examples=13)
 def test_the_same_on_random_scenarios(scenario: rho.Scenario) -> None:
     assume(scenario.obstacles)
     try:

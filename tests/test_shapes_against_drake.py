@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.geometry import (
     Box,
@@ -24,7 +24,6 @@ from pydrake.math import RigidTransform, RotationMatrix
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes import Shape
-from tests.scenarios import examples
 from tests.shapes import KINDS, random_shape
 from tests.tolerances import ROUNDING
 
@@ -89,7 +88,7 @@ def seeded(kind: str, seed: int) -> tuple[np.random.Generator, Shape]:
 
 @every_kind
 @given(seed=seeds)
-@examples(60)
+@settings(max_examples=20)
 def test_signed_distance_and_outward_are_those_of_drake(kind: str, seed: int) -> None:
     rng, shape = seeded(kind, seed)
     x = around(rng, shape, 40)
@@ -108,7 +107,7 @@ def test_signed_distance_and_outward_are_those_of_drake(kind: str, seed: int) ->
 
 @every_kind
 @given(seed=seeds)
-@examples(60)
+@settings(max_examples=20)
 def test_the_support_is_reached_at_the_point_nearest_to_one_far_away(kind: str, seed: int) -> None:
     rng, shape = seeded(kind, seed)
     n = rng.normal(size=(20, 3))
@@ -216,7 +215,7 @@ def test_other_axes_and_units_change_nothing_else(
 
 
 @given(seed=seeds)
-@examples(40)
+@settings(max_examples=13)
 def test_a_polytope_can_be_turned_any_way(seed: int) -> None:
     rng, shape = seeded("polytope", seed)
     assert isinstance(shape, rho.Polytope)

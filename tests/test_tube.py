@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
 from tests.loop import Loop, fine_times, fly, summed_responses
-from tests.scenarios import box, examples, single
+from tests.scenarios import box, single
 from tests.tolerances import ROUNDING
 
 seeds = st.integers(0, 2**32 - 1)
@@ -56,7 +56,7 @@ def sizes_of(tube: rho.ErrorTube) -> tuple[float, float, float, float, float]:
 
 
 @given(seed=seeds)
-@examples(40)
+@settings(max_examples=13)
 def test_radii_are_what_brute_force_adds_up(seed: int) -> None:
     """Sums over parts of a sample are below the integrals, short by the square of their length."""
     tube, loop = random_tube(seed)
@@ -111,7 +111,7 @@ def test_the_deadbeat_gains_are_a_known_answer() -> None:
 
 
 @given(seed=seeds)
-@examples(40)
+@settings(max_examples=13)
 def test_radii_are_linear_in_sizes_and_change_with_units(seed: int) -> None:
     tube, _ = random_tube(seed)
     grid, around, (r_p, r_v) = tube.grid, tube.disturbance, tube.initial
@@ -139,7 +139,7 @@ def test_radii_are_linear_in_sizes_and_change_with_units(seed: int) -> None:
 
 
 @given(seed=seeds, field=st.sampled_from(["acceleration", "position_error", "velocity_error"]))
-@examples(40)
+@settings(max_examples=13)
 def test_more_of_anything_makes_no_radius_smaller(seed: int, field: str) -> None:
     tube, _ = random_tube(seed)
     around = dataclasses.replace(
@@ -155,7 +155,7 @@ def test_more_of_anything_makes_no_radius_smaller(seed: int, field: str) -> None
 
 
 @given(seed=seeds)
-@examples(40)
+@settings(max_examples=13)
 def test_bounds_over_time_are_never_too_small_and_at_most_a_hundredth_too_large(seed: int) -> None:
     tube, _ = random_tube(seed)
     rng = np.random.default_rng(seed)
@@ -178,7 +178,7 @@ def test_bounds_over_time_are_never_too_small_and_at_most_a_hundredth_too_large(
 
 
 @given(seed=seeds)
-@examples(30)
+@settings(max_examples=10)
 def test_nothing_random_leaves_the_tube(seed: int) -> None:
     tube, loop = random_tube(seed)
     rng = np.random.default_rng(seed)

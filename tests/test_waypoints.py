@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +20,6 @@ from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from tests.cones import TWIN, twin_cost
 from tests.scenarios import (
     box,
-    examples,
     fleet,
     mapped,
     random_scenario,
@@ -148,7 +147,7 @@ def _with_waypoints(scenario: rho.Scenario, seed: int) -> rho.Scenario:
 
 
 @given(seed=st.integers(0, 2**32 - 1), tight=st.booleans())
-@examples(60)
+@settings(max_examples=20)
 def test_random_scenarios_cost_what_the_programs_with_cones_cost(seed: int, tight: bool) -> None:
     scenario = random_scenario(seed, tight=tight).without_obstacles()
     try:
@@ -166,7 +165,7 @@ def test_random_scenarios_cost_what_the_programs_with_cones_cost(seed: int, tigh
 
 
 @given(seed=st.integers(0, 2**31 - 1), length=st.floats(0.01, 100), time=st.floats(0.1, 10))
-@examples(20)
+@settings(max_examples=6)
 def test_other_coordinates_have_the_same_plan(seed: int, length: float, time: float) -> None:
     turn = Rotation.random(random_state=seed).as_matrix()
     waypoints = [HALF_WAY, rho.Waypoint(6.1, [9.0, 5.0, -1.0], 0.2)]

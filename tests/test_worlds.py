@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from tests.scenarios import box, examples
+from tests.scenarios import box
 from tests.tolerances import ROUNDING
 
 
@@ -92,7 +92,7 @@ def test_middles_and_phases_fill_their_ranges_evenly() -> None:
     assert abs(first[:, 2].mean()) < 5 * np.sqrt(0.5 / 400)  # of - sin 3 φ, φ uniform
 
 
-@examples(25)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 2**32 - 1), boxes=st.integers(0, 60))
 def test_starts_and_goals_of_a_swap_are_free(seed: int, boxes: int) -> None:
     scenario = swap(boxes, seed)  # a scenario whose ends are taken is refused; here, with deviation
@@ -162,7 +162,7 @@ def test_obstacles_of_a_field_fill_room_and_sizes_evenly() -> None:
     np.testing.assert_allclose(middles.var(axis=0), np.square([10, 10, 5]) / 12, rtol=0.1)
 
 
-@examples(50)
+@settings(max_examples=16)
 @given(seed=st.integers(0, 2**32 - 1), obstacles=st.integers(0, 80))
 def test_start_and_goal_of_a_field_are_free(seed: int, obstacles: int) -> None:
     scenario = field(obstacles, seed, radius=0.3)
