@@ -341,7 +341,7 @@ def _with_reader(reader: str, *words: str, python: str = "-s") -> tuple[str, str
         *slow(
             *(["schema"], ["fly", "paper"], ["plan", "--help"], ["verify", "{}/plan.npz"]),
             ["show", "{}/plan.npz", "--html", "{}/page.html"],
-            ["reproduce", "--figures", "{}/figures"],
+            ["reproduce", "--figures", "{}/figures", "--width", "3"],
         ),
     ],
     ids=" ".join,

@@ -150,7 +150,7 @@ _WRITE = """
 import sys
 import drake_rho as rho
 from drake_rho.display.figures import write_figures
-flight = rho.plan_rho(rho.load_scenario("paper"))
+flight = rho.plan_rho(rho.load_scenario("paper"), replan_every=25)
 for file_format in ("png", "pdf", "svg"):
     write_figures(flight, sys.argv[1], file_format=file_format, width=3.5)
 """
