@@ -110,6 +110,7 @@ def test_an_error_carries_what_a_diagnosis_needs() -> None:
     assert rho.infeasible_subset(rho.InfeasibleError({"a": ("b",)})) == {"a": ("b",)}
 
 
+@pytest.mark.slow
 def test_what_time_does_not_mend_is_said() -> None:
     walls = rho.Limits(position=rho.Box([-1, -2, -3], [11, 6, 1]))
     wall = rho.Sphere([5.0, 2.0, -1.0], 4.9)

@@ -30,7 +30,6 @@ from tests.scenarios import (
     random_fleet,
     sampled_separation,
     single,
-    slow,
     through_the_middle,
 )
 from tests.test_invariance import SIGNED_PERMUTATIONS
@@ -418,7 +417,8 @@ TUBE = rho.Limits(position=rho.Box([-6, -0.3, -0.3], [6, 0.3, 0.3]))
 HEAD_ON = ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]])
 
 
-@pytest.mark.parametrize("name", ["coupled", *slow("decoupled", "rho")])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["coupled", "decoupled", "rho"])
 def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> None:
     asked = fleet(*HEAD_ON, limits=TUBE)
     with pytest.raises(rho.InfeasibleError) as caught:

@@ -141,10 +141,7 @@ def test_a_diagnosis_that_is_cut_tells_what_is_known(ends: Callable[[int], None]
     cut = rho.diagnose(impossible)
     assert cut.cut
     assert "time was up" in str(cut)
-    ends(10**9)
-    whole = rho.diagnose(impossible)
-    assert not whole.cut
-    assert set(cut.conflicts) == set(whole.conflicts) == {"a"}
+    assert set(cut.conflicts) == {"a"}
 
 
 def test_the_shortest_plan_so_far_holds(ends: Callable[[int], None]) -> None:
