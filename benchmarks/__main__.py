@@ -29,6 +29,7 @@ DRAWN = {
     "known_motions": 500,
     "world_boundary": 20,
     "world_gaps": 20,
+    "world_longer": 200,
 }
 """Those of random fleets and worlds, and how many of each size: `run(seeds) -> Table`."""
 
@@ -60,7 +61,15 @@ FLOWN_MISSIONS = ("flight_crazyflow",)
 CAMPAIGNS = ("fleet_b1", "fleet_b2", "fleet_b3", "world_b6", "world_b7", "world_b8")
 """Those among them that are campaigns, whose stores may be kept: `run(..., stores) -> Table`."""
 
-WORLDS = ("world_b6", "world_b7", "world_b8", "world_boundary", "world_gaps", "known_motions")
+WORLDS = (
+    "world_b6",
+    "world_b7",
+    "world_b8",
+    "world_boundary",
+    "world_gaps",
+    "world_longer",
+    "known_motions",
+)
 """Those among the draws and the missions that are of worlds with obstacles."""
 
 

@@ -106,7 +106,8 @@ class Subproblem:
         self.labels: IntArray = np.zeros(count, dtype=int) if apart else np.arange(count)
         self._coupling, self._solver = coupling, solver
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
-        self._conic: BoolArray | None = None
+        # Hard programs may go back to tangent planes, for digits that soft ones do not need.
+        self._conic: BoolArray = np.zeros(count, dtype=bool)
         self._too_much = np.inf
         self._looked: tuple[Plan, Breaches] | None = None
 
@@ -266,7 +267,7 @@ class Subproblem:
         try:
             planes.keep_to(constraints, warm=warm, reference=reference)
         finally:
-            self._conic = planes.conic
+            self._conic = self._conic | planes.conic
         self._warm = planes.working.active(planes.motion)
         self.planes = planes
         return planes.plan(reference)
