@@ -13,20 +13,20 @@ import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram
-from scipy.sparse import block_diag, csc_array, csc_matrix, eye_array, hstack, kron
+from scipy.sparse import bsr_array, csc_array, csc_matrix, eye_array, hstack, kron
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.blocks import Answers
 from drake_rho.planning.dense import add_rows
 from drake_rho.planning.half_spaces import HalfSpaces
 from drake_rho.planning.keep_in_sets import KeepInSets
-from drake_rho.planning.minimum_effort import Changes
+from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.program import slacks_of
-from drake_rho.planning.rows import Rows
+from drake_rho.planning.rows import Rows, about
 from drake_rho.planning.solve import solve
 from drake_rho.planning.sparse import SparseRows, scale_of, without_rows
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -82,57 +82,100 @@ class ConicAnswer:
         )
 
 
-def solve_with_cones(
-    changes: Changes,
-    group: IntArray,
-    rows: Sequence[Rows],
-    sets: Sequence[KeepInSets],
-    motion: Motion,
-    *,
-    linear: bool = False,
-) -> ConicAnswer:
-    """Solve the program of a group of vehicles with its curved sets as they are.
+class ConicPrograms:
+    """Programs of one scenario's vehicles with curved sets as they are.
+
+    Restorations solve hundreds of them that differ in their rows only, and the cones take longest
+    to write: programs without rows are kept and copied.
 
     Args:
-        changes: what rows are about.
-        group: the indices of the vehicles, rising, shape (G,).
-        rows: of everything else, constraint by constraint.
-        sets: the constraints with curved sets.
-        motion: what changes are added to, of all vehicles.
+        effort: minimum effort of the scenario: what changes are about, and are added to.
         linear: whether only slack costs anything.
-
-    Raises:
-        SolverError: Clarabel fails numerically.
     """
-    cones = [cone for each in sets if len(cone := Cones.of(each, motion, group)) > 0]
-    sparse = SparseRows(changes, group, [*rows, *(Rows.of(cone.axes, motion) for cone in cones)])
-    program, x = without_rows(sparse, linear)
-    matrix, needed, penalties, lengths = sparse.matrix()
-    count = sum(map(len, rows))
-    if count > 0:
-        own = slice(count)
-        add_rows(program, matrix[own], needed[own], penalties[own], slacks_of(rows), x)
-    ends = count + 3 * np.cumsum([0, *map(len, cones)])
-    parts = [slice(*each) for each in pairwise(ends.tolist())]
-    unit, step = changes.units[group].max(), changes.grid.step
-    for cone, own in zip(cones, parts, strict=True):
-        scale = unit * scale_of(cone.constraint.quantity, step)
-        cone.add(program, x, matrix[own], needed[own], penalties[own], scale)
-    solution, steps = solve([program])[0], changes.grid.knots - 1
-    y = solution.multipliers()
-    duals = np.split(y[count:].reshape(-1, 4), (ends[1:-1] - count) // 3)
-    return ConicAnswer(
-        solution.x[: 3 * steps * len(group)].reshape(-1, steps, 3),
-        solution.feasible,
-        solution.exact,
-        np.maximum(y[:count], 0.0) * lengths[:count],
-        [
-            cone.tangents(own, lengths[part])
-            for cone, own, part in zip(cones, duals, parts, strict=True)
-        ],
-        solution.solver,
-        solution.seconds,
-    )
+
+    def __init__(self, effort: MinimumEffort, *, linear: bool = False) -> None:
+        self._effort, self._linear = effort, linear
+        self._begun = dict[tuple[object, ...], _Begun]()
+
+    def solve(
+        self, group: IntArray, rows: Sequence[HalfSpaces], sets: Sequence[KeepInSets]
+    ) -> ConicAnswer:
+        """Solve the program of a group of vehicles.
+
+        Args:
+            group: the indices of the vehicles, rising, shape (G,).
+            rows: of everything else, constraint by constraint.
+            sets: the constraints with curved sets; those of one number and penalty are the same
+                whenever they are given.
+
+        Raises:
+            SolverError: Clarabel fails numerically.
+        """
+        changes, given = self._effort.changes, about(self._effort.motion, rows)
+        begun = self._before_rows(group, given, sets)
+        program, lengths = begun.program.Clone(), np.zeros(0)
+        if count := sum(map(len, given)):
+            sparse = SparseRows(changes, group, given, beside=begun.axes)
+            matrix, needed, penalties, lengths = sparse.matrix()
+            add_rows(program, matrix, needed, penalties, slacks_of(given), begun.x)
+        # Solutions of programs with slack are steps on the way to others, for which few digits do.
+        soft = any(each.soft for each in (*given, *begun.axes))
+        solution, steps = solve([program], rough=soft)[0], changes.grid.knots - 1
+        y = solution.multipliers()
+        ends = np.cumsum([len(each) for each in begun.cones])
+        duals = np.split(y[count:].reshape(-1, 4), ends[:-1])
+        return ConicAnswer(
+            solution.x[: 3 * steps * len(group)].reshape(-1, steps, 3),
+            solution.feasible,
+            solution.exact,
+            np.maximum(y[:count], 0.0) * lengths,
+            [
+                cone.tangents(own, long)
+                for cone, own, long in zip(begun.cones, duals, begun.lengths, strict=True)
+            ],
+            solution.solver,
+            solution.seconds,
+        )
+
+    def _before_rows(
+        self, group: IntArray, rows: Sequence[Rows], sets: Sequence[KeepInSets]
+    ) -> _Begun:
+        """Return the program with its sets only, for rows of the quantities of these."""
+        quantities = frozenset(part.quantity for part in rows)
+        key = *group.tolist(), quantities, *((each.number, each.penalty) for each in sets)
+        if key not in self._begun:
+            self._begun[key] = self._write(group, rows, sets)
+        return self._begun[key]
+
+    def _write(self, group: IntArray, rows: Sequence[Rows], sets: Sequence[KeepInSets]) -> _Begun:
+        changes, motion = self._effort.changes, self._effort.motion
+        cones = [cone for each in sets if len(cone := Cones.of(each, motion, group)) > 0]
+        axes = about(motion, [cone.axes for cone in cones])
+        sparse = SparseRows(changes, group, axes, beside=rows)
+        program, x = without_rows(sparse, self._linear)
+        matrix, needed, penalties, lengths = sparse.matrix()
+        ends = np.cumsum([0, *map(len, axes)]).tolist()
+        parts = [slice(*each) for each in pairwise(ends)]
+        unit, step = changes.units[group].max(), changes.grid.step
+        for cone, own in zip(cones, parts, strict=True):
+            scale = unit * scale_of(cone.constraint.quantity, step)
+            cone.add(program, x, matrix[own], needed[own], penalties[own], scale)
+        return _Begun(program, x, cones, axes, [lengths[own] for own in parts])
+
+
+class _Begun(NamedTuple):
+    """A program before its rows."""
+
+    program: MathematicalProgram
+    """with the cones"""
+    x: np.ndarray
+    """its variables but slacks"""
+    cones: list[Cones]
+    """one for each constraint"""
+    axes: list[Rows]
+    """the values in them, one for each constraint"""
+    lengths: list[FloatArray]
+    """factors that turn multipliers of the axes into those of rows of length one"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -202,7 +245,9 @@ class Cones:
             scale: in the quantity's unit.
         """
         values = program.NewContinuousVariables(len(self), 4)
-        transform = block_diag(list(self.matrices), format="csr")
+        identity, zero = np.eye(4), np.zeros(4)
+        each = np.arange(len(self) + 1)
+        transform = bsr_array((self.matrices, each[:-1], each))  # block-diagonal
         offsets = -(transform @ needed).reshape(-1, 4)
         offsets[:, 0] += self.reaches / scale
         parts, variables = [transform @ matrix, -eye_array(values.size)], [x, values.reshape(-1)]
@@ -216,8 +261,8 @@ class Cones:
         program.AddLinearEqualityConstraint(
             equations, -offsets.reshape(-1), np.concatenate(variables)
         )
-        for each in values:
-            program.AddLorentzConeConstraint(np.eye(4), np.zeros(4), each)
+        for value in values:
+            program.AddLorentzConeConstraint(identity, zero, value)
 
     def tangents(self, duals: FloatArray, lengths: FloatArray) -> tuple[HalfSpaces, FloatArray]:
         """Return the half-spaces that multipliers of the cones stand for, and their multipliers.

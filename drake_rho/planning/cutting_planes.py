@@ -16,7 +16,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.blocks import Answers, OnWorkers, solve_all
-from drake_rho.planning.cones import solve_with_cones
+from drake_rho.planning.cones import ConicPrograms
 from drake_rho.planning.conflicts import conflict_of, in_the_way
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
@@ -66,6 +66,7 @@ class CuttingPlanes:
         linear: whether only slack costs anything.
         conic: whose curved sets enter as they are from the start, shape (N,); nobody's if not
             given.
+        cones: programs with curved sets that others of this scenario and effort have written.
 
     Attributes:
         effort: what the programs are written in.
@@ -85,6 +86,7 @@ class CuttingPlanes:
         accelerations: FloatArray | None = None,
         linear: bool = False,
         conic: BoolArray | None = None,
+        cones: ConicPrograms | None = None,
     ) -> None:
         count = len(scenario.vehicles)
         self.effort = effort or MinimumEffort.of(scenario)
@@ -100,6 +102,7 @@ class CuttingPlanes:
         self._inexact = np.zeros(count, dtype=int)
         self._retries = 0
         self.conic = np.zeros(count, dtype=bool) if conic is None else np.array(conic)
+        self._cones = cones or ConicPrograms(self.effort, linear=linear)
         self._cuts = np.zeros(count, dtype=int)
         if accelerations is not None and len(self._planned) < count:
             others = np.setdiff1d(np.arange(count), self._planned)
@@ -292,10 +295,7 @@ class CuttingPlanes:
             group = np.flatnonzero(labels == label)
             rows = self.working.of(group, len(labels))
             rows = [part for part in rows if not part.constraint.curved]
-            start = self.effort.motion
-            found = solve_with_cones(
-                self.effort.changes, group, about(start, rows), sets, start, linear=self._linear
-            )
+            found = self._cones.solve(group, rows, sets)
             for tangents, _ in found.tangents:
                 self.working.exchange(group, tangents)
             answers.append(found.answers(group, self.working.of(group, len(labels))))

@@ -132,6 +132,7 @@ def solve(
     *,
     retry: int = 0,
     quick: bool = False,
+    rough: bool = False,
 ) -> list[Solution]:
     """Solve independent programs, here and one after the other.
 
@@ -145,6 +146,7 @@ def solve(
         retry: how often these were solved and their solutions did not keep their rows; then
             others are asked before `solver`.
         quick: whether to try Clarabel without refining its linear systems first.
+        rough: whether Clarabel's usual tolerances are enough.
 
     Raises:
         SolverError: no solver found a solution, almost one, or a proof that there is none.
@@ -152,7 +154,7 @@ def solve(
     first = solver or DEFAULT()
     solutions: dict[int, Solution] = {}
     almost: dict[int, Solution] = {}
-    attempts: Iterable[tuple[Solver, _Options]] = _attempts(first, quick=quick)
+    attempts: Iterable[tuple[Solver, _Options]] = _attempts(first, quick=quick, rough=rough)
     if retry > 0:  # others first: this one's solutions do not keep their rows
         attempts = sorted(attempts, key=lambda attempt: _name(attempt[0]) == _name(first))
     for attempt, options in attempts:
@@ -220,14 +222,15 @@ def is_dense(solver: Solver | None) -> bool:
     return isinstance(solver or DEFAULT(), Daqp)
 
 
-def _attempts(first: Solver, *, quick: bool) -> Iterator[tuple[Solver, _Options]]:
+def _attempts(first: Solver, *, quick: bool, rough: bool) -> Iterator[tuple[Solver, _Options]]:
     """Who is asked, one after the other: mostly nobody but the first."""
     name = _name(first)
     if name != "Clarabel":
         yield first, _OSQP if name == "OSQP" else {}
     if quick:
         yield ClarabelSolver(), _CLARABEL_QUICK
-    yield ClarabelSolver(), _CLARABEL
+    if not rough:
+        yield ClarabelSolver(), _CLARABEL
     yield ClarabelSolver(), _CLARABEL_AGAIN
     if name in ("Clarabel", "DAQP"):
         yield OsqpSolver(), _OSQP

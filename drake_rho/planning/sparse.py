@@ -31,16 +31,29 @@ _Term = tuple[IntArray, FloatArray]
 class SparseRows:
     """Rows of a group of vehicles as sparse rows matrix @ x >= needed.
 
+    Args:
+        changes: what the rows are about.
+        group: the indices of the vehicles, shape (G,).
+        rows: constraint by constraint.
+        beside: others in the same program, whose quantities its variables speak of too.
+
     Attributes:
         changes: what the rows are about.
         group: the indices of the vehicles, shape (G,).
         steps: K - 1.
     """
 
-    def __init__(self, changes: Changes, group: IntArray, rows: Sequence[Rows]) -> None:
+    def __init__(
+        self,
+        changes: Changes,
+        group: IntArray,
+        rows: Sequence[Rows],
+        *,
+        beside: Sequence[Rows] = (),
+    ) -> None:
         self.changes, self.group, self.steps = changes, group, changes.grid.knots - 1
         self._rows = [part for part in rows if len(part) > 0]
-        spoken_of = {part.quantity for part in self._rows}
+        spoken_of = {part.quantity for part in (*self._rows, *beside)}
         self._positions = "position" in spoken_of
         self._velocities = self._positions or "velocity" in spoken_of
 

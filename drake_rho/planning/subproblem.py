@@ -12,6 +12,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.breaches import Breaches, breaches_of
+from drake_rho.planning.cones import ConicPrograms
 from drake_rho.planning.cutting_planes import CuttingPlanes
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.half_spaces import Constraint, HalfSpaces
@@ -108,6 +109,7 @@ class Subproblem:
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
         # Hard programs may go back to tangent planes, for digits that soft ones do not need.
         self._conic: BoolArray = np.zeros(count, dtype=bool)
+        self._cones = ConicPrograms(self._effort)
         self._too_much = np.inf
         self._looked: tuple[Plan, Breaches] | None = None
 
@@ -262,6 +264,7 @@ class Subproblem:
             vehicles=vehicles,
             accelerations=reference.accelerations,
             conic=self._conic,
+            cones=self._cones,
         )
         warm = [by_number[rows.constraint.number].renewed(rows) for rows in self._warm]
         try:
