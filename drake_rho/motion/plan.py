@@ -100,7 +100,7 @@ class Plan(metaclass=Described):
 
     def lasting(self, seconds: float) -> Plan:
         """Return this plan as one that took another wall time [s]."""
-        return self.with_statistics(dataclasses.replace(self.statistics, seconds=seconds))
+        return self.with_statistics(unchecked(self.statistics, seconds=seconds))
 
     def found_around(self, reference: Plan) -> Plan:
         """This plan with its reference, of which only the motion is kept."""
@@ -262,7 +262,7 @@ class Window(metaclass=Described):
         """Return this window as one that took another wall time [s], the reference included."""
         plan = self.plan.lasting(seconds)
         reference = plan if self.reference is self.plan else self.reference
-        return dataclasses.replace(self, plan=plan, reference=reference)
+        return unchecked(self, plan=plan, reference=reference)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -18,7 +18,7 @@ from drake_rho.planning.along_ways import AlongWays, no_plan, plan_along_ways
 from drake_rho.planning.bends import SPREADS, spread
 from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.convex import linearised_once
-from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError, within_memory
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.improvement import Improvement
 from drake_rho.planning.keep_apart import COUPLINGS, Coupling, CouplingName, decoupled
 from drake_rho.planning.options import DEFAULTS, Options
@@ -48,7 +48,6 @@ _FEW = 0.25
 @with_wall_time
 @with_time_limit
 @one_for_arrays()
-@within_memory()
 def plan(
     scenario: Scenario,
     *,

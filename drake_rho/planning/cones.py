@@ -95,7 +95,7 @@ class ConicPrograms:
 
     def __init__(self, effort: MinimumEffort, *, linear: bool = False) -> None:
         self._effort, self._linear = effort, linear
-        self._begun = dict[tuple[object, ...], _Begun]()
+        self._begun: dict[tuple[object, ...], _Begun] = {}
 
     def solve(
         self, group: IntArray, rows: Sequence[HalfSpaces], sets: Sequence[KeepInSets]

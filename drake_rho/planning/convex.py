@@ -9,7 +9,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.blocks import OnWorkers
 from drake_rho.planning.cutting_planes import CuttingPlanes
-from drake_rho.planning.errors import InfeasibleError, within_memory
+from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.keep_out import obstacles_of
 from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.options import Options
@@ -26,7 +26,6 @@ from drake_rho.scenario.records import Grid, Scenario
 @checked
 @with_wall_time
 @with_time_limit
-@within_memory()
 def plan_convex(
     scenario: Scenario,
     *,

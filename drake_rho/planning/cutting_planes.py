@@ -196,18 +196,19 @@ class CuttingPlanes:
         patience = 0 if coupled else _PATIENCE  # a round of a large group is expensive
         reach = 2 ** max(0, number - patience) // 2
         gap = np.inf if between else 1.5 * self.effort.grid.step
-        found, cut = list[HalfSpaces](), np.zeros(len(self.conic), dtype=bool)
+        found, cut = list[HalfSpaces](), list[IntArray]()
         for constraint in look if len(vehicles) > 0 else ():
             if number < (constraint.searches if between else constraint.rounds):
                 rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
-                if constraint.curved:
+                if constraint.curved and len(rows) > 0:
                     rows = self._to_cut(rows)
-                    cut[rows.vehicles] = True
+                    cut.append(rows.vehicles)
                 if len(rows) > 0:
                     if reach == 0:
                         rows = rows.worst(self.motion, _PIECES * 2**number, gap=gap)
                     found.append(self._of_planned(rows))
-        self._count_cuts(cut)
+        if cut:
+            self._count_cuts(np.unique(np.concatenate(cut)))
         return self._add(found)
 
     def _to_cut(self, rows: HalfSpaces) -> HalfSpaces:
@@ -227,9 +228,9 @@ class CuttingPlanes:
         self.conic[again], self._cuts[again] = False, -MAX_ROUNDS
         return rows.select(~self.conic[rows.vehicles])
 
-    def _count_cuts(self, cut: BoolArray) -> None:
-        """Note whose curved sets another round cuts, and whose are to be cut no more."""
-        self._cuts[cut] += 1
+    def _count_cuts(self, vehicles: IntArray) -> None:
+        """Note that another round cuts these vehicles' curved sets, and whose it cuts no more."""
+        self._cuts[vehicles] += 1
         self.conic |= self._cuts > _CREEPING
 
     def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
@@ -264,9 +265,11 @@ class CuttingPlanes:
     def _solve(self, vehicles: IntArray) -> list[int]:
         """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
         vehicles, count = self._with_groups(vehicles), len(self.effort.units)
-        conic = self._with_groups(vehicles[self.conic[vehicles]])
-        answers = list[Answers]()
-        if len(plain := np.setdiff1d(vehicles, conic)) > 0:
+        plain, conic, answers = vehicles, vehicles[self.conic[vehicles]], list[Answers]()
+        if len(conic) > 0:
+            conic = self._with_groups(conic)
+            plain = np.setdiff1d(vehicles, conic)
+        if len(plain) > 0:
             answers = solve_all(
                 self.effort.changes,
                 about(self.effort.motion, self.working.of(plain, count)),
@@ -275,7 +278,8 @@ class CuttingPlanes:
                 retry=self._retry(),
                 quick=count > SMALL_FLEET,  # others are planned to the last digit
             )
-        answers += self._solve_conic(conic)
+        if len(conic) > 0:
+            answers += self._solve_conic(conic)
         solved = list(map(self._take, answers))
         vehicles = np.concatenate([whose for whose, _ in solved])
         found = self.effort.goals.met_by(np.concatenate([own for _, own in solved]), vehicles)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from drake_rho.motion.statistics import Statistics
@@ -144,15 +143,6 @@ class SolverError(DrakeRhoError):
 
     def __str__(self) -> str:
         return str(self.args[0])
-
-
-@contextmanager
-def within_memory() -> Iterator[None]:
-    """Turn a `MemoryError` of what is done within it into a `SolverError`."""
-    try:
-        yield
-    except MemoryError as error:
-        raise SolverError("the planner ran out of memory") from error
 
 
 class OutOfTimeError(DrakeRhoError):

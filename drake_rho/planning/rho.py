@@ -16,7 +16,6 @@ from drake_rho.planning.best import plan as best_plan
 from drake_rho.planning.best import plan_scp
 from drake_rho.planning.breaches import breaches_of
 from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.errors import within_memory
 from drake_rho.planning.measured import ROUNDING, beyond, off_tube, tracked_anew
 from drake_rho.planning.options import Options
 from drake_rho.planning.progress import Progress, tell
@@ -147,7 +146,6 @@ class RecedingHorizon:
 
     @with_wall_time
     @one_for_arrays()
-    @within_memory()
     def _window(self, states: npt.ArrayLike, time: float) -> Window:
         """Return the next window; see `step`."""
         measured = self._checked(states)
@@ -258,7 +256,6 @@ class RecedingHorizon:
 @with_wall_time
 @with_time_limit
 @one_for_arrays()
-@within_memory()
 def plan_rho(
     scenario: Scenario,
     *,

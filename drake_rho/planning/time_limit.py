@@ -78,7 +78,7 @@ def with_time_limit(planner: Callable[_Arguments, _Result]) -> Callable[_Argumen
 
     @functools.wraps(planner)
     def run(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        given: dict[str, Any] = dict(kwargs)
+        given: dict[str, Any] = kwargs
         options: Options | None = given.get("options")
         seconds = given.get("time_limit") if options is None else options.time_limit
         if seconds is not None and not seconds > 0.0:

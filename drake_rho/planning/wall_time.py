@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import ParamSpec, Protocol, Self, TypeVar
 
+from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 
 
@@ -26,7 +27,8 @@ _Result = TypeVar("_Result", bound=_Planned)
 def with_wall_time(planner: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """Return a planner whose `Statistics.seconds` are those from its call to its return.
 
-    The statistics of what is raised in place of a plan tell the time until then.
+    The statistics of what is raised in place of a plan tell the time until then; a `MemoryError`
+    becomes a `SolverError`.
     """
 
     @functools.wraps(planner)
@@ -38,6 +40,9 @@ def with_wall_time(planner: Callable[_Arguments, _Result]) -> Callable[_Argument
             seconds = time.perf_counter() - began
             error.statistics = dataclasses.replace(error.statistics, seconds=seconds)
             raise
+        except MemoryError as error:
+            spent = Statistics(seconds=time.perf_counter() - began)
+            raise SolverError("the planner ran out of memory", spent) from error
         return planned.lasting(time.perf_counter() - began)
 
     return run

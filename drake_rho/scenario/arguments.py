@@ -6,6 +6,7 @@ import functools
 import inspect
 import types
 from collections.abc import Callable, Iterable
+from itertools import chain
 from numbers import Real
 from typing import (
     Annotated,
@@ -37,6 +38,8 @@ class _Kind(NamedTuple):
     """in an error"""
     has: Callable[[object], bool]
     """whether a value is of this kind"""
+    type: type | None = None
+    """all objects of it are of this kind; None if it takes a closer look"""
 
 
 _NAMES = {"SolverInterface": "a Drake solver", "str": "a string"}
@@ -54,16 +57,20 @@ def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Re
         ValueError: it is a word, and none of those that it may be.
     """
     signature = inspect.signature(function)
+    names = tuple(signature.parameters)
 
     @functools.wraps(function)
     def run(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        try:
-            given = signature.bind(*args, **kwargs).arguments
-        except TypeError:  # one too many or too few, which Python says better
-            return function(*args, **kwargs)
-        for name, kinds in kinds_of(function).items():
-            if name in given and not any(kind.has(given[name]) for kind in kinds):
-                raise _refusal(name, given[name], kinds)
+        kinds, types_of = kinds_of(function), _types_of(function)
+        for name, value in chain(zip(names, args, strict=False), kwargs.items()):
+            if name not in kinds or isinstance(value, types_of[name]):
+                continue  # most of all, and windows of a flight pass here in a millisecond each
+            if not any(kind.has(value) for kind in kinds[name]):
+                try:
+                    signature.bind(*args, **kwargs)
+                except TypeError:  # one too many or too few, which Python says better
+                    break
+                raise _refusal(name, value, kinds[name])
         return function(*args, **kwargs)
 
     return run
@@ -94,6 +101,15 @@ def kinds_of(function: Callable[..., object]) -> dict[str, tuple[_Kind, ...]]:
     }
 
 
+@functools.cache
+def _types_of(function: Callable[..., object]) -> dict[str, tuple[type, ...]]:
+    """Return the types whose objects are right for every such argument, whatever they are."""
+    return {
+        name: tuple(kind.type for kind in kinds if kind.type is not None)
+        for name, kinds in kinds_of(function).items()
+    }
+
+
 def _parts_of(hint: Any) -> list[Any]:
     """Return the kinds of a union, and the words of a choice, one by one."""
     if hint == npt.ArrayLike:  # a union of much that is no number
@@ -120,14 +136,15 @@ def _kind_of(hint: Any) -> _Kind | None:
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return _sequence_of([_kind_of(part) for part in _parts_of(get_args(hint)[0])])
     if hint is None or hint is type(None):
-        return _Kind("None", lambda value: value is None)
+        return _Kind("None", lambda value: value is None, types.NoneType)
     if hint in (int, float):
         return _Kind("a number", lambda value: isinstance(value, Real))
     if hint is bool:
         return _Kind("True or False", lambda value: isinstance(value, bool | np.bool_))
     if not isinstance(hint, type) or _is_protocol(hint) or hint is object:
         return None
-    return _Kind(_NAMES.get(hint.__name__, hint.__name__), lambda value: isinstance(value, hint))
+    name = _NAMES.get(hint.__name__, hint.__name__)
+    return _Kind(name, lambda value: isinstance(value, hint), hint)
 
 
 def _sequence_of(kinds: list[_Kind | None]) -> _Kind:

@@ -205,8 +205,10 @@ def unchecked(old: _Record, **changes: object) -> _Record:
     vehicles again in every window costs more than to plan it.
     """
     copy = object.__new__(type(old))
-    fields = old.__dataclass_fields__  # type: ignore[attr-defined]  # of every record
-    copy.__dict__.update({name: old.__dict__[name] for name in fields}, **changes)
+    own, values = copy.__dict__, old.__dict__
+    for name in old.__dataclass_fields__:  # type: ignore[attr-defined]  # of every record
+        own[name] = values[name]
+    own.update(changes)
     return copy
 
 

@@ -253,7 +253,7 @@ class Scenario:
         """The obstacles, each on a clock that is 0 at the first knot."""
         return tuple(each.since(self.grid.start) for each in self.bodies)
 
-    @property
+    @cached_property
     def known(self) -> tuple[tuple[int, Obstacle], ...]:
         """The obstacles that planners know of at the first knot, with their numbers from 1.
 
@@ -344,7 +344,8 @@ class Scenario:
         )
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
-        seen = [body for _, body in _known(self.bodies, bodies, grid)]
+        known = _known(self.bodies, bodies, grid)
+        seen = [body for _, body in known]
         fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, seen)
         return self.derived(
             grid=grid,
@@ -352,6 +353,7 @@ class Scenario:
             fleet=fleet,
             disturbance=around,
             bodies_in_flight=bodies,
+            known=known,
             under_way=True,
         )
 
