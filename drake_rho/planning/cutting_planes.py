@@ -264,20 +264,18 @@ class CuttingPlanes:
 
     def _solve(self, vehicles: IntArray) -> list[int]:
         """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
-        vehicles, count = self._with_groups(vehicles), len(self.effort.units)
+        vehicles = self._with_groups(vehicles)
         plain, conic, answers = vehicles, vehicles[self.conic[vehicles]], list[Answers]()
         if len(conic) > 0:
             conic = self._with_groups(conic)
             plain = np.setdiff1d(vehicles, conic)
         if len(plain) > 0:
-            answers = solve_all(
-                self.effort.changes,
-                about(self.effort.motion, self.working.of(plain, count)),
-                self._solver,
-                linear=self._linear,
-                retry=self._retry(),
-                quick=count > SMALL_FLEET,  # others are planned to the last digit
-            )
+            try:
+                answers = self._solve_rows(plain)
+            except SolverError:
+                if not self._cut_no_more(plain):
+                    raise
+                return self._solve(vehicles)
         if len(conic) > 0:
             answers += self._solve_conic(conic)
         solved = list(map(self._take, answers))
@@ -290,6 +288,27 @@ class CuttingPlanes:
             return []
         infeasible: list[int] = np.setdiff1d(every, vehicles).tolist()
         return infeasible
+
+    def _solve_rows(self, vehicles: IntArray) -> list[Answers]:
+        """Solve programs of rows alone."""
+        count = len(self.effort.units)
+        return solve_all(
+            self.effort.changes,
+            about(self.effort.motion, self.working.of(vehicles, count)),
+            self._solver,
+            linear=self._linear,
+            retry=self._retry(),
+            quick=count > SMALL_FLEET,  # others are planned to the last digit
+        )
+
+    def _cut_no_more(self, vehicles: IntArray) -> bool:
+        """Put curved sets that were cut in as they are; return whether there are any.
+
+        Tangent planes of a set that leaves no room take the solvers' digits before long.
+        """
+        cut = vehicles[self._cuts[vehicles] > 0]
+        self.conic[cut] = True
+        return len(cut) > 0
 
     def _solve_conic(self, vehicles: IntArray) -> list[Answers]:
         """Solve programs with curved sets as they are; keep tangent planes that say the same."""
