@@ -29,6 +29,9 @@ LIMIT = 15.0
 MEMORY = 2000.0
 """What the process may take [MB]."""
 
+_FIRST = 500
+"""The first seed: the planner was mended with scenes of those before it."""
+
 _DENSE = 24
 """Places on each step at which the motion is looked at while obstacles are put around it."""
 
@@ -54,7 +57,8 @@ def known_motion(seed: int) -> KnownMotion:
 
 def run(seeds: int = 500) -> Table:
     """Plan as many scenes, one after the other."""
-    trials = [_trial(seed) for seed in track(range(seeds), description="known motions")]
+    drawn = range(_FIRST, _FIRST + seeds)
+    trials = [_trial(seed) for seed in track(drawn, description="known motions")]
     missed, seconds = 100.0 - percent(trials), [trial.seconds for trial in trials]
     memory = max(trial.megabytes for trial in trials)
     return Table(
