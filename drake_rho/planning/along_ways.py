@@ -143,12 +143,21 @@ class _Attempts:
 def _best_along(
     references: Sequence[Plan], attempts: _Attempts, progress: Progress | None
 ) -> Plan | None:
-    """Return the cheapest plan near one of some references; None if none is found."""
+    """Return the cheapest plan near one of some references; None if none is found.
+
+    References that stay clear keep the sides of a way even where what they have to keep of it
+    cannot be flown together with others; a fleet's restoration then follows its motions instead.
+    One vehicle's cheapest motion is bent later on.
+    """
     best: Plan | None = None
+    alone = len(attempts.scenario.vehicles) == 1
     for number, reference in enumerate(references, start=1):
         along = within(progress, f"way {number} of {len(references)}")
+        several = len(references) > 1
         try:
-            plan = attempts.plan_near(reference, along, towards, improved=len(references) > 1)
+            plan = attempts.plan_near(reference, along, towards, improved=several)
+            if plan is None and not alone:
+                plan = attempts.plan_near(reference, along, improved=several)
         except OutOfTimeError:
             if best is None:
                 raise
