@@ -36,7 +36,7 @@ bench: $(VENV)/.bench .venv-openscvx/.ready ## Time it against others, and its g
 bench-fleet: $(VENV)/.bench ## The same for fleets (forty minutes); MISSIONS=folder of the LSC planner's
 	$(BIN)/python -m benchmarks --fleets $(if $(MISSIONS),--missions "$(MISSIONS)")
 
-bench-world: $(VENV)/.bench ## The same for worlds (forty minutes); WORLDS=folder of the LSC-DR planner's
+bench-world: $(VENV)/.bench ## The same for worlds (an hour); WORLDS=folder of the LSC-DR planner's
 	$(BIN)/python -m benchmarks --worlds $(if $(WORLDS),--missions "$(WORLDS)")
 
 bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The same for wind (thirty minutes); MISSIONS as above
