@@ -33,7 +33,7 @@ _NAMED = 4
 _GRIDS = 2
 """Grids on which ways are looked for, as long as no plan is found along those on the one before."""
 
-_MOST_LINEARISATIONS = 60
+_MOST_LINEARISATIONS = 30
 """Linearisations after which no other bend is tried: what is found at all is found with fewer."""
 
 _KNOWN_ENDS = 4
