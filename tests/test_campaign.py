@@ -114,6 +114,7 @@ def test_any_executor_finds_the_same(expected: list[tuple[Any, ...]], tmp_path: 
     assert table(tmp_path / "threads.sqlite") == expected
 
 
+@pytest.mark.slow
 def test_a_killed_worker_is_replaced(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
     killed = list[int]()
 

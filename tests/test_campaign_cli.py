@@ -152,6 +152,7 @@ def test_another_study_is_refused(
     assert table(store) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, *slow(signal.SIGKILL)])
 def test_a_campaign_on_workers_that_is_ended_goes_on(
     how: signal.Signals, tmp_path: Path, capsys: Captured, monkeypatch: Patch

@@ -474,6 +474,7 @@ def test_rounding_does_not_fill_axes_on_which_nothing_changes() -> None:
     assert low < -largest < largest < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "names"),
     [

@@ -244,6 +244,7 @@ def test_a_simulation_that_begins_late_looks_the_same() -> None:
             np.testing.assert_allclose(same, values, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_every_figure_there_is_of_a_simulation_is_written(
     simulation: rho.Simulation, tmp_path: Path
 ) -> None:

@@ -73,7 +73,16 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-LONG = ("campaign.md", "compare.md", "film.md", "campaigns.md", "fleets.md", "viewer.md")
+LONG = (
+    "campaign.md",
+    "campaigns.md",
+    "compare.md",
+    "figures.md",
+    "film.md",
+    "fleets.md",
+    "flight.md",
+    "viewer.md",
+)
 """Documents that take several seconds each."""
 
 

@@ -47,6 +47,7 @@ def test_a_dip_between_knots_is_judged_by_what_is_asked(careful: rho.Scenario) -
     assert worst.time != round(worst.time)
 
 
+@pytest.mark.slow
 @given(scenario=scenarios(between_knots=True))
 @settings(max_examples=33)
 def test_random_plans_hold_when_sampled_a_thousand_times_a_step(scenario: rho.Scenario) -> None:

@@ -104,6 +104,7 @@ def _texts(figure: Figure) -> list[Text]:
     return [text for text in found if text.get_visible() and text.get_text()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [SINGLE_COLUMN, *slow(DOUBLE_COLUMN)])
 @pytest.mark.parametrize(
     "scene",

@@ -30,6 +30,7 @@ def test_footage_holds_the_whole_flight_at_its_pace() -> None:
     assert len(Footage.of(49.0, ".gif", 24.5).times) == 26
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".gif", *slow(".mp4")])
 def test_a_film_moves_from_the_first_to_the_last_instant(ending: str, tmp_path: Path) -> None:
     if ending == ".mp4" and shutil.which("ffmpeg") is None:

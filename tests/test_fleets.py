@@ -393,6 +393,7 @@ def test_two_that_cross_are_proved_globally_optimal(two: tuple[rho.Scenario, rho
             assert each.complementarity < 1e-5
 
 
+@pytest.mark.slow
 def test_no_plan_found_from_elsewhere_is_below_the_bound() -> None:
     """References that pass each other on all sides lead to plans that cost more or as much."""
     rng = np.random.default_rng(0)

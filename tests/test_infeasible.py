@@ -87,6 +87,7 @@ def test_an_obstacle_in_the_way_is_named_with_its_times() -> None:
     assert "another reference" in text
 
 
+@pytest.mark.slow
 @given(scenario=scenarios(tight=True))
 @settings(max_examples=10)
 def test_constraints_that_are_not_named_are_not_needed_for_the_conflict(

@@ -358,6 +358,7 @@ def test_its_best_plan_is_proved_to_be_it(most: float, start: rho.State) -> None
     assert proof.lower_bound == pytest.approx(twin_cost(scenario), rel=TWIN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_no_plan_is_below_the_bound(seed: int) -> None:
     """Plans around other references, and for lower speeds, which are plans too."""

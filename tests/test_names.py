@@ -66,6 +66,7 @@ def test_names_beside_starts_and_of_the_closest_two_are_text() -> None:
     FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [*slow(1, 6, 14), 36])
 @pytest.mark.parametrize("length", [*slow(3), 10, 80])
 def test_a_legend_is_whole_and_never_over_the_plot(count: int, length: int) -> None:

@@ -61,6 +61,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ellipsoid", *slow("ball", "pair"), "pair with downwash"])
 def test_no_plan_from_any_reference_is_below_the_bound(name: str) -> None:
     scenario = dataclasses.replace(SHAPES[name], disturbance=NOISY)

@@ -357,6 +357,7 @@ def test_a_hundredth_of_the_radius_less_room_than_the_tube_takes_is_broken(name:
     assert not cut.holds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_planners_make_holds_wherever_in_the_tube_vehicles_are(kind: str) -> None:
     """The judge says so, and so do points of the tube, for which limits are as they are asked."""
