@@ -16,6 +16,7 @@ from drake_rho.planning.progress import Progress
 from drake_rho.planning.related import can_be_slower, fitted, rescaled
 from drake_rho.planning.solve import Solver
 from drake_rho.planning.subproblem import Subproblem
+from tests.scenarios import slow
 
 DOOR = gap_scene("door", 4, np.random.default_rng(3))
 
@@ -112,9 +113,7 @@ def test_fleets_through_a_gap_are_planned(kind: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("longer", [1.3, 2.0, 5.0])
-@pytest.mark.parametrize(
-    "kind", [KINDS[0], *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS[1:])]
-)
+@pytest.mark.parametrize("kind", [KINDS[0], *map(slow, KINDS[1:])])
 def test_more_time_never_hurts(kind: str, longer: float) -> None:
     """The known motion of a scene, flown slower or held at the goals, is one of each of these."""
     asked = gap_scene(kind, 4, np.random.default_rng(1)).scenario
