@@ -113,7 +113,7 @@ def test_fleets_through_a_gap_are_planned(kind: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("longer", [1.3, 2.0, 5.0])
-@pytest.mark.parametrize("kind", [KINDS[0], *map(slow, KINDS[1:])])
+@pytest.mark.parametrize("kind", [KINDS[0], *slow(*KINDS[1:])])
 def test_more_time_never_hurts(kind: str, longer: float) -> None:
     """The known motion of a scene, flown slower or held at the goals, is one of each of these."""
     asked = gap_scene(kind, 4, np.random.default_rng(1)).scenario
