@@ -1,5 +1,6 @@
 """What several test modules share."""
 
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -26,6 +27,12 @@ settings.load_profile("same")
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--solver daqp` runs the whole suite with another solver where a test asks for none."""
     parser.addoption("--solver", choices=["clarabel", "daqp"], default="clarabel")
+
+
+def pytest_configure() -> None:
+    """Hear Ctrl-C, which whatever a shell starts in the background begins by ignoring."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(tryfirst=True)
