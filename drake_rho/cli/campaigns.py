@@ -55,7 +55,7 @@ def campaign(
 ) -> int:
     """Do the runs of a study, those that are not in its store yet.
 
-    Ended by anything, the same command goes on.
+    However it ended, the same command resumes it.
     """
     from drake_rho.campaigns.campaign import campaign as run_campaign
     from drake_rho.campaigns.study import example_study, load_study, study_schema

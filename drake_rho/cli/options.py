@@ -116,14 +116,15 @@ TimeLimitOption = Annotated[
     float | None,
     typer.Option(
         metavar="SECONDS",
-        help="After that the best so far is the result, or what was being done is told. Ctrl-C "
-        "does the same at once.",
+        help="After this time the best plan or bound so far is the result; without one, the error "
+        "says what was being done. Ctrl-C does the same at once.",
     ),
 ]
 MaxMemoryOption = Annotated[
     float,
     typer.Option(
-        metavar="BYTES", help="Memory that a search for ways may take, at least 1e7, ten megabytes."
+        metavar="BYTES",
+        help="Memory that the search for ways round the obstacles may take, at least 1e7 (10 MB).",
     ),
 ]
 SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]
