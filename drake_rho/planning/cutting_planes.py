@@ -224,8 +224,7 @@ class CuttingPlanes:
         if any(np.isfinite(each.penalty) for each in self._constraints):
             return rows.select(~conic)
         outside = rows.margins(self.motion) < -_AS_GOOD_AS_KEPT * rows.tolerances
-        again = np.unique(rows.vehicles[conic & outside])
-        self.conic[again], self._cuts[again] = False, -MAX_ROUNDS
+        self._cut_again(np.unique(rows.vehicles[conic & outside]))
         return rows.select(~self.conic[rows.vehicles])
 
     def _count_cuts(self, vehicles: IntArray) -> None:
@@ -321,8 +320,16 @@ class CuttingPlanes:
             found = self._cones.solve(group, rows, sets)
             for tangents, _ in found.tangents:
                 self.working.exchange(group, tangents)
+            if not (found.exact or any(np.isfinite(each.penalty) for each in self._constraints)):
+                self._cut_again(group)  # planes where the almost solution is lead to one
+                answers += self._solve_rows(group)
+                continue
             answers.append(found.answers(group, self.working.of(group, len(labels))))
         return answers
+
+    def _cut_again(self, vehicles: IntArray) -> None:
+        """Go back to tangent planes of these vehicles' curved sets, for good."""
+        self.conic[vehicles], self._cuts[vehicles] = False, -MAX_ROUNDS
 
     def _check_inexact(self, solved: IntArray, broken: BoolArray) -> None:
         """See that whoever has almost a solution has other rows to be solved with.
