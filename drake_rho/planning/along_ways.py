@@ -150,10 +150,9 @@ def _best_along(
     One vehicle's cheapest motion is bent later on.
     """
     best: Plan | None = None
-    alone = len(attempts.scenario.vehicles) == 1
+    alone, several = len(attempts.scenario.vehicles) == 1, len(references) > 1
     for number, reference in enumerate(references, start=1):
         along = within(progress, f"way {number} of {len(references)}")
-        several = len(references) > 1
         try:
             plan = attempts.plan_near(reference, along, towards, improved=several)
             if plan is None and not alone:

@@ -29,7 +29,7 @@ from drake_rho.planning.program import slacks_of
 from drake_rho.planning.rows import Rows, about
 from drake_rho.planning.solve import solve
 from drake_rho.planning.sparse import SparseRows, scale_of, without_rows
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _NO_PART = 1e-9
 """Part of the largest multiplier up to which a set has no part in a solution."""
@@ -91,14 +91,24 @@ class ConicPrograms:
     Args:
         effort: minimum effort of the scenario: what changes are about, and are added to.
         linear: whether only slack costs anything.
+
+    Attributes:
+        needed: whose sets enter from the start, as tangent planes of them came to no end in one of
+            the programs, shape (N,).
     """
 
     def __init__(self, effort: MinimumEffort, *, linear: bool = False) -> None:
+        self.needed: BoolArray = np.zeros(len(effort.units), dtype=bool)
         self._effort, self._linear = effort, linear
         self._begun: dict[tuple[object, ...], _Begun] = {}
 
     def solve(
-        self, group: IntArray, rows: Sequence[HalfSpaces], sets: Sequence[KeepInSets]
+        self,
+        group: IntArray,
+        rows: Sequence[HalfSpaces],
+        sets: Sequence[KeepInSets],
+        *,
+        rough: bool = False,
     ) -> ConicAnswer:
         """Solve the program of a group of vehicles.
 
@@ -107,6 +117,7 @@ class ConicPrograms:
             rows: of everything else, constraint by constraint.
             sets: the constraints with curved sets; those of one number and penalty are the same
                 whenever they are given.
+            rough: whether few digits do.
 
         Raises:
             SolverError: Clarabel fails numerically.
@@ -118,9 +129,7 @@ class ConicPrograms:
             sparse = SparseRows(changes, group, given, beside=begun.axes)
             matrix, needed, penalties, lengths = sparse.matrix()
             add_rows(program, matrix, needed, penalties, slacks_of(given), begun.x)
-        # Solutions of programs with slack are steps on the way to others, for which few digits do.
-        soft = any(each.soft for each in (*given, *begun.axes))
-        solution, steps = solve([program], rough=soft)[0], changes.grid.knots - 1
+        solution, steps = solve([program], rough=rough)[0], changes.grid.knots - 1
         y = solution.multipliers()
         ends = np.cumsum([len(each) for each in begun.cones])
         duals = np.split(y[count:].reshape(-1, 4), ends[:-1])

@@ -64,16 +64,12 @@ class CuttingPlanes:
         vehicles: which of them are planned, rising indices; all if not given.
         accelerations: what the others fly [m/s²], shape (N, K-1, 3).
         linear: whether only slack costs anything.
-        conic: whose curved sets enter as they are from the start, shape (N,); nobody's if not
-            given.
-        cones: programs with curved sets that others of this scenario and effort have written.
+        cones: programs with curved sets that others of this scenario and effort have begun.
 
     Attributes:
         effort: what the programs are written in.
         working: the rows that are in.
         motion: of all vehicles, what was found so far.
-        conic: whose curved sets are in the programs as they are, as tangent planes of them came to
-            no end, shape (N,).
     """
 
     def __init__(
@@ -85,7 +81,6 @@ class CuttingPlanes:
         vehicles: IntArray | None = None,
         accelerations: FloatArray | None = None,
         linear: bool = False,
-        conic: BoolArray | None = None,
         cones: ConicPrograms | None = None,
     ) -> None:
         count = len(scenario.vehicles)
@@ -101,8 +96,8 @@ class CuttingPlanes:
         self._lost: list[HalfSpaces] = []
         self._inexact = np.zeros(count, dtype=int)
         self._retries = 0
-        self.conic = np.zeros(count, dtype=bool) if conic is None else np.array(conic)
         self._cones = cones or ConicPrograms(self.effort, linear=linear)
+        self._conic = self._cones.needed.copy()  # whose curved sets are in as they are
         self._cuts = np.zeros(count, dtype=int)
         if accelerations is not None and len(self._planned) < count:
             others = np.setdiff1d(np.arange(count), self._planned)
@@ -130,6 +125,11 @@ class CuttingPlanes:
             infeasible = self._keep_to(constraints, warm)
         if infeasible:
             raise self._error(infeasible, reference)
+
+    @property
+    def _soft(self) -> bool:
+        """Whether something may be broken: solutions are steps on the way to others."""
+        return any(np.isfinite(each.penalty) for each in self._constraints)
 
     def plan(self, reference: Plan | None = None) -> Plan:
         """The solutions as a plan, found with constraints linearised around `reference`."""
@@ -216,21 +216,21 @@ class CuttingPlanes:
 
         A set that is much smaller than its distance from zero is kept by rows to more digits than
         as a cone. Tangent planes where the cone's solution is go on from there, unless something
-        may be broken: solutions of such programs are steps on the way to others.
+        may be broken, for which few digits do.
         """
-        conic = self.conic[rows.vehicles]
+        conic = self._conic[rows.vehicles]
         if not conic.any():
             return rows
-        if any(np.isfinite(each.penalty) for each in self._constraints):
+        if self._soft:
             return rows.select(~conic)
         outside = rows.margins(self.motion) < -_AS_GOOD_AS_KEPT * rows.tolerances
         self._cut_again(np.unique(rows.vehicles[conic & outside]))
-        return rows.select(~self.conic[rows.vehicles])
+        return rows.select(~self._conic[rows.vehicles])
 
     def _count_cuts(self, vehicles: IntArray) -> None:
         """Note that another round cuts these vehicles' curved sets, and whose it cuts no more."""
         self._cuts[vehicles] += 1
-        self.conic |= self._cuts > _CREEPING
+        self._cut_no_more(vehicles[self._cuts[vehicles] > _CREEPING])
 
     def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
         """Put rows in; say whose are new, or were in and are not kept."""
@@ -264,7 +264,7 @@ class CuttingPlanes:
     def _solve(self, vehicles: IntArray) -> list[int]:
         """Solve the programs of `vehicles`, all of which have rows; say which have no solution."""
         vehicles = self._with_groups(vehicles)
-        plain, conic, answers = vehicles, vehicles[self.conic[vehicles]], list[Answers]()
+        plain, conic, answers = vehicles, vehicles[self._conic[vehicles]], list[Answers]()
         if len(conic) > 0:
             conic = self._with_groups(conic)
             plain = np.setdiff1d(vehicles, conic)
@@ -272,8 +272,10 @@ class CuttingPlanes:
             try:
                 answers = self._solve_rows(plain)
             except SolverError:
-                if not self._cut_no_more(plain):
+                cut = plain[self._cuts[plain] > 0]
+                if len(cut) == 0:
                     raise
+                self._cut_no_more(cut)  # tangent planes where there is no room take digits
                 return self._solve(vehicles)
         if len(conic) > 0:
             answers += self._solve_conic(conic)
@@ -300,14 +302,9 @@ class CuttingPlanes:
             quick=count > SMALL_FLEET,  # others are planned to the last digit
         )
 
-    def _cut_no_more(self, vehicles: IntArray) -> bool:
-        """Put curved sets that were cut in as they are; return whether there are any.
-
-        Tangent planes of a set that leaves no room take the solvers' digits before long.
-        """
-        cut = vehicles[self._cuts[vehicles] > 0]
-        self.conic[cut] = True
-        return len(cut) > 0
+    def _cut_no_more(self, vehicles: IntArray) -> None:
+        """Put curved sets of some vehicles in as they are, here and in later programs."""
+        self._conic[vehicles] = self._cones.needed[vehicles] = True
 
     def _solve_conic(self, vehicles: IntArray) -> list[Answers]:
         """Solve programs with curved sets as they are; keep tangent planes that say the same."""
@@ -317,10 +314,10 @@ class CuttingPlanes:
             group = np.flatnonzero(labels == label)
             rows = self.working.of(group, len(labels))
             rows = [part for part in rows if not part.constraint.curved]
-            found = self._cones.solve(group, rows, sets)
+            found = self._cones.solve(group, rows, sets, rough=self._soft)
             for tangents, _ in found.tangents:
                 self.working.exchange(group, tangents)
-            if not (found.exact or any(np.isfinite(each.penalty) for each in self._constraints)):
+            if not (found.exact or self._soft):
                 self._cut_again(group)  # planes where the almost solution is lead to one
                 answers += self._solve_rows(group)
                 continue
@@ -328,8 +325,8 @@ class CuttingPlanes:
         return answers
 
     def _cut_again(self, vehicles: IntArray) -> None:
-        """Go back to tangent planes of these vehicles' curved sets, for good."""
-        self.conic[vehicles], self._cuts[vehicles] = False, -MAX_ROUNDS
+        """Go back to tangent planes of these vehicles' curved sets, for good in these programs."""
+        self._conic[vehicles], self._cuts[vehicles] = False, -MAX_ROUNDS
 
     def _check_inexact(self, solved: IntArray, broken: BoolArray) -> None:
         """See that whoever has almost a solution has other rows to be solved with.

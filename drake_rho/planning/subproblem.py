@@ -22,7 +22,7 @@ from drake_rho.planning.limits import convex_constraints
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.solve import Solver
-from drake_rho.scenario.fields import BoolArray, IntArray
+from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 
 _ROUNDS_AMONG_OBSTACLES = 4
@@ -107,8 +107,6 @@ class Subproblem:
         self.labels: IntArray = np.zeros(count, dtype=int) if apart else np.arange(count)
         self._coupling, self._solver = coupling, solver
         self._effort, self._warm = MinimumEffort.of(scenario), list[HalfSpaces]()
-        # Hard programs may go back to tangent planes, for digits that soft ones do not need.
-        self._conic: BoolArray = np.zeros(count, dtype=bool)
         self._cones = ConicPrograms(self._effort)
         self._too_much = np.inf
         self._looked: tuple[Plan, Breaches] | None = None
@@ -263,14 +261,10 @@ class Subproblem:
             effort=self._effort,
             vehicles=vehicles,
             accelerations=reference.accelerations,
-            conic=self._conic,
             cones=self._cones,
         )
         warm = [by_number[rows.constraint.number].renewed(rows) for rows in self._warm]
-        try:
-            planes.keep_to(constraints, warm=warm, reference=reference)
-        finally:
-            self._conic = self._conic | planes.conic
+        planes.keep_to(constraints, warm=warm, reference=reference)
         self._warm = planes.working.active(planes.motion)
         self.planes = planes
         return planes.plan(reference)

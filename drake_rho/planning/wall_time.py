@@ -1,4 +1,4 @@
-"""How long planners take, measured in one place: around the functions that users call."""
+"""What holds for every planner that users call: its wall time is measured, memory may run out."""
 
 from __future__ import annotations
 
