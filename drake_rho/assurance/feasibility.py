@@ -86,6 +86,7 @@ def diagnose(
     try:
         plan = first_plan(scenario, solver=solver, progress=progress)
     except InfeasibleError as error:
+        trials.begin(None)
         bearable = _bearable_wind(scenario, trials)
         conflicts, premise = error.conflicts, error.premise
         try:
@@ -100,8 +101,8 @@ def diagnose(
         if bearable is not None:  # what is left can be met, so that it has a part in every conflict
             conflicts = {name: (*why, "disturbance") for name, why in conflicts.items()}
     else:
+        trials.begin(plan)
         conflicts, violations = {}, verify(plan).violations
-        trials.plan = plan
     shortest, longest = _durations(scenario, trials)
     stronger = _smallest_relaxation(scenario, trials)
     return Diagnosis(
@@ -187,13 +188,19 @@ class _Trials:
 
     Attributes:
         plan: the last that was found.
+        begun: whether the scenario that they are about has a plan, if that is known.
         cut: whether time was up; then no other scenario has a plan as far as is known.
     """
 
     def __init__(self, solver: Solver | None, progress: Progress | None) -> None:
         self.plan: Plan | None = None
+        self.begun: bool | None = None
         self.cut = False
         self._solver, self._progress = solver, progress
+
+    def begin(self, plan: Plan | None) -> None:
+        """Begin with the plan of the scenario itself, or with its having none."""
+        self.plan, self.begun = plan, plan is not None
 
     def has_plan(self, make: Callable[[], Scenario], words: str, *, near: bool = False) -> bool:
         """Return whether a plan is found for what is made.
@@ -249,7 +256,7 @@ def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float
         words = f"a duration of {factor * duration:.5g} s"
         return trials.has_plan(lambda: rescaled(scenario, factor), words, near=near)
 
-    high = _some_factor(lasting, shorter=not can_be_slower(scenario))
+    high = _some_factor(lasting, trials.begun, shorter=not can_be_slower(scenario))
     if high is None:
         return None, None
     longest = None
@@ -270,9 +277,12 @@ class _Trial(Protocol):
     def __call__(self, factor: float, near: bool = False) -> bool: ...
 
 
-def _some_factor(has_plan: _Trial, *, shorter: bool) -> float | None:
-    """Return a factor that has a plan, of powers of two and, if `shorter`, of `SHORTER`."""
-    if has_plan(1.0):
+def _some_factor(has_plan: _Trial, begun: bool | None, *, shorter: bool) -> float | None:
+    """Return a factor that has a plan, of powers of two and, if `shorter`, of `SHORTER`.
+
+    Whether 1 has one may be known (`begun`).
+    """
+    if has_plan(1.0) if begun is None else begun:
         return 1.0
     longer, less = 2.0, SHORTER
     while longer <= LARGEST_FACTOR:
@@ -304,12 +314,12 @@ def _boundary(has_plan: _Trial, one: float, other: float, precision: float) -> f
     return one
 
 
-def _least_factor(has_plan: _Trial, precision: float) -> float | None:
+def _least_factor(has_plan: _Trial, begun: bool | None, precision: float) -> float | None:
     """Return the least factor from 1 on that has a plan, by doubling, then bisection.
 
-    None if none up to the largest has.
+    None if none up to the largest has. Whether 1 has one may be known (`begun`).
     """
-    factor = _some_factor(has_plan, shorter=False)
+    factor = _some_factor(has_plan, begun, shorter=False)
     if factor is None or factor == 1.0:
         return factor
     return _boundary(has_plan, factor, factor / 2.0, precision)
@@ -352,7 +362,7 @@ def _smallest_relaxation(scenario: Scenario, trials: _Trials) -> float | None:
         words = f"acceleration limits {factor:.5g} times as wide"
         return trials.has_plan(lambda: _stronger(scenario, factor), words, near=near)
 
-    return _least_factor(suffices, _precision(scenario))
+    return _least_factor(suffices, trials.begun, _precision(scenario))
 
 
 def _stronger(scenario: Scenario, factor: float) -> Scenario:

@@ -48,7 +48,8 @@ _CREEPING = 10
 there is room most scenarios need fewer: each round quarters what is left outside, at least."""
 
 _AS_GOOD_AS_KEPT = 0.5
-"""Tolerances by which a solution may be outside of a set that was in its program as it is."""
+"""Tolerances by which a solution may be outside of a set that is, or was, in a program as it is:
+tangent planes that go on from there would take dozens of rounds for the digits that are left."""
 
 _MAX_INEXACT = 3
 """Rounds in a row that may go on from a solution that is almost one."""
@@ -218,14 +219,14 @@ class CuttingPlanes:
         as a cone. Tangent planes where the cone's solution is go on from there, unless something
         may be broken, for which few digits do.
         """
-        conic = self._conic[rows.vehicles]
-        if not conic.any():
+        conic, again = self._conic[rows.vehicles], self._cuts[rows.vehicles] < 0
+        if not (conic | again).any():
             return rows
         if self._soft:
             return rows.select(~conic)
         outside = rows.margins(self.motion) < -_AS_GOOD_AS_KEPT * rows.tolerances
         self._cut_again(np.unique(rows.vehicles[conic & outside]))
-        return rows.select(~self._conic[rows.vehicles])
+        return rows.select(outside | ~(conic | again))
 
     def _count_cuts(self, vehicles: IntArray) -> None:
         """Note that another round cuts these vehicles' curved sets, and whose it cuts no more."""
