@@ -24,9 +24,9 @@ from rich.progress import track
 import drake_rho as rho
 from benchmarks.tables import RESULTS, Cell, Goal, Table
 from drake_rho.campaigns.memory import peak
-from drake_rho.display.formats import DOUBLE_COLUMN
-from drake_rho.display.publish import save_figure, styled
-from drake_rho.display.style import COLOURS, MARKERS
+from drake_rho.display.common.style import COLOURS, MARKERS
+from drake_rho.display.plots.formats import DOUBLE_COLUMN
+from drake_rho.display.plots.publish import save_figure, styled
 
 KNOTS, VEHICLES = (50, 500, 5000), (4, 40, 400, 4000)
 """Sizes."""

@@ -21,7 +21,7 @@ from benchmarks.tables import Goal, Table
 from benchmarks.worlds import plan_within
 from drake_rho.campaigns.memory import peak
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes.base import Shape
 
 LIMIT = 15.0
 """A plan that takes longer counts as missed [s]."""

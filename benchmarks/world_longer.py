@@ -17,7 +17,7 @@ from rich.progress import track
 import drake_rho as rho
 from benchmarks.tables import Cell, Goal, Table
 from benchmarks.worlds import plan_within
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes.base import Shape
 
 LONGER = (1.25, 1.6, 2.5)
 """Durations in that of the shortest flight."""

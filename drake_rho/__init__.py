@@ -8,24 +8,24 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     __version__: str
-    from drake_rho.assurance.diagnosis import Diagnosis
-    from drake_rho.assurance.feasibility import diagnose, shortest_plan
-    from drake_rho.assurance.infeasible_subset import infeasible_subset
-    from drake_rho.assurance.optimality import Certificate, VehicleCertificate, certify
+    from drake_rho.analysis.certificate import Certificate, VehicleCertificate, certify
+    from drake_rho.analysis.diagnose import diagnose, shortest_plan
+    from drake_rho.analysis.diagnosis import Diagnosis
+    from drake_rho.analysis.infeasible_subset import infeasible_subset
     from drake_rho.campaigns.campaign import campaign
     from drake_rho.campaigns.results import Results
     from drake_rho.campaigns.study import Study, load_study
-    from drake_rho.display.animation import animate
-    from drake_rho.display.figures import (
+    from drake_rho.display.meshcat.animation import animate
+    from drake_rho.display.plots.figures import (
         accelerations_figure,
         distances_figure,
         errors_figure,
         separation_figure,
         velocities_figure,
     )
-    from drake_rho.display.page import viewer_page
-    from drake_rho.display.paths import paths_figure
-    from drake_rho.display.publish import save_figure
+    from drake_rho.display.plots.path_figure import paths_figure
+    from drake_rho.display.plots.publish import save_figure
+    from drake_rho.display.viewer.page import viewer_page
     from drake_rho.exports.export import export
     from drake_rho.exports.record import Exported
     from drake_rho.motion.files import PlanFileError, load, save
@@ -33,20 +33,21 @@ if TYPE_CHECKING:
     from drake_rho.motion.simulation import Simulation
     from drake_rho.motion.statistics import Statistics
     from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
-    from drake_rho.planning.assignment import assign_goals
-    from drake_rho.planning.best import plan, plan_scp
-    from drake_rho.planning.convex import plan_convex
-    from drake_rho.planning.daqp import Daqp
+    from drake_rho.planning.constraints.separation import coupled, decoupled, grouped
     from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-    from drake_rho.planning.keep_apart import coupled, decoupled, grouped
+    from drake_rho.planning.horizon.receding_horizon import RecedingHorizon, plan_rho
+    from drake_rho.planning.horizon.windows import free_reference, tail_reference
     from drake_rho.planning.options import Options
-    from drake_rho.planning.rho import RecedingHorizon, plan_rho
-    from drake_rho.planning.scp import scp_step
-    from drake_rho.planning.windows import free_reference, tail_reference
+    from drake_rho.planning.planners.assignment import assign_goals
+    from drake_rho.planning.planners.convex import plan_convex
+    from drake_rho.planning.planners.plan import plan, plan_scp
+    from drake_rho.planning.programs.daqp import Daqp
+    from drake_rho.planning.scp.sequential_convex import scp_step
     from drake_rho.scenario.errors import DrakeRhoError, ScenarioError
     from drake_rho.scenario.files import library, load_scenario, save_scenario, scenario_schema
-    from drake_rho.scenario.generators import circle_swap, flight_cube, random_transitions
-    from drake_rho.scenario.missions import load_lsc_mission
+    from drake_rho.scenario.problems.generators import circle_swap, flight_cube, random_transitions
+    from drake_rho.scenario.problems.missions import load_lsc_mission
+    from drake_rho.scenario.problems.worlds import random_field, trefoil_swap
     from drake_rho.scenario.records import (
         Box,
         Cylinder,
@@ -64,7 +65,6 @@ if TYPE_CHECKING:
         Vehicle,
         Waypoint,
     )
-    from drake_rho.scenario.worlds import random_field, trefoil_swap
     from drake_rho.simulation import winds
     from drake_rho.simulation.attack import Attack, attack
     from drake_rho.simulation.simulate import simulate
@@ -166,24 +166,24 @@ __all__ = [
 # What is public is loaded when it is first asked for, each with what it needs: Drake and matplotlib
 # take a second, and whoever loads a scenario, or stops a command at once, does not wait for them.
 _NAMES = {
-    "drake_rho.assurance.diagnosis": ("Diagnosis",),
-    "drake_rho.assurance.feasibility": ("diagnose", "shortest_plan"),
-    "drake_rho.assurance.infeasible_subset": ("infeasible_subset",),
-    "drake_rho.assurance.optimality": ("Certificate", "VehicleCertificate", "certify"),
+    "drake_rho.analysis.diagnosis": ("Diagnosis",),
+    "drake_rho.analysis.diagnose": ("diagnose", "shortest_plan"),
+    "drake_rho.analysis.infeasible_subset": ("infeasible_subset",),
+    "drake_rho.analysis.certificate": ("Certificate", "VehicleCertificate", "certify"),
     "drake_rho.campaigns.campaign": ("campaign",),
     "drake_rho.campaigns.results": ("Results",),
     "drake_rho.campaigns.study": ("Study", "load_study"),
-    "drake_rho.display.animation": ("animate",),
-    "drake_rho.display.figures": (
+    "drake_rho.display.meshcat.animation": ("animate",),
+    "drake_rho.display.plots.figures": (
         "accelerations_figure",
         "distances_figure",
         "errors_figure",
         "separation_figure",
         "velocities_figure",
     ),
-    "drake_rho.display.page": ("viewer_page",),
-    "drake_rho.display.paths": ("paths_figure",),
-    "drake_rho.display.publish": ("save_figure",),
+    "drake_rho.display.viewer.page": ("viewer_page",),
+    "drake_rho.display.plots.path_figure": ("paths_figure",),
+    "drake_rho.display.plots.publish": ("save_figure",),
     "drake_rho.exports.export": ("export",),
     "drake_rho.exports.record": ("Exported",),
     "drake_rho.motion.files": ("PlanFileError", "load", "save"),
@@ -191,20 +191,20 @@ _NAMES = {
     "drake_rho.motion.simulation": ("Simulation",),
     "drake_rho.motion.statistics": ("Statistics",),
     "drake_rho.motion.tube": ("ErrorTube", "error_tube", "largest_disturbance"),
-    "drake_rho.planning.assignment": ("assign_goals",),
-    "drake_rho.planning.best": ("plan", "plan_scp"),
-    "drake_rho.planning.convex": ("plan_convex",),
-    "drake_rho.planning.daqp": ("Daqp",),
+    "drake_rho.planning.planners.assignment": ("assign_goals",),
+    "drake_rho.planning.planners.plan": ("plan", "plan_scp"),
+    "drake_rho.planning.planners.convex": ("plan_convex",),
+    "drake_rho.planning.programs.daqp": ("Daqp",),
     "drake_rho.planning.errors": ("InfeasibleError", "OutOfTimeError", "SolverError"),
-    "drake_rho.planning.keep_apart": ("coupled", "decoupled", "grouped"),
+    "drake_rho.planning.constraints.separation": ("coupled", "decoupled", "grouped"),
     "drake_rho.planning.options": ("Options",),
-    "drake_rho.planning.rho": ("RecedingHorizon", "plan_rho"),
-    "drake_rho.planning.scp": ("scp_step",),
-    "drake_rho.planning.windows": ("free_reference", "tail_reference"),
+    "drake_rho.planning.horizon.receding_horizon": ("RecedingHorizon", "plan_rho"),
+    "drake_rho.planning.scp.sequential_convex": ("scp_step",),
+    "drake_rho.planning.horizon.windows": ("free_reference", "tail_reference"),
     "drake_rho.scenario.errors": ("DrakeRhoError", "ScenarioError"),
     "drake_rho.scenario.files": ("library", "load_scenario", "save_scenario", "scenario_schema"),
-    "drake_rho.scenario.generators": ("circle_swap", "flight_cube", "random_transitions"),
-    "drake_rho.scenario.missions": ("load_lsc_mission",),
+    "drake_rho.scenario.problems.generators": ("circle_swap", "flight_cube", "random_transitions"),
+    "drake_rho.scenario.problems.missions": ("load_lsc_mission",),
     "drake_rho.scenario.records": (
         "Box",
         "Cylinder",
@@ -222,7 +222,7 @@ _NAMES = {
         "Vehicle",
         "Waypoint",
     ),
-    "drake_rho.scenario.worlds": ("random_field", "trefoil_swap"),
+    "drake_rho.scenario.problems.worlds": ("random_field", "trefoil_swap"),
     "drake_rho.simulation.attack": ("Attack", "attack"),
     "drake_rho.simulation.simulate": ("simulate",),
     "drake_rho.simulation.systems": ("RecedingHorizonController", "WindyPointMass"),

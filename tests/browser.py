@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import ConsoleMessage, Page
 
-from drake_rho.display.browser import BrowserError, browser
+from drake_rho.display.viewer.browser import BrowserError, browser
 
 
 def _note(message: ConsoleMessage, errors: list[str]) -> None:

@@ -9,7 +9,7 @@ from pydrake.solvers import ClarabelSolver, OsqpSolver, SolverInterface
 
 import drake_rho as rho
 from drake_rho.paper.study import Study, run_study
-from drake_rho.planning import solve
+from drake_rho.planning.programs import solve
 
 # No deadline: how long a program takes is no property to test. Fixtures that hypothesis reuses
 # are frozen records. What fails comes again from its seed, and needs no database.

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes.base import Shape
 
 
 def slow(*cases: Any) -> list[Any]:

@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 
 import drake_rho as rho
-from drake_rho.display.film import Footage, write_film
+from drake_rho.display.viewer.film import Footage, write_film
 from tests.browser import open_page
 
 RATE = 6.0

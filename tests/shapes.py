@@ -8,7 +8,7 @@ import numpy as np
 
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes.base import Shape
 
 KINDS: dict[str, Callable[[np.random.Generator, FloatArray, float], Shape]] = {
     "sphere": lambda rng, at, size: rho.Sphere(at, size * rng.uniform(0.2, 1.0)),

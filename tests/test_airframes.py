@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.display.airframes import airframes, body
-from drake_rho.display.animation import Stage
-from drake_rho.display.poses import headings, lifts, vehicle_poses
+from drake_rho.display.meshcat.airframes import airframes, body
+from drake_rho.display.meshcat.animation import Stage
+from drake_rho.display.meshcat.poses import headings, lifts, vehicle_poses
 from drake_rho.scenario.parts import Airframe
 from tests.scenarios import single
 from tests.test_animation import crossing

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.along_ways import plan_along_ways
+from drake_rho.planning.planners.from_paths import plan_along_ways
 from tests.scenarios import box, random_scenario, single
 
 STRAIGHT = rho.State([0.0, 1.0, 2.0]), rho.State([20.0, 1.0, 2.0])

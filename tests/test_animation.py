@@ -11,10 +11,9 @@ import pytest
 from playwright.sync_api import Page
 
 import drake_rho as rho
-from drake_rho.display import ports
-from drake_rho.display.animation import start_meshcat
-from drake_rho.display.poses import headings, poses
-from drake_rho.display.shapes import (
+from drake_rho.display.meshcat import ports
+from drake_rho.display.meshcat.animation import start_meshcat
+from drake_rho.display.meshcat.meshes import (
     box_edges,
     ground_grid,
     nice_step,
@@ -22,6 +21,7 @@ from drake_rho.display.shapes import (
     scattered,
     tube,
 )
+from drake_rho.display.meshcat.poses import headings, poses
 from drake_rho.motion.plan import Window
 from tests.browser import open_page
 from tests.scenarios import single

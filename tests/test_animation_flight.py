@@ -10,8 +10,8 @@ import pytest
 from playwright.sync_api import Page
 
 import drake_rho as rho
-from drake_rho.display.disturbed import strongest
-from drake_rho.display.shapes import arrow, tube
+from drake_rho.display.meshcat.meshes import arrow, tube
+from drake_rho.display.meshcat.tubes_and_wind import strongest
 from drake_rho.simulation.closed_loop import fly
 from tests.browser import open_page
 from tests.test_display_flight import NAMES, in_noise, mission

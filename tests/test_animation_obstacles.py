@@ -10,9 +10,9 @@ from playwright.sync_api import Page
 from pydrake.geometry import Meshcat
 
 import drake_rho as rho
-from drake_rho.display.bodies import _turns
-from drake_rho.display.scene import Scene
-from drake_rho.display.snapshots import placed
+from drake_rho.display.common.obstacle_snapshots import placed
+from drake_rho.display.meshcat.obstacles import _turns
+from drake_rho.display.meshcat.scene import Scene
 from tests.browser import open_page
 from tests.scenarios import single, slow
 

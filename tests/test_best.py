@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning import best, solve
-from drake_rho.planning.keep_apart import Coupling
-from drake_rho.planning.subproblem import Subproblem, coupling_for
+from drake_rho.planning.constraints.separation import Coupling
+from drake_rho.planning.planners import plan as best
+from drake_rho.planning.programs import solve
+from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from tests.scenarios import box, fleet, single, through_the_middle
 from tests.tolerances import INDEX
 

@@ -13,11 +13,12 @@ import pytest
 from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.planning import blocks, solve
-from drake_rho.planning.blocks import OnWorkers, solve_all
-from drake_rho.planning.keep_apart import coupled, pairs_of
+from drake_rho.planning.constraints.separation import coupled, pairs_of
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.rows import Rows, about, groups_of
+from drake_rho.planning.programs import parallel as blocks
+from drake_rho.planning.programs import solve
+from drake_rho.planning.programs.parallel import OnWorkers, solve_all
+from drake_rho.planning.programs.rows import Rows, about, groups_of
 
 
 class Sent(Executor):

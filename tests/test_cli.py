@@ -20,7 +20,7 @@ import drake_rho as rho
 from drake_rho import cli
 from drake_rho.cli.commands import GROUPS
 from drake_rho.cli.failures import status_of
-from drake_rho.planning import daqp
+from drake_rho.planning.programs import daqp
 from tests.scenarios import box, single, slow
 
 Run = tuple[int, str, str]

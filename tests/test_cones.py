@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning import cutting_planes
-from drake_rho.planning.along_ways import plan_along_ways
+from drake_rho.planning.planners.from_paths import plan_along_ways
+from drake_rho.planning.scp import cutting_planes
 from drake_rho.scenario.convex_sets import Balls, ConvexSets, UprightCones
 from tests.cones import TWIN, twin_cost
 from tests.scenarios import single

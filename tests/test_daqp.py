@@ -16,11 +16,12 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.optimize import nnls
 
 import drake_rho as rho
-from drake_rho.planning import daqp, program
-from drake_rho.planning.dense import DenseProgram
-from drake_rho.planning.quadratic import Quadratic
-from drake_rho.planning.solution import Solution
-from drake_rho.planning.solve import solve
+from drake_rho.planning.programs import daqp
+from drake_rho.planning.programs import reduced as program
+from drake_rho.planning.programs.dense import DenseProgram
+from drake_rho.planning.programs.quadratic import Quadratic
+from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.solve import solve
 from drake_rho.scenario.fields import FloatArray
 from tests.scenarios import box, random_fleet, random_scenario, single, through_the_middle
 from tests.tolerances import MOTION, ROUNDING

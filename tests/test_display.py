@@ -25,12 +25,12 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from rich.console import Console
 
 import drake_rho as rho
-from drake_rho.display import curves, space
-from drake_rho.display.distances import draw_distances_from_centre
-from drake_rho.display.figures import write_figures
-from drake_rho.display.formats import SINGLE_COLUMN
-from drake_rho.display.frame import frame_scene
-from drake_rho.display.snapshots import snapshots
+from drake_rho.display.common.obstacle_snapshots import snapshots
+from drake_rho.display.plots import curves, space
+from drake_rho.display.plots.axes3d import frame_scene
+from drake_rho.display.plots.distances import draw_distances_from_centre
+from drake_rho.display.plots.figures import write_figures
+from drake_rho.display.plots.formats import SINGLE_COLUMN
 from drake_rho.motion.plan import Window
 from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
 from drake_rho.paper.study import Study

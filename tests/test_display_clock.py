@@ -12,11 +12,11 @@ from matplotlib.lines import Line2D
 from pydrake.math import RigidTransform
 
 import drake_rho as rho
-from drake_rho.display import space
-from drake_rho.display.pace import Pace
-from drake_rho.display.scene import Scene
-from drake_rho.display.trails import record_light_trails, record_predictions, record_trails
-from drake_rho.display.vehicles import Vehicles, record_vehicles
+from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.scene import Scene
+from drake_rho.display.meshcat.trails import record_light_trails, record_predictions, record_trails
+from drake_rho.display.meshcat.vehicles import Vehicles, record_vehicles
+from drake_rho.display.plots import space
 from drake_rho.motion.plan import Window
 from tests.scenarios import straight
 

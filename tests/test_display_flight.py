@@ -15,11 +15,12 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Line3D
 
 import drake_rho as rho
-from drake_rho.display import curves, distances, errors, space
-from drake_rho.display.figures import write_figures
-from drake_rho.display.flown import commands, drawn, planned
-from drake_rho.display.formats import SINGLE_COLUMN
-from drake_rho.display.style import vehicle_colours
+from drake_rho.display.common.drawable import commands, drawn, planned
+from drake_rho.display.common.style import vehicle_colours
+from drake_rho.display.plots import curves, distances, space
+from drake_rho.display.plots import tube_errors as errors
+from drake_rho.display.plots.figures import write_figures
+from drake_rho.display.plots.formats import SINGLE_COLUMN
 from drake_rho.simulation.closed_loop import fly
 
 NAMES = ("scout", "cargo")

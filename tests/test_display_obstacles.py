@@ -11,17 +11,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import drake_rho as rho
-from drake_rho.display import space
-from drake_rho.display.clearances import closest, least_clearances, nearest
-from drake_rho.display.depth import layers, ranks
-from drake_rho.display.distances import draw_distances, draw_least_clearances
-from drake_rho.display.figures import write_figures
-from drake_rho.display.frame import frame_scene
-from drake_rho.display.snapshots import Snapshot, approaches, as_bodies, snapshots, ways
-from drake_rho.display.style import view
-from drake_rho.display.surfaces import surface
+from drake_rho.display.common.clearances import closest, least_clearances, nearest
+from drake_rho.display.common.obstacle_snapshots import (
+    Snapshot,
+    approaches,
+    as_bodies,
+    snapshots,
+    ways,
+)
+from drake_rho.display.common.shape_faces import surface
+from drake_rho.display.common.style import view
+from drake_rho.display.plots import space
+from drake_rho.display.plots.axes3d import frame_scene
+from drake_rho.display.plots.distances import draw_distances, draw_least_clearances
+from drake_rho.display.plots.draw_order import layers, ranks
+from drake_rho.display.plots.figures import write_figures
 from drake_rho.scenario.fields import unchecked
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes.base import Shape
 from tests.scenarios import straight
 
 START = 32.0

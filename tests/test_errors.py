@@ -14,7 +14,8 @@ import pytest
 from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.planning import cutting_planes, solve
+from drake_rho.planning.programs import solve
+from drake_rho.planning.scp import cutting_planes
 from drake_rho.scenario.files import scenario_from_yaml
 from tests.scenarios import box, single, through_the_middle
 

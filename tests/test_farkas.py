@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 import drake_rho as rho
-from drake_rho.planning.minimum_violation import minimum_violation
+from drake_rho.planning.scp.minimum_violation import minimum_violation
 from tests.scenarios import box, random_scenario, single
 from tests.tolerances import INDEX
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import BISECTED, BISECTED_APART, is_monotone
-from drake_rho.planning.related import rescaled
+from drake_rho.analysis.diagnose import BISECTED, BISECTED_APART, is_monotone
+from drake_rho.planning.planners.related import rescaled
 from tests.scenarios import box, scenarios, single, through_the_middle
 
 

@@ -7,8 +7,8 @@ import dataclasses
 import pytest
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import BISECTED_AROUND, is_monotone
-from drake_rho.planning.related import can_be_slower
+from drake_rho.analysis.diagnose import BISECTED_AROUND, is_monotone
+from drake_rho.planning.planners.related import can_be_slower
 from tests.scenarios import box, single
 
 

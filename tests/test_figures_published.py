@@ -26,11 +26,11 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 import drake_rho as rho
 from drake_rho.cli.failures import status_of
-from drake_rho.display.distances import draw_distances_from_centre
-from drake_rho.display.figures import write_figures
-from drake_rho.display.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
-from drake_rho.display.hidden import hidden_pieces, marks_every
-from drake_rho.display.style import vehicle_colours
+from drake_rho.display.common.style import vehicle_colours
+from drake_rho.display.plots.distances import draw_distances_from_centre
+from drake_rho.display.plots.figures import write_figures
+from drake_rho.display.plots.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
+from drake_rho.display.plots.overlapping_curves import hidden_pieces, marks_every
 from drake_rho.motion.plan import Window
 from drake_rho.paper.figures import draw_figure
 from drake_rho.paper.study import Study
@@ -150,7 +150,7 @@ def test_names_of_a_few_together_are_all_shown() -> None:
 _WRITE = """
 import sys
 import drake_rho as rho
-from drake_rho.display.figures import write_figures
+from drake_rho.display.plots.figures import write_figures
 flight = rho.plan_rho(rho.load_scenario("paper"), replan_every=25)
 for file_format in ("png", "pdf", "svg"):
     write_figures(flight, sys.argv[1], file_format=file_format, width=3.5)

@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 import drake_rho as rho
-from drake_rho.display import browser, film
-from drake_rho.display.browser import BrowserError
-from drake_rho.display.film import FilmError, Footage, check_film, write_film
+from drake_rho.display.viewer import browser, film
+from drake_rho.display.viewer.browser import BrowserError
+from drake_rho.display.viewer.film import FilmError, Footage, check_film, write_film
 from tests.browser import open_page
 from tests.scenarios import slow
 from tests.test_animation import crossing

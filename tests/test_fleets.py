@@ -16,13 +16,14 @@ from scipy.optimize import minimize
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, response
-from drake_rho.planning import program, solve
-from drake_rho.planning.close_pairs import pairs_within
-from drake_rho.planning.keep_apart import coupled, decoupled, pairs_of
+from drake_rho.planning.constraints.close_pairs import pairs_within
+from drake_rho.planning.constraints.separation import coupled, decoupled, pairs_of
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.program import programs_of
-from drake_rho.planning.rows import about
-from drake_rho.planning.subproblem import Subproblem
+from drake_rho.planning.programs import reduced as program
+from drake_rho.planning.programs import solve
+from drake_rho.planning.programs.reduced import programs_of
+from drake_rho.planning.programs.rows import about
+from drake_rho.planning.scp.subproblem import Subproblem
 from tests.scenarios import (
     box,
     fleet,

@@ -11,14 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.planning import program
-from drake_rho.planning.cutting_planes import CuttingPlanes
-from drake_rho.planning.half_spaces import near
+from drake_rho.planning.constraints.base import near
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.program import programs_of, rows_of
-from drake_rho.planning.rows import about
-from drake_rho.planning.solve import solve
-from drake_rho.planning.subproblem import constraints_around, plan_around
+from drake_rho.planning.programs import reduced as program
+from drake_rho.planning.programs.reduced import programs_of, rows_of
+from drake_rho.planning.programs.rows import about
+from drake_rho.planning.programs.solve import solve
+from drake_rho.planning.scp.cutting_planes import CuttingPlanes
+from drake_rho.planning.scp.subproblem import constraints_around, plan_around
 from tests.scenarios import box, random_scenario, scenarios, single
 from tests.tolerances import MOTION
 

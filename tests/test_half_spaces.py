@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, sparse_response
-from drake_rho.planning.half_spaces import Constraint, HalfSpaces
-from drake_rho.planning.keep_apart import Coupling, coupled, decoupled, pairs_of
-from drake_rho.planning.keep_goal import goals_of
-from drake_rho.planning.keep_in import boxes_of
-from drake_rho.planning.keep_out import across, obstacles_of, side_of
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.boxes import boxes_of
+from drake_rho.planning.constraints.goals import goals_of
+from drake_rho.planning.constraints.obstacles import across, obstacles_of, side_of
+from drake_rho.planning.constraints.separation import Coupling, coupled, decoupled, pairs_of
 from tests.scenarios import box, fleet, single
 from tests.tolerances import ROUNDING
 

@@ -187,7 +187,7 @@ def test_nothing_is_judged_where_nothing_disturbs(monkeypatch: pytest.MonkeyPatc
     def refused(*_: object) -> str:
         raise AssertionError("a window was judged")
 
-    monkeypatch.setattr("drake_rho.planning.windows.first_violation", refused)
+    monkeypatch.setattr("drake_rho.planning.horizon.windows.first_violation", refused)
     asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
     rho.plan_rho(asked)
     with pytest.raises(AssertionError, match="judged"):

@@ -15,23 +15,23 @@ from scipy.optimize import lsq_linear
 
 import drake_rho as rho
 from drake_rho.motion.plan import Plan
-from drake_rho.planning import least_norm
-from drake_rho.planning.best import first_plan
-from drake_rho.planning.blocks import OnWorkers
-from drake_rho.planning.dense import add_rows
+from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.boxes import boxes_of
+from drake_rho.planning.constraints.separation import coupled, grouped, pairs_of
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.groups import groups_that_press
-from drake_rho.planning.half_spaces import HalfSpaces
-from drake_rho.planning.improvement import Improvement
-from drake_rho.planning.in_groups import InGroups
-from drake_rho.planning.keep_apart import coupled, grouped, pairs_of
-from drake_rho.planning.keep_in import boxes_of
-from drake_rho.planning.least_norm import LeastNorm
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.multipliers import multipliers_of
-from drake_rho.planning.program import rows_of
-from drake_rho.planning.rows import Rows
-from drake_rho.planning.subproblem import Subproblem
+from drake_rho.planning.planners.plan import first_plan
+from drake_rho.planning.programs import dual as least_norm
+from drake_rho.planning.programs.dense import add_rows
+from drake_rho.planning.programs.dual import LeastNorm
+from drake_rho.planning.programs.multipliers import multipliers_of
+from drake_rho.planning.programs.parallel import OnWorkers
+from drake_rho.planning.programs.reduced import rows_of
+from drake_rho.planning.programs.rows import Rows
+from drake_rho.planning.scp.fleet_subproblem import Improvement
+from drake_rho.planning.scp.group_references import InGroups
+from drake_rho.planning.scp.groups import groups_that_press
+from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 from tests.scenarios import box, fleet, mapped, sampled_separation, through_the_middle
 from tests.tolerances import INDEX

@@ -12,9 +12,9 @@ from pydrake.solvers import ClarabelSolver, GurobiSolver, OsqpSolver, SolverInte
 from scipy.optimize import linprog
 
 import drake_rho as rho
-from drake_rho.planning import solve
-from drake_rho.planning.half_spaces import HalfSpaces
-from drake_rho.planning.working_set import WorkingSet
+from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.programs import solve
+from drake_rho.planning.scp.working_set import WorkingSet
 from drake_rho.scenario.fields import FloatArray
 from tests.scenarios import box, scenarios, single
 

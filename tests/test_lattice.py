@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.planning.clear_moves import least_between
-from drake_rho.planning.lattice import MOVES, STAY, Lattice, Raster
-from drake_rho.planning.timed_ways import Layers
-from drake_rho.planning.traffic import Moving, MovingObstacle, MovingVehicle
+from drake_rho.planning.path_search.lattice import MOVES, STAY, Lattice, Raster
+from drake_rho.planning.path_search.moving_obstacles import Moving, MovingObstacle, MovingVehicle
+from drake_rho.planning.path_search.space_time import Layers
+from drake_rho.planning.path_search.swept_clearance import least_between
 from drake_rho.scenario.fields import FloatArray
 
 DENSE = np.linspace(0.0, 1.0, 41)[:, None]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.margins import margins_of
 from drake_rho.motion.tube import tube_of
-from drake_rho.planning.room import lacks, with_room
+from drake_rho.planning.constraints.margins import margins_of
+from drake_rho.planning.constraints.tightening import lacks, with_room
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import FloatArray
 from tests.scenarios import box, fleet, random_fleet, random_scenario, single, slow
@@ -295,7 +295,7 @@ def test_finer_margins_are_tried_before_a_scenario_is_refused(
     assert rho.verify(plan).ok
     assert least_margin(plan) > -1e-6
     assert rho.certify(plan).gap >= -1e-6
-    monkeypatch.setattr("drake_rho.planning.room._LESS", 1.0)  # no finer ones
+    monkeypatch.setattr("drake_rho.planning.constraints.tightening._LESS", 1.0)  # no finer ones
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(windy)
     assert not caught.value.is_proved

@@ -13,11 +13,11 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import BISECTED, is_monotone
-from drake_rho.planning.keep_in_norm import norms_of
+from drake_rho.analysis.diagnose import BISECTED, is_monotone
+from drake_rho.planning.constraints.norms import norms_of
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.minimum_violation import minimum_violation
-from drake_rho.planning.working_set import Keys, WorkingSet
+from drake_rho.planning.scp.minimum_violation import minimum_violation
+from drake_rho.planning.scp.working_set import Keys, WorkingSet
 from drake_rho.scenario.fields import FloatArray
 from tests.cones import TWIN, integrals, twin_cost
 from tests.scenarios import box, fleet, mapped, random_scenario, single, through_the_middle

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.scenario.missions import is_lsc_mission
+from drake_rho.scenario.problems.missions import is_lsc_mission
 
 GRID = rho.Grid(0.2, 51)
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 
 import drake_rho as rho
-from drake_rho.assurance.lagrangian import Lagrangian
-from drake_rho.planning.cutting_planes import CuttingPlanes
-from drake_rho.planning.subproblem import constraints_around
+from drake_rho.analysis.lagrangian import Lagrangian
+from drake_rho.planning.scp.cutting_planes import CuttingPlanes
+from drake_rho.planning.scp.subproblem import constraints_around
 from tests.scenarios import box, scenarios, single
 from tests.tolerances import INDEX
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.assurance.optimality import GLOBAL_GAP
+from drake_rho.analysis.certificate import GLOBAL_GAP
 from drake_rho.scenario.fields import unchecked
 from tests.scenarios import box, single, slow, through_the_middle
 

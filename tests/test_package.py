@@ -88,7 +88,7 @@ def test_to_import_the_package_loads_nothing_else() -> None:
 
 
 @pytest.mark.parametrize(
-    "loading", ["typer", "numpy", "pydrake.solvers", "drake_rho.planning.best"]
+    "loading", ["typer", "numpy", "pydrake.solvers", "drake_rho.planning.planners.plan"]
 )
 def test_ctrl_c_while_the_command_loads_is_one_line(loading: str) -> None:
     code = (

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.keep_apart import decoupled
-from drake_rho.planning.subproblem import Subproblem
+from drake_rho.planning.constraints.separation import decoupled
+from drake_rho.planning.scp.subproblem import Subproblem
 from tests.scenarios import box, single
 from tests.studies import small
 

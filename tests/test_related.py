@@ -9,13 +9,13 @@ import pytest
 
 import drake_rho as rho
 from benchmarks.gap_scenes import KINDS, GapScene, gap_scene
-from drake_rho.planning import best
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.options import Options
+from drake_rho.planning.planners import plan as best
+from drake_rho.planning.planners.related import can_be_slower, fitted, rescaled
+from drake_rho.planning.programs.solve import Solver
 from drake_rho.planning.progress import Progress
-from drake_rho.planning.related import can_be_slower, fitted, rescaled
-from drake_rho.planning.solve import Solver
-from drake_rho.planning.subproblem import Subproblem
+from drake_rho.planning.scp.subproblem import Subproblem
 from tests.scenarios import slow
 
 DOOR = gap_scene("door", 4, np.random.default_rng(3))

@@ -19,7 +19,7 @@ import drake_rho as rho
 from drake_rho.campaigns.statistics import Failure, Proportion, Quantiles, sign_test
 from drake_rho.campaigns.store import COLUMNS, StoreError
 from drake_rho.campaigns.tables import tables
-from drake_rho.display.campaigns import (
+from drake_rho.display.plots.campaigns import (
     costs_figure,
     failures_figure,
     success_figure,

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
-from drake_rho.planning import blocks
-from drake_rho.planning.program import programs_of
-from drake_rho.planning.windows import Planner
+from drake_rho.planning.horizon.windows import Planner
+from drake_rho.planning.programs import parallel as blocks
+from drake_rho.planning.programs.reduced import programs_of
 from tests.scenarios import box, scenarios, single
 from tests.tolerances import INDEX, ROUNDING
 

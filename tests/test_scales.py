@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.shapes import TOLERANCE
+from drake_rho.scenario.shapes.base import TOLERANCE
 from tests.scenarios import random_fleet, random_scenario
 
 FAR = (0.1, 1e3, 1e6)

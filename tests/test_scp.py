@@ -11,9 +11,9 @@ from hypothesis import assume, given, settings
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
-from drake_rho.planning.keep_apart import decoupled
-from drake_rho.planning.scp import PATIENCE, DeadEnds, iterate, restored
-from drake_rho.planning.subproblem import Subproblem
+from drake_rho.planning.constraints.separation import decoupled
+from drake_rho.planning.scp.sequential_convex import PATIENCE, DeadEnds, iterate, restored
+from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 from tests.scenarios import fleet, scenarios, through_the_middle
 from tests.tolerances import INDEX

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.along_ways import plan_along_ways
-from drake_rho.planning.fleet_in_space import FleetInSpace, size_in_space
-from drake_rho.planning.fleet_in_time import FleetInTime, size_in_time
-from drake_rho.planning.lattice import Lattice, Raster, TooLargeError
-from drake_rho.planning.reach import reach_of
-from drake_rho.planning.resolution import resolutions
-from drake_rho.planning.timed_ways import Layers
-from drake_rho.planning.traffic import MovingObstacle
-from drake_rho.planning.ways import find_ways
+from drake_rho.planning.path_search.fleet_in_space import FleetInSpace, size_in_space
+from drake_rho.planning.path_search.initial_guesses import find_ways
+from drake_rho.planning.path_search.lattice import Lattice, Raster, TooLargeError
+from drake_rho.planning.path_search.moving_obstacles import MovingObstacle
+from drake_rho.planning.path_search.prioritized import FleetInTime, size_in_time
+from drake_rho.planning.path_search.reachable import reach_of
+from drake_rho.planning.path_search.resolution import resolutions
+from drake_rho.planning.path_search.space_time import Layers
+from drake_rho.planning.planners.from_paths import plan_along_ways
 from drake_rho.scenario.files import load_scenario
 
 CASES = Path(__file__).parent / "cases"
@@ -125,10 +125,10 @@ def test_memory_that_the_machine_does_not_have_ends_no_planner(
 
     scenario = door(SLOW_CLIMB)
     with monkeypatch.context() as patch:
-        patch.setattr("drake_rho.planning.fleet_in_time.Lattice", without)
+        patch.setattr("drake_rho.planning.path_search.prioritized.Lattice", without)
         with pytest.raises(rho.InfeasibleError, match="max_memory"):
             rho.plan(scenario)
-    monkeypatch.setattr("drake_rho.planning.cutting_planes.CuttingPlanes.keep_to", without)
+    monkeypatch.setattr("drake_rho.planning.scp.cutting_planes.CuttingPlanes.keep_to", without)
     for planner in (rho.plan, rho.plan_convex, rho.plan_rho):
         with pytest.raises(rho.SolverError, match="memory"):
             planner(scenario)

@@ -12,8 +12,8 @@ from scipy.optimize import minimize
 
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.quadrics import Ellipsoid
-from drake_rho.scenario.shapes import Quadric
+from drake_rho.scenario.shapes.base import Quadric
+from drake_rho.scenario.shapes.quadrics import Ellipsoid
 from tests.tolerances import ROUNDING
 
 SEMI_AXES = [[3.0, 2.0, 1.0], [1.0, 1.0, 2.0], [2.0, 2.0, 1.0], [1.0, 1.0, 1.0], [20.0, 0.5, 0.5]]

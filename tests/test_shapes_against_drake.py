@@ -23,7 +23,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes.base import Shape
 from tests.shapes import KINDS, random_shape
 from tests.tolerances import ROUNDING
 

@@ -10,9 +10,9 @@ import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverInterface
 
 import drake_rho as rho
-from drake_rho.planning import solve
-from drake_rho.planning.solution import Solution
-from drake_rho.planning.solve import solve_side_by_side
+from drake_rho.planning.programs import solve
+from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.solve import solve_side_by_side
 from tests.scenarios import box, single
 from tests.tolerances import INDEX
 

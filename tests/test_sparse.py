@@ -9,14 +9,14 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.half_spaces import HalfSpaces
-from drake_rho.planning.keep_apart import coupled, pairs_of
-from drake_rho.planning.keep_in import KeepInBox, boxes_of
-from drake_rho.planning.keep_out import obstacles_of
+from drake_rho.planning.constraints.base import HalfSpaces
+from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
+from drake_rho.planning.constraints.obstacles import obstacles_of
+from drake_rho.planning.constraints.separation import coupled, pairs_of
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.program import rows_of
-from drake_rho.planning.rows import about
-from drake_rho.planning.sparse import SparseRows
+from drake_rho.planning.programs.reduced import rows_of
+from drake_rho.planning.programs.rows import about
+from drake_rho.planning.programs.sparse import SparseRows
 from tests.scenarios import box, fleet
 from tests.tolerances import ROUNDING
 

@@ -11,18 +11,18 @@ import pytest
 import drake_rho as rho
 from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.margins import margins_of
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning import breaches as module_of_breaches
-from drake_rho.planning import subproblem as module
-from drake_rho.planning.breaches import breaches_of
-from drake_rho.planning.close_pairs import separation_of, too_close
-from drake_rho.planning.in_groups import InGroups
-from drake_rho.planning.keep_apart import KeepApart, coupled, decoupled, pairs_of
-from drake_rho.planning.minimum_violation import minimum_violation
-from drake_rho.planning.restoration import Restoration
-from drake_rho.planning.scp import restored
-from drake_rho.planning.subproblem import Subproblem, plan_around
+from drake_rho.planning.constraints import violations as module_of_breaches
+from drake_rho.planning.constraints.close_pairs import separation_of, too_close
+from drake_rho.planning.constraints.margins import margins_of
+from drake_rho.planning.constraints.separation import KeepApart, coupled, decoupled, pairs_of
+from drake_rho.planning.constraints.violations import breaches_of
+from drake_rho.planning.scp import subproblem as module
+from drake_rho.planning.scp.group_references import InGroups
+from drake_rho.planning.scp.minimum_violation import minimum_violation
+from drake_rho.planning.scp.restoration import Restoration
+from drake_rho.planning.scp.sequential_convex import restored
+from drake_rho.planning.scp.subproblem import Subproblem, plan_around
 from drake_rho.scenario.fields import IntArray
 from tests.scenarios import box, careless, fleet, single, through_the_middle
 from tests.tolerances import INDEX, MOTION

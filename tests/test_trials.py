@@ -10,7 +10,7 @@ import pytest
 from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.planning import solve
+from drake_rho.planning.programs import solve
 
 pytest.importorskip("benchmarks")  # a source archive has the tests without them
 

@@ -17,7 +17,7 @@ import pytest
 from playwright.sync_api import Page
 
 import drake_rho as rho
-from drake_rho.display.serve import serve
+from drake_rho.display.viewer.serve import serve
 from tests.browser import open_page
 from tests.test_animation import crossing
 from tests.test_display_flight import in_noise

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
-from drake_rho.assurance.feasibility import is_monotone
-from drake_rho.planning.limits import convex_constraints
-from drake_rho.planning.minimum_violation import minimum_violation
-from drake_rho.planning.ways import find_ways
+from drake_rho.analysis.diagnose import is_monotone
+from drake_rho.planning.constraints.catalogue import convex_constraints
+from drake_rho.planning.path_search.initial_guesses import find_ways
+from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
 from tests.cones import TWIN, twin_cost

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.ways import find_ways
+from drake_rho.planning.path_search.initial_guesses import find_ways
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes.base import Shape
 
 PARTS = 16
 """Places at which each step of a reference is looked at."""

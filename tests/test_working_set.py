@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.cutting_planes import CuttingPlanes
-from drake_rho.planning.half_spaces import Constraint, HalfSpaces
-from drake_rho.planning.keep_apart import coupled
-from drake_rho.planning.limits import convex_constraints
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.catalogue import convex_constraints
+from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.program import rows_of
-from drake_rho.planning.rows import about
-from drake_rho.planning.subproblem import Subproblem
-from drake_rho.planning.working_set import Keys, WorkingSet
+from drake_rho.planning.programs.reduced import rows_of
+from drake_rho.planning.programs.rows import about
+from drake_rho.planning.scp.cutting_planes import CuttingPlanes
+from drake_rho.planning.scp.subproblem import Subproblem
+from drake_rho.planning.scp.working_set import Keys, WorkingSet
 from tests.scenarios import box, fleet, single
 from tests.tolerances import ROUNDING
 

@@ -12,19 +12,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, JsonValue
 
-from drake_rho.assurance.optimality import certify
+from drake_rho.analysis.certificate import certify
 from drake_rho.campaigns.blowing import AnyWind
 from drake_rho.campaigns.functions import check_arguments, name_of, named
 from drake_rho.campaigns.judgement import Judgement, judge
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
-from drake_rho.planning.best import plan as best_plan
-from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.keep_apart import CouplingName
+from drake_rho.planning.constraints.separation import CouplingName
+from drake_rho.planning.horizon.receding_horizon import plan_rho
+from drake_rho.planning.horizon.windows import free_reference, tail_reference
 from drake_rho.planning.options import Options
-from drake_rho.planning.rho import plan_rho
-from drake_rho.planning.solve import SolverName
-from drake_rho.planning.windows import free_reference, tail_reference
+from drake_rho.planning.planners.convex import plan_convex
+from drake_rho.planning.planners.plan import plan as best_plan
+from drake_rho.planning.programs.solve import SolverName
 from drake_rho.scenario.fields import Count, Name, Positive, record
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import fly

@@ -22,10 +22,10 @@ from drake_rho.scenario.files import (
     scenario_from_content,
     scenario_to_content,
 )
-from drake_rho.scenario.generators import circle_swap, random_transitions
-from drake_rho.scenario.missions import is_lsc_mission, load_lsc_mission
+from drake_rho.scenario.problems.generators import circle_swap, random_transitions
+from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
+from drake_rho.scenario.problems.worlds import random_field, trefoil_swap
 from drake_rho.scenario.records import Grid, Scenario
-from drake_rho.scenario.worlds import random_field, trefoil_swap
 
 GENERATORS: dict[str, Callable[..., Scenario]] = {
     "random_transitions": random_transitions,

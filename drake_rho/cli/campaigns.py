@@ -107,7 +107,7 @@ def results(
     drawn = list[Path]()
     if drawing is not None:
         # matplotlib takes longer to load than the tables take to make
-        from drake_rho.display.campaigns import write_campaign_figures
+        from drake_rho.display.plots.campaigns import write_campaign_figures
 
         with working("drawing"):
             drawn = write_campaign_figures(

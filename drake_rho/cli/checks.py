@@ -8,9 +8,9 @@ import os
 import tempfile
 from pathlib import Path
 
-from drake_rho.display.film import ENDINGS as ENDINGS_OF_FILMS
-from drake_rho.display.film import check_film
-from drake_rho.display.formats import DOUBLE_COLUMN, check_width
+from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
+from drake_rho.display.viewer.film import ENDINGS as ENDINGS_OF_FILMS
+from drake_rho.display.viewer.film import check_film
 from drake_rho.motion.files import ENDINGS
 from drake_rho.scenario.files import check_replaceable
 

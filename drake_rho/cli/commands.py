@@ -51,11 +51,11 @@ from drake_rho.cli.options import (
 from drake_rho.cli.planning import assign, fly, plan
 from drake_rho.cli.simulation import simulate
 from drake_rho.cli.streams import pipe_safe
-from drake_rho.display.flown import Flown, drawn
+from drake_rho.display.common.drawable import Flown, drawn
 from drake_rho.motion.files import load
 from drake_rho.paper.study import REPEATS, run_study
-from drake_rho.planning.best import plan as best_plan
-from drake_rho.planning.rho import plan_rho
+from drake_rho.planning.horizon.receding_horizon import plan_rho
+from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.scenario.files import replacing, scenario_schema
 
 
@@ -145,7 +145,7 @@ def show(
 
     The browser is served until the command is interrupted.
     """
-    from drake_rho.display.page import viewer_page
+    from drake_rho.display.viewer.page import viewer_page
 
     check_writable(html, (".html", ".htm"), "--html")
     check_film_option(film)
@@ -170,7 +170,7 @@ def show(
 
 def _serve(page: str, host: str, port: int, *, browser: bool) -> int:
     """Serve a page until interrupted."""
-    from drake_rho.display.serve import serve
+    from drake_rho.display.viewer.serve import serve
 
     server = serve(page, host=host, port=port)
     wait_for_the_end = on_interrupt()
@@ -186,7 +186,7 @@ def _serve(page: str, host: str, port: int, *, browser: bool) -> int:
 
 def _film(page: str, path: str, flown: Flown, rate: float | None) -> None:
     """Write a film of a page, and show how far it is."""
-    from drake_rho.display.film import Footage, write_film
+    from drake_rho.display.viewer.film import Footage, write_film
 
     duration = drawn(flown).scenario.grid.duration
     footage = Footage.of(duration, Path(path).suffix.lower(), rate)

@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from drake_rho.assurance.diagnosis import Diagnosis
-from drake_rho.assurance.optimality import Certificate
+from drake_rho.analysis.certificate import Certificate
+from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.cli.documents import (
     Assigned,
     AssignedRow,
@@ -25,7 +25,7 @@ from drake_rho.cli.documents import (
     WindowRow,
 )
 from drake_rho.cli.summary import errors_of
-from drake_rho.display.flown import Flown
+from drake_rho.display.common.drawable import Flown
 from drake_rho.exports.record import Exported as Written
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
-from drake_rho.assurance.feasibility import diagnose
+from drake_rho.analysis.diagnose import diagnose
 from drake_rho.cli.console import err, manner, say, stopping_early, working, write
 from drake_rho.cli.described import why
 from drake_rho.cli.documents import Failed

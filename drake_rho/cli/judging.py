@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from drake_rho.assurance.feasibility import diagnose as diagnosis_of
-from drake_rho.assurance.optimality import certify as certificate_of
+from drake_rho.analysis.certificate import certify as certificate_of
+from drake_rho.analysis.diagnose import diagnose as diagnosis_of
 from drake_rho.cli import described
 from drake_rho.cli.console import answer, stopping_early, working
 from drake_rho.cli.documents import Diagnosed
@@ -25,7 +25,7 @@ from drake_rho.cli.options import (
 from drake_rho.cli.reports import report
 from drake_rho.motion.files import load
 from drake_rho.motion.simulation import Simulation
-from drake_rho.planning.solve import SOLVERS
+from drake_rho.planning.programs.solve import SOLVERS
 
 
 def verify(

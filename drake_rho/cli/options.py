@@ -8,13 +8,13 @@ from typing import Annotated
 
 import typer
 
-from drake_rho.planning.best import plan as best_plan
-from drake_rho.planning.convex import plan_convex
+from drake_rho.planning.horizon.windows import Planner, free_reference, tail_reference
 from drake_rho.planning.options import DEFAULTS, Options
+from drake_rho.planning.planners.convex import plan_convex
+from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.progress import Progress
-from drake_rho.planning.windows import Planner, free_reference, tail_reference
 from drake_rho.scenario.files import library, load_scenario
-from drake_rho.scenario.missions import is_lsc_mission, load_lsc_mission
+from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
 from drake_rho.scenario.records import Grid, Scenario
 
 

@@ -36,17 +36,17 @@ from drake_rho.cli.options import (
 )
 from drake_rho.cli.reports import finish
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.assignment import assign_goals, assignment
-from drake_rho.planning.best import plan as best_plan
-from drake_rho.planning.convex import plan_convex
 from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.horizon.receding_horizon import plan_rho
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import DEFAULTS, Options
-from drake_rho.planning.rho import plan_rho
-from drake_rho.planning.solve import SOLVERS
-from drake_rho.planning.solve import Solver as AnySolver
+from drake_rho.planning.planners.assignment import assign_goals, assignment
+from drake_rho.planning.planners.convex import plan_convex
+from drake_rho.planning.planners.plan import plan as best_plan
+from drake_rho.planning.programs.solve import SOLVERS
+from drake_rho.planning.programs.solve import Solver as AnySolver
 from drake_rho.scenario.files import save_scenario
-from drake_rho.scenario.missions import is_lsc_mission
+from drake_rho.scenario.problems.missions import is_lsc_mission
 from drake_rho.scenario.records import Scenario
 
 

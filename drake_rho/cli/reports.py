@@ -11,7 +11,7 @@ from drake_rho.cli import described
 from drake_rho.cli.checks import Drawing
 from drake_rho.cli.console import out, tell, working
 from drake_rho.cli.summary import simulation_table
-from drake_rho.display.flown import Flown
+from drake_rho.display.common.drawable import Flown
 from drake_rho.motion.files import save
 from drake_rho.motion.plan import Flight
 from drake_rho.motion.simulation import Simulation
@@ -28,7 +28,7 @@ def finish(
     drawn = []
     if drawing is not None:
         # matplotlib takes longer to load than the other commands take to run
-        from drake_rho.display.figures import write_figures
+        from drake_rho.display.plots.figures import write_figures
 
         with working("drawing"):
             drawn = write_figures(

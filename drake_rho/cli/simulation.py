@@ -26,7 +26,7 @@ from drake_rho.cli.options import (
     read,
 )
 from drake_rho.cli.reports import finish
-from drake_rho.planning.rho import RecedingHorizon
+from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds
 from drake_rho.simulation.attack import attack

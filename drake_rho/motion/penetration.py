@@ -21,8 +21,8 @@ from drake_rho.motion.clearance import nearest_moments
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.quadrics import Sphere
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.quadrics import Sphere
 
 _PARTS = 8
 """Parts that a piece is split into."""

@@ -11,15 +11,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from drake_rho.display.figures import (
+from drake_rho.display.plots.figures import (
     accelerations_figure,
     distances_figure,
     velocities_figure,
 )
-from drake_rho.display.formats import DOUBLE_COLUMN, check_format
-from drake_rho.display.layout import add_title
-from drake_rho.display.paths import paths_figure
-from drake_rho.display.publish import save_figure
+from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_format
+from drake_rho.display.plots.layout import add_title
+from drake_rho.display.plots.path_figure import paths_figure
+from drake_rho.display.plots.publish import save_figure
 from drake_rho.paper.study import Study
 from drake_rho.scenario.files import replacing
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drake_rho.assurance.optimality import Certificate, certify
+from drake_rho.analysis.certificate import Certificate, certify
 from drake_rho.motion.clearance import closest_approach
 from drake_rho.motion.plan import Flight, Plan, Window
-from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.rho import plan_rho
+from drake_rho.planning.horizon.receding_horizon import plan_rho
+from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import load_scenario
 from drake_rho.scenario.records import Scenario

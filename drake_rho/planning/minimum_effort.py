@@ -12,7 +12,7 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.records import Scenario
-from drake_rho.scenario.shapes import TOLERANCE
+from drake_rho.scenario.shapes.base import TOLERANCE
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Convex sets that values of every vehicle keep in: balls and upright cones.
 
 Each set is told by three functions of a value, as a shape to keep out of is
-(`drake_rho.scenario.shapes`): how far outside it is, in which direction, and the support function
-h(n) = max n · y over the set, so that n · value <= h(n) for everything in it.
+(`drake_rho.scenario.shapes.base`): how far outside it is, in which direction, and the support
+function h(n) = max n · y over the set, so that n · value <= h(n) for everything in it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.shapes import TOLERANCE
+from drake_rho.scenario.shapes.base import TOLERANCE
 
 _LEAST = 1e-3
 """Part of the motion's scale below which a set counts as no smaller, for its tolerance."""

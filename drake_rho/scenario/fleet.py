@@ -13,8 +13,8 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
 from drake_rho.scenario.parts import Grid, Limits, Quantity, Vehicle
-from drake_rho.scenario.polyhedra import Box
-from drake_rho.scenario.shapes import TOLERANCE, Shape
+from drake_rho.scenario.shapes.base import TOLERANCE, Shape
+from drake_rho.scenario.shapes.polyhedra import Box
 from drake_rho.scenario.waypoints import Waypoints, waypoints_of
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
-from drake_rho.scenario.cylinders import Cylinder
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     LARGEST,
@@ -27,11 +26,12 @@ from drake_rho.scenario.fields import (
     record,
     unchecked,
 )
-from drake_rho.scenario.polyhedra import Box, Polytope
-from drake_rho.scenario.quadrics import Ellipsoid, Sphere
+from drake_rho.scenario.shapes.cylinders import Cylinder
+from drake_rho.scenario.shapes.polyhedra import Box, Polytope
+from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 
 if TYPE_CHECKING:
-    from drake_rho.scenario.shapes import Shape
+    from drake_rho.scenario.shapes.base import Shape
 
 _KINDS = {
     "Obstacle": ("shape", "velocity", "track", "known_from", "name"),

@@ -30,9 +30,9 @@ from drake_rho.scenario.fields import (
     record,
     unchecked,
 )
-from drake_rho.scenario.polyhedra import Box
-from drake_rho.scenario.quadrics import Ellipsoid
-from drake_rho.scenario.shapes import TOLERANCE
+from drake_rho.scenario.shapes.base import TOLERANCE
+from drake_rho.scenario.shapes.polyhedra import Box
+from drake_rho.scenario.shapes.quadrics import Ellipsoid
 
 Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 """What a box can bound."""

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Self
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
-from drake_rho.scenario.cylinders import Cylinder
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, Name, locked, record, unchecked
@@ -30,9 +29,10 @@ from drake_rho.scenario.parts import (
     Vehicle,
     Waypoint,
 )
-from drake_rho.scenario.polyhedra import Box, Polytope
-from drake_rho.scenario.quadrics import Ellipsoid, Sphere
-from drake_rho.scenario.shapes import TOLERANCE, Shape
+from drake_rho.scenario.shapes.base import TOLERANCE, Shape
+from drake_rho.scenario.shapes.cylinders import Cylinder
+from drake_rho.scenario.shapes.polyhedra import Box, Polytope
+from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.waypoints import is_under_way
 
 __all__ = [

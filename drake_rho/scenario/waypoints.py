@@ -10,7 +10,7 @@ import numpy as np
 from drake_rho.scenario.convex_sets import Balls
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.parts import Grid, Vehicle
-from drake_rho.scenario.shapes import TOLERANCE
+from drake_rho.scenario.shapes.base import TOLERANCE
 
 _AT_ONCE = 1e-6
 """Part of a step after the first knot, or before the last, in which nothing can be changed."""

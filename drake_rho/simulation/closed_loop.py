@@ -8,10 +8,10 @@ import numpy as np
 
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.simulation import Simulation
-from drake_rho.planning.best import plan as best_plan
-from drake_rho.planning.convex import plan_convex
-from drake_rho.planning.rho import RecedingHorizon
-from drake_rho.planning.windows import Planner
+from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
+from drake_rho.planning.horizon.windows import Planner
+from drake_rho.planning.planners.convex import plan_convex
+from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds

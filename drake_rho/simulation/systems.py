@@ -22,7 +22,7 @@ from pydrake.systems.framework import (
 )
 
 from drake_rho.motion.plan import Flight
-from drake_rho.planning.rho import RecedingHorizon
+from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario

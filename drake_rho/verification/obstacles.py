@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
-from drake_rho.scenario.shapes import Shape
+from drake_rho.scenario.shapes.base import Shape
 from drake_rho.verification.continuous_time import Least, least_over_time
 from drake_rho.verification.course import Course
 from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column

@@ -1,8 +1,8 @@
 """The error tubes around what is flown, as the judge asks for them: exactly, at every time.
 
-The planner's margins are constant in each step (`drake_rho.motion.margins`); the judge uses none of
-them. It needs of a tube its radii at single times, which are exact, and two of its properties
-(`docs/flight.md`):
+The planner's margins are constant in each step (`drake_rho.planning.constraints.margins`); the
+judge uses none of them. It needs of a tube its radii at single times, which are exact, and two of
+its properties (`docs/flight.md`):
 
 - the radius of the velocity is convex in every sample of the feedback, and that of the feedback
   constant, so that both are largest at the ends of samples;

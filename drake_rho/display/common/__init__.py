@@ -1,0 +1,4 @@
+"""What all displays share: what is drawn of a plan, clearances, names, colours.
+
+A plan, flight or simulation comes in; arrays, words and styles go out, without any drawing.
+"""

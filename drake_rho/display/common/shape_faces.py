@@ -1,0 +1,106 @@
+"""Faces and edges of shapes as the figures show them, in positions from the shape's centre [m]."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import singledispatch
+
+import numpy as np
+
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.cylinders import Cylinder
+from drake_rho.scenario.shapes.polyhedra import Box, Polytope
+from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
+
+_AROUND = 40
+"""Points around what is round, the first and the last the same."""
+_FLAT = 1e-6
+"""How far triangles of one facet may be turned, and in parts of the size be apart."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Surface:
+    """What is drawn of a shape."""
+
+    faces: list[FloatArray]
+    """convex polygons, each of shape (n, 3), counter-clockwise as seen from outside"""
+    edges: list[FloatArray]
+    """lines where faces meet at an angle, each of shape (n, 3); none on what is round"""
+
+
+@singledispatch
+def surface(shape: Shape) -> Surface:
+    """The surface of a shape that has ends; what is round becomes flat faces with corners on it."""
+    raise NotImplementedError(f"{type(shape).__name__} has no surface to be drawn")
+
+
+@surface.register
+def _(shape: Sphere) -> Surface:
+    return Surface(list(shape.radius * _unit_sphere()), [])
+
+
+@surface.register
+def _(shape: Ellipsoid) -> Surface:
+    return Surface(list(_unit_sphere() * shape.semi_axes), [])
+
+
+@surface.register
+def _(shape: Box) -> Surface:
+    faces = []
+    for axis, side in np.ndindex(3, 2):
+        ring = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=np.float64)
+        ring = np.roll(ring, axis + 1, axis=1)  # a face across z turned to be across this axis
+        faces.append(shape.extent * (ring if side else -ring[::-1]))
+    return Surface(faces, _sides(faces))
+
+
+@surface.register
+def _(shape: Cylinder) -> Surface:
+    if shape.height is None:
+        raise ValueError("shape: got an endless cylinder, expected one that is cut")
+    angles = np.linspace(0.0, 2.0 * np.pi, _AROUND)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_AROUND)], axis=1)
+    half = np.array([0.0, 0.0, shape.height / 2.0])
+    turn = "xyz".index(shape.axis) + 1
+    low, high = (np.roll(shape.radius * ring + end, turn, axis=1) for end in (-half, half))
+    sides = np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1)
+    return Surface([*sides, high[:-1], low[:0:-1]], [low, high])
+
+
+@surface.register
+def _(shape: Polytope) -> Surface:
+    triangles = shape.triangles - shape.center
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    faces, left = [], np.ones(len(triangles), dtype=np.bool_)
+    while np.any(left):
+        normal, corner = (each[np.argmax(left)] for each in (normals, triangles[:, 0]))
+        above = np.abs((triangles - corner) @ normal).max(axis=1)
+        facet = left & (normals @ normal > 1.0 - _FLAT) & (above <= _FLAT * shape.size)
+        faces.append(_ring(triangles[facet].reshape(-1, 3), normal))
+        left &= ~facet
+    return Surface(faces, _sides(faces))
+
+
+def _unit_sphere() -> FloatArray:
+    """Faces of the unit sphere between meridians and parallels, shape (F, 4, 3)."""
+    u, v = np.mgrid[0 : 2 * np.pi : _AROUND * 1j, 0 : np.pi : _AROUND // 2 * 1j]
+    points = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
+    corners = (points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1])
+    return np.stack(corners, axis=2).reshape(-1, 4, 3)
+
+
+def _ring(points: FloatArray, normal: FloatArray) -> FloatArray:
+    """The corners of a flat convex polygon, each once, counter-clockwise around its normal."""
+    corners = np.unique(points, axis=0)
+    offsets = corners - corners.mean(axis=0)
+    across = np.cross(normal, offsets[0])
+    return corners[np.argsort(np.arctan2(offsets @ across, offsets @ offsets[0]))]
+
+
+def _sides(faces: list[FloatArray]) -> list[FloatArray]:
+    """The sides of polygons that share them, each once, of shape (2, 3)."""
+    ends = [np.stack([face, np.roll(face, -1, axis=0)], axis=1) for face in faces]
+    every = np.concatenate(ends)
+    return [side for side in every if tuple(side[0]) < tuple(side[1])]

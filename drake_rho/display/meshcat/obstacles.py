@@ -1,0 +1,85 @@
+"""Obstacles in Meshcat: where they are at every time, as ghosts until they are known.
+
+/flight/obstacles/<number> in the scene tree is the obstacle's pose; under it are `known`, the
+obstacle, if it is known late `unknown`, its ghost, and if it has some its `edges`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.geometry import Meshcat, Rgba
+from pydrake.math import RigidTransform
+
+from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.obstacle_snapshots import ended, placed, ways
+from drake_rho.display.common.shape_faces import surface
+from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.scene import ROOT, Scene
+from drake_rho.display.meshcat.shape_objects import put
+from drake_rho.display.meshcat.trails import segments, show_between
+from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.obstacles import Obstacle
+
+_SOLID = Rgba(0.6, 0.63, 0.7, 0.5)
+_GHOST = Rgba(0.6, 0.63, 0.7, 0.12)
+_EDGES = Rgba(0.5, 0.5, 0.55)
+_WAY = Rgba(0.6, 0.6, 0.65)
+
+
+def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
+    """Put all obstacles where they are at the first knot, the ways of a few that move as lines."""
+    start, bodies = plan.scenario.grid.start, plan.scenario.bodies
+    for number, obstacle in enumerate(bodies, start=1):
+        path = _path(number)
+        shape = ended(obstacle.shape, scene.lower, scene.upper)
+        put(shape, meshcat, f"{path}/known", _SOLID)
+        if _known_late(plan, obstacle):
+            put(shape, meshcat, f"{path}/unknown", _GHOST)
+        if edges := surface(shape).edges:
+            meshcat.SetLineSegments(f"{path}/edges", *segments(edges), rgba=_EDGES)
+        (place,) = _places(scene, obstacle, np.array([start]))
+        meshcat.SetTransform(path, RigidTransform(place))
+    for number, way in enumerate(ways(plan, bodies), start=1):
+        path = f"{ROOT}/ways/{number}"
+        meshcat.SetLineSegments(path, *segments([way]), rgba=_WAY)
+
+
+def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
+    """Record how obstacles move, and from when on they are known."""
+    start = plan.scenario.grid.start
+    for number, obstacle in enumerate(plan.scenario.bodies, start=1):
+        path = _path(number)
+        if _known_late(plan, obstacle):
+            known = pace.playback(obstacle.known_from - start)
+            show_between(meshcat, f"{path}/known", known, None)
+            show_between(meshcat, f"{path}/unknown", 0.0, known)
+        if not obstacle.moves:
+            continue
+        places = _places(scene, obstacle, start + pace.times)
+        turns = _turns(pace.times, places)
+        for time, place in zip(pace.times[turns], places[turns], strict=True):
+            meshcat.SetTransform(path, RigidTransform(place), pace.playback(time))
+
+
+def _path(number: int) -> str:
+    return f"{ROOT}/obstacles/{number}"
+
+
+def _known_late(plan: Drawn, obstacle: Obstacle) -> bool:
+    return obstacle.known_from > max(plan.scenario.grid.start, 0.0)
+
+
+def _places(scene: Scene, obstacle: Obstacle, times: FloatArray) -> FloatArray:
+    """Centres [m], shape (M, 3), at times on the clock [s]; of an endless one the part in sight."""
+    return placed(obstacle.shape, obstacle.centers(times), scene.lower, scene.upper)
+
+
+def _turns(times: FloatArray, places: FloatArray) -> BoolArray:
+    """Where a polyline is not straight, and its ends: Meshcat draws a straight line between."""
+    turns = np.ones(len(times), dtype=np.bool_)
+    if len(times) > 2:
+        part = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
+        straight = places[:-2] + part * (places[2:] - places[:-2])
+        size = float(np.ptp(places, axis=0).max())
+        turns[1:-1] = np.abs(places[1:-1] - straight).max(axis=1) > 1e-9 * size
+    return turns

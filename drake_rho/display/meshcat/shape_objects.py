@@ -1,0 +1,54 @@
+"""Shapes as objects in Meshcat, around the origin of their paths."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+
+import numpy as np
+from pydrake import geometry
+from pydrake.geometry import Meshcat, Rgba
+from pydrake.math import RigidTransform, RotationMatrix
+
+from drake_rho.scenario.shapes.base import Shape
+from drake_rho.scenario.shapes.cylinders import Cylinder
+from drake_rho.scenario.shapes.polyhedra import Box, Polytope
+from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
+
+
+@singledispatch
+def put(shape: Shape, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+    """Put a shape that has ends at a path, with its centre at the path's origin."""
+    raise NotImplementedError(f"{type(shape).__name__} has no object in Meshcat")
+
+
+@put.register
+def _(shape: Sphere, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+    meshcat.SetObject(path, geometry.Sphere(shape.radius), colour)
+
+
+@put.register
+def _(shape: Ellipsoid, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+    meshcat.SetObject(path, geometry.Ellipsoid(*shape.semi_axes), colour)
+
+
+@put.register
+def _(shape: Box, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+    meshcat.SetObject(path, geometry.Box(*(2.0 * shape.extent)), colour)
+
+
+@put.register
+def _(shape: Cylinder, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+    if shape.height is None:
+        raise ValueError("shape: got an endless cylinder, expected one that is cut")
+    meshcat.SetObject(path, geometry.Cylinder(shape.radius, shape.height), colour)
+    along = np.eye(3)["xyz".index(shape.axis)]  # Drake's own lie along z
+    turn = RotationMatrix.MakeFromOneVector(along, 2)
+    meshcat.SetTransform(path, RigidTransform(turn, np.zeros(3)))
+
+
+@put.register
+def _(shape: Polytope, meshcat: Meshcat, path: str, colour: Rgba) -> None:
+    corners = (shape.triangles - shape.center).reshape(-1, 3)  # facets share none: flat shading
+    faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+    mesh = np.asfortranarray(corners.T), np.asfortranarray(faces.T)
+    meshcat.SetTriangleMesh(path, *mesh, rgba=colour)

@@ -1,0 +1,251 @@
+"""Drawing a plan over time on axes that are given: separation, velocities, accelerations.
+
+Times are those of the scenario's clock. Curves are the exact motion between the knots, not lines
+from knot to knot; the knots are marked, unless there are more vehicles than can be told apart.
+Every function takes the axes first and returns the artists it has drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from drake_rho.display.common.drawable import Drawn, Planned, closest_two, commands, planned
+from drake_rho.display.common.names import as_text, brief
+from drake_rho.display.common.style import (
+    COLOURS,
+    FORBIDDEN,
+    LEAST_STYLE,
+    LIMIT_STYLE,
+    MOST_NAMED,
+    PLANNED_STYLE,
+    dense_times,
+    vehicle_colours,
+    vehicle_marker,
+)
+from drake_rho.display.plots.labels import Labels, along
+from drake_rho.display.plots.legends import add_above, width_of
+from drake_rho.display.plots.overlapping_curves import marks_every, show_hidden
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.norms import Norm
+
+_NORM_LABELS: dict[Norm, str] = {
+    "max_speed": r"$\Vert v \Vert$ [m/s]",
+    "max_acceleration": r"$\Vert a \Vert$ [m/s²]",
+    "max_thrust": "thrust [m/s²]",
+    "max_tilt": "tilt [rad]",
+}
+
+_NO_CHANGE = 1e-6
+"""Range of a component, in parts of the largest of all, that is put down to rounding."""
+_SEEN = 6
+"""Digits of values that are drawn, counted from the largest."""
+_LEVEL = 0.05
+"""Half the range of the axes of such a component, in parts of the largest of all."""
+
+
+def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
+    """The least distance of any two vehicles over time, exact, with the separation.
+
+    Distances are those of the separation: z divided by its downwash.
+
+    Args:
+        ax: where to draw.
+        plan: what to draw.
+
+    Returns:
+        The curve, and a ring where two come closest; its label names these.
+
+    Raises:
+        ValueError: the scenario has no separation, or one vehicle only.
+    """
+    separation, vehicles = plan.scenario.separation, plan.scenario.vehicles
+    if separation is None or len(vehicles) < 2:
+        got = "none" if separation is None else "one for a single vehicle"
+        raise ValueError(f"separation: got {got}, expected one, and two vehicles to keep apart")
+    found = closest_two(plan, separation)
+    times = plan.scenario.grid.start + found.times
+    (curve,) = ax.plot(times, found.distances, color=COLOURS[0])
+    for piece in planned(plan):
+        near = closest_two(piece.plan, separation)
+        draw_planned(ax, piece, near.times, near.distances[None])
+    m = int(np.argmin(found.distances))
+    closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
+    names = " and ".join(as_text(brief(name)) for name in closest)
+    label = f"{found.distances[m]:.4g} m at {times[m]:.4g} s: {names}"
+    (ring,) = ax.plot(times[m], found.distances[m], label=label, **LEAST_STYLE)
+    add_above(ax, [ring])
+    flat = "" if separation.downwash == 1.0 else f", z / {separation.downwash:g}"
+    ax.set(xlabel="time [s]", ylabel=f"least distance of any two{flat} [m]")
+    # A dense fleet is never far from its limit: seen from zero the curve would be a line.
+    low, high = min(separation.distance, found.distances[m]), float(found.distances.max())
+    span = max(high - low, 0.02 * separation.distance)
+    bottom, top = max(0.0, low - 0.5 * span), high + 0.1 * span
+    ax.set_ylim(bottom, top)
+    draw_limit(ax, separation.distance, f"separation {separation.distance:g} m", bottom)
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
+    return [curve, ring]
+
+
+def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
+    """Velocity components over time with their bounds; one axes for each of x, y and z."""
+    times = dense_times(plan)
+    exact = _as_seen(plan.motion().at("velocity", times))
+    knots, drawn = _as_seen(plan.velocities), plan.scenario.grid.start + times
+    lines = []
+    for axis, ax in enumerate(axes):
+        lines += [
+            draw_curve(ax, plan, i, (drawn, exact[i, :, axis]), (plan.times, knots[i, :, axis]))
+            for i in range(len(exact))
+        ]
+        _finish_component(ax, plan, "velocity", "v", "m/s", axis)
+        _show_no_rounding(ax, exact)
+        _show_hidden(ax, plan, lines[-len(exact) :])
+    axes[-1].set_xlabel("time [s]")
+    return lines
+
+
+def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
+    """Acceleration components, constant in each step, with their bounds; one axes an axis."""
+    lines = []
+    times, values = commands(plan)
+    values = _as_seen(values)
+    for axis, ax in enumerate(axes):
+        lines += [_draw_steps(ax, plan, i, times, values[i, :, axis]) for i in range(len(values))]
+        _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
+        _show_no_rounding(ax, values)
+        _show_hidden(ax, plan, lines[-len(values) :])
+    axes[-1].set_xlabel("time [s]")
+    return lines
+
+
+def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
+    """What a limit on a norm is about, of each vehicle over time, with the limits.
+
+    Args:
+        ax: where to draw.
+        plan: what to draw.
+        norm: the field of `Limits`; some vehicle has such a limit.
+    """
+    limit = plan.scenario.fleet.norms[norm]
+    for most in np.unique(limit.most[np.isfinite(limit.most)]):
+        ax.axhline(most, **LIMIT_STYLE)
+    if limit.kind.quantity == "velocity":
+        times, start = dense_times(plan), plan.scenario.grid.start
+        exact = _as_seen(limit.kind.measured(plan.motion().at("velocity", times)))
+        knots = _as_seen(limit.kind.measured(plan.velocities))
+        lines = [
+            draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
+            for index in range(len(exact))
+        ]
+    else:
+        ends, values = commands(plan)
+        steps = _as_seen(limit.kind.measured(values))
+        lines = [_draw_steps(ax, plan, index, ends, steps[index]) for index in range(len(steps))]
+    ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
+    _show_hidden(ax, plan, lines)
+    return lines
+
+
+def _as_seen(values: FloatArray) -> FloatArray:
+    """Return values without the digits that nobody sees.
+
+    Some of these differ from processor to processor, and with them whether points are on one line,
+    which pixels tell.
+    """
+    largest = float(np.max(np.abs(values), initial=0.0))
+    return np.round(values, _SEEN - math.ceil(math.log10(largest))) if largest else values
+
+
+def _draw_steps(ax: Axes, plan: Drawn, index: int, times: FloatArray, values: FloatArray) -> Line2D:
+    """Values of one vehicle, shape (S,), each constant between two times, shape (S + 1,)."""
+    steps = (np.repeat(times, 2)[1:-1], np.repeat(values, 2))
+    begins = plan.times[:-1]
+    late = begins + plan.scenario.grid.rounding
+    at_knots = values[np.searchsorted(times[1:-1], late, side="right")]
+    return draw_curve(ax, plan, index, steps, (begins, at_knots))
+
+
+def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:
+    """The least distance that is allowed [m], with its name, and grey from there to `bottom`."""
+    ax.axhspan(bottom, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
+    ax.axhline(least, **LIMIT_STYLE)
+    Labels.of(ax).add(name, along(ax, least), bbox=None)
+
+
+def draw_curve(
+    ax: Axes,
+    plan: Drawn,
+    index: int,
+    exact: tuple[FloatArray, FloatArray],
+    knots: tuple[FloatArray, FloatArray],
+) -> Line2D:
+    """One vehicle's curve in its colour, and its marks at the knots if these are told apart."""
+    colour = vehicle_colours(len(plan.positions))[index]
+    name = as_text(plan.scenario.vehicles[index].name)
+    (line,) = ax.plot(*exact, color=colour, label=name)
+    if len(plan.positions) <= MOST_NAMED:
+        every = marks_every(len(knots[0]), width_of(ax))
+        ax.plot(
+            *(each[::every] for each in knots),
+            color=colour,
+            linestyle="none",
+            marker=vehicle_marker(index),
+            markersize=2.4,
+            clip_on=False,  # whole at both ends of the flight
+        )
+    return line
+
+
+def draw_planned(ax: Axes, piece: Planned, times: FloatArray, values: FloatArray) -> list[Line2D]:
+    """What a window planned for each vehicle, dotted, beside what truly was.
+
+    Args:
+        ax: where to draw.
+        piece: what was planned, and how long it was in force.
+        times: since its first knot [s], shape (M,) or (N, M).
+        values: of all vehicles then, shape (N, M).
+    """
+    start, colours = piece.plan.scenario.grid.start, vehicle_colours(len(values))
+    lines = []
+    for each, at, colour in zip(values, np.broadcast_to(times, values.shape), colours, strict=True):
+        flown = piece.flown(at)
+        lines += ax.plot(start + at[flown], each[flown], color=colour, **PLANNED_STYLE)
+    return lines
+
+
+def _show_hidden(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
+    """Tell curves that lie on each other apart, where vehicles are."""
+    if len(plan.positions) <= MOST_NAMED:
+        show_hidden(ax, lines)
+
+
+def _show_no_rounding(ax: Axes, values: FloatArray) -> None:
+    """Keep axes on which nothing changes from being filled with rounding.
+
+    Args:
+        ax: of one component.
+        values: all components of all vehicles.
+    """
+    low, high = ax.get_ylim()
+    largest = float(np.max(np.abs(values), initial=0.0))
+    if high - low < _NO_CHANGE * largest:
+        middle = (low + high) / 2.0
+        ax.set_ylim(middle - _LEVEL * largest, middle + _LEVEL * largest)
+
+
+def _finish_component(
+    ax: Axes, plan: Drawn, quantity: str, letter: str, unit: str, axis: int
+) -> None:
+    for vehicle in plan.scenario.vehicles:
+        box = getattr(plan.scenario.limits_of(vehicle), quantity)
+        if box is not None:
+            ax.axhline(box.lower[axis], **LIMIT_STYLE)
+            ax.axhline(box.upper[axis], **LIMIT_STYLE)
+    ax.set_ylabel(f"${letter}_{'xyz'[axis]}$ [{unit}]")
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)

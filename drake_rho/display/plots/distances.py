@@ -1,0 +1,228 @@
+"""Drawing how far vehicles are from obstacles over time, on axes that are given.
+
+Times are those of the scenario's clock. Every function takes the axes first and returns the
+artists it has drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from drake_rho.display.common.clearances import (
+    Clearances,
+    Closest,
+    closest,
+    distances,
+    kept,
+    least_clearances,
+)
+from drake_rho.display.common.drawable import Drawn, planned
+from drake_rho.display.common.names import as_text, brief
+from drake_rho.display.common.obstacle_snapshots import called
+from drake_rho.display.common.style import (
+    LEAST_STYLE,
+    MOST_NAMED,
+    dense_times,
+    vehicle_colours,
+    vehicle_marker,
+)
+from drake_rho.display.plots.curves import draw_curve, draw_limit, draw_planned
+from drake_rho.display.plots.labels import Labels, around, beside
+from drake_rho.display.plots.legends import add_above
+from drake_rho.display.plots.overlapping_curves import show_hidden
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.shapes.base import TOLERANCE
+from drake_rho.scenario.shapes.quadrics import Sphere
+
+_BELOW = 0.08
+"""Room below the lowest that is drawn, in parts of the range of distances: that of a word."""
+_MOST_ANNOTATED = 14
+"""Most vehicles at whose closest approach the obstacle is named."""
+_MOST_DISCOVERIES = 6
+"""Most times at which an obstacle becomes known that are named."""
+
+
+def draw_distances(
+    ax: Axes, plan: Drawn, obstacle: Obstacle, *, title: str | None = None
+) -> list[Line2D]:
+    """Distance of each vehicle from an obstacle's surface over time, with what is kept."""
+    lines = _draw_distances(ax, plan, obstacle, lambda each, at: distances(each, obstacle, at))
+    least = sorted(set(kept(plan, obstacle).tolist()))
+    values = [np.asarray(line.get_ydata()) for line in lines]
+    bottom = min(0.0, *(float(each.min()) for each in values))
+    top = max(float(each.max()) for each in values)
+    bottom -= _BELOW * max(top - bottom, 1e-9)
+    for most in least:
+        words = "surface" if most == 0.0 else f"least distance: {most:g} m"
+        draw_limit(ax, most, words, bottom)
+    ax.set(ylabel="distance from the obstacle [m]", ylim=(bottom, None))
+    _finish(ax, plan, lines)
+    _mark_least(ax, plan, obstacle, closest(plan, obstacle), title)
+    return lines
+
+
+def draw_distances_from_centre(
+    ax: Axes, plan: Drawn, obstacle: Obstacle, sphere: Sphere, *, title: str | None = None
+) -> list[Line2D]:
+    """Distance of each vehicle from the centre of a sphere over time, with the radius.
+
+    Args:
+        ax: where to draw.
+        plan: what to draw.
+        obstacle: where the sphere is.
+        sphere: its shape.
+        title: what is written above.
+    """
+
+    def from_centre(each: Drawn, times: FloatArray) -> FloatArray:
+        centers = obstacle.centers(each.scenario.grid.start + times)
+        offsets: FloatArray = np.linalg.norm(each.motion().at("position", times) - centers, axis=2)
+        return offsets
+
+    for least in sorted(set(kept(plan, obstacle).tolist())):
+        more = f" + {least:g} m" if least > 0.0 else ""
+        draw_limit(ax, sphere.radius + least, f"R{more} = {sphere.radius + least:g} m")
+    lines = _draw_distances(ax, plan, obstacle, from_centre)
+    ax.set(ylabel="distance from the centre [m]", ylim=(0, None))
+    _finish(ax, plan, lines)
+    near = closest(plan, obstacle)
+    _mark_least(ax, plan, obstacle, Closest(near.times, near.distances + sphere.radius), title)
+    return lines
+
+
+def _draw_distances(
+    ax: Axes,
+    plan: Drawn,
+    obstacle: Obstacle,
+    measured: Callable[[Drawn, FloatArray], FloatArray],
+) -> list[Line2D]:
+    grid, times = plan.scenario.grid, dense_times(plan)
+    exact, knots = measured(plan, times), measured(plan, grid.elapsed)
+    lines = [
+        draw_curve(ax, plan, index, (grid.start + times, exact[index]), (plan.times, knots[index]))
+        for index in range(len(exact))
+    ]
+    for piece in planned(plan):
+        times = dense_times(piece.plan)
+        draw_planned(ax, piece, times, measured(piece.plan, times))
+    _draw_discoveries(ax, plan, {obstacle.known_from: "known"})
+    return lines
+
+
+def _mark_least(
+    ax: Axes, plan: Drawn, obstacle: Obstacle, found: Closest, title: str | None
+) -> None:
+    """Mark where vehicles come closest, and above the axes who does of all, as near as kept."""
+    start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))
+    for i, (time, value) in enumerate(zip(found.times, found.distances, strict=True)):
+        if len(plan.positions) <= _MOST_ANNOTATED:
+            _mark_low(ax, plan, i, (start + time, value), colours[i])
+    i = int(np.argmin(found.distances - kept(plan, obstacle)))
+    label = _said(plan, i, float(found.distances[i]), float(found.times[i]), obstacle)
+    time, value = start + found.times[i], found.distances[i]
+    (ring,) = ax.plot(time, value, label=label, **LEAST_STYLE)
+    add_above(ax, [ring], title)
+
+
+def _mark_low(ax: Axes, plan: Drawn, index: int, place: tuple[float, float], colour: str) -> None:
+    """A vehicle's own mark, larger and open, at the lowest of its curve."""
+    ax.plot(
+        *place,
+        color=colour,
+        marker=vehicle_marker(index),
+        markersize=4.5,
+        markerfacecolor="white",
+        linestyle="none",
+        zorder=2.8,
+        clip_on=False,
+    )
+
+
+def _said(plan: Drawn, vehicle: int, value: float, time: float, obstacle: Obstacle) -> str:
+    """How near, when, and which vehicle."""
+    touches = abs(value) <= TOLERANCE * obstacle.shape.size
+    far = "0" if touches else f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
+    who = as_text(brief(plan.scenario.vehicles[vehicle].name))
+    return f"{far} m at {plan.scenario.grid.start + time:.4g} s: {who}"
+
+
+def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Line2D]:
+    """Each vehicle's least clearance from all obstacles over time.
+
+    Where it is least of all, the number of the obstacle stands beside a mark.
+
+    A clearance is the distance from an obstacle's surface less the vehicle's radius, and less how
+    far the obstacle may be from its track.
+
+    Returns:
+        The curves, and a ring at the least of all.
+    """
+    found, start = least_clearances(plan, obstacles), plan.scenario.grid.start
+    colours = vehicle_colours(len(plan.positions))
+    lowest = np.argmin(found.clearances, axis=1)
+    lines = []
+    for i, vehicle in enumerate(plan.scenario.vehicles):
+        name, times = as_text(vehicle.name), start + found.times[i]
+        lines += ax.plot(times, found.clearances[i], color=colours[i], label=name)
+        if len(plan.positions) <= _MOST_ANNOTATED:
+            m = lowest[i]
+            place = (float(times[m]), float(found.clearances[i, m]))
+            number = int(found.nearest[i, m]) + 1
+            _mark_low(ax, plan, i, place, colours[i])
+            words = called(number, obstacles[number - 1])
+            Labels.of(ax).add(words, around(ax, *place), rank=1, color=colours[i])
+    for piece in planned(plan):
+        near = least_clearances(piece.plan, obstacles)
+        draw_planned(ax, piece, near.times, near.clearances)
+    curves = list(lines)
+    lines.append(_draw_closest(ax, plan, obstacles, found))
+    known = {each.known_from: f"{called(n, each)} known" for n, each in enumerate(obstacles, 1)}
+    _draw_discoveries(ax, plan, known)
+    bottom = min(0.0, float(found.clearances.min()))
+    bottom -= _BELOW * (float(found.clearances.max()) - bottom)
+    least = max(float(kept(plan, obstacle).max()) for obstacle in obstacles)
+    draw_limit(ax, 0.0, "the radius from the surface" if least > 0.0 else "surface", bottom)
+    ax.set(ylabel="clearance from the nearest obstacle [m]", ylim=(bottom, None))
+    _finish(ax, plan, curves)
+    return lines
+
+
+def _draw_closest(
+    ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle], found: Clearances
+) -> Line2D:
+    """A ring at the least clearance of all, and above the axes what it is of whom."""
+    i, m = np.unravel_index(np.argmin(found.clearances), found.clearances.shape)
+    time, least = float(found.times[i, m]), float(found.clearances[i, m])
+    number = int(found.nearest[i, m]) + 1
+    obstacle = obstacles[number - 1]
+    label = _said(plan, int(i), least, time, obstacle)
+    label += f" and obstacle {called(number, obstacle)}"
+    (ring,) = ax.plot(plan.scenario.grid.start + time, least, label=label, **LEAST_STYLE)
+    handles = [ring]
+    if len(plan.positions) <= _MOST_ANNOTATED:
+        words = "least of each vehicle, and the obstacle's number"
+        handles.append(Line2D([], [], **(LEAST_STYLE | {"markersize": 4.5}), label=words))
+    add_above(ax, handles)
+    return ring
+
+
+def _draw_discoveries(ax: Axes, plan: Drawn, known: dict[float, str]) -> None:
+    """Lines at the times from which obstacles are known, where these are in the flight."""
+    grid = plan.scenario.grid
+    later = {time: words for time, words in known.items() if time > max(grid.start, 0.0)}
+    for time, words in later.items():
+        ax.axvline(time, color="black", linestyle=":", linewidth=0.9)
+        if len(later) <= _MOST_DISCOVERIES:
+            Labels.of(ax).add(f"{words} from {time:g} s", beside(ax, time))
+
+
+def _finish(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
+    ax.set_xlabel("time [s]")
+    ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
+    if len(plan.positions) <= MOST_NAMED:
+        show_hidden(ax, lines)

@@ -1,0 +1,78 @@
+"""What is drawn over what: lines before and behind obstacles, as one looks at a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from mpl_toolkits.mplot3d.art3d import Line3D
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from drake_rho.display.common.obstacle_snapshots import Snapshot
+from drake_rho.display.common.style import view
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+
+
+def ranks(shown: Sequence[Snapshot]) -> IntArray:
+    """The places of obstacles in the order in which they are drawn, the farthest first."""
+    _, _, towards = view()
+    depths = np.array([each.center @ towards for each in shown])
+    order: IntArray = np.argsort(np.argsort(depths, kind="stable"), kind="stable")
+    return order
+
+
+def layers(points: FloatArray, shown: Sequence[Snapshot]) -> IntArray:
+    """How many of the obstacles, the farthest first, each point is drawn over.
+
+    Where no number of them is right for all, it is wrong for the least, and first of all right
+    for those that the point is before or behind on the picture.
+
+    Args:
+        points: positions [m], shape (M, 3).
+        shown: the obstacles.
+    """
+    if not shown:
+        return np.zeros(len(points), dtype=np.int64)
+    order = np.argsort(ranks(shown))
+    gains = np.stack([_gains(points, shown[index], len(shown)) for index in order], axis=1)
+    sums = np.concatenate([np.zeros((len(points), 1)), np.cumsum(gains, axis=1)], axis=1)
+    chosen: IntArray = np.argmax(sums, axis=1)
+    return chosen
+
+
+def _gains(points: FloatArray, each: Snapshot, count: int) -> FloatArray:
+    """What drawing points over an obstacle is worth, negative where they are behind it, (M,)."""
+    right, up, _ = view()
+    x = points - each.center
+    sides = np.stack([right, up])
+    overlaps = np.all(np.abs(x @ sides.T) <= each.shape.support(sides), axis=1)
+    weights = np.where(overlaps, count + 1.0, 1.0)
+    return np.where(before(points, each), weights, -weights)
+
+
+def before(points: FloatArray, each: Snapshot) -> BoolArray:
+    """Whether points are on the viewer's side of an obstacle, shape (M,).
+
+    The sides part where lines of sight touch the ellipsoid of the same extent: all these points
+    lie in a plane through its centre.
+    """
+    _, _, towards = view()
+    narrow = np.min(each.shape.extent)
+    normal = towards * (narrow / each.shape.extent) ** 2
+    nearer: BoolArray = (points - each.center) @ normal > 0.0
+    return nearer
+
+
+def draw_line(
+    ax: Axes3D, points: FloatArray, shown: Sequence[Snapshot], **style: Any
+) -> list[Line3D]:
+    """A line in pieces, each over the obstacles behind it and under those in front of it."""
+    over = layers(points, shown)
+    cuts = [0, *(np.flatnonzero(np.diff(over)) + 1), len(points) - 1]
+    return [
+        ax.plot(*points[first : last + 1].T, zorder=2 * over[first] + 1, **style)[0]
+        for first, last in pairwise(cuts)
+        if last > first
+    ]

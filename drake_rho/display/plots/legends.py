@@ -1,0 +1,149 @@
+"""Legends of the vehicles, beside a drawing or below it, never over it; words above axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil
+from typing import Any
+
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+
+from drake_rho.display.common.names import as_text, in_lines
+from drake_rho.display.common.style import MOST_NAMED, vehicle_colours, vehicle_marker
+from drake_rho.scenario.records import Scenario
+
+_MOST_LARGE = 14
+"""Most entries in letters of the usual size, and in one column."""
+_MOST_BESIDE = 0.7
+"""Widest name in a legend beside a drawing [in]."""
+_AROUND = 3.8
+"""Width of an entry's line and the gaps around it, in sizes of the letters."""
+_BESIDE_AXES = 0.75
+"""Most that ticks and labels take of a figure's width [in]."""
+
+
+def vehicle_handles(scenario: Scenario) -> list[Line2D]:
+    """Legend entries of the vehicles, as they are drawn; none with more than `MOST_NAMED`."""
+    if len(scenario.vehicles) > MOST_NAMED:
+        return []
+    colours = vehicle_colours(len(scenario.vehicles))
+    return [
+        _entry(vehicle.name, color=colours[index], marker=vehicle_marker(index), markersize=3.5)
+        for index, vehicle in enumerate(scenario.vehicles)
+    ]
+
+
+def start_handles(scenario: Scenario) -> list[Line2D]:
+    """Legend entries of the vehicles' starts; none with more than `MOST_NAMED`."""
+    handles = vehicle_handles(scenario)
+    for handle in handles:
+        handle.set(linestyle="none", marker="o", markersize=5, fillstyle="none")
+    return handles
+
+
+def _entry(name: str, **style: Any) -> Line2D:
+    return Line2D([], [], label=as_text(in_lines(name)), **style)
+
+
+def width_beside(figure: Figure, handles: Sequence[Line2D]) -> float | None:
+    """How wide a legend at the right is [in]; None if it is too large for there."""
+    widest = _widest(figure, handles)
+    if not 0 < len(handles) <= _MOST_LARGE or widest > _MOST_BESIDE:
+        return None
+    return widest + _AROUND * _letters(handles) / 72
+
+
+def add_beside(figure: Figure, handles: Sequence[Line2D], left: float) -> Legend:
+    """A legend from so far on [in] to the right."""
+    at = (left / figure.get_figwidth(), 0.5)
+    return figure.legend(handles=handles, loc="center left", bbox_to_anchor=at)
+
+
+def add_below(figure: Figure, handles: Sequence[Artist]) -> float:
+    """A legend at the bottom, in as many columns as there is room for.
+
+    Args:
+        figure: where to draw.
+        handles: the entries; the legend's labels are theirs.
+
+    Returns:
+        Its height [in].
+    """
+    if not handles:
+        return 0.0
+    size = _letters(handles)
+    column = _widest(figure, handles) + _AROUND * size / 72
+    most = max(1, int(figure.get_figwidth() // column))
+    columns = ceil(len(handles) / ceil(len(handles) / most))  # rows of about the same length
+    legend = figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, fontsize=size
+    )
+    return float(legend.get_window_extent(renderer_of(figure)).height / figure.dpi)
+
+
+def add_above(ax: Axes, handles: Sequence[Line2D], title: str | None = None) -> Legend:
+    """What marks mean, right above the axes in lines that are no wider; over it a title."""
+    legend = ax.legend(
+        handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), handlelength=1.0
+    )
+    figure = figure_of(ax)
+    room = figure.get_figwidth() - _BESIDE_AXES - 2.5 * 7.0 / 72
+    for text in legend.get_texts():
+        text.set_text(in_width(figure, text.get_text(), room))
+    if title is not None:
+        height = legend.get_window_extent(renderer_of(figure)).height / figure.dpi
+        ax.set_title(title, pad=72 * height + 2.0)
+    return legend
+
+
+def figure_of(ax: Axes) -> Figure:
+    """The figure that axes are in."""
+    figure = ax.get_figure(True)
+    if figure is None:
+        raise ValueError("ax: got axes that were removed, expected those of a figure")
+    return figure
+
+
+def width_of(ax: Axes) -> float:
+    """Width of the figure that axes are in [in]."""
+    return float(figure_of(ax).get_figwidth())
+
+
+def in_width(figure: Figure, words: str, width: float, size: float = 7.0) -> str:
+    """Words in lines of at most a width [in], unless one alone is wider."""
+    lines = [""]
+    for word in words.split(" "):
+        longer = f"{lines[-1]} {word}".lstrip()
+        if lines[-1] and text_width(figure, longer, size) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return "\n".join(lines)
+
+
+def renderer_of(figure: Figure) -> Any:  # matplotlib has no types for it
+    """By which texts are measured."""
+    return FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
+
+
+def text_width(figure: Figure, line: str, size: float) -> float:
+    """Width of a line of text [in]."""
+    font = FontProperties(size=size)
+    measured = renderer_of(figure).get_text_width_height_descent(line, font, False)
+    return float(measured[0]) / figure.dpi
+
+
+def _letters(handles: Sequence[Artist]) -> float:
+    return 7.0 if len(handles) <= _MOST_LARGE else 6.0
+
+
+def _widest(figure: Figure, handles: Sequence[Artist]) -> float:
+    """Width of the widest name [in]."""
+    lines = [line for handle in handles for line in str(handle.get_label()).split("\n")]
+    return max((text_width(figure, line, _letters(handles)) for line in lines), default=0.0)

@@ -1,0 +1,157 @@
+"""The figure of a plan, a flight, or a simulation in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+
+from drake_rho.display.common.drawable import Flown, drawn, planned, windows_of
+from drake_rho.display.common.obstacle_snapshots import (
+    approaches,
+    as_bodies,
+    obstacle_notes,
+    snapshots,
+    ways,
+)
+from drake_rho.display.common.style import MOST_NAMED, window_colours
+from drake_rho.display.plots.axes3d import Room, SceneAxes, fit_scene, frame_scene
+from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
+from drake_rho.display.plots.layout import EDGE, grow
+from drake_rho.display.plots.legends import (
+    add_below,
+    add_beside,
+    in_width,
+    start_handles,
+    vehicle_handles,
+    width_beside,
+)
+from drake_rho.display.plots.overlapping_curves import marks_every
+from drake_rho.display.plots.publish import styled
+from drake_rho.display.plots.space import (
+    MOST_LABELLED,
+    draw_approaches,
+    draw_obstacle_labels,
+    draw_obstacles,
+    draw_paths,
+    draw_planned_paths,
+    draw_ways,
+    draw_windows,
+)
+from drake_rho.motion.plan import Flight
+from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.shapes.base import Shape
+
+_LINE = 0.135
+"""Height of a line of notes [in]."""
+_BAR = 0.7
+"""Width of the bar of windows with its labels [in]."""
+_BAR_WIDTH = 0.12
+"""Without them [in]."""
+_MOST_TICKS = 12
+"""Most windows that are numbered."""
+_LEAST_BESIDE = 5.0
+"""Narrowest figure with a legend beside its scene [in]."""
+_HIGHEST = (1.1, 0.45)
+"""Most height of a scene: so much [in], and so much of its figure's width."""
+
+
+@checked
+@styled
+def paths_figure(
+    flown: Flown,
+    *,
+    obstacles: Sequence[Shape | Obstacle] | None = None,
+    width: float = DOUBLE_COLUMN,
+) -> Figure:
+    """The vehicles' paths in space, around the obstacles; each window of a flight in its colour.
+
+    Args:
+        flown: what to draw.
+        obstacles: what to draw in the way, if not the scenario's own.
+        width: of the figure [in], 3.5 in one column of a journal of the IEEE, 7.16 in both.
+
+    Raises:
+        ValueError: the width is none that letters can be read at.
+
+    Examples:
+        >>> figure = rho.paths_figure(rho.plan(rho.load_scenario("paper")))
+        >>> path = rho.save_figure(figure, folder / "paths.png")
+    """
+    plan, figure = drawn(flown), Figure(figsize=(check_width(width), width))
+    bodies = as_bodies(plan.scenario.obstacles if obstacles is None else obstacles)
+    shown, windows = snapshots(plan, bodies), windows_of(flown)
+    in_windows = len(windows) > 1 or isinstance(flown, Flight)
+    ax = figure.add_subplot(axes_class=SceneAxes)
+    passed = [each.position for vehicle in plan.scenario.vehicles for each in vehicle.waypoints]
+    flights = [plan, *(window.plan for window in windows)]
+    places = [each.positions.reshape(-1, 3) for each in flights]
+    frame_scene(ax, np.concatenate([*places, np.reshape(passed, (-1, 3))]), shown)
+    named = in_windows and len(plan.positions) <= MOST_LABELLED
+    handles = (start_handles if in_windows else vehicle_handles)(plan.scenario)
+    handles = [] if named else handles
+    notes = _notes(figure, flown, bodies)
+    below = 2 * EDGE + _LINE * len(notes)
+    aside = _BAR if in_windows else width_beside(figure, handles)
+    if aside is None or not (in_windows or width >= _LEAST_BESIDE):
+        aside = 0.0
+    most_height = _HIGHEST[0] + _HIGHEST[1] * width
+    room = Room(EDGE, below, width - 2 * EDGE - aside, most_height)
+    scene = fit_scene(figure, ax, room)
+    aside_at = scene.x1 + (room.left + room.width - scene.x1) / 2  # half of what is left between
+    grow(figure, above=EDGE)
+    draw_obstacles(ax, shown)
+    draw_ways(ax, ways(plan, bodies), shown)
+    draw_approaches(ax, approaches(plan, bodies))
+    draw_obstacle_labels(ax, shown)
+    if in_windows:
+        draw_windows(ax, flown, shown)
+        place = (aside_at + EDGE, scene.y0 + 0.2 * scene.height, _BAR_WIDTH, 0.6 * scene.height)
+        _add_window_bar(figure, len(windows), place)
+    else:
+        draw_paths(ax, plan, shown)
+        draw_planned_paths(ax, plan, shown)
+    for line, words in enumerate(notes):
+        at = (EDGE + _LINE * line) / figure.get_figheight()
+        figure.text(EDGE / width, at, words, fontsize=7, va="bottom")
+    if aside > 0.0 and not in_windows:
+        add_beside(figure, handles, aside_at)
+    else:
+        grow(figure, below=add_below(figure, handles))
+    return figure
+
+
+def _notes(figure: Figure, flown: Flown, bodies: Sequence[Obstacle]) -> list[str]:
+    """What the marks and lines of paths mean, in lines from below as wide as the figure."""
+    plan, windows = drawn(flown), windows_of(flown)
+    words = ["ring: start", "star: goal"]
+    if len(windows) > 1 or isinstance(flown, Flight):
+        words = ["thick: flown", "thin: the rest of each window's prediction", *words]
+    else:
+        if len(plan.positions) <= MOST_NAMED:
+            every = marks_every(len(plan.times), figure.get_figwidth())
+            words.append("a mark at every knot" if every == 1 else f"a mark every {every} knots")
+        words += ["dotted: planned"] if planned(plan) else []
+    if any(vehicle.waypoints for vehicle in plan.scenario.vehicles):
+        words.append("diamond: waypoint")
+    room = figure.get_figwidth() - 2 * EDGE
+    notes = ["; ".join(words), *obstacle_notes(plan, bodies)]
+    return [line for note in notes for line in in_width(figure, note, room).split("\n")][::-1]
+
+
+def _add_window_bar(figure: Figure, count: int, place: tuple[float, ...]) -> None:
+    """The colours of the windows, at left, bottom, width and height [in]."""
+    colours = ListedColormap(window_colours(count))
+    edges = [number + 0.5 for number in range(count + 1)]
+    mappable = ScalarMappable(BoundaryNorm(edges, count), colours)
+    x, y, wide, high = np.array(place) / np.tile(figure.get_size_inches(), 2)
+    bar = figure.colorbar(mappable, cax=figure.add_axes((x, y, wide, high)))
+    numbers = range(1, count + 1, ceil(count / _MOST_TICKS))
+    bar.set_ticks(numbers, labels=[str(number) for number in numbers])
+    bar.minorticks_off()
+    bar.set_label("window")

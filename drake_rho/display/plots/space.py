@@ -1,0 +1,250 @@
+"""Drawing a plan in space on axes that are given: paths, windows, shown, starts and goals.
+
+Curves are the exact motion between the knots, not lines from knot to knot; the knots are marked.
+Every function takes the axes first and returns the artists it has drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.colors import to_rgba
+from matplotlib.text import Text
+from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from drake_rho.display.common.drawable import Drawn, Flown, drawn, planned, windows_of
+from drake_rho.display.common.names import as_text, brief
+from drake_rho.display.common.obstacle_snapshots import Snapshot
+from drake_rho.display.common.shape_faces import surface
+from drake_rho.display.common.style import (
+    FORBIDDEN,
+    MOST_NAMED,
+    PLANNED_STYLE,
+    dense_times,
+    vehicle_colours,
+    vehicle_marker,
+    window_colours,
+)
+from drake_rho.display.plots.draw_order import draw_line, layers, ranks
+from drake_rho.display.plots.labels import Labels, around
+from drake_rho.display.plots.legends import width_of
+from drake_rho.display.plots.overlapping_curves import hidden_pieces, marks_every
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.records import Scenario
+
+MOST_LABELLED = 6
+"""Most vehicles whose names are written beside their starts."""
+_MOST_LARGE = 14
+"""Most vehicles whose starts and goals are drawn large."""
+_LEAST_NUMBERED = 0.02
+"""Least size of an obstacle with its number, in parts of the axes, if there are many."""
+_TOP = 1000
+"""Layer above all obstacles."""
+
+
+def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollection]:
+    """Obstacles as translucent bodies, the nearer over the farther; paths go between them.
+
+    Endless ones go to the ends of the axes.
+    """
+    lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
+    bodies = []
+    for each, rank in zip(shown, ranks(shown), strict=True):
+        cut = each.between(lower, upper)
+        skin, layer = surface(cut.shape), 2 * rank + 2
+        body = Poly3DCollection(
+            [cut.center + face for face in skin.faces],
+            facecolors=to_rgba(FORBIDDEN),
+            shade=True,
+            alpha=0.1 if each.faint else 0.25,
+            linewidth=0,
+            antialiased=True,
+            zorder=layer,
+        )
+        ax.add_collection3d(body)
+        bodies.append(body)
+        if skin.edges:
+            edges = [cut.center + edge for edge in skin.edges]
+            alpha = 0.3 if each.faint else 0.7
+            lines = Line3DCollection(
+                edges, colors=FORBIDDEN, linewidths=0.6, alpha=alpha, zorder=layer
+            )
+            ax.add_collection3d(lines)
+    return bodies
+
+
+def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
+    """The obstacles' numbers in their middles, names and times above them.
+
+    Where there are many, numbers that are wider than the obstacle are left out.
+    """
+    lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
+    artists: list[Text] = []
+    many = len(shown) > _MOST_LARGE
+    for each in shown:
+        cut, number = each.between(lower, upper), each.label.isdecimal()
+        narrow = cut.shape.size < _LEAST_NUMBERED * np.max(upper - lower)
+        if not each.label or (many and number and narrow):
+            continue
+        above = 0.0 if number else cut.shape.extent[2]
+        top = cut.center + above * np.eye(3)[2]
+        style: dict[str, Any] = {
+            "fontsize": 6 if many else 7,
+            "color": "#555555" if each.faint else "#222222",
+        }
+        if number:
+            style["bbox"] = None
+        spots = around(ax, *top, middle=number, rows=1 if many else 4)
+        artists.append(Labels.of(ax).add(each.label, spots, rank=2 if number else 1, **style))
+    return artists
+
+
+def draw_approaches(ax: Axes3D, found: Sequence[FloatArray]) -> list[Line3D]:
+    """Ways from vehicles to the nearest points of obstacles [m], shape (2, 3), as black lines."""
+    style: dict[str, Any] = {"color": "black", "linewidth": 1.0, "marker": ".", "markersize": 3}
+    return [ax.plot(*ends.T, zorder=_TOP, **style)[0] for ends in found]
+
+
+def draw_ways(
+    ax: Axes3D, ways: Sequence[FloatArray], shown: Sequence[Snapshot] = ()
+) -> list[Line3D]:
+    """Ways of moving obstacles [m], each of shape (M, 3), as dashed lines."""
+    style: dict[str, Any] = {"color": FORBIDDEN, "linewidth": 0.9, "linestyle": (0, (4, 3))}
+    return [line for way in ways for line in draw_line(ax, way, shown, **style)]
+
+
+def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
+    """Each vehicle's path, its knots, its start (ring) and its goal (star).
+
+    With more than `MOST_NAMED` vehicles there are no knots, and starts and goals are smaller.
+
+    Args:
+        ax: where to draw.
+        plan: what to draw.
+        shown: the obstacles drawn by `draw_obstacles`; what is in front of them is drawn over them.
+
+    Returns:
+        The paths, in pieces that lie before or behind an obstacle; the first of each vehicle
+        carries its name.
+    """
+    lines = []
+    colours = vehicle_colours(len(plan.positions))
+    paths = plan.motion().at("position", dense_times(plan))
+    for index, vehicle in enumerate(plan.scenario.vehicles):
+        style = {"color": colours[index]}
+        pieces = draw_line(ax, paths[index], shown, linewidth=1.2, **style)
+        pieces[0].set_label(as_text(vehicle.name))
+        if len(paths) <= MOST_NAMED:
+            _draw_knots(ax, plan.positions[index], index, shown, markersize=2.4, **style)
+        lines += pieces
+    if len(paths) <= MOST_NAMED:
+        for piece in hidden_pieces(paths):
+            dashes = {"color": colours[piece.owner], "linestyle": piece.dashes, "linewidth": 1.2}
+            draw_line(ax, piece.points, shown, **dashes)
+    draw_ends(ax, plan.scenario)
+    return lines
+
+
+def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
+    """What was planned, dotted, where that is not what is drawn already; see `draw_paths`."""
+    colours = vehicle_colours(len(plan.positions))
+    lines = []
+    for piece in planned(plan):
+        times = dense_times(piece.plan)
+        paths = piece.plan.motion().at("position", times[piece.flown(times)])
+        for path, colour in zip(paths, colours, strict=True):
+            lines += draw_line(ax, path, shown, color=colour, **PLANNED_STYLE)
+    return lines
+
+
+def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
+    """What was flown of each window in the window's colour, and the rest of it as a thin line.
+
+    Args:
+        ax: where to draw.
+        flown: what to draw, a flight or a simulation.
+        shown: the obstacles drawn by `draw_obstacles`; what is in front of them is drawn over them.
+
+    Returns:
+        For each window, the pieces of what was flown of it.
+    """
+    lines: list[list[Line3D]] = []
+    whole, windows = drawn(flown), windows_of(flown)
+    grid, times = whole.scenario.grid, dense_times(whole)
+    true = whole.motion().at("position", times)
+    ends = [*(window.first_knot for window in windows[1:]), grid.knots - 1]
+    for window, last, colour in zip(windows, ends, window_colours(len(windows)), strict=True):
+        first = window.first_knot
+        paths = window.plan.motion().at("position", dense_times(window.plan))
+        begin, end = grid.elapsed[[first, last]]
+        part = (times >= begin - 1e-9) & (times <= end + 1e-9)
+        lines.append([])
+        for index in range(len(paths)):
+            draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
+            lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=1.5)
+            if len(paths) <= MOST_NAMED:
+                knots = whole.positions[index, first : last + 1]
+                _draw_knots(ax, knots, index, shown, color=colour, markersize=2.8)
+    named = len(true) <= MOST_LABELLED
+    draw_ends(ax, whole.scenario, ["black"] * len(true) if named else None)
+    return lines
+
+
+def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = None) -> list[Artist]:
+    """Starts as rings, waypoints as diamonds, goals as stars.
+
+    Up to `MOST_LABELLED` vehicles have their names beside their starts.
+    """
+    artists: list[Artist] = []
+    colours = colours or vehicle_colours(len(scenario.vehicles))
+    size = 5.5 if len(scenario.vehicles) <= _MOST_LARGE else 3.0
+    for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
+        start, goal = vehicle.start.position, vehicle.goal.position
+        artists += ax.plot(
+            *start[:, None],
+            marker="o",
+            markersize=size,
+            fillstyle="none",
+            color=colour,
+            zorder=_TOP,
+        )
+        artists += ax.plot(
+            *goal[:, None],
+            marker="*",
+            markersize=1.5 * size,
+            fillstyle="none",  # the path's end is seen in it
+            color="black",
+            zorder=_TOP,
+        )
+        for waypoint in vehicle.waypoints:
+            artists += ax.plot(
+                *waypoint.position[:, None],
+                marker="D",
+                markersize=size,
+                markerfacecolor="none",
+                color=colour,
+                zorder=_TOP,
+            )
+        if len(scenario.vehicles) <= MOST_LABELLED:
+            name = as_text(brief(vehicle.name))
+            artists.append(Labels.of(ax).add(name, around(ax, *start)))
+    return artists
+
+
+def _draw_knots(
+    ax: Axes3D, knots: FloatArray, index: int, shown: Sequence[Snapshot], **style: Any
+) -> None:
+    knots = knots[:: marks_every(len(knots), width_of(ax))]
+    over = layers(knots, shown)
+    for layer in np.unique(over):
+        ax.plot(
+            *knots[over == layer].T,
+            linestyle="none",
+            marker=vehicle_marker(index),
+            zorder=2 * layer + 1,
+            **style,
+        )

@@ -1,0 +1,130 @@
+"""Drawing how far vehicles were off their plans, beside how far they can be: the tube's radii.
+
+Times are those of the scenario's clock. Every function takes the axes first and returns the artists
+it has drawn.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from drake_rho.display.common.names import as_text, brief
+from drake_rho.display.common.style import FORBIDDEN, LEAST_STYLE, vehicle_colours
+from drake_rho.display.plots.legends import add_above
+from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import Quantity
+
+LABELS: dict[Quantity, str] = {
+    "position": "error of position [m]",
+    "velocity": "of velocity [m/s]",
+    "acceleration": "feedback [m/s²]",
+}
+"""Of the quantities that have a tube."""
+_TUBE = "#4A4A4A"
+"""Colour of the radii."""
+_TOP = 1.1
+"""Height of the axes, in the greatest radius or error."""
+_UNITS: dict[Quantity, str] = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
+_ROUNDING = 1e-9
+"""Part of a motion's scale that rounding may be off, and no error."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors and radii while one window was in force, both ends of this time included."""
+
+    times: FloatArray
+    """on the scenario's clock [s], shape (M,)"""
+    errors: FloatArray
+    """of each vehicle, shape (M, N), in m, m/s or m/s²"""
+    radii: FloatArray
+    """the most that these can be, shape (M,)"""
+
+
+def errors_of(simulation: Simulation, quantity: Quantity) -> list[Errors]:
+    """Errors window by window; where one ends and the next begins there are those of both."""
+    errors, radii = simulation.errors(quantity), simulation.radii(quantity)
+    numbers = simulation.in_force(simulation.times)
+    found = []
+    for number, window in enumerate(simulation.flight.windows):
+        here = np.flatnonzero(numbers == number)
+        times, of_window, tube = simulation.times[here], errors[here], radii[here]
+        if quantity != "acceleration" and len(here) > 0 and here[-1] + 1 < len(numbers):
+            end = here[-1] + 1  # the next window's plan begins here, and this one's ends
+            at = simulation.times[end]
+            plan = window.plan.motion().at(quantity, at - window.plan.scenario.grid.start)[:, 0]
+            true = simulation.positions if quantity == "position" else simulation.velocities
+            last = np.linalg.norm(true[end] - plan, axis=1)
+            times, of_window = np.append(times, at), np.vstack([of_window, last])
+            tube = np.append(tube, getattr(simulation.tubes[number], quantity)(at))
+        found.append(Errors(times, of_window, tube))
+    return found
+
+
+def greatest_ratio(windows: list[Errors], rounding: float | FloatArray = 0.0) -> float:
+    """The greatest part of its radius that an error had, less rounding; 0 where all are zero."""
+    return max(
+        float((np.maximum(each.errors[wide] - rounding, 0.0) / each.radii[wide, None]).max())
+        if np.any(wide := each.radii > 0.0)
+        else 0.0
+        for each in windows
+    )
+
+
+def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Line2D]:
+    """Each vehicle's error over time, and the radius that the tube allows for it.
+
+    Args:
+        ax: where to draw.
+        simulation: what was flown.
+        quantity: position, velocity, or acceleration for the feedback.
+
+    Returns:
+        The curves of each window in turn, one for each vehicle, and a ring at the greatest error.
+    """
+    windows = errors_of(simulation, quantity)
+    colours = vehicle_colours(len(simulation.scenario.vehicles))
+    lines: list[Line2D] = []
+    radii = max(float(each.radii.max()) for each in windows)
+    top = _TOP * max(radii, *(float(each.errors.max()) for each in windows)) or 1.0
+    for each in windows:
+        if radii > 0.0:
+            ax.fill_between(each.times, each.radii, top, color=FORBIDDEN, alpha=0.18, linewidth=0)
+        ax.plot(each.times, each.radii, color=_TUBE, linewidth=1.0)
+        for error, colour in zip(each.errors.T, colours, strict=True):
+            lines += ax.plot(each.times, error, color=colour, linewidth=1.0)
+    for before, after in pairwise(windows):
+        ends = [before.radii[-1], after.radii[0]]
+        ax.plot([after.times[0]] * 2, ends, color=_TUBE, linewidth=1.0)
+    lines.append(_draw_greatest(ax, simulation, quantity, windows))
+    grid = simulation.scenario.grid
+    ax.set(xlabel="time [s]", ylabel=LABELS[quantity], ylim=(0, top), xlim=(grid.start, grid.end))
+    return lines
+
+
+def _draw_greatest(
+    ax: Axes, simulation: Simulation, quantity: Quantity, windows: list[Errors]
+) -> Line2D:
+    """A ring at the greatest error, and above the axes what it is and how near to the radius."""
+    each = max(windows, key=lambda window: float(window.errors.max()))
+    m, i = np.unravel_index(np.argmax(each.errors), each.errors.shape)
+    error, time = each.errors[m, i], each.times[m]
+    who = as_text(brief(simulation.scenario.vehicles[int(i)].name))
+    label = f"{error:.3g} {_UNITS[quantity]} at {time:.4g} s: {who}"
+    if any(window.radii.max() > 0.0 for window in windows):
+        rounding = _ROUNDING * simulation.scenario.fleet.scale(quantity)
+        label += f"; at most {100.0 * greatest_ratio(windows, rounding):.1f} % of the radius"
+    (ring,) = ax.plot(time, error, label=label, **LEAST_STYLE)
+    add_above(ax, [ring])
+    return ring
+
+
+def tube_handle() -> Line2D:
+    """Legend entry of the radii."""
+    return Line2D([], [], color=_TUBE, linewidth=1.0, label="radius of the tube")

@@ -1,0 +1,198 @@
+"""What the overlay of a page is told: numbers, names and what there is to see, as plain JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_hex
+
+from drake_rho.display.common.drawable import windows_of
+from drake_rho.display.common.names import as_path, brief
+from drake_rho.display.common.style import VIEW_AZIMUTH, VIEW_ELEVATION, vehicle_colours
+from drake_rho.display.meshcat.animation import Stage
+from drake_rho.display.meshcat.scene import MOST_DETAILED
+from drake_rho.display.meshcat.trails import first_times
+from drake_rho.display.meshcat.tubes_and_wind import has_tube, strongest
+from drake_rho.display.viewer.readings import Curve, Readings
+from drake_rho.motion.simulation import Simulation
+from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.shapes.base import TOLERANCE
+
+_DIGITS = 7
+"""Digits of the scene's size that lengths and speeds are told to."""
+
+
+def told(stage: Stage) -> dict[str, object]:
+    """All that the page says of a stage, in SI units; times are since the first knot."""
+    scenario, scene, pace = stage.shown.scenario, stage.scene, stage.pace
+    found = Readings.of(stage.shown, pace.times)
+    decimals = max(4, _DIGITS - int(np.floor(np.log10(scene.size))))
+    apart = scenario.separation
+    return {
+        "name": scenario.name,
+        "start": scenario.grid.start,
+        "duration": scenario.grid.duration,
+        "step": scenario.grid.step,
+        "rate": pace.rate,
+        "times": np.round(pace.times, 6).tolist(),
+        "vehicles": _vehicles(stage),
+        "obstacles": _obstacles(stage),
+        "speeds": np.round(found.speeds, decimals).tolist(),
+        "clearances": _finite(np.round(found.clearances, decimals)),
+        "nearest": found.nearest.tolist() if np.any(np.isfinite(found.clearances)) else [],
+        "curves": _curves(stage, found, decimals),
+        "windows": first_times(windows_of(stage.flown)),
+        "knotsOnly": not scenario.between_knots,
+        "tolerance": TOLERANCE * scene.size,
+        "outline": np.round(scene.outline, decimals).tolist(),
+        "seen": scene.seen,
+        "view": [VIEW_AZIMUTH, VIEW_ELEVATION],
+        "shell": None if apart is None else (apart.shape.semi_axes / 2.0).tolist(),
+        "light": scene.light,
+        "fleet": MOST_DETAILED,
+        "ranges": _ranges(found),
+        "layers": _layers(stage),
+        "legend": _legend(stage),
+    }
+
+
+def _vehicles(stage: Stage) -> list[dict[str, object]]:
+    vehicles = stage.shown.scenario.vehicles
+    colours = vehicle_colours(len(vehicles))
+    return [
+        {
+            "name": vehicle.name,
+            "label": brief(vehicle.name),
+            "path": as_path(vehicle.name),
+            "colour": to_hex(colour),
+            "airframe": kind,
+            "radius": radius,
+        }
+        for vehicle, colour, kind, radius in zip(
+            vehicles, colours, stage.vehicles.kinds, stage.vehicles.radii.tolist(), strict=True
+        )
+    ]
+
+
+def _obstacles(stage: Stage) -> list[dict[str, object]]:
+    """Names, and how far above its middle each ends [m]; one without a name has its number."""
+    return [
+        {
+            "name": f"obstacle {number}" if obstacle.name is None else obstacle.name,
+            "label": None if obstacle.name is None else brief(obstacle.name),
+            "above": float(min(obstacle.shape.extent[2], stage.scene.size)),
+        }
+        for number, obstacle in enumerate(stage.shown.scenario.bodies, start=1)
+    ]
+
+
+def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, object]]:
+    scenario = stage.shown.scenario
+    vehicles = [brief(vehicle.name) for vehicle in scenario.vehicles]
+    bodies = [brief(str(each["name"])) for each in _obstacles(stage)]
+    told = []
+    if found.pairs is not None:
+        apart = scenario.separation
+        how = "" if apart is None or apart.is_round else f"heights divided by {apart.downwash:g}"
+        told.append(_curve("Least separation", how, found.pairs, vehicles, vehicles))
+    if found.obstacles is not None:
+        padded = bool(np.any(scenario.fleet.radii > 0.0))
+        how = "from obstacles, less the vehicle's radius" if padded else "from obstacles"
+        told.append(_curve("Least clearance", how, found.obstacles, vehicles, bodies))
+    for each in told:
+        each["values"] = np.round(each["values"], decimals).tolist()
+    return told
+
+
+def _curve(
+    title: str, how: str, curve: Curve, vehicles: list[str], others: list[str]
+) -> dict[str, Any]:
+    who, whom = curve.closest
+    m = int(np.argmin(curve.values))
+    return {
+        "title": title,
+        "how": how,
+        "times": np.round(curve.times, 6).tolist(),
+        "values": curve.values,
+        "limit": curve.limit,
+        "least": [float(curve.times[m]), float(curve.values[m])],
+        "closest": [vehicles[who], others[whom]],
+    }
+
+
+def _ranges(found: Readings) -> dict[str, list[float]]:
+    """From where to where colours go: speeds from 0, clearances up to what is usual."""
+    ranges = {"speed": [0.0, float(found.speeds.max())]}
+    known = found.clearances[np.isfinite(found.clearances)]
+    if known.size > 0:
+        ranges["clearance"] = [0.0, max(float(np.median(known)), 1e-9)]
+    return ranges
+
+
+def _layers(stage: Stage) -> list[dict[str, object]]:
+    """What can be shown or hidden: its title, and where it is in the scene tree."""
+    scenario, detailed = stage.shown.scenario, not stage.scene.light
+    simulation = stage.flown if isinstance(stage.flown, Simulation) and detailed else None
+    entries = [
+        ("Trails", ["trails"], True),
+        ("Predictions", ["predictions"], detailed and len(windows_of(stage.flown)) > 0),
+        ("Tubes", ["tube", "tubes"], simulation is not None and has_tube(simulation)),
+        ("Plans", ["planned"], simulation is not None),
+        ("Wind", ["wind"], simulation is not None and strongest(simulation) > 0.0),
+        ("Starts and goals", ["starts", "goals"], True),
+        ("Radii", ["radii"], detailed and bool(np.any(scenario.fleet.radii > 0.0))),
+        ("Shells", [], scenario.separation is not None),
+        ("Names", [], True),
+    ]
+    return [{"title": title, "paths": paths} for title, paths, there in entries if there]
+
+
+def _legend(stage: Stage) -> list[dict[str, str]]:
+    """What is seen, and what it means: a sign and its words."""
+    scenario, detailed = stage.shown.scenario, not stage.scene.light
+    entries: list[tuple[str, str]] = []
+    if (note := stage.vehicles.note) is not None:
+        entries.append((stage.vehicles.kinds[0], note))
+    if detailed:
+        entries.append(("ends", "start, and larger the goal"))
+    else:
+        entries.append(("goal", "goal"))
+    if detailed and len(windows_of(stage.flown)) > 0:
+        entries.append(
+            ("prediction", "rest of the plan that is flown, in the colour of its window")
+        )
+    if scenario.bodies:
+        entries.append(("obstacle", "to keep out of"))
+    if any(obstacle.known_from > max(scenario.grid.start, 0.0) for obstacle in scenario.bodies):
+        entries.append(("unknown", "the same, not known yet"))
+    if np.any(scenario.fleet.radii > 0.0) and detailed:
+        entries.append(("radius", "radius, kept from obstacles"))
+    if scenario.separation is not None:
+        far = f"{scenario.separation.distance:g} m"
+        entries.append(("shell", f"half the separation of {far}: shells do not overlap"))
+    if isinstance(stage.flown, Simulation) and detailed:
+        entries += _disturbed(stage, stage.flown)
+    return [{"sign": sign, "text": text} for sign, text in entries]
+
+
+def _disturbed(stage: Stage, simulation: Simulation) -> list[tuple[str, str]]:
+    entries = [("planned", "faint: where the plan has it")]
+    if has_tube(simulation):
+        most = float(simulation.radii().max())
+        small = ", too little to be seen" if most < 2e-3 * stage.scene.size else ""
+        entries.append(("tube", f"where it can be, at most {most:.2g} m from there{small}"))
+    if (most := strongest(simulation)) > 0.0:
+        entries.append(("wind", f"wind, full length for {most:.3g} m/s²"))
+    return entries
+
+
+def _finite(values: FloatArray) -> list[list[float | None]]:
+    """Numbers as lists, with None where there is no end."""
+    known = np.isfinite(values)
+    if np.all(known):
+        return values.tolist()  # type: ignore[no-any-return]
+    return [
+        [value if there else None for value, there in zip(row, which, strict=True)]
+        for row, which in zip(values.tolist(), known.tolist(), strict=True)
+    ]

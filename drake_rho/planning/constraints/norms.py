@@ -1,0 +1,65 @@
+"""Keep in a ball or a cone: the limits on norms."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.constraints.base import Constraint
+from drake_rho.planning.constraints.boxes import QUANTITIES
+from drake_rho.planning.constraints.convex_sets import Asked, KeepInSets
+from drake_rho.planning.constraints.margins import finer_margins_of, margins_of
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.norms import NORMS
+from drake_rho.scenario.records import Scenario
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class KeepInNorm(KeepInSets):
+    """A limit on a norm, at the knots.
+
+    Velocities are linear between knots and accelerations constant, so that a value that leaves a
+    convex set does so at a knot.
+    """
+
+    times: FloatArray
+    """knots at which it is asked, since the first one [s], shape (T,)"""
+    first: int
+    """which of the quantity's values is that of the first of `times`"""
+
+    def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
+        """The values at the knots."""
+        motion, knots = motion.finer(self.pieces), slice(self.first, self.first + len(self.times))
+        values = motion.values(self.quantity)[vehicles, knots].reshape(-1, 3)
+        who = np.repeat(vehicles, len(self.times))
+        return Asked(who, np.tile(self.times, len(vehicles)), values)
+
+
+def norms_of(scenario: Scenario) -> list[Constraint]:
+    """The limits on norms that the vehicles have to keep to.
+
+    The first and the last velocity are left out: start and goal decide them.
+    """
+    norms = list[Constraint]()
+    for number, norm in enumerate(NORMS, start=len(QUANTITIES)):
+        if norm not in scenario.fleet.norms:
+            continue
+        limit = scenario.fleet.norms[norm]
+        inner = limit.kind.quantity == "velocity"
+        margins = finer_margins_of(scenario) if inner else margins_of(scenario)
+        times = margins.grid.elapsed
+        norms.append(
+            KeepInNorm(
+                number=number,
+                name=limit.kind.name,
+                quantity=limit.kind.quantity,
+                sets=limit.sets,
+                times=times[1:-1] if inner else times[:-1],
+                first=int(inner),
+                margins=margins,
+                pieces=scenario.margin_pieces if inner else 1,
+            )
+        )
+    return norms

@@ -1,0 +1,343 @@
+"""Keep out of a convex set S that may move: obstacles (8), and vehicles of each other.
+
+With x the position from the set's middle c and n a unit vector that points from S to a reference,
+the half-space n · x >= h(n) + r keeps the distance r from S, h being its support function: (15) for
+a sphere at rest. What is avoided is an obstacle, whose way c(t) is known, or another vehicle.
+Vehicles of a pair share what the reference leaves between them: the row about a vehicle at p, whose
+reference q is at x_q from c, is
+
+    n · p >= n · (q - s x_q) + s (h(n) + r)
+
+with the share s = 1 where c is given and s = 1/2 where the other has such a row too (decoupled).
+Where one row is about the difference of the two, it is n · (p - c) >= h(n) + r (coupled). A
+reference that keeps its distance keeps its own rows, since n · x_q - h(n) is the distance of x_q
+from S where n points from the nearest point of S to it.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import sys
+from functools import cached_property
+
+import numpy as np
+
+from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.planning.constraints.base import (
+    AT_ONCE,
+    BROKEN,
+    Constraint,
+    HalfSpaces,
+    Quadratic,
+    near,
+)
+from drake_rho.planning.constraints.margins import Margins, finer_margins_of
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.records import Scenario
+
+_CREEPING = 16
+"""Reach from which on the worst instants of a motion creep. Where the normals of a reference turn
+at once, as at a box's edge, these instants are not those of the rows that are broken most, and come
+nearer to them each round without getting there."""
+
+_AROUND, _ZOOMS, _FINER = np.linspace(-1.0, 1.0, 17), 4, 8.0
+"""Where the row that is broken most is looked for, in steps from a worst instant; how often, and
+how much closer to the worst of them each time."""
+
+FIRST = 32
+"""Number of the pairs' constraint; those of obstacles follow, those of keep-in sets come before."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Places:
+    """Vehicles at times, and the partners that they keep out of the way of then."""
+
+    vehicles: IntArray
+    """indices, shape (R,)"""
+    partners: IntArray
+    """indices of the others; the vehicles themselves where an obstacle is meant, shape (R,)"""
+    times: FloatArray
+    """[s], shape (R,)"""
+    knots: IntArray | None = None
+    """at which knots, if all are at knots, shape (R,)"""
+
+    @classmethod
+    def at_inner_knots(cls, motion: Motion) -> Places:
+        """All vehicles of a motion at all of its inner knots, one vehicle after the other."""
+        count, steps, _ = motion.accelerations.shape
+        whose, knots = np.divmod(np.arange(count * (steps - 1)), steps - 1)
+        knots += 1
+        return cls(whose, whose, motion.step * knots, knots)
+
+    def position(self, motion: Motion, vehicles: IntArray) -> FloatArray:
+        """Positions of vehicles at these times [m], shape (R, 3)."""
+        if self.knots is None:
+            return motion.each_at("position", vehicles, self.times)
+        at: FloatArray = motion.positions[vehicles, self.knots]
+        return at
+
+    def __len__(self) -> int:
+        """R."""
+        return len(self.times)
+
+    def select(self, which: BoolArray | IntArray) -> Places:
+        """Some of them."""
+        knots = None if self.knots is None else self.knots[which]
+        return Places(self.vehicles[which], self.partners[which], self.times[which], knots)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class KeepOut(Constraint):
+    """One set that vehicles keep out of, linearised around a reference."""
+
+    reference: Motion
+    """q, of all vehicles, its steps cut into pieces"""
+    every_instant: bool
+    """whether it holds at every instant, or at the knots only"""
+    linearised: bool = True
+
+    @abc.abstractmethod
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
+        """Places where a motion is inside S: worst instants, or knots if only they are asked."""
+
+    @abc.abstractmethod
+    def rows(self, places: Places) -> HalfSpaces:
+        """The half-spaces at some places, in the order of vehicle and time."""
+
+    def violated(
+        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
+    ) -> HalfSpaces:
+        """The broken rows at the knots or, if `between`, where the motion is inside of S."""
+        motion = motion.finer(self.pieces)
+        if not between:
+            return self.violated_at_knots(motion, vehicles, reach)
+        places = self.penetrations(motion, vehicles)
+        first, last = AT_ONCE, motion.accelerations.shape[1] - AT_ONCE
+        k = places.times / motion.step
+        places = places.select((k > first) & (k < last))  # start and goal are not to be changed
+        if len(places) == 0:
+            return self.none
+        rows = self.rows(places)  # of two that are too close, one may keep its own half
+        broken = rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
+        if reach < _CREEPING or len(broken) == 0:
+            return broken
+        beside = self.worst_beside(motion, broken)
+        return broken.and_also(beside) if len(beside) > 0 else broken
+
+    def worst_beside(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
+        """Return the rows that are broken most within a step of some rows, where that differs."""
+        return self.none
+
+    @abc.abstractmethod
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
+        """The broken rows at the knots, and their neighbours up to `reach` knots away."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class KeepOutOfObstacle(KeepOut):
+    """An obstacle (8), linearised (15) at all inner knots, kept at every vehicle's distance."""
+
+    obstacle: Obstacle
+    """what is avoided, on a clock that is 0 at the first knot"""
+    inner_knots: Places
+    """where rows are asked for at knots: all vehicles at all inner ones"""
+    kept: FloatArray
+    """the distance that each vehicle keeps from the shape when nothing disturbs it [m], (N,)"""
+    margins: Margins
+    """what is added to it: r is the sum of both"""
+    tolerances: FloatArray
+    """how deep inside still counts as outside, for each vehicle [m], (N,)"""
+
+    def radius(self, places: Places) -> FloatArray:
+        """All of what is kept: r [m], shape (R,)."""
+        margins = self.margins.at("position", places.times)
+        radii: FloatArray = self.kept[places.vehicles] + margins
+        return radii
+
+    def offsets(self, motion: Motion, places: Places) -> FloatArray:
+        """Positions from the middle of the obstacle [m], shape (R, 3)."""
+        position = places.position(motion, places.vehicles)
+        offsets: FloatArray = position - self.obstacle.centers(places.times)
+        return offsets
+
+    def directions(self, places: Places) -> FloatArray:
+        """From the nearest point of the shape to the reference, unit vectors, shape (R, 3).
+
+        Where the reference is in the very middle, across its way relative to the obstacle.
+        """
+        shape, x = self.obstacle.shape, self.offsets(self.reference, places)
+        directions = shape.outward(x)
+        squares = np.vecdot(x, x)
+        for row in (squares <= shape.tolerance**2).nonzero()[0]:
+            at = places.times[row : row + 1]
+            way = self.reference.each_at("velocity", places.vehicles[row : row + 1], at)
+            side = side_of(np.zeros(3), (way - self.obstacle.velocities(at))[0])
+            if np.isfinite(shape.support(side)):  # an endless cylinder has no end to go round
+                directions[row] = side
+        return directions
+
+    def rows(self, places: Places) -> HalfSpaces:
+        """N · p >= n · c + h(n) + r."""
+        normals, shape = self.directions(places), self.obstacle.shape
+        centers = self.obstacle.centers(places.times)
+        beyond = shape.support(normals) + self.radius(places)
+        return HalfSpaces(
+            self,
+            places.vehicles,
+            places.partners,
+            sides=np.zeros(len(places), dtype=int),
+            times=places.times,
+            normals=normals,
+            bounds=beyond + np.vecdot(normals, centers),
+            tolerances=self.tolerances[places.vehicles],
+        )
+
+    def worst_beside(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
+        """Return the rows that are broken most within a step of some rows."""
+        h, steps = motion.step, motion.accelerations.shape[1]
+        whose = np.repeat(rows.vehicles, len(_AROUND))
+        times, each = rows.times, np.arange(len(rows))
+        for finer in range(_ZOOMS):
+            around = times[:, None] + h * _AROUND[None] / _FINER**finer
+            around = np.clip(around, AT_ONCE * h, (steps - AT_ONCE) * h)
+            margins = self.rows(Places(whose, whose, around.reshape(-1))).margins(motion)
+            times = around[each, np.argmin(margins.reshape(around.shape), axis=1)]
+        return self.rows(Places(rows.vehicles, rows.partners, times))
+
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
+        """The deepest instants of steps that lead inside, once where two share the instant."""
+        if not self.every_instant:
+            return self._penetrating_knots(motion, vehicles)
+        below = self.kept[vehicles] - BROKEN * self.tolerances[vehicles]
+        within = np.maximum(below + self.margins.most, 0.0)
+        pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
+        steps = step_at(pieces.times, motion.step)
+        below = below[pieces.owners] + self.margins.steps["position"][steps]
+        tolerances = self.tolerances[vehicles[pieces.owners]]
+        which, times = deepest(self.obstacle.shape, pieces, below, tolerances)
+        whose = vehicles[pieces.owners[which]]
+        again = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
+        return Places(whose[~again], whose[~again], times[~again])
+
+    def approaches(self, motion: Motion) -> CloseApproaches:
+        """Where a motion comes too close, and its distances from what is kept, below zero [m]."""
+        motion = motion.finer(self.pieces)
+        places = self.penetrations(motion, np.arange(len(self.kept)))
+        distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
+        distances = distances - self.radius(places)
+        return CloseApproaches(places.vehicles, places.partners, places.times, distances)
+
+    def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
+        """Inner knots inside."""
+        places = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
+        distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
+        below = self.radius(places) - BROKEN * self.tolerances[places.vehicles]
+        return places.select(distances < below)
+
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
+        """Rows at inner knots.
+
+        A row is as far from its bound as the reference is from the obstacle, so a motion can break
+        it only if it is further than that from the reference.
+        """
+        asked = vehicles if len(vehicles) < len(self.kept) else slice(None)
+        moved = motion.positions[asked, 1:-1] - self.reference.positions[asked, 1:-1]
+        far = np.sqrt(np.vecdot(moved, moved)) >= self._room[asked]
+        if not far.any():
+            return self.none
+        every = np.zeros_like(self._room, dtype=bool)
+        every[asked] = far
+        which = every.reshape(-1).nonzero()[0]
+        rows, knots = self._asked.select(which), 1 + which % every.shape[1]
+        broken = rows.margins_at(motion, knots) < -BROKEN * rows.tolerances
+        if reach == 0 or not broken.any():
+            return rows.select(broken)
+        every[every] = broken
+        return self._asked.select(near(every.reshape(-1), self._asked.vehicles, reach))
+
+    @cached_property
+    def _asked(self) -> HalfSpaces:
+        """The rows at all inner knots."""
+        return self.rows(self.inner_knots)
+
+    @cached_property
+    def _room(self) -> FloatArray:
+        """How far outside of what is kept the reference is at inner knots [m], shape (N, K-2)."""
+        offsets = self.offsets(self.reference, self.inner_knots)
+        distances = self.obstacle.shape.signed_distance(offsets).reshape(len(self.kept), -1)
+        inside = self.margins.knots["position"][1:-1]
+        room: FloatArray = distances - self.kept[:, None] - inside
+        return room
+
+    def renewed(self, rows: HalfSpaces) -> HalfSpaces:
+        """Rows at the same instants."""
+        return self.rows(Places(rows.vehicles, rows.partners, rows.times))
+
+    def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
+        """Scaled distances from the middle, where the shape is a ball or an ellipsoid."""
+        radii = self.kept[rows.vehicles] + self.margins.at("position", rows.times)
+        inside = [self.obstacle.shape.quadric_inside(radius) for radius in radii]
+        quadrics = [each for each in inside if each is not None]
+        if len(quadrics) < len(inside):
+            return None
+        sizes = np.array([each.radius for each in quadrics])
+        supports = [
+            each.support(normal) for each, normal in zip(quadrics, rows.normals, strict=True)
+        ]
+        return Quadratic(
+            centers=self.obstacle.centers(rows.times),
+            scales=np.array([each.scales for each in quadrics]).reshape(-1, 3),
+            sizes=sizes,
+            lengths=sizes / np.array(supports),
+        )
+
+
+def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacle]:
+    """The obstacles known at the start, linearised (15) around a motion of the same vehicles."""
+    known = scenario.known
+    if not known:
+        return []
+    reference = reference.finer(scenario.margin_pieces)
+    inner_knots, margins = Places.at_inner_knots(reference), finer_margins_of(scenario)
+    return [
+        KeepOutOfObstacle(
+            number=FIRST + number,
+            name=scenario.obstacle_name(number),
+            quantity="position",
+            reference=reference,
+            searches=sys.maxsize * scenario.between_knots,
+            every_instant=scenario.between_knots,
+            obstacle=obstacle,
+            inner_knots=inner_knots,
+            kept=scenario.fleet.radii + obstacle.deviation,
+            margins=margins,
+            pieces=scenario.margin_pieces,
+            tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),
+        )
+        for number, obstacle in known
+    ]
+
+
+def across(directions: FloatArray) -> FloatArray:
+    """Unit vectors orthogonal to directions (..., 3): always the same ones."""
+    least = np.eye(3)[np.argmin(np.abs(directions), axis=-1)]
+    normals = np.cross(directions, least)
+    lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+    some = lengths > 0.0
+    found: FloatArray = np.where(some, normals / np.where(some, lengths, 1.0), [0.0, 0.0, 1.0])
+    return found
+
+
+def side_of(offsets: FloatArray, ways: FloatArray) -> FloatArray:
+    """Unit vectors orthogonal to `ways`, on the sides of `offsets` if these have one, (..., 3)."""
+    speeds = np.linalg.norm(ways, axis=-1, keepdims=True)
+    ahead = np.where(speeds > 0.0, ways / np.where(speeds > 0.0, speeds, 1.0), 0.0)
+    sides = offsets - np.vecdot(offsets, ahead)[..., None] * ahead
+    lengths = np.linalg.norm(sides, axis=-1, keepdims=True)
+    has_one = lengths > 1e-3 * np.linalg.norm(offsets, axis=-1, keepdims=True)
+    found: FloatArray = np.where(has_one, sides / np.where(has_one, lengths, 1.0), across(ahead))
+    return found

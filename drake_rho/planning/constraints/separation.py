@@ -1,0 +1,316 @@
+"""Keep out of each other: pairs of vehicles, linearised around a reference of all of them.
+
+The way from one vehicle of a pair to the other keeps out of the separation's ellipsoid. Which
+pairs come close is asked of k-d trees, never of all pairs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.dynamics import Motion
+from drake_rho.planning.constraints.base import BROKEN, HalfSpaces, Quadratic
+from drake_rho.planning.constraints.close_pairs import (
+    most_beside,
+    pairs_within,
+    separation_of,
+    too_close,
+)
+from drake_rho.planning.constraints.margins import Margins, finer_margins_of
+from drake_rho.planning.constraints.obstacles import FIRST, KeepOut, Places, side_of
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import Quantity, Separation
+from drake_rho.scenario.records import TOLERANCE, Scenario
+from drake_rho.scenario.shapes.quadrics import Ellipsoid
+
+NAME = "separation"
+
+NEAR = 1.3
+"""Pairs within so many times the separation at a knot of the reference have rows there. Who comes
+nearer to others than that is found between rounds, and in the next linearisation."""
+
+GRAZING = 1.1
+"""Times the separation within which closest approaches of the reference between its knots have
+rows; where these may be broken at a cost, only those that are too close."""
+
+ROOM = 1.02
+"""Times the separation that rows ask for while they may be broken: room for what a slack gives
+away, and for what comes closer between knots."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Coupling:
+    """How the rows of pairs are written."""
+
+    name: str
+    """what it is called"""
+    share: float
+    """of what a reference leaves between two vehicles, how much a row gives to one of them: 1, in
+    one row about the difference of the two, or 1/2, in two rows, one for each"""
+    in_groups: bool = False
+    """whether references are looked for in which groups of vehicles are coupled"""
+
+    @property
+    def together(self) -> bool:
+        """Whether rows couple vehicles into one program."""
+        return self.share == 1.0
+
+    def __repr__(self) -> str:
+        return f"drake_rho.{self.name}"
+
+
+coupled = Coupling("coupled", 1.0)
+"""One row for each pair, about the difference of the two, which thus share a program."""
+
+decoupled = Coupling("decoupled", 0.5)
+"""Two rows for each pair, one for each vehicle: every vehicle has a program of its own."""
+
+grouped = Coupling("grouped", 0.5, in_groups=True)
+"""As decoupled, around references in which those that press most on each other are coupled."""
+
+CouplingName = Literal["coupled", "decoupled", "grouped"]
+"""Couplings that a word stands for."""
+
+COUPLINGS = {each.name: each for each in (coupled, decoupled, grouped)}
+"""What each word stands for."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class KeepApart(KeepOut):
+    """The separation of all pairs."""
+
+    shape: Ellipsoid
+    """S"""
+    kept: Separation
+    """what is judged; `shape` may ask for more"""
+    places: Places
+    """where its rows are asked for in any case, each vehicle's neighbours in time together"""
+    share: float
+    """s, 1 or 1/2: part of what the reference leaves between two that a row gives to one of them"""
+    margins: Margins
+    """what both vehicles of a pair keep from the shape beside, each for itself: half of r"""
+    aside: bool = False
+    """whether each close encounter of the reference gets one direction all along"""
+
+    def radius(self, times: FloatArray) -> FloatArray:
+        """The sum of both margins [m], at times since the first knot [s], shape (R,)."""
+        radii: FloatArray = 2.0 * self.margins.at("position", times)
+        return radii
+
+    def offsets(self, motion: Motion, places: Places) -> FloatArray:
+        """Positions of the vehicles from their partners'."""
+        return self._difference(motion, "position", places)
+
+    def ways(self, places: Places) -> FloatArray:
+        """The reference's velocities of the vehicles from their partners'."""
+        return self._difference(self.reference, "velocity", places)
+
+    def _difference(self, motion: Motion, quantity: Quantity, places: Places) -> FloatArray:
+        one = motion.each_at(quantity, places.vehicles, places.times)
+        other = motion.each_at(quantity, places.partners, places.times)
+        difference: FloatArray = one - other
+        return difference
+
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
+        """Places where a pair, one of it among `vehicles`, is closer than the separation."""
+        between = self.every_instant
+        return places_of(too_close(self.kept, motion, self.margins, between=between, of=vehicles))
+
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
+        """The broken rows at `places`, without neighbours: rows that couple are expensive."""
+        rows = self._asked
+        if len(vehicles) < len(motion.positions) and len(rows) > 0:
+            asked = np.zeros(len(motion.positions), dtype=bool)
+            asked[vehicles] = True
+            due = asked[rows.vehicles]
+            if self.coupled:
+                due |= asked[rows.partners]
+            rows = rows.select(due)
+        if len(rows) == 0:
+            return rows
+        return rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
+
+    @cached_property
+    def _asked(self) -> HalfSpaces:
+        """The rows at `places`."""
+        return self.rows(self.places)
+
+    def directions(self, places: Places) -> FloatArray:
+        """Unit normals of rows, from S towards the way from the partner to the vehicle, (R, 3).
+
+        Along that way in the space in which S is a ball. Where something is added to S, and the
+        reference would not keep such a row, from the nearest point of S, so that it does if it
+        keeps r.
+
+        Where the two are in one place, across their relative way. Where they meet too closely for
+        that to be a way past each other, it can be one direction all along an encounter instead:
+        across their relative way, on the side on which they pass anyway or, where they meet
+        head-on, on one that depends on that way alone, so that two mirror images choose the same.
+        """
+        x = self.shape.scaled(self.offsets(self.reference, places))
+        distances = np.sqrt(np.einsum("ri,ri->r", x, x))
+        directions: FloatArray = x / np.maximum(distances, 1e-300)[:, None]
+        at_centre = np.flatnonzero(distances <= self.kept.tolerance)
+        if len(at_centre) > 0:
+            ways = self.shape.scaled(self.ways(places.select(at_centre)))
+            directions[at_centre] = side_of(np.zeros_like(ways), ways)
+        if self.aside:
+            close = distances < self.kept.distance
+            rows, numbers = _encounters(places, close, self.reference.step)
+            order = np.lexsort((distances[rows], numbers))
+            nearest = rows[order[np.flatnonzero(np.diff(numbers[order], prepend=-1))]]
+            ways = self.shape.scaled(self.ways(places.select(nearest)))
+            directions[rows] = side_of(x[nearest], ways)[numbers]
+        normals: FloatArray = directions * self.shape.scales
+        normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
+        if self.margins.most > 0.0 and not (self.kept.is_round or self.aside):
+            offsets = self.offsets(self.reference, places)
+            reach = self.shape.support(normals) + self.radius(places.times)
+            short = np.einsum("ri,ri->r", normals, offsets) < reach
+            short &= distances > self.shape.radius
+            normals[short] = self.shape.outward(offsets[short])
+        return normals
+
+    def rows(self, places: Places) -> HalfSpaces:
+        """One row for each pair, or two, sorted by vehicle, partner and time."""
+        directions = self.directions(places)
+        if self.coupled:
+            return self._write(places, directions, None)
+        one = self.reference.each_at("position", places.vehicles, places.times)
+        other = self.reference.each_at("position", places.partners, places.times)
+        between = self.share * (other - one)
+        rows = self._write(places, directions, one + between)
+        swapped = Places(places.partners, places.vehicles, places.times)
+        rows = rows.and_also(self._write(swapped, -directions, other - between))
+        return rows.select(np.lexsort((rows.times, rows.partners, rows.vehicles)))
+
+    def _write(self, places: Places, normals: FloatArray, anchors: FloatArray | None) -> HalfSpaces:
+        """Rows with given normals.
+
+        Args:
+            places: where.
+            normals: as from `directions`, shape (R, 3).
+            anchors: q - s x_q [m], shape (R, 3); None for rows about a difference.
+        """
+        reach = self.shape.support(normals) + self.radius(places.times)
+        bounds = supports = self.share * reach
+        if anchors is not None:
+            bounds = supports + np.sum(normals * anchors, axis=1)
+        return HalfSpaces(
+            self,
+            places.vehicles,
+            places.partners,
+            sides=np.zeros(len(places), dtype=int),
+            times=places.times,
+            normals=normals,
+            bounds=bounds,
+            tolerances=TOLERANCE * supports,
+        )
+
+    def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
+        """Scaled distances of vehicles from their partners, at least the separation."""
+        radii = self.radius(rows.times)
+        axes = self.shape.semi_axes + radii[:, None]  # inside of the set that is kept out of
+        sizes = axes[:, 0]
+        return Quadratic(
+            centers=np.zeros((len(rows), 3)),
+            scales=sizes[:, None] / axes,
+            sizes=sizes,
+            lengths=sizes / np.linalg.norm(rows.normals * axes, axis=1),
+        )
+
+    def renewed(self, rows: HalfSpaces) -> HalfSpaces:
+        """Rows of the same pairs at the same knots, or closest approaches next to them."""
+        own = self._asked
+        return own.select(np.isin(self._by_knot(own), self._by_knot(rows)))
+
+    def _by_knot(self, rows: HalfSpaces) -> IntArray:
+        count, knots = self.reference.positions.shape[:2]
+        k = np.rint(rows.times / self.reference.step).astype(int)
+        one, other = np.sort([rows.vehicles, rows.partners], axis=0)
+        numbers: IntArray = (one * count + other) * knots + k
+        return numbers
+
+    def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
+        """The partners, as in ' from v1, v2'."""
+        others = np.unique(np.concatenate([rows.partners, rows.vehicles]))
+        own = rows.vehicles[0]
+        return f" from {', '.join(names[other] for other in others if other != own)}"
+
+
+def pairs_of(
+    scenario: Scenario,
+    reference: Motion,
+    coupling: Coupling,
+    *,
+    penalty: float = np.inf,
+    aside: bool = False,
+    rounds: int = sys.maxsize,
+    of: IntArray | None = None,
+    close: CloseApproaches | None = None,
+) -> KeepApart:
+    """The pairs of a scenario with a separation, linearised around a motion of its vehicles.
+
+    Args:
+        scenario: what is asked.
+        reference: q.
+        coupling: how rows are written.
+        penalty: cost of each metre by which a row is broken.
+        aside: whether each close encounter of the reference gets one direction all along.
+        rounds: in how many rounds broken rows at the knots are added.
+        of: vehicles of which each pair has one or two, rising indices; all if not given.
+        close: those of the reference that are too close, where that is known and all that counts
+            between its knots, since rows may be broken.
+    """
+    separation, soft = separation_of(scenario), np.isfinite(penalty)
+    margins, reference = finer_margins_of(scenario), reference.finer(scenario.margin_pieces)
+    kept = separation.distance + most_beside(separation, margins)
+    near = pairs_within(separation, reference, NEAR * kept, between=False, of=of)
+    if close is None:
+        within, between = kept * (1.0 if soft else GRAZING), scenario.between_knots
+        close = pairs_within(separation, reference, within, between=between, of=of)
+    shape = separation.shape
+    if soft:
+        shape = Ellipsoid(shape.center, ROOM * shape.semi_axes)
+    return KeepApart(
+        number=FIRST,
+        name=NAME,
+        quantity="position",
+        penalty=penalty,
+        rounds=rounds,
+        coupled=coupling.together,
+        shape=shape,
+        kept=separation,
+        margins=margins,
+        pieces=scenario.margin_pieces,
+        share=coupling.share,
+        aside=aside,
+        reference=reference,
+        places=places_of(near.and_also(close)),
+        searches=1 if soft else sys.maxsize,
+        every_instant=scenario.between_knots,
+    )
+
+
+def places_of(found: CloseApproaches) -> Places:
+    """The places where pairs are close."""
+    return Places(found.one, found.other, found.times)
+
+
+def _encounters(places: Places, close: BoolArray, step: float) -> tuple[IntArray, IntArray]:
+    """The close places, as indices, and the number of the encounter that each is of.
+
+    Close places of a pair that follow each other are one encounter.
+    """
+    rows = np.flatnonzero(close)
+    follows = np.diff(places.vehicles[rows], prepend=-1) == 0
+    follows &= np.diff(places.partners[rows], prepend=-1) == 0
+    follows &= np.diff(places.times[rows], prepend=-np.inf) < 1.5 * step
+    return rows, np.cumsum(~follows) - 1

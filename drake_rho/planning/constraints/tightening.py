@@ -1,0 +1,298 @@
+"""Where a scenario leaves no room for its disturbance, seen before anything is planned."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.tube import tube_of
+from drake_rho.planning.constraints.close_pairs import most_beside
+from drake_rho.planning.constraints.margins import Margins, finer_margins_of, margins_of
+from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.records import Scenario
+
+_QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
+_PIECES = 16
+"""Pieces of a step that finer margins are constant over, at least."""
+
+_LESS = 0.02
+"""By what part margins are to be smaller, for another search to be worth its time."""
+
+_UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
+
+_WHERE = {0: "start", -1: "goal"}
+"""Knots that are given, and what they are called."""
+
+NO_ROOM = "no room for the errors that the disturbance leads to"
+"""Why there is no plan, where a scenario lacks room."""
+
+_UNDER_WAY = 10.0
+"""Tolerances by which there may be less room than is needed where a window begins. What a plan
+keeps to one tolerance is where the next begins, and that may be a few away after some windows."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Room:
+    """How much room a constraint leaves all vehicles at one place, and how much is needed."""
+
+    name: str
+    """of the constraint"""
+    where: str
+    """start, goal, or what else is looked at"""
+    quantity: Quantity
+    """whose error needs the room"""
+    room: FloatArray
+    """how far from the constraint's boundary the vehicles are, below zero beyond it, in the
+    quantity's unit, shape (N,)"""
+    needed: FloatArray
+    """the margin, in the quantity's unit, one for all or shape (N,)"""
+    tolerances: FloatArray
+    """one for all or shape (N,), in the quantity's unit"""
+
+    def lacking(self, tolerances: float) -> FloatArray:
+        """By how much there is too little, at most zero where there is enough, shape (N,)."""
+        lacking: FloatArray = self.needed - self.room - tolerances * self.tolerances
+        return lacking
+
+    def reason(self, vehicle: int) -> str:
+        """What is wrong with one vehicle, in words."""
+        unit, needed = _UNITS[self.quantity], np.broadcast_to(self.needed, self.room.shape)
+        room = float(self.room[vehicle])
+        if needed[vehicle] <= 0.0:
+            return f"{self.name} ({self.where} {-room:.3g} {unit} beyond)"
+        if room < 0.0:
+            inside = f"{needed[vehicle]:.3g} {unit} inside is needed"
+            return f"{self.name} ({self.where} {-room:.3g} {unit} beyond; {inside})"
+        return f"{self.name} ({self.where} {room:.3g} {unit} inside, of {needed[vehicle]:.3g})"
+
+
+def check_room(scenario: Scenario) -> None:
+    """See that limits, starts and goals leave room for the disturbance, if there is one.
+
+    What is left of a flight is not looked at: windows are judged when they are planned.
+
+    Raises:
+        InfeasibleError: they do not; it says how much of the disturbance they leave room for.
+    """
+    if scenario.disturbance is None or scenario.under_way:
+        return
+    if conflicts := lacks(scenario):
+        bearable = _bearable(scenario)
+        raise InfeasibleError(conflicts, scenario=scenario, bearable=bearable, because=NO_ROOM)
+
+
+def lacks(scenario: Scenario, *, under_way: bool = False) -> dict[str, tuple[str, ...]]:
+    """Return for each vehicle without room what leaves it none.
+
+    Args:
+        scenario: what is asked.
+        under_way: whether it begins with a measured state, which may be a little off.
+    """
+    found: dict[str, tuple[str, ...]] = {}
+    for each in _rooms(scenario, finer_margins_of(scenario)):
+        measured = under_way and each.where == _WHERE[0]
+        tolerances = _UNDER_WAY if measured else 1.0
+        for vehicle in np.flatnonzero(each.lacking(tolerances) > 0.0).tolist():
+            name = scenario.vehicles[vehicle].name
+            found[name] = (*found.get(name, ()), each.reason(vehicle))
+    return found
+
+
+def with_finer_margins(find: Callable[[Scenario], Plan], scenario: Scenario) -> Plan:
+    """Return what is found with margins that are constant over steps or, before refusing, finer.
+
+    Args:
+        find: a plan for a scenario; it may raise `InfeasibleError` and `SolverError`.
+        scenario: what is asked.
+
+    Raises:
+        InfeasibleError: there is none with either.
+        SolverError: the solvers fail numerically.
+    """
+    try:
+        return find(scenario)
+    except InfeasibleError as error:
+        if (finer := with_more_pieces(scenario)) is None:
+            raise
+        try:
+            plan = find(finer)
+        except InfeasibleError as again:  # which says how much room there is, to the last piece
+            spent = error.statistics + again.statistics
+            raise again.after(error.steps_tried, spent) from None
+        except SolverError as again:
+            raise error.after(error.steps_tried, error.statistics + again.statistics) from None
+        plan = plan.with_statistics(error.statistics + plan.statistics)
+        return unchecked(plan, scenario=scenario)
+
+
+def with_more_pieces(scenario: Scenario) -> Scenario | None:
+    """Return a scenario with finer margins; None where it has them, or they leave no more room.
+
+    Nor is there time for them in a flight, in which the previous plan goes on.
+    """
+    if scenario.disturbance is None or scenario.margin_pieces > 1 or scenario.under_way:
+        return None
+    finer = scenario.derived(margin_pieces=_pieces(scenario))
+    return finer if _is_less(finer_margins_of(finer), scenario) else None
+
+
+def _pieces(scenario: Scenario) -> int:
+    """Return into how many pieces steps are cut, whole parts of samples where these are few."""
+    around = scenario.disturbance
+    samples = 1 if around is None else around.samples_per_step(scenario.grid.step)
+    return samples * math.ceil(_PIECES / samples) if samples < _PIECES else _PIECES
+
+
+def _is_less(finer: Margins, scenario: Scenario) -> bool:
+    """Return whether finer margins leave more room than those of steps, by a part that counts."""
+    margins = margins_of(scenario)
+    pieces = (len(finer.knots["position"]) - 1) // len(margins.steps["position"])
+    return any(
+        np.any(finer.knots[each][::pieces] < (1.0 - _LESS) * margins.knots[each])
+        for each in ("position", "velocity")
+    )
+
+
+def starts_beyond_limits(scenario: Scenario) -> bool:
+    """Whether a vehicle begins where its limits of position or velocity leave no room."""
+    rooms = _of_state(scenario, finer_margins_of(scenario), 0)
+    return any(np.any(each.lacking(_UNDER_WAY) > 0.0) for each in rooms)
+
+
+def _bearable(scenario: Scenario) -> float:
+    """Return the largest wind there would be room for with the same feedback [m/s²].
+
+    Radii are affine in the wind.
+    """
+    tube, margins = tube_of(scenario), finer_margins_of(scenario)
+    calm = unchecked(tube.disturbance, acceleration=0.0, tracking=tube.tracking)
+    without = finer_margins_of(scenario.with_disturbance(calm))
+    part = 1.0
+    for windy, still in zip(_rooms(scenario, margins), _rooms(scenario, without), strict=True):
+        more = windy.needed - still.needed
+        left = windy.room + windy.tolerances - still.needed
+        share = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
+        part = min(part, float(np.min(share)))
+    return max(0.0, part) * tube.disturbance.acceleration
+
+
+def _rooms(scenario: Scenario, margins: Margins) -> Iterator[Room]:
+    """The room of every constraint, of limits as a whole and at both ends."""
+    yield from _of_limits(scenario, margins)
+    for end in _WHERE:
+        yield from _of_end(scenario, margins, end)
+
+
+def _of_end(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
+    """The room of every constraint at one end."""
+    yield from _of_state(scenario, margins, end)
+    yield from _of_obstacles(scenario, margins, end)
+    yield from _of_pairs(scenario, margins, end)
+
+
+def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[Room]:
+    """Boxes and balls, which errors on both sides must not fill."""
+    fleet = scenario.fleet
+    for quantity in _QUANTITIES:
+        needed = margins.steps[quantity].max(keepdims=True)
+        if (bounds := fleet.bounds(quantity)) is not None:
+            half = np.min(bounds.upper - bounds.lower, axis=1) / 2.0
+            tolerances = bounds.tolerances.min(axis=1)
+            yield Room(f"{quantity} box", "middle", quantity, half, needed, tolerances)
+        for norm, limit in fleet.norms.items():
+            if limit.kind.quantity == quantity and norm != "max_tilt":
+                tolerances = limit.sets.tolerances
+                yield Room(limit.kind.name, "middle", quantity, limit.most, needed, tolerances)
+    for number, waypoints in enumerate(fleet.waypoints, start=1):
+        times = np.where(waypoints.due, waypoints.times - scenario.grid.start, 0.0)
+        needed = np.where(waypoints.due, margins.exactly(times), 0.0)
+        tolerances = waypoints.tolerances(fleet.scale("position"))
+        name = f"waypoint {number}"
+        yield Room(name, "middle", "position", waypoints.within, needed, tolerances)
+
+
+def _of_state(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
+    """Position and velocity at one end, in their boxes and balls."""
+    fleet = scenario.fleet
+    states: dict[Quantity, FloatArray] = {"position": fleet.start_positions}
+    states["velocity"] = fleet.start_velocities
+    if end != 0:
+        states = {"position": fleet.goal_positions, "velocity": fleet.goal_velocities}
+    for quantity, values in states.items():
+        needed = margins.knots[quantity][[end]]
+        if (bounds := fleet.bounds(quantity)) is not None:
+            room = np.minimum(values - bounds.lower, bounds.upper - values).min(axis=1)
+            tolerances = bounds.tolerances.min(axis=1)
+            yield Room(f"{quantity} box", _WHERE[end], quantity, room, needed, tolerances)
+        for limit in fleet.norms.values():
+            if limit.kind.quantity == quantity:
+                room = -limit.sets.excess(np.arange(len(values)), values)
+                tolerances = limit.sets.tolerances
+                yield Room(limit.kind.name, _WHERE[end], quantity, room, needed, tolerances)
+
+
+def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
+    """Distances from the obstacles at one end, less what is kept when nothing disturbs."""
+    fleet = scenario.fleet
+    positions, time = fleet.start_positions, 0.0
+    if end != 0:
+        positions, time = fleet.goal_positions, scenario.grid.duration
+    needed = margins.knots["position"][[end]]
+    for number, obstacle in scenario.known:
+        distances = obstacle.distances(positions, np.array([time]))
+        room = distances - fleet.radii - obstacle.deviation
+        tolerance = fleet.obstacle_tolerances(obstacle.shape)
+        name = scenario.obstacle_name(number)
+        yield Room(name, _WHERE[end], "position", room, needed, tolerance)
+
+
+def _of_pairs(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
+    """Every vehicle's room to the one that is closest, half of it, as each has an error."""
+    from scipy.spatial import cKDTree  # slow to load, so only where needed
+
+    separation, fleet = scenario.separation, scenario.fleet
+    if separation is None or len(scenario.vehicles) < 2:
+        return
+    positions = fleet.start_positions if end == 0 else fleet.goal_positions
+    within = separation.distance + most_beside(separation, margins)
+    near = cKDTree(separation.scaled(positions)).query_pairs(within, output_type="ndarray")
+    distances = separation.shape.signed_distance(positions[near[:, 0]] - positions[near[:, 1]])
+    room = np.full(len(positions), np.inf)
+    for vehicles in near.T:
+        np.minimum.at(room, vehicles, distances / 2.0)
+    needed, tolerance = margins.knots["position"][[end]], np.array([separation.tolerance])
+    yield Room("separation", _WHERE[end], "position", room, needed, tolerance)
+
+
+def with_room(scenario: Scenario) -> Scenario:
+    """The undisturbed scenario in which vehicles and their separation are larger by their margins.
+
+    For looking for ways, on which margins need not be known over time. Vehicles are no larger than
+    their starts and goals have room for.
+    """
+    margins = margins_of(scenario)
+    if margins.most == 0.0:
+        return scenario
+    most = np.full(len(scenario.vehicles), margins.most)
+    apart = most
+    for end in _WHERE:
+        for room in _of_obstacles(scenario, margins, end):
+            most = np.minimum(most, np.maximum(room.room, 0.0))
+        for room in _of_pairs(scenario, margins, end):
+            apart = np.minimum(apart, np.maximum(room.room, 0.0))
+    vehicles = tuple(
+        unchecked(vehicle, radius=vehicle.radius + float(more))
+        for vehicle, more in zip(scenario.vehicles, most, strict=True)
+    )
+    separation = scenario.separation
+    if separation is not None:
+        distance = separation.distance + 2.0 * float(apart.min())
+        separation = dataclasses.replace(separation, distance=distance)
+    larger = scenario.derived(vehicles=vehicles, separation=separation, disturbance=None)
+    return larger.of_vehicles(range(len(vehicles)))

@@ -1,0 +1,182 @@
+"""Which vehicle goes where, when the goals may be exchanged: the least total effort."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.planning.minimum_effort import TerminalState
+from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.shapes.base import TOLERANCE
+
+_DENSE = 2000
+"""Vehicles up to which all pairs of a start and a goal are compared, if nothing else is asked."""
+
+_NEAREST = 16
+"""Goals nearest to each start, and starts nearest to each goal, that are compared at first."""
+
+_ALIKE = 1e-12
+"""Relative difference below which two total costs are the same."""
+
+
+@checked
+def assign_goals(scenario: Scenario, *, exact: bool | None = None) -> Scenario:
+    """The scenario with its goals exchanged so that the total cost (13) is least.
+
+    The cost of a vehicle and a goal, position and velocity, is that of the motion of least effort
+    between the two, in closed form. Obstacles, limits, waypoints and separation are not looked at:
+    with any of them another exchange may have the better plan. Names, limits, radii and waypoints
+    stay with the vehicles. None is given a goal that is too close to an obstacle for its radius.
+
+    Args:
+        scenario: whose goals may be exchanged.
+        exact: whether all N² pairs of a start and a goal are compared. If not, those are that are
+            near each other, twice as many each time until the total cost falls no more: ten
+            thousand vehicles take some ten seconds. If not given, all are up to 2000 vehicles.
+
+    Raises:
+        ScenarioError: a vehicle's own position or velocity box does not hold the goal it is given,
+            or there is a single step and it does not take the vehicles to all the goals.
+
+    Examples:
+        >>> scenario = rho.random_transitions(8, np.random.default_rng(1))
+        >>> rho.plan(rho.assign_goals(scenario)).cost < rho.plan(scenario).cost
+        True
+    """
+    goals = [vehicle.goal for vehicle in scenario.vehicles]
+    vehicles = tuple(
+        dataclasses.replace(vehicle, goal=goals[index])
+        for vehicle, index in zip(scenario.vehicles, assignment(scenario, exact=exact), strict=True)
+    )
+    return dataclasses.replace(scenario, vehicles=vehicles)
+
+
+def assignment(scenario: Scenario, *, exact: bool | None = None) -> list[int]:
+    """The number, from 0, of the vehicle whose goal each is given by `assign_goals`.
+
+    Raises:
+        ScenarioError: there is a single step, and it does not take the vehicles to all the goals.
+    """
+    if exact is None:
+        exact = len(scenario.vehicles) <= _DENSE
+    efforts = _Efforts.of(scenario)
+    try:
+        chosen = _of_all(efforts) if exact else _of_nearest(efforts)
+    except ValueError:  # too many of the pairs are infinite
+        expected = "more knots: a single step does not take the vehicles to the goals"
+        raise ScenarioError("grid.knots", scenario.grid.knots, expected) from None
+    return [int(each) for each in chosen]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Efforts:
+    """Least costs from starts to goals [m²/s⁴].
+
+    The accelerations of least norm that meet (12) are combinations of orthonormal rows, so the cost
+    is the sum of squares of their coefficients. These are linear in goal less start: a point for
+    each start and each goal, the cost their squared distance.
+    """
+
+    starts: FloatArray
+    """points, shape (N, 6), or (N, 3) for a single step"""
+    goals: FloatArray
+    """the same"""
+    start_rests: FloatArray
+    """where a single step takes vehicles [m], shape (N, 3)"""
+    goal_rests: FloatArray
+    """where it has to take them [m], shape (N, 3)"""
+    tolerance: float
+    """by how much the two may differ [m]"""
+    radii: FloatArray
+    """of the vehicles [m], shape (N,)"""
+    clearances: FloatArray
+    """what is free around every goal [m], shape (N,)"""
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> _Efforts:
+        """Return the costs of a scenario's starts and goals."""
+        fleet, terminal, T = scenario.fleet, TerminalState(scenario.grid), scenario.grid.duration
+        starts, start_rests = terminal.values(
+            fleet.start_velocities, fleet.start_positions + T * fleet.start_velocities
+        )
+        goals, goal_rests = terminal.values(fleet.goal_velocities, fleet.goal_positions)
+        count = len(starts)
+        return cls(
+            starts.reshape(count, -1),
+            goals.reshape(count, -1),
+            start_rests,
+            goal_rests,
+            TOLERANCE * float(fleet.lengths.max()),
+            fleet.radii,
+            _clearances(scenario),
+        )
+
+    def between(self, starts: IntArray, goals: IntArray) -> FloatArray:
+        """Costs of some pairs of indices that broadcast; infinite where there is no motion."""
+        apart = self.starts[starts] - self.goals[goals]
+        efforts: FloatArray = np.einsum("...c,...c->...", apart, apart)
+        missed = np.abs(self.start_rests[starts] - self.goal_rests[goals]).max(axis=-1)
+        impossible = (missed > self.tolerance) | (self.radii[starts] > self.clearances[goals])
+        return np.where(impossible, np.inf, efforts)
+
+
+def _of_all(efforts: _Efforts) -> IntArray:
+    """The goal of each vehicle, of all pairs."""
+    from scipy.optimize import linear_sum_assignment  # slow to load, so only where needed
+
+    everyone = np.arange(len(efforts.starts))
+    costs = np.stack([efforts.between(start, everyone) for start in everyone[:, None]])
+    chosen: IntArray = linear_sum_assignment(costs)[1]
+    return chosen
+
+
+def _of_nearest(efforts: _Efforts) -> IntArray:
+    """The goal of each vehicle, of pairs that are near each other."""
+    count, nearest, last = len(efforts.starts), _NEAREST, np.inf
+    while 2 * nearest < count:
+        found = _matched(efforts, nearest)
+        if found is not None:
+            cost = float(efforts.between(np.arange(count), found).sum())
+            if cost > last * (1.0 - _ALIKE):
+                return found
+            last = cost
+        nearest *= 2
+    return _of_all(efforts)
+
+
+def _matched(efforts: _Efforts, nearest: int) -> IntArray | None:
+    """The best of so many nearest goals of each start and starts of each goal; None if none is."""
+    from scipy.sparse import csr_array  # slow to load, so only where needed
+    from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+    from scipy.spatial import cKDTree
+
+    count = len(efforts.starts)
+    goals = cKDTree(efforts.goals).query(efforts.starts, nearest)[1].reshape(-1)
+    starts = cKDTree(efforts.starts).query(efforts.goals, nearest)[1].reshape(-1)
+    own = np.repeat(np.arange(count), nearest)
+    pairs = np.unique(np.append(own * count + goals, starts * count + own))
+    start, goal = np.divmod(pairs, count)
+    costs = efforts.between(start, goal)
+    start, goal, costs = (each[np.isfinite(costs)] for each in (start, goal, costs))
+    costs = costs + max(float(costs.sum()) / count, 1.0)  # zeros count as pairs that are not there
+    try:
+        graph = csr_array((costs, (start, goal)), shape=(count, count))
+        _, chosen = min_weight_full_bipartite_matching(graph)
+    except ValueError:  # there is no full matching
+        return None
+    matched: IntArray = chosen.astype(np.int64)
+    return matched
+
+
+def _clearances(scenario: Scenario) -> FloatArray:
+    """What is free around every goal at the end [m], shape (N,)."""
+    least, goals = np.full(len(scenario.vehicles), np.inf), scenario.fleet.goal_positions
+    for obstacle in scenario.bodies_in_flight:
+        x = goals - obstacle.centers(np.array([scenario.grid.duration]))
+        free = obstacle.shape.signed_distance(x) - obstacle.deviation + obstacle.shape.tolerance
+        least = np.minimum(least, free)
+    return least

@@ -1,0 +1,132 @@
+"""The paper's convex method: one linearisation of the obstacles, steps 1 to 3."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.constraints.catalogue import convex_constraints
+from drake_rho.planning.constraints.obstacles import obstacles_of
+from drake_rho.planning.constraints.tightening import check_room, with_finer_margins
+from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.options import Options
+from drake_rho.planning.programs.parallel import OnWorkers
+from drake_rho.planning.programs.solve import Solver, SolverName, solver_of
+from drake_rho.planning.scp.cutting_planes import CuttingPlanes
+from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
+from drake_rho.planning.time_limit import with_time_limit
+from drake_rho.planning.wall_time import with_wall_time
+from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.records import Grid, Scenario
+
+
+@checked
+@with_wall_time
+@with_time_limit
+def plan_convex(
+    scenario: Scenario,
+    *,
+    reference: Plan | None = None,
+    steps: Iterable[float] = (),
+    solver: Solver | SolverName | None = None,
+    options: Options | None = None,
+) -> Plan:
+    """Plan by the paper's convex method.
+
+    Step 1: the scenario's h. Step 2: solve without the obstacles, linearise (8) around the result
+    as (15), solve again. Step 3: if there is no solution, try another h of the same duration.
+
+    A separation, which the paper leaves to future work, is linearised in step 2 as well. Where
+    vehicles meet, the plan without it is seldom a reference with a solution: `plan_scp` finds one.
+
+    Args:
+        scenario: what is asked.
+        reference: a motion to linearise around in place of step 2's own; on the scenario's grid.
+        steps: further steps h [s] to try in this order, if the scenario's own has no solution.
+            Which one was taken stands in the plan's `scenario.grid`, and all that were tried in
+            its `statistics.steps_tried`.
+        solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
+
+        options: `time_limit` counts; `Options()` if not given.
+
+    Returns:
+        A plan that meets every constraint of the scenario.
+
+    Raises:
+        InfeasibleError: no step has a solution; it names the constraints in the way.
+        OutOfTimeError: `options.time_limit` was over before there was a plan.
+        SolverError: the solvers fail numerically.
+        ValueError: a step does not divide the duration, or the reference does not fit.
+
+    Examples:
+        >>> rho.plan_convex(rho.load_scenario("paper"))
+        <Plan of paper: 4 vehicles, 50 knots, cost 20920.4 m²/s⁴>
+    """
+    others = [_grid(step, scenario.grid) for step in steps]
+    if reference is not None and others:
+        raise ValueError("steps: got some beside a reference, expected none: it has one step")
+    solver = solver_of(solver)
+    failures: list[InfeasibleError] = []
+    statistics = Statistics()
+    steps_tried: tuple[float, ...] = ()
+    for grid in (scenario.grid, *others):
+        asked = scenario.on_grid(grid) if steps_tried else scenario
+        steps_tried += (grid.step,)
+        try:
+            plan = with_finer_margins(lambda each: linearised_once(each, reference, solver), asked)
+        except InfeasibleError as error:
+            failures.append(error)
+            statistics += error.statistics
+        else:
+            statistics = dataclasses.replace(statistics + plan.statistics, steps_tried=steps_tried)
+            return plan.with_statistics(statistics)
+    first = failures[0]
+    raise first if first.bearable is not None else first.after(steps_tried, statistics)
+
+
+def linearised_once(
+    scenario: Scenario, reference: Plan | None = None, solver: Solver | OnWorkers | None = None
+) -> Plan:
+    """Return a plan by steps 1 and 2 for the scenario's h, with the margins that it has.
+
+    Raises:
+        InfeasibleError: there is none.
+        SolverError: the solvers fail numerically.
+    """
+    check_room(scenario)
+    try:
+        return _plan(scenario, reference, solver)
+    except InfeasibleError as error:
+        raise error.after((scenario.grid.step,), error.statistics) from None
+
+
+def _plan(scenario: Scenario, reference: Plan | None, solver: Solver | OnWorkers | None) -> Plan:
+    """Return a plan by steps 1 and 2 for one h, where there is room."""
+    if reference is not None:
+        return Subproblem(scenario, coupling_for(scenario), solver).around(reference)
+    planes = CuttingPlanes(scenario, solver)
+    planes.keep_to(convex_constraints(scenario))
+    free = planes.plan()
+    if scenario.separation is not None:
+        plan = Subproblem(scenario, coupling_for(scenario), solver).around(free)
+        return plan.with_statistics(free.statistics + plan.statistics)
+    obstacles = obstacles_of(scenario, free.motion())
+    if not obstacles:
+        return free
+    planes.keep_to(obstacles, reference=free)
+    return planes.plan(free)
+
+
+def _grid(step: float, like: Grid) -> Grid:
+    """The grid of the same duration with another step.
+
+    Raises:
+        ValueError: `step` is not positive or does not divide the duration.
+    """
+    try:
+        return Grid.lasting(like.duration, step=step, start=like.start)
+    except ScenarioError as error:
+        raise ValueError(f"steps: got {step}, expected {error.expected}") from None

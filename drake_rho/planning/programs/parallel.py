@@ -1,0 +1,173 @@
+"""The programs of many vehicles, in blocks: here or, block by block, on other processes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from functools import partial
+
+import numpy as np
+
+from drake_rho.motion.threads import one_for_arrays
+from drake_rho.planning.minimum_effort import Changes
+from drake_rho.planning.programs.dense import Program
+from drake_rho.planning.programs.reduced import Batch, programs_of
+from drake_rho.planning.programs.rows import Rows, each_of, groups_of
+from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.solve import Solver, is_dense, solve, solve_side_by_side
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+
+_BLOCK = 128
+"""Vehicles in a block: some tens of milliseconds of work, whoever does it. It does not depend on
+how many workers there are, so that neither do the last digits of a plan."""
+
+
+@dataclasses.dataclass(frozen=True)
+class OnWorkers:
+    """A solver whose programs are solved on an executor: what planners hand on in its place."""
+
+    solver: Solver | None
+    """a Drake solver or `Daqp()`; Clarabel if it is None"""
+    executor: Executor
+    """any of PEP 3148; to processes a Drake solver cannot be sent"""
+
+
+def executor_of(solver: Solver | OnWorkers | None) -> Executor | None:
+    """Where programs are solved, if not here."""
+    return solver.executor if isinstance(solver, OnWorkers) else None
+
+
+def alone(solver: Solver | OnWorkers | None) -> Solver | None:
+    """The solver without the executor that it may be on."""
+    return solver.solver if isinstance(solver, OnWorkers) else solver
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Answers:
+    """What was found for groups of equally many vehicles and rows."""
+
+    groups: IntArray
+    """indices of the vehicles, shape (B, G)"""
+    accelerations: FloatArray
+    """u in units; they mean nothing where there is no solution, shape (B, G, K-1, 3)"""
+    feasible: BoolArray
+    """whether there is a solution; if not, it is proved that there is none, shape (B,)"""
+    exact: BoolArray
+    """whether it is one to the solver's tolerances, shape (B,)"""
+    weights: Sequence[Callable[[], FloatArray]]
+    """multipliers of each program's rows, as in `Solution`"""
+    lengths: FloatArray
+    """factors that turn them into those of rows of length one, shape (B, R)"""
+    solver: str
+    """which solver found the last"""
+    seconds: float
+    """time that the solver reports for itself [s]"""
+
+    def multipliers(self, index: int) -> FloatArray:
+        """Those of the rows, of length one, of one of the groups: y >= 0, shape (R,)."""
+        y: FloatArray = np.maximum(self.weights[index](), 0.0) * self.lengths[index]
+        return y
+
+    def sent(self) -> Answers:
+        """The same, as it can be sent from one process to another."""
+        found = [partial(np.asarray, weights()) for weights in self.weights]
+        return dataclasses.replace(self, weights=found)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Block:
+    """What another process needs to know of a block of vehicles."""
+
+    changes: Changes
+    rows: Sequence[Rows]
+    solver: Solver | None
+    linear: bool
+    retry: int
+    quick: bool
+
+    def batches(self) -> Iterator[Batch]:
+        dense = is_dense(self.solver) and not self.linear  # linear programs are for others
+        return programs_of(self.changes, self.rows, linear=self.linear, dense=dense)
+
+    @one_for_arrays()
+    def solved(self) -> list[Answers]:
+        """All of its programs, one after the other: others are at work on other blocks."""
+        answers = list[Answers]()
+        for batch in self.batches():
+            found = solve(batch.programs, self.solver, retry=self.retry, quick=self.quick)
+            answers.append(_answers(batch, found, self.changes.grid.knots - 1).sent())
+        return answers
+
+
+def solve_all(
+    changes: Changes,
+    rows: Sequence[Rows],
+    solver: Solver | OnWorkers | None = None,
+    *,
+    linear: bool = False,
+    retry: int = 0,
+    quick: bool = False,
+) -> list[Answers]:
+    """Write and solve the programs of all vehicles that have rows.
+
+    The answers are the same to the last digit, wherever they are found.
+
+    Args:
+        changes: what the rows are about.
+        rows: constraint by constraint.
+        solver: a Drake solver or `Daqp()`, perhaps on an executor; Clarabel if not given.
+        linear: whether only slack costs anything.
+        retry: how often the rows were in before and were not kept.
+        quick: whether solutions are wanted sooner rather than to the last digit.
+
+    Raises:
+        SolverError: the solvers fail numerically.
+    """
+    executor, solver = executor_of(solver), alone(solver)
+    blocks = [
+        _Block(changes, own, solver, linear, retry, quick)
+        for own in _in_blocks(len(changes.units), rows)
+    ]
+    if executor is not None and len(blocks) > 1:
+        found = [executor.submit(_Block.solved, block) for block in blocks]
+        return [answers for each in found for answers in each.result()]
+    batches = list[Batch]()
+
+    def written() -> Iterator[Sequence[Program]]:
+        for block in blocks:
+            for batch in block.batches():
+                batches.append(batch)
+                yield batch.programs
+
+    answers = solve_side_by_side(written(), solver, retry=retry, quick=quick)
+    steps = changes.grid.knots - 1
+    return [_answers(*each, steps) for each in zip(batches, answers, strict=True)]
+
+
+def _in_blocks(vehicles: int, rows: Sequence[Rows]) -> Iterator[Sequence[Rows]]:
+    """The rows of about `_BLOCK` vehicles at a time; those of a group stay together."""
+    has_rows = np.zeros(vehicles, dtype=bool)
+    for part in rows:
+        has_rows[part.vehicles] = True
+    if has_rows.sum() <= _BLOCK:
+        yield rows
+        return
+    groups = groups_of(vehicles, [part for part in rows if part.coupled])
+    sizes = np.bincount(groups, has_rows)
+    numbers = ((np.cumsum(sizes) - sizes) // _BLOCK).astype(int)[groups]
+    for _, own in each_of(np.unique(numbers[has_rows]), numbers, rows):
+        yield own
+
+
+def _answers(batch: Batch, solutions: list[Solution], steps: int) -> Answers:
+    return Answers(
+        batch.groups,
+        batch.accelerations(solutions, steps),
+        np.array([solution.feasible for solution in solutions]),
+        np.array([solution.exact for solution in solutions]),
+        [solution.multipliers for solution in solutions],
+        batch.lengths,
+        solutions[-1].solver,
+        sum(solution.seconds for solution in solutions),
+    )

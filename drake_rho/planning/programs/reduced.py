@@ -1,0 +1,286 @@
+"""The quadratic program (16), on Drake's `MathematicalProgram`.
+
+With u the accelerations of a vehicle, or of several that rows couple, less those of minimum effort:
+
+    minimise    norm(u)² + sum of penalties · slacks        (13), (14)
+    subject to  G u = 0                                      (12), with (1)-(3): the goal stays
+                M u + slack >= b, slack >= 0                 (4)-(7), (15) and pairs, as rows
+
+Rows are affine in u by (10)-(11). Accelerations are in a unit of the scenario's scale and rows have
+length one (in the sparse form, entries of about one), so that the numbers a solver sees depend
+neither on the scale nor on the place. Only soft rows have slack. There are two forms, both exact,
+of which the cheaper one is written:
+
+- reduced space: u lies in the span of the rows of M, less what G decides, since what is orthogonal
+  to all of them only costs: one variable for each row instead of 3 (K - 1), and no equalities.
+- sparse (`drake_rho.planning.programs.sparse`): velocities and positions are variables too, with
+  (1) and (2) as equalities, so that every row has a few entries.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from pydrake.solvers import MathematicalProgram
+from scipy.sparse import coo_array, csc_array
+
+from drake_rho.motion.dynamics import response, sparse_response
+from drake_rho.planning.minimum_effort import Changes
+from drake_rho.planning.programs.dense import DenseProgram, Program, add_rows
+from drake_rho.planning.programs.rows import Rows, each_of, groups_of
+from drake_rho.planning.programs.solution import Solution
+from drake_rho.planning.programs.sparse import SparseRows, without_rows
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import Grid
+
+_FEW = 32
+"""Rows up to which a program is written in the reduced space, whatever they are."""
+
+_SPARSE = 2000
+"""Operations that each number of a sparse program costs, measured from 50 to 5000 knots within a
+factor of two. The reduced space of R rows costs about R² (3 K + 5 R)."""
+
+_DENSE = 8.0
+"""How many of these operations a solver of dense programs does in the time of one."""
+
+Begun = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
+"""Sparse programs before their rows, and their variables; by how many vehicles and variables."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Batch:
+    """Programs of groups of equally many vehicles and rows, one for each group.
+
+    A group is one vehicle, or several that rows couple.
+    """
+
+    groups: IntArray
+    """indices of the vehicles in the scenario, shape (B, G)"""
+    programs: Sequence[Program]
+    """one for each group; its linear constraints are M and b, in the half-spaces' order"""
+    basis: FloatArray | None
+    """u = basis @ variables, shape (B, 3 G (K-1), V); None if u are the first of the variables"""
+    lengths: FloatArray
+    """factors that turn multipliers into those of rows of length one, shape (B, R)"""
+
+    def accelerations(self, solutions: Sequence[Solution], steps: int) -> FloatArray:
+        """The accelerations u, in units, shape (B, G, K-1, 3).
+
+        Args:
+            solutions: one for each program.
+            steps: K - 1.
+        """
+        (count, vehicles), basis = self.groups.shape, self.basis
+        size = 3 * steps * vehicles if basis is None else basis.shape[2]
+        x = np.array([solution.x[:size] for solution in solutions])
+        u = x if basis is None else np.matvec(basis, x)
+        return u.reshape(count, vehicles, steps, 3)
+
+
+def programs_of(
+    changes: Changes,
+    rows: Sequence[Rows],
+    *,
+    linear: bool = False,
+    dense: bool = False,
+) -> Iterator[Batch]:
+    """The programs of all vehicles that have rows, the largest first, written one by one.
+
+    Args:
+        changes: what the rows are about.
+        rows: constraint by constraint; those of a group keep their order.
+        linear: whether only slack costs anything.
+        dense: whether they are for a solver of dense programs, as `Daqp` is: it takes hard rows as
+            they are, and more of them before the sparse form is cheaper.
+    """
+    groups = groups_of(len(changes.units), [part for part in rows if part.coupled])
+    count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
+    size = np.bincount(groups)[: len(count)]
+    in_sparse = _cheaper_sparse(changes.grid.knots - 1, size, count, _DENSE if dense else 1.0)
+    alone = ~in_sparse & (size == 1)
+    if not alone.all():
+        begun: Begun = {}
+        for group, own in each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
+            vehicles = np.flatnonzero(groups == group)
+            if in_sparse[group]:
+                yield _sparse(changes, vehicles, own, linear, begun)
+            else:
+                yield _reduced_group(changes, vehicles, own, linear, dense)
+        rows = [part.select(alone[groups[part.vehicles]]) for part in rows]
+    yield from _reduced(changes, [part for part in rows if len(part) > 0], linear, dense)
+
+
+def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: float) -> BoolArray:
+    """For which groups, of so many vehicles and rows each, the sparse form is cheaper.
+
+    Args:
+        steps: K - 1.
+        vehicles: of each group.
+        rows: of each group.
+        operations: in the time of one of the reduced space's with Clarabel.
+    """
+    many: BoolArray = rows > _FEW
+    if not many.any():
+        return many
+    width = 3 * vehicles * steps
+    entries = 4 * rows + 9 * width  # of the rows, and of dynamics and accelerations
+    return many & (rows**2 * (width + 5 * rows) > operations * _SPARSE * entries)
+
+
+def _reduced(changes: Changes, rows: Sequence[Rows], linear: bool, dense: bool) -> Iterator[Batch]:
+    """Programs of single vehicles in the reduced space; those of a size together.
+
+    What is as wide as a row is made for one size after the other, which fits into caches.
+    """
+    if not rows:
+        return
+    vehicles = np.concatenate([part.vehicles for part in rows])
+    sizes = np.bincount(vehicles)[vehicles]
+    order = np.lexsort((vehicles, sizes))  # by size, then by vehicle, and stable
+    responses, which = _responses(changes.grid, rows)
+    which, lengths = which[order], np.sqrt(np.vecdot(responses, responses))
+    responses, lengths = changes.inside(responses / lengths[:, None]), lengths[which]
+    normals = np.concatenate([part.normals for part in rows])[order]
+    needed = np.concatenate([part.needed for part in rows])[order]
+    costs = [part.penalty for part in rows]
+    penalties = np.repeat(costs, [len(part) for part in rows])[order]
+    slacks = slacks_of(rows)[order]
+    vehicles, sizes = vehicles[order], sizes[order]
+    units = changes.units[vehicles]
+    needed, penalties = needed / (lengths * units), penalties * lengths / units
+    for size in np.bincount(sizes).nonzero()[0][::-1].tolist():
+        own = slice(*np.searchsorted(sizes, [size, size + 1]))
+        inside = responses[which[own]]
+        matrix = inside[:, :, None] * normals[own, None, :]
+        yield _in_span(
+            vehicles[own][::size, None],
+            matrix.reshape(-1, size, 3 * inside.shape[1]),
+            needed[own].reshape(-1, size),
+            penalties[own].reshape(-1, size),
+            slacks[own].reshape(-1, size),
+            linear,
+            dense,
+        )
+
+
+def _responses(grid: Grid, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray]:
+    """Responses of rows (U, K-1), and which of them is that of each row, shape (R,).
+
+    Of many rows most are at the same knots, of one vehicle or another.
+    """
+    responses, which, first = list[FloatArray](), list[IntArray](), 0
+    for part in rows:
+        own = np.arange(len(part))
+        if len(part) > grid.knots:
+            _, representative, own = np.unique(part.times, return_index=True, return_inverse=True)
+            part = part.select(representative)
+        responses.append(response(part.quantity, grid.step, grid.knots, part.times))
+        which.append(first + own)
+        first += len(part)
+    return np.concatenate(responses), np.concatenate(which)
+
+
+def _reduced_group(
+    changes: Changes, group: IntArray, rows: Sequence[Rows], linear: bool, dense: bool
+) -> Batch:
+    """One program, in the reduced space."""
+    matrix, needed, penalties = rows_of(changes, group, rows)
+    entries = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
+    inside = np.stack([changes.inside(entries[:, :, axis]) for axis in range(3)], axis=2)
+    stack = inside.reshape(1, len(needed), -1)
+    slacks = slacks_of(rows)[None]
+    return _in_span(group[None], stack, needed[None], penalties[None], slacks, linear, dense)
+
+
+def slacks_of(rows: Sequence[Rows]) -> IntArray:
+    """The slack of each of some half-spaces, constraint by constraint, as numbers, shape (R,)."""
+    if all(not part.soft for part in rows):
+        return np.zeros(sum(map(len, rows)), dtype=int)  # there are none
+    first = np.cumsum([0, *(1 + part.slacks.max(initial=-1) for part in rows)])[:-1]
+    return np.concatenate([n + part.slacks for n, part in zip(first, rows, strict=True)])
+
+
+def rows_of(
+    changes: Changes, group: IntArray, rows: Sequence[Rows]
+) -> tuple[csc_array, FloatArray, FloatArray]:
+    """Half-spaces as rows M @ u >= b of length one, u of a group of vehicles, in its unit.
+
+    Returns:
+        M (R, 3 G (K-1)), b (R,), and what it costs to break a row by one, (R,).
+    """
+    step, knots, unit = changes.grid.step, changes.grid.knots, changes.units[group].max()
+    place = np.zeros(len(changes.units), dtype=int)
+    place[group] = np.arange(len(group))
+    entries, where, needed, penalties = [np.zeros(0)], [np.zeros((2, 0), dtype=int)], [], []
+    first = 0
+    for part in rows:
+        responses = sparse_response(part.quantity, step, knots, part.times).tocoo()
+        terms = [(part.vehicles, 1.0)]
+        if part.coupled:
+            terms.append((part.partners, -1.0))
+        lengths = np.sqrt(len(terms) * responses.power(2).sum(axis=1))
+        r, j = responses.coords
+        for vehicles, sign in terms:
+            vectors = place[vehicles[r]] * (knots - 1) + j
+            values = (sign * responses.data / lengths[r])[:, None] * part.normals[r]
+            entries.append(values.reshape(-1))
+            columns = (3 * vectors[:, None] + np.arange(3)).reshape(-1)
+            where.append(np.stack([np.repeat(first + r, 3), columns]))
+        needed.append(part.needed / (lengths * unit))
+        penalties.append(part.penalty * lengths / unit)
+        first += len(part)
+    shape = (first, 3 * (knots - 1) * len(group))
+    matrix = coo_array((np.concatenate(entries), tuple(np.concatenate(where, axis=1))), shape=shape)
+    return matrix.tocsc(), np.concatenate(needed), np.concatenate(penalties)
+
+
+def _in_span(
+    groups: IntArray,
+    matrices: FloatArray,
+    needed: FloatArray,
+    penalties: FloatArray,
+    slacks: IntArray,
+    linear: bool,
+    dense: bool,
+) -> Batch:
+    """Programs in coordinates of an orthonormal basis of the span of their rows.
+
+    What DAQP does with rows as they are takes less time than to make that basis.
+
+    Args:
+        groups: whose, shape (B, G).
+        matrices: rows that leave the goal alone, shape (B, R, 3 G (K-1)).
+        needed: b, shape (B, R).
+        penalties: what it costs to break a row by one, shape (B, R).
+        slacks: the number of each row's slack, shape (B, R).
+        linear: whether only slack costs anything.
+        dense: as in `programs_of`.
+    """
+    basis: FloatArray | None = None
+    if not dense:
+        basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
+        matrices = np.swapaxes(triangles, 1, 2)
+    rows = zip(matrices, needed, penalties, slacks, strict=True)
+    programs = [DenseProgram(*each, linear) for each in rows]
+    return Batch(groups, programs, basis, np.ones(needed.shape))
+
+
+def _sparse(
+    changes: Changes, group: IntArray, rows: Sequence[Rows], linear: bool, begun: Begun
+) -> Batch:
+    """The program in the accelerations, with the states that its rows speak of beside them.
+
+    Variables, cost and dynamics take longer to write than the rows do, and are the same for many:
+    they are copied from `begun`, in which they are put if they are not there.
+    """
+    sparse = SparseRows(changes, group, rows)
+    form = len(group), sparse.columns
+    if form not in begun:
+        begun[form] = without_rows(sparse, linear)
+    common, x = begun[form]
+    program = common.Clone()
+    matrix, needed, penalties, lengths = sparse.matrix()
+    add_rows(program, matrix, needed, penalties, slacks_of(rows), x)
+    return Batch(sparse.group[None], [program], None, lengths[None])

@@ -1,0 +1,173 @@
+"""Sparse rows, for vehicles that have many: velocities and positions as variables of their own.
+
+In terms of the accelerations alone a row of velocity or position has as many entries as steps lie
+before it. With (1) and (2) as equalities it has a few, and the program grows with K as the rows do.
+
+The variables are u, then the velocities and the positions at the knots after the first, as far as
+rows need them, all counted from the motion of minimum effort. Velocities are in units of u h
+and positions of u h², so that (1) and (2) have entries of about one, however many steps there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+
+import numpy as np
+from pydrake.solvers import MathematicalProgram
+from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array, eye_array, hstack, kron
+
+from drake_rho.motion.dynamics import response, step_at
+from drake_rho.planning.minimum_effort import Changes
+from drake_rho.planning.programs.dense import add_cost
+from drake_rho.planning.programs.rows import Rows
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.parts import Quantity
+
+_Term = tuple[IntArray, FloatArray]
+"""Where a row has entries, as numbers of vectors among the variables (-1 for none), and what."""
+
+
+class SparseRows:
+    """Rows of a group of vehicles as sparse rows matrix @ x >= needed.
+
+    Args:
+        changes: what the rows are about.
+        group: the indices of the vehicles, shape (G,).
+        rows: constraint by constraint.
+        beside: others in the same program, whose quantities its variables speak of too.
+
+    Attributes:
+        changes: what the rows are about.
+        group: the indices of the vehicles, shape (G,).
+        steps: K - 1.
+    """
+
+    def __init__(
+        self,
+        changes: Changes,
+        group: IntArray,
+        rows: Sequence[Rows],
+        *,
+        beside: Sequence[Rows] = (),
+    ) -> None:
+        self.changes, self.group, self.steps = changes, group, changes.grid.knots - 1
+        self._rows = [part for part in rows if len(part) > 0]
+        spoken_of = {part.quantity for part in (*self._rows, *beside)}
+        self._positions = "position" in spoken_of
+        self._velocities = self._positions or "velocity" in spoken_of
+
+    @property
+    def columns(self) -> int:
+        """Number of variables."""
+        return 3 * self.steps * len(self.group) * (1 + self._velocities + self._positions)
+
+    def dynamics(self) -> Iterator[csc_matrix]:
+        """(1) and (2) for the states there are: matrices whose product with x is zero."""
+        blocks = 1 + self._velocities + self._positions
+        for order in range(1, blocks):
+            yield _dynamics(self.steps, len(self.group), order, blocks)
+
+    def matrix(self) -> tuple[csc_array, FloatArray, FloatArray, FloatArray]:
+        """The rows.
+
+        Returns:
+            The matrix, `needed`, what it costs to break a row by one, and factors that turn the
+            multipliers of the rows into those of rows of length one.
+        """
+        grid, unit = self.changes.grid, self.changes.units[self.group].max()
+        places, entries, needed, penalties, lengths = [], [], [], [], []
+        first = 0
+        for part in self._rows:
+            scale, terms = scale_of(part.quantity, grid.step), self._terms(part)
+            rows = first + np.arange(len(part))
+            for vectors, factors in terms:
+                there = vectors >= 0
+                columns = 3 * vectors[there, None] + np.arange(3)
+                places.append(np.stack([np.repeat(rows[there], 3), columns.reshape(-1)]))
+                entries.append((factors[there, None] * part.normals[there]).reshape(-1))
+            needed.append(part.needed / (unit * scale))
+            penalties.append(np.full(len(part), part.penalty * scale / unit))
+            several = np.sqrt(2.0) if part.coupled else 1.0
+            norms = np.linalg.norm(
+                response(part.quantity, grid.step, grid.knots, part.times), axis=1
+            )
+            lengths.append(several * norms / scale)
+            first += len(part)
+        values, (rows, columns) = np.concatenate(entries), np.concatenate(places, axis=1)
+        matrix = coo_array((values, (rows, columns)), shape=(first, self.columns)).tocsc()
+        matrix.eliminate_zeros()
+        return matrix, np.concatenate(needed), np.concatenate(penalties), np.concatenate(lengths)
+
+    def _terms(self, rows: Rows) -> list[_Term]:
+        """The terms that a quantity, in its scale, is the sum of."""
+        terms = self._terms_of(rows, rows.vehicles)
+        if rows.coupled:
+            less = self._terms_of(rows, rows.partners)
+            terms += [(vectors, -factors) for vectors, factors in less]
+        return terms
+
+    def _terms_of(self, rows: Rows, vehicles: IntArray) -> list[_Term]:
+        n, h = self.steps, self.changes.grid.step
+        one, all_steps = np.ones(len(rows)), n * len(self.group)
+        u = n * np.searchsorted(self.group, vehicles)  # where the vehicle's variables begin
+        if rows.quantity in ("acceleration", "jerk"):
+            k = step_at(rows.times, h)
+            if rows.quantity == "acceleration":
+                return [(u + k, one)]
+            return [(u + k, one), (np.where(k > 0, u + k - 1, -1), -one)]
+        k = np.minimum(step_at(rows.times, h), n - 1)
+        s = rows.times / h - k
+        # knots count from 0, the states' variables from the first knot after that
+        velocities = np.where(k > 0, all_steps + u + k - 1, -1)
+        if rows.quantity == "velocity":
+            return [(velocities, one), (u + k, s)]
+        positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
+        return [(positions, one), (velocities, s), (u + k, s**2 / 2)]
+
+
+def scale_of(quantity: Quantity, step: float) -> float:
+    """Return what one of a quantity in a sparse program's rows is, accelerations being one."""
+    return step ** {"position": 2, "velocity": 1, "acceleration": 0, "jerk": -1}[quantity]
+
+
+def without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
+    """A sparse program with its cost, goal and dynamics only, and its variables."""
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(sparse.columns)
+    u = x[: 3 * sparse.steps * len(sparse.group)]
+    if not linear:
+        add_cost(program, u)
+    add_goal(program, sparse.changes, u)
+    for equations in sparse.dynamics():
+        zero = np.zeros(equations.shape[0])
+        program.AddLinearEqualityConstraint(equations, zero, x)
+    return program, x
+
+
+def add_goal(to: MathematicalProgram, changes: Changes, u: np.ndarray) -> None:
+    """(12): position and velocity at the last knot stay those of minimum effort."""
+    rows, steps = changes.goals, changes.grid.knots - 1
+    for first in range(0, len(u) if len(rows) > 0 else 0, 3 * steps):
+        for axis in range(3):
+            own = u[first + axis : first + 3 * steps : 3]
+            to.AddLinearEqualityConstraint(rows, np.zeros(len(rows)), own)
+
+
+@lru_cache(maxsize=16)
+def _dynamics(steps: int, vehicles: int, order: int, blocks: int) -> csc_matrix:
+    """(1), for order 1, or (2), for order 2, of all vehicles and axes.
+
+    Args:
+        steps: K - 1.
+        vehicles: G.
+        order: 1 or 2.
+        blocks: kinds of variables: accelerations, velocities, positions.
+    """
+    one = eye_array(steps)
+    before = diags_array([np.ones(steps - 1)], offsets=[-1], shape=(steps, steps))
+    parts = [-one, one - before] if order == 1 else [-one / 2, -before, one - before]
+    every, axes = eye_array(vehicles), eye_array(3)
+    whole = hstack([kron(kron(every, part), axes) for part in parts], format="csc")
+    whole.resize((whole.shape[0], 3 * steps * vehicles * blocks))
+    return csc_matrix(whole)

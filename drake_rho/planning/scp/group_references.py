@@ -1,0 +1,305 @@
+"""References for fleets: linearisations in which groups of vehicles are coupled.
+
+Two that are planned apart each yield half of what a reference leaves between them, and leave what
+one could gain by the other's giving way. In groups, pairs have one row about their difference, and
+only pairs of two groups yield half each. Groups are of those that press most on each other in one
+linearisation, and others in the next, so that every pair that presses is in a group by and by. A
+group may be one vehicle alone.
+
+What is found is a reference and no plan: it is approximate, and nothing else is taken from it. From
+a plan, references cost less and less; from a motion in which pairs are too close, they are further
+apart, as rows may be broken at a penalty.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.constraints.base import Constraint, HalfSpaces
+from drake_rho.planning.constraints.catalogue import convex_constraints
+from drake_rho.planning.constraints.obstacles import FIRST, Places, obstacles_of
+from drake_rho.planning.constraints.separation import KeepApart, coupled, decoupled, pairs_of
+from drake_rho.planning.constraints.waypoints import first_number
+from drake_rho.planning.errors import SolverError
+from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.programs.dual import LeastNorm
+from drake_rho.planning.programs.parallel import OnWorkers
+from drake_rho.planning.programs.solve import Solver
+from drake_rho.planning.scp.groups import groups_that_press
+from drake_rho.planning.scp.working_set import Keys, WorkingSet
+from drake_rho.planning.time_limit import check_time
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.records import Scenario
+
+_ROUNDS, _ROUNDS_AT_FIRST = 3, 5
+"""In how many rounds broken rows are added: more where no row is known to press. What is broken
+after them is so by little: references found in six cost the same to 0.4 %, and take half as long
+again."""
+
+_AHEAD = 10
+"""Bound on the linearisations from one plan."""
+
+_FURTHER = 0.6
+"""Part of a linearisation's step by which the next goes further. With the whole step again, every
+other one in large fleets is around a motion of which nothing can be made."""
+
+_WHOLE = 2
+"""Times the bound up to which a fleet is one group, and no pair has to wait for its turn."""
+
+_STALE = 0.5
+"""What the pressure of a pair counts for that was in a group: others have not had their turn."""
+
+_LIMITS = 1e3
+"""Times what breaking a separation costs, for limits and obstacles where that may be broken."""
+
+_ACROSS = FIRST - 1
+"""Number of the constraint of pairs of two groups."""
+
+
+class InGroups:
+    """Linearisations of a fleet in groups, one around the other.
+
+    Args:
+        scenario: what is asked; it has a separation.
+        effort: its minimum effort.
+        most: bound on the vehicles of a group; a fleet of up to twice as many is one, unless it is
+            1: each by itself.
+        solver: as for `LeastNorm`.
+
+    Attributes:
+        groups: for each vehicle the number of its group in the next linearisation; None before
+            the first one of a fleet that is larger than a group of several.
+        settled: whether the last reference fell by less than the tolerance in its last step.
+        active: the rows that press in the last linearisation, constraint by constraint; of pairs
+            each once, the lower index first.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        effort: MinimumEffort,
+        most: int,
+        solver: Solver | OnWorkers | None = None,
+    ) -> None:
+        count = len(scenario.vehicles)
+        self._scenario, self._effort, self._most = scenario, effort, _bound(most, count)
+        self.groups: IntArray | None = None
+        if most == 1:
+            self.groups = np.arange(count)
+        elif self._most == count:
+            self.groups = np.zeros(count, dtype=int)
+        self._solver, self.settled = solver, False
+        self.active = list[HalfSpaces]()
+
+    def reference(self, plan: Plan, tolerance: float) -> Plan:
+        """What is left of a plan's cost after some linearisations in groups.
+
+        Args:
+            plan: keeps every constraint.
+            tolerance: relative fall of the cost in one linearisation at which it is the last.
+
+        Returns:
+            A motion around which to linearise; its statistics are of the work here. It costs no
+            more than the plan.
+
+        Raises:
+            SolverError: the multipliers of a group are not found, or are wrong.
+        """
+        spent = Statistics()
+        best = around = plan.motion()
+        cost, self.settled = plan.cost, False
+        for number in range(_AHEAD):
+            check_time()
+            ahead = around is not best
+            try:
+                after, statistics = self.around(around)
+            except SolverError:
+                if number == 0:
+                    raise
+                if not ahead:
+                    break
+                around = best  # it was too far ahead
+                continue
+            spent += statistics
+            fallen = cost - float(np.sum(after.accelerations**2))
+            if number == 0 and fallen < -tolerance * cost:
+                raise SolverError("groups: what a plan keeps was found to cost more than it", spent)
+            if fallen <= 0.0 and ahead:
+                around = best
+                continue
+            if fallen > 0.0:
+                around = after if ahead or number == 0 else _ahead(best, after)
+                best, cost = after, cost - fallen
+            self.settled = fallen <= tolerance * cost
+            if self.settled:
+                break
+        return Plan.from_motion(self._scenario, best, spent)
+
+    def around(
+        self,
+        reference: Motion,
+        *,
+        penalty: float = np.inf,
+        aside: bool = False,
+        vehicles: IntArray | None = None,
+        close: CloseApproaches | None = None,
+        rounds: int | None = None,
+    ) -> tuple[Motion, Statistics]:
+        """One linearisation; the groups of the next are found from its multipliers.
+
+        Args:
+            reference: around which.
+            penalty: cost of each metre by which a pair is too close; limits cost more.
+            aside: whether each close encounter of the reference gets one direction all along.
+            vehicles: which of them are planned, rising indices; the others fly the reference.
+            close: as for `pairs_of`.
+            rounds: in how many broken rows are added, if that is not for this to decide.
+        """
+        pairs = pairs_of(
+            self._scenario,
+            reference,
+            coupled,
+            penalty=penalty,
+            aside=aside,
+            of=vehicles,
+            close=close,
+        )
+        across = dataclasses.replace(pairs, number=_ACROSS, coupled=False, share=decoupled.share)
+        others = [*convex_constraints(self._scenario), *obstacles_of(self._scenario, reference)]
+        others = [dataclasses.replace(each, penalty=_LIMITS * penalty) for each in others]
+        if self.groups is None:
+            self.groups = self._first_groups(pairs)
+        planned, motion = np.arange(len(self.groups)), self._effort.motion
+        if vehicles is not None:
+            planned = vehicles
+            motion = reference.with_some(planned, motion.accelerations[planned])
+        program = LeastNorm(self._effort, self.groups, motion, self._solver)
+        rows = _Rows(self._scenario, program, self.groups, across, planned)
+        known = {constraint.number: constraint for constraint in (*others, pairs)}
+        for active in self.active:
+            rows.enter(known[active.constraint.number].renewed(active))
+        if rounds is None:
+            rounds = _ROUNDS if self.active else _ROUNDS_AT_FIRST
+        for number in range(rounds):
+            check_time()
+            if number > 0 or len(program) > 0:
+                program.solve()
+            if not rows.enter_broken([*others, pairs], number):
+                break
+        else:
+            program.solve()
+        self._note(program, pairs)
+        return program.motion, Statistics(
+            programs=program.programs, rows=len(program), linearisations=1
+        )
+
+    def regroup(self, pairs: CloseApproaches, within: float, most: int) -> None:
+        """Make groups of those that are close.
+
+        Args:
+            pairs: that are; how much a pair presses is how much closer than `within` it is.
+            within: a distance that none of them has [m].
+            most: bound on the vehicles of a group, as for the fleet.
+        """
+        count = len(self._scenario.vehicles)
+        self._most, self.groups = _bound(most, count), np.arange(count)
+        if len(pairs) > 0:
+            self.groups = self._grouped(pairs.one, pairs.other, within - pairs.distances)
+
+    def _first_groups(self, pairs: KeepApart) -> IntArray:
+        """Groups of those who would be most in each other's way if they flew as if alone."""
+        alone = self._effort.motion
+        met = pairs.violated(alone, np.arange(len(self._scenario.vehicles)))
+        return self._grouped(met.vehicles, met.partners, -met.margins(alone))
+
+    def _note(self, program: LeastNorm, pairs: KeepApart) -> None:
+        """Note the active rows, and the next groups, which are of those that press most."""
+        assert self.groups is not None  # noqa: S101  # there was a linearisation
+        active, pressures = dict[int, HalfSpaces](), list[FloatArray]()
+        for rows, multipliers in program.pressing():
+            if rows.constraint.number in (FIRST, _ACROSS):
+                first, second = np.sort([rows.vehicles, rows.partners], axis=0)
+                rows = dataclasses.replace(rows, constraint=pairs, vehicles=first, partners=second)
+                same = self.groups[first] == self.groups[second]
+                pressures.append(np.where(same, _STALE, 1.0) * multipliers)
+            number = rows.constraint.number
+            active[number] = active[number].and_also(rows) if number in active else rows
+        self.active = list(active.values())
+        if len(self.groups) > self._most > 1 and FIRST in active:
+            met = active[FIRST]
+            self.groups = self._grouped(met.vehicles, met.partners, np.concatenate(pressures))
+
+    def _grouped(self, one: IntArray, other: IntArray, pressures: FloatArray) -> IntArray:
+        """Groups by the sum of each pair's pressures."""
+        count = len(self._scenario.vehicles)
+        pairs, place = np.unique(one * count + other, return_inverse=True)
+        sums: FloatArray = np.bincount(place, pressures, minlength=len(pairs)).astype(np.float64)
+        return groups_that_press(count, pairs // count, pairs % count, sums, self._most)
+
+
+def _bound(most: int, count: int) -> int:
+    """The bound on a group's vehicles in a fleet of so many, which may be all of them."""
+    return count if most > 1 and count <= _WHOLE * most else most
+
+
+def _ahead(before: Motion, after: Motion) -> Motion:
+    """Further from one motion to another: costs that fall slowly do so in one direction."""
+    accelerations = (1.0 + _FURTHER) * after.accelerations - _FURTHER * before.accelerations
+    return after.with_accelerations(accelerations)
+
+
+class _Rows:
+    """The rows of one linearisation, those of pairs written as their groups ask."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        program: LeastNorm,
+        groups: IntArray,
+        across: KeepApart,
+        planned: IntArray,
+    ) -> None:
+        count = len(scenario.vehicles)
+        constraints = first_number(scenario) + len(scenario.fleet.waypoints)
+        self.program = program
+        self._planned, self._is_planned = planned, np.zeros(count, dtype=bool)
+        self._is_planned[planned] = True
+        self._working = WorkingSet(Keys(constraints, count, scenario.grid))
+        self._groups, self._across, self._gap = groups, across, 1.5 * scenario.grid.step
+
+    def enter_broken(self, constraints: list[Constraint], number: int) -> bool:
+        """Put the worst rows in that the motion breaks; whether there were any.
+
+        At the knots only in the first round, in which most are broken, and then between them too.
+        """
+        motion, before = self.program.motion, len(self.program)
+        for constraint in constraints:
+            for between in (False, True)[: 1 + (number > 0 and constraint.searches > 0)]:
+                rows = constraint.violated(motion, self._planned, between=between)
+                self.enter(rows.worst(motion, 1 + number // 2, gap=self._gap))
+        return len(self.program) > before
+
+    def enter(self, rows: HalfSpaces) -> None:
+        """Put in those that are not in yet."""
+        if rows.constraint.number == FIRST:
+            inside = self._groups[rows.vehicles] == self._groups[rows.partners]
+            inside &= self._is_planned[rows.vehicles] & self._is_planned[rows.partners]
+            apart = rows.select(~inside)
+            rows = rows.select(inside)
+            if len(apart) > 0:
+                places = Places(apart.vehicles, apart.partners, apart.times)
+                self._enter(self._across.rows(places))
+        if len(rows) > 0:
+            self._enter(rows)
+
+    def _enter(self, rows: HalfSpaces) -> None:
+        rows = rows.select(self._is_planned[rows.vehicles])
+        new, _ = self._working.enter(rows, self.program.motion)
+        if len(new) > 0:
+            self.program.add(new)

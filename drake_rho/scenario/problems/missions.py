@@ -1,0 +1,114 @@
+"""Missions of other planners as scenarios."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.errors import ScenarioError, Words
+from drake_rho.scenario.problems.lsc import Mission, Quadrotor, parse_mission, parse_world
+from drake_rho.scenario.records import (
+    Box,
+    Grid,
+    Limits,
+    Scenario,
+    Separation,
+    State,
+    Vehicle,
+)
+
+
+@checked
+def load_lsc_mission(path: str | Path, *, grid: Grid, world: str | Path | None = None) -> Scenario:
+    """Read a mission of the LSC planner (`drake_rho.scenario.problems.lsc` tells the formats).
+
+    Vehicles are called by type and number, as `crazyflie-1`, and have limits of their own where
+    their types differ. The separation is that of the LSC planner: two radii, and `downwash` times
+    as much above each other. Where agents differ in these it is twice the largest extent beside
+    and above an agent, which is safe, and for the smaller ones more than that planner asks.
+    Obstacles are the boxes of the world, numbered as its rows, and after them those of the mission;
+    from them every vehicle keeps its type's radius, which has no effect where there are none.
+
+    Args:
+        path: of the JSON file.
+        grid: knots and step, which a mission does not have.
+        world: path of a CSV file without header, one box a row: its middle x, y, z and its sides
+            x, y, z [m]; only the mission's own obstacles if not given.
+
+    Raises:
+        ScenarioError: a file cannot be read, is malformed, or asks for what a scenario cannot
+            hold; the field is that of the file, as `m.json: agents[3].start`, `w.csv: line 3`.
+    """
+    path = Path(path)
+    boxes = () if world is None else _boxes(Path(world))
+    name = path.stem if world is None else f"{path.stem} in {Path(world).stem}"
+    try:
+        return _scenario(name, grid, parse_mission(_read(path, "JSON")), boxes)
+    except ScenarioError as error:
+        raise _in_file(path, error) from None
+
+
+def is_lsc_mission(path: str | Path) -> bool:
+    """Whether a file ends in `.json` and has agents, which no scenario has; it may be malformed."""
+    path = Path(path)
+    if path.suffix.lower() != ".json":
+        return False
+    try:
+        return re.search(r'"agents"\s*:', _read(path, "JSON")) is not None
+    except ScenarioError:
+        return False
+
+
+_OF_THE_FILE = re.compile(r"^scenario\.vehicles\[(\d+)\]\.(start|goal)\.position$")
+
+
+def _boxes(path: Path) -> tuple[Box, ...]:
+    try:
+        return parse_world(_read(path, "CSV"))
+    except ScenarioError as error:
+        raise _in_file(path, error) from None
+
+
+def _in_file(path: Path, error: ScenarioError) -> ScenarioError:
+    """The error with the file before its field, and of the file's fields instead of a record's."""
+    field = _OF_THE_FILE.sub(r"agents[\1].\2", error.field)
+    return ScenarioError(f"{path}: {field}" if field else str(path), error.value, error.expected)
+
+
+def _read(path: Path, kind: str) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
+        raise ScenarioError("", Words("no text"), f"a readable {kind} file; {reason}") from None
+
+
+def _scenario(name: str, grid: Grid, mission: Mission, boxes: tuple[Box, ...]) -> Scenario:
+    kinds = [mission.quadrotors[agent.type] for agent in mission.agents]
+    alike = all(kind.limits == kinds[0].limits for kind in kinds)
+    vehicles = tuple(
+        Vehicle(
+            f"{agent.type}-{number}",
+            State(agent.start),
+            State(agent.goal),
+            None if alike else kind.limits,
+            kind.radius,
+        )
+        for agent, number, kind in zip(mission.agents, mission.numbers, kinds, strict=True)
+    )
+    low, high = mission.world[0].dimension[:3], mission.world[0].dimension[3:]
+    limits = dataclasses.replace(kinds[0].limits if alike else Limits(), position=Box(low, high))
+    obstacles = (*boxes, *(obstacle.box for obstacle in mission.obstacles))
+    return Scenario(name, grid, vehicles, limits, obstacles, _separation(mission, kinds))
+
+
+def _separation(mission: Mission, kinds: list[Quadrotor]) -> Separation:
+    """An ellipsoid that holds those of all pairs, theirs if all agents are alike."""
+    beside = max(kind.radius for kind in kinds)
+    above = max(
+        kind.radius * (kind.downwash if agent.downwash is None else agent.downwash)
+        for agent, kind in zip(mission.agents, kinds, strict=True)
+    )
+    return Separation(2.0 * beside, above / beside)
