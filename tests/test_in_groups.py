@@ -21,10 +21,10 @@ from drake_rho.planning.constraints.separation import coupled, grouped, pairs_of
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.planners.plan import first_plan
-from drake_rho.planning.programs import dual as least_norm
+from drake_rho.planning.programs import group_duals
 from drake_rho.planning.programs.dense import add_rows
-from drake_rho.planning.programs.dual import LeastNorm
-from drake_rho.planning.programs.multipliers import multipliers_of
+from drake_rho.planning.programs.dual import multipliers_of
+from drake_rho.planning.programs.group_duals import GroupDuals
 from drake_rho.planning.programs.parallel import OnWorkers
 from drake_rho.planning.programs.reduced import rows_of
 from drake_rho.planning.programs.rows import Rows
@@ -142,7 +142,7 @@ def test_the_motion_of_least_norm_keeps_its_rows_at_the_cost_drake_finds(
     rows, everyone = _rows(asked, first), np.arange(len(asked.vehicles))
     assert {part.constraint.coupled for part in rows} == {False, True}
     effort = MinimumEffort.of(asked)
-    program = LeastNorm(effort, np.zeros(len(everyone), dtype=int))
+    program = GroupDuals(effort, np.zeros(len(everyone), dtype=int))
     for part in rows:
         program.add(part)
     program.solve()
@@ -163,43 +163,43 @@ def test_the_motion_of_least_norm_keeps_its_rows_at_the_cost_drake_finds(
 def test_multipliers_without_bounds_meet_the_conditions_of_an_optimum(seed: int, rows: int) -> None:
     rng = np.random.default_rng(seed)
     matrix = rng.standard_normal((rows, 10)) + 3.0 * rng.standard_normal(10)  # much alike
-    products = matrix @ matrix.T + 1e-6 * np.eye(rows)
+    gram = matrix @ matrix.T + 1e-6 * np.eye(rows)
     needed = rng.standard_normal(rows)
     begin = np.maximum(rng.standard_normal(rows), 0.0)
     for y in (np.zeros(rows), begin):
-        found = multipliers_of(products, needed, y, np.full(rows, np.inf))
-        slope = products @ found - needed
+        found = multipliers_of(gram, needed, np.full(rows, np.inf), y)
+        slope = gram @ found - needed
         assert found.min() >= 0.0
         assert slope.min() >= -INDEX * (1.0 + np.abs(needed).max())
         assert abs(found @ slope) <= INDEX * (1.0 + abs(found @ needed))
 
 
-@pytest.mark.parametrize("dense", [False, True], ids=["own", "daqp"])
+@pytest.mark.parametrize("by_daqp", [False, True], ids=["own", "daqp"])
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40))
 @settings(max_examples=20)
 def test_bounded_multipliers_are_those_of_bounded_least_squares(
-    dense: bool, seed: int, rows: int
+    by_daqp: bool, seed: int, rows: int
 ) -> None:
     rng = np.random.default_rng(seed)
     matrix = rng.standard_normal((rows, 10)) + 3.0 * rng.standard_normal(10)
-    products = matrix @ matrix.T + 1e-6 * np.eye(rows)
+    gram = matrix @ matrix.T + 1e-6 * np.eye(rows)
     needed, most = rng.standard_normal(rows), 10.0 ** rng.uniform(-3, 2, rows)
     most[rng.random(rows) < 0.2] = np.inf
-    triangle = np.linalg.cholesky(products)
+    triangle = np.linalg.cholesky(gram)
     target = np.linalg.solve(triangle, needed)
     wanted = lsq_linear(triangle.T, target, bounds=(0.0, most), method="bvls", tol=1e-14).x
     for y in (np.zeros(rows), np.abs(rng.standard_normal(rows))):
-        found = multipliers_of(products, needed, y, most, dense=dense)
+        found = multipliers_of(gram, needed, most, y, by_daqp=by_daqp)
         assert np.all((found >= 0.0) & (found <= most))
-        least, cost = (x @ products @ x / 2 - needed @ x for x in (wanted, found))
+        least, cost = (x @ gram @ x / 2 - needed @ x for x in (wanted, found))
         assert cost <= least + INDEX * (1.0 + abs(least))
 
 
-@pytest.mark.parametrize("dense", [False, True], ids=["own", "daqp"])
+@pytest.mark.parametrize("by_daqp", [False, True], ids=["own", "daqp"])
 @pytest.mark.parametrize("most", [1.0, np.inf])
-def test_products_that_are_none_are_told(most: float, dense: bool) -> None:
+def test_a_gram_matrix_that_is_none_is_told(most: float, by_daqp: bool) -> None:
     with pytest.raises(SolverError, match="multipliers"):
-        multipliers_of(-np.eye(2), np.ones(2), np.zeros(2), np.full(2, most), dense=dense)
+        multipliers_of(-np.eye(2), np.ones(2), np.full(2, most), by_daqp=by_daqp)
 
 
 def test_rows_with_a_penalty_are_broken_where_that_costs_less(
@@ -207,7 +207,7 @@ def test_rows_with_a_penalty_are_broken_where_that_costs_less(
 ) -> None:
     """The cost with slack is Drake's, for penalties at which some rows are broken and some not."""
     effort, rows = MinimumEffort.of(asked), _rows(asked, first)
-    hard = LeastNorm(effort, np.zeros(len(asked.vehicles), dtype=int))
+    hard = GroupDuals(effort, np.zeros(len(asked.vehicles), dtype=int))
     for part in rows:
         hard.add(part)
     hard.solve()
@@ -217,7 +217,7 @@ def test_rows_with_a_penalty_are_broken_where_that_costs_less(
         dataclasses.replace(part, constraint=dataclasses.replace(part.constraint, penalty=penalty))
         for part in rows
     ]
-    program = LeastNorm(effort, np.zeros(len(asked.vehicles), dtype=int))
+    program = GroupDuals(effort, np.zeros(len(asked.vehicles), dtype=int))
     for part in soft:
         program.add(part)
     program.solve()
@@ -238,7 +238,7 @@ def test_what_the_goal_decides_is_left_out(asked: rho.Scenario, first: Plan) -> 
         times=np.array([asked.grid.duration]),
         bounds=np.array([1e3]),
     )
-    with_it, without = (LeastNorm(effort, np.arange(len(asked.vehicles))) for _ in range(2))
+    with_it, without = (GroupDuals(effort, np.arange(len(asked.vehicles))) for _ in range(2))
     for program in (with_it, without):
         program.add(box_rows)
     with_it.add(at_goal)
@@ -252,11 +252,11 @@ def test_what_the_goal_decides_is_left_out(asked: rho.Scenario, first: Plan) -> 
 def test_programs_on_an_executor_are_the_same_to_the_last_digit(
     asked: rho.Scenario, first: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(least_norm, "_BLOCK", 10)
+    monkeypatch.setattr(group_duals, "_BLOCK", 10)
     effort, alone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
     with ThreadPoolExecutor(2) as executor:
         workers = OnWorkers(None, executor)
-        programs = [LeastNorm(effort, alone, solver=each) for each in (None, workers)]
+        programs = [GroupDuals(effort, alone, solver=each) for each in (None, workers)]
         for program in programs:
             program.add(_rows(asked, first)[0])
             program.solve()
@@ -268,7 +268,7 @@ def test_programs_on_an_executor_are_the_same_to_the_last_digit(
 def test_rows_added_later_lead_to_the_same_motion(asked: rho.Scenario, first: Plan) -> None:
     rows = _rows(asked, first)
     together = np.zeros(len(asked.vehicles), dtype=int)
-    at_once, later = (LeastNorm(MinimumEffort.of(asked), together) for _ in range(2))
+    at_once, later = (GroupDuals(MinimumEffort.of(asked), together) for _ in range(2))
     for part in rows:
         at_once.add(part)
         later.add(part)
@@ -280,7 +280,7 @@ def test_rows_added_later_lead_to_the_same_motion(asked: rho.Scenario, first: Pl
 def test_groups_without_new_rows_are_not_solved_again(asked: rho.Scenario, first: Plan) -> None:
     boxes = _rows(asked, first)[0]
     alone = np.arange(len(asked.vehicles))
-    program = LeastNorm(MinimumEffort.of(asked), alone)
+    program = GroupDuals(MinimumEffort.of(asked), alone)
     program.add(boxes)
     program.solve()
     before, whose = program.motion, boxes.vehicles[0]

@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverInterface
+from pydrake.solvers import ClarabelSolver, SolverInterface
 
 import drake_rho as rho
 from drake_rho.planning.programs import solve
+from drake_rho.planning.programs.dense import DenseProgram, Program
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve_side_by_side
 from tests.scenarios import box, single
@@ -25,20 +26,21 @@ def _clarabel_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solve, "DEFAULT", ClarabelSolver)
 
 
-def nearest(value: float) -> MathematicalProgram:
-    """Least x² with x at least a value above 0, in one variable: x is the value."""
-    program = MathematicalProgram()
-    x = program.NewContinuousVariables(1)
-    program.AddQuadraticCost(np.eye(1), np.zeros(1), x, is_convex=True)
-    program.AddLinearConstraint(np.eye(1), np.array([value]), np.array([np.inf]), x)
-    return program
+def nearest(value: float) -> DenseProgram:
+    """Return the least x² with x at least a value above 0, in one variable: x is the value."""
+    return _hard([[1.0]], [value])
 
 
-def empty() -> MathematicalProgram:
-    """One without a solution."""
-    program = nearest(1.0)
-    program.AddBoundingBoxConstraint(-1.0, 0.0, program.decision_variables())
-    return program
+def empty() -> DenseProgram:
+    """Return a program without a solution."""
+    return _hard([[1.0], [-1.0]], [1.0, 0.0])
+
+
+def _hard(matrix: list[list[float]], needed: list[float]) -> DenseProgram:
+    count = len(needed)
+    return DenseProgram(
+        np.array(matrix), np.array(needed), np.full(count, np.inf), np.zeros(count, dtype=int)
+    )
 
 
 def value_of(solution: Solution) -> float:
@@ -69,7 +71,7 @@ def test_a_program_without_a_solution_is_told_from_those_that_have_one(
 
 
 Attempt = Callable[
-    [SolverInterface, dict[str, float | int], Sequence[MathematicalProgram]],
+    [SolverInterface, dict[str, float | int], Sequence[Program]],
     list[Solution | None],
 ]
 
@@ -82,7 +84,7 @@ def _spoiled(spoil: Callable[[str, int, Solution], Solution | None]) -> tuple[At
     def attempt(
         solver: SolverInterface,
         values: dict[str, float | int],
-        programs: Sequence[MathematicalProgram],
+        programs: Sequence[Program],
     ) -> list[Solution | None]:
         name = str(solver.solver_id().name()) + ("" if values else " as it is")
         asked.append(name)

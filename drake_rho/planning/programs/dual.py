@@ -1,264 +1,149 @@
-"""Programs of groups of vehicles by their duals: approximate, and fast.
+"""The dual of a program with rows: one function solves it, one check judges every answer.
 
-With u the accelerations of a group less those of minimum effort, the least norm(u)² + penalties ·
-slacks with M u + slack >= b is that of u = M.T @ y, where y minimises norm(M.T @ y)² / 2 - b · y
-within 0 <= y <= penalties / 2. That needs no more than the products of rows with each other,
-M @ M.T, whose size is the number of rows. It is solved by an active-set method
-(`drake_rho.planning.programs.multipliers`).
+With u the unknowns [unit of the rows] and s slack,
 
-A row is a response in time times a normal in space times the signs of one vehicle or two, and so is
-the product of two rows that of these three.
+    minimise norm(u)² + p · s   subject to   M u + s >= b, s >= 0
+
+has the solution u = M' y, where y minimises y' G y / 2 - b · y within 0 <= y <= p / 2, with the
+Gram matrix G = M M': least squares within bounds, whose size is the number of rows. Hard rows have
+no upper bound. y is half of what the cost rises with each unit that a row requires.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
-from itertools import pairwise
-from typing import Any, get_args
+from contextlib import suppress
 
 import numpy as np
+from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
+from scipy.optimize import nnls
 
-from drake_rho.motion.dynamics import Motion, response
-from drake_rho.motion.threads import one_for_arrays
-from drake_rho.planning.constraints.base import HalfSpaces, some_of
-from drake_rho.planning.minimum_effort import Changes, MinimumEffort
-from drake_rho.planning.programs.multipliers import multipliers_of
-from drake_rho.planning.programs.parallel import OnWorkers, alone, executor_of
-from drake_rho.planning.programs.solve import Solver, is_dense
-from drake_rho.scenario.fields import FloatArray, IntArray
-from drake_rho.scenario.parts import Quantity
+from drake_rho.planning.errors import SolverError
+from drake_rho.planning.programs import daqp
+from drake_rho.scenario.fields import FloatArray
 
-_RIDGE = 1e-9
-"""What is added to the squared length of rows, which are of length one: rows of neighbouring
-instants are almost the same, and may contradict each other."""
+KKT_TOLERANCE = 1e-9
+"""Largest violation of an optimality condition, as part of the largest entry of b or of one."""
 
-_FIXED = 1e-9
-"""Part of a row's length that is left where the goals decide all the rest, and it is left out."""
-
-_BLOCK = 8000
-"""Rows in a block, those of some hundred vehicles: tens of milliseconds of work. It does not depend
-on who does it, so that neither do the last digits of what is found."""
-
-_QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+_MOST = 10
+"""Bound on the changes of the set of active rows, in numbers of rows."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Duals:
-    """Rows of some groups, one group after the other, as processes can be sent them."""
+def multipliers_of(
+    gram: FloatArray,
+    needed: FloatArray,
+    most: FloatArray,
+    begin: FloatArray | None = None,
+    *,
+    by_daqp: bool = False,
+) -> FloatArray:
+    """Return the y, 0 <= y <= most, that minimises y · gram @ y / 2 - needed · y.
 
-    changes: Changes
-    """what they are about"""
-    dense: bool
-    """whether a solver of dense programs was asked for, which `Daqp` is"""
-    groups: IntArray
-    """the number of the group of each row, rising, shape (R,)"""
-    one: IntArray
-    """the vehicle of each, shape (R,)"""
-    other: IntArray
-    """the vehicle whose part is taken off, or -1, shape (R,)"""
-    quantities: IntArray
-    """what they bound, as numbers of `_QUANTITIES`, shape (R,)"""
-    times: FloatArray
-    """when [s], shape (R,)"""
-    normals: FloatArray
-    """unit vectors, shape (R, 3)"""
-    needed: FloatArray
-    """what the motions of minimum effort leave to be done, in the quantity's unit, shape (R,)"""
-    most: FloatArray
-    """bounds on the multipliers: half the cost of each unit of slack, shape (R,)"""
-    multipliers: FloatArray
-    """where to begin, shape (R,)"""
-
-    def __len__(self) -> int:
-        """R."""
-        return len(self.times)
-
-    def select(self, rows: IntArray | slice) -> Duals:
-        """Some of the rows."""
-        return Duals(self.changes, self.dense, *some_of(self._arrays(), rows))
-
-    def and_also(self, more: Duals) -> Duals:
-        """These rows, then more."""
-        pairs = zip(self._arrays(), more._arrays(), strict=True)
-        return Duals(self.changes, self.dense, *map(np.concatenate, pairs))
-
-    def _arrays(self) -> tuple[Any, ...]:
-        return (
-            self.groups,
-            self.one,
-            self.other,
-            self.quantities,
-            self.times,
-            self.normals,
-            self.needed,
-            self.most,
-            self.multipliers,
-        )
-
-    @one_for_arrays()
-    def solved(self) -> tuple[FloatArray, IntArray, FloatArray]:
-        """The multipliers, the vehicles, and what is added to their accelerations (V, K-1, 3).
-
-        Raises:
-            SolverError: the multipliers of a group are not found.
-        """
-        inside, which, lengths = self._responses()
-        scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
-        normals, needed = scales[:, None] * self.normals, scales * self.needed  # of length one
-        begins = np.flatnonzero(np.diff(self.groups, prepend=-1))
-        units = np.maximum(np.maximum.reduceat(np.abs(needed), begins), np.finfo(float).tiny)
-        unit = np.repeat(units, np.diff(begins, append=len(self)))
-        needed, begin, most = needed / unit, self.multipliers * lengths / unit, np.ones(len(self))
-        np.multiply(self.most, lengths / unit, out=most, where=lengths > 0.0)
-        y, vehicles, added = np.zeros(len(self)), [], []
-        for first, last in pairwise([*begins.tolist(), len(self)]):
-            own = slice(first, last)
-            responses = inside[which[own]]
-            several, signs = self._signs(own)
-            products = (responses @ responses.T) * (normals[own] @ normals[own].T)
-            if signs is not None:
-                products *= signs.T @ signs
-            products.flat[:: len(products) + 1] += _RIDGE
-            y[own] = multipliers_of(products, needed[own], begin[own], most[own], dense=self.dense)
-            pull = (unit[first] * y[own])[:, None] * normals[own]
-            vehicles.append(several)
-            if signs is None:
-                added.append((responses.T @ pull)[None])
-            else:
-                parts = [(signs * pull[:, axis]) @ responses for axis in range(3)]
-                added.append(np.stack(parts, axis=2))
-        return unit * scales * y, np.concatenate(vehicles), np.concatenate(added)
-
-    def _responses(self) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Responses that leave goals alone (U, K-1), which of them is each row's, and its length.
-
-        A row that the goals decide has length zero.
-        """
-        grid = self.changes.grid
-        keys = self.quantities + 1j * self.times  # sorted several times as fast as pairs of them
-        instants, which = np.unique(keys, return_inverse=True)
-        numbers, times = instants.real.astype(int), instants.imag
-        every = np.zeros((len(instants), grid.knots - 1))
-        for number in np.unique(numbers).tolist():
-            own = numbers == number
-            every[own] = response(_QUANTITIES[number], grid.step, grid.knots, times[own])
-        inside = self.changes.inside(every)
-        before, lengths = (np.sqrt(np.vecdot(each, each)) for each in (every, inside))
-        lengths[lengths <= _FIXED * before] = 0.0
-        return inside, which, lengths[which] * np.where(self.other >= 0, np.sqrt(2.0), 1.0)
-
-    def _signs(self, own: slice) -> tuple[IntArray, FloatArray | None]:
-        """The vehicles of a group, and their signs in its rows, (G, R); None if it is one alone."""
-        one, other = self.one[own], self.other[own]
-        if other.max() < 0 and (one == one[0]).all():
-            return one[:1], None
-        several = np.unique(np.concatenate([one, other[other >= 0]]))
-        signs = (several[:, None] == one).astype(np.float64)
-        signs -= several[:, None] == other
-        return several, signs
-
-
-class LeastNorm:
-    """The motions of least cost that keep some rows, which are added by and by.
+    Non-negative least squares (scipy) solve it without upper bounds, DAQP with bounds if it is
+    asked for, and an active-set method of this package where these do not.
 
     Args:
-        effort: of the scenario.
-        groups: for each vehicle the number of its group, shape (N,).
-        motion: what those fly who have no rows; motions of minimum effort if not given.
-        solver: whether it is `Daqp()`, and where programs are solved if it is on an executor.
+        gram: G, positive definite, shape (R, R).
+        needed: b, shape (R,).
+        most: above 0, may be infinite, shape (R,).
+        begin: initial guess of the active-set method, shape (R,); zero if not given.
+        by_daqp: whether to ask DAQP where there are bounds.
 
-    Attributes:
-        motion: of all vehicles, as last solved.
-        programs: how many were solved.
+    Raises:
+        SolverError: no method finds multipliers that meet the optimality conditions.
     """
-
-    def __init__(
-        self,
-        effort: MinimumEffort,
-        groups: IntArray,
-        motion: Motion | None = None,
-        solver: Solver | OnWorkers | None = None,
-    ) -> None:
-        self.motion, self.programs = motion or effort.motion, 0
-        self._effort, self._groups, self._executor = effort, groups, executor_of(solver)
-        self._parts = list[HalfSpaces]()
-        nobody, nothing = np.zeros(0, dtype=int), np.zeros(0)
-        self._rows = Duals(
-            effort.changes,
-            is_dense(alone(solver)),
-            *(nobody, nobody, nobody, nobody),
-            *(nothing, np.zeros((0, 3)), nothing, nothing, nothing),
-        )
-        self._pending = np.zeros(len(groups), dtype=bool)
-
-    def __len__(self) -> int:
-        """How many rows there are."""
-        return len(self._rows)
-
-    def add(self, rows: HalfSpaces) -> None:
-        """Add rows; the vehicles of those that couple two are of the same group."""
-        constraint = rows.constraint
-        self._parts.append(rows)
-        more = Duals(
-            self._effort.changes,
-            self._rows.dense,
-            groups=self._groups[rows.vehicles],
-            one=rows.vehicles,
-            other=rows.partners if constraint.coupled else np.full(len(rows), -1),
-            quantities=np.full(len(rows), _QUANTITIES.index(constraint.quantity)),
-            times=rows.times,
-            normals=rows.normals,
-            needed=-rows.margins(self._effort.motion),
-            most=np.full(len(rows), constraint.penalty / 2.0),
-            multipliers=np.zeros(len(rows)),
-        )
-        self._rows = self._rows.and_also(more)
-        self._pending[more.groups] = True
-
-    def solve(self) -> None:
-        """Find the motions of the groups that have new rows.
-
-        Raises:
-            SolverError: it comes to no end.
-        """
-        rows = np.flatnonzero(self._pending[self._rows.groups])
-        rows = rows[np.argsort(self._rows.groups[rows], kind="stable")]
-        self._pending[:] = False
-        if len(rows) == 0:
-            return
-        own = self._rows.select(rows)
-        blocks, least = list(_in_blocks(own)), self._effort.motion.accelerations
-        places = np.split(rows, np.cumsum(list(map(len, blocks)))[:-1])
-
-        def flown() -> Iterator[tuple[IntArray, FloatArray]]:
-            for place, (y, vehicles, added) in zip(places, self._solved(blocks), strict=True):
-                self._rows.multipliers[place] = y
-                yield vehicles, least[vehicles] + added
-
-        self.motion = self.motion.with_parts(flown())  # while others are still being solved
-        self.programs += len(np.unique(own.groups))
-
-    def _solved(self, blocks: list[Duals]) -> Iterator[tuple[FloatArray, IntArray, FloatArray]]:
-        if self._executor is None or len(blocks) == 1:
-            return map(Duals.solved, blocks)
-        return self._executor.map(Duals.solved, blocks)
-
-    def pressing(self) -> list[tuple[HalfSpaces, FloatArray]]:
-        """The rows with multipliers above zero, as they were added, and these.
-
-        A multiplier is half of what the cost rises with each unit that a row asks for.
-        """
-        if not self._parts:
-            return []
-        ends = np.cumsum(list(map(len, self._parts)))[:-1]
-        every = zip(self._parts, np.split(self._rows.multipliers, ends), strict=True)
-        return [(rows.select(y > 0.0), y[y > 0.0]) for rows, y in every]
+    for y in _candidates(gram, needed, most, begin, by_daqp):
+        if y is not None and is_optimal(gram @ y - needed, needed, y, most):
+            return y
+    raise SolverError("the multipliers of a group were not found")
 
 
-def _in_blocks(rows: Duals) -> Iterator[Duals]:
-    """About `_BLOCK` rows at a time; those of a group stay together."""
-    begins = np.flatnonzero(np.diff(rows.groups, prepend=-1))
-    cuts = begins[np.flatnonzero(np.diff(begins // _BLOCK, prepend=-1))]
-    for first, last in pairwise([*cuts.tolist(), len(rows)]):
-        yield rows.select(slice(first, last))
+def is_optimal(slope: FloatArray, needed: FloatArray, y: FloatArray, most: FloatArray) -> bool:
+    """Return whether multipliers meet the KKT conditions to `KKT_TOLERANCE`.
+
+    Rows at y = 0 are kept (slope >= 0), rows at y = most are violated or active (slope <= 0), and
+    all others are active.
+
+    Args:
+        slope: G y - b, which is M u - b, shape (R,).
+        needed: b, shape (R,).
+        y: shape (R,).
+        most: upper bounds of y, shape (R,).
+    """
+    if not (np.isfinite(slope).all() and np.all((y >= 0.0) & (y <= most))):
+        return False
+    wrong = np.where(y <= 0.0, np.minimum(slope, 0.0), slope)
+    wrong = np.where(y >= most, np.maximum(slope, 0.0), wrong)
+    largest = max(1.0, float(np.abs(needed).max(initial=0.0)))
+    return float(np.abs(wrong).max(initial=0.0)) <= KKT_TOLERANCE * largest
+
+
+def _candidates(
+    gram: FloatArray,
+    needed: FloatArray,
+    most: FloatArray,
+    begin: FloatArray | None,
+    by_daqp: bool,
+) -> Iterator[FloatArray | None]:
+    """Yield what each method finds, None where it fails."""
+    if np.isinf(most).all():
+        yield _unbounded(gram, needed)
+    elif by_daqp:
+        yield daqp.bounded_least_squares(gram, needed, most)
+    yield _bounded(gram, needed, np.zeros(len(needed)) if begin is None else begin, most)
+
+
+def _bounded(
+    gram: FloatArray, needed: FloatArray, begin: FloatArray, most: FloatArray
+) -> FloatArray | None:
+    """Return y by the active-set method of Lawson and Hanson, with Stark and Parker's bounds.
+
+    Several multipliers leave their bounds at once, all whose slope is half as steep as the
+    steepest. The cost falls no less: those that would leave again at once stay before they move.
+    What is zero in the initial guess, and whose row is violated, begins as free.
+    """
+    y = np.minimum(np.maximum(begin, 0.0), most)
+    full = y >= most
+    free = ~full & ((y > 0.0) | (needed - gram @ y > KKT_TOLERANCE))
+    left = needed - gram @ np.where(full, most, 0.0)
+    for _ in range(_MOST * len(y)):
+        rows = free.nonzero()[0]
+        z, failed = np.zeros(0), 0
+        if len(rows) > 0:
+            _, z, failed = dposv(gram[rows[:, None], rows], left[rows])
+        if failed:
+            break
+        out = ((z <= 0.0) | (z >= most[rows])).nonzero()[0]
+        if len(out) > 0:
+            gone, bounds = rows[out], np.where(z[out] <= 0.0, 0.0, most[rows[out]])
+            step, before = z[out] - y[gone], bounds - y[gone]
+            parts = np.divide(before, step, out=np.zeros(len(out)), where=step != 0.0)
+            part = max(float(parts.min()), 0.0)
+            y[rows] += part * (z - y[rows])
+            first = (parts <= part).nonzero()[0]
+            gone, bounds = gone[first], bounds[first]
+            y[gone], free[gone], full[gone] = bounds, False, bounds > 0.0
+        else:
+            y[rows] = z
+            steep = needed - gram @ y
+            steep[free] = 0.0
+            steep[full] *= -1.0
+            worst = float(steep.max())
+            if worst <= KKT_TOLERANCE:
+                return y
+            gone = (steep > 0.5 * worst).nonzero()[0]
+            bounds = y[gone]
+            free[gone], full[gone] = True, False
+        if bounds.any():  # some are at their upper bounds now, or no longer
+            left = needed - gram @ np.where(full, most, 0.0)
+    return None
+
+
+def _unbounded(gram: FloatArray, needed: FloatArray) -> FloatArray | None:
+    """Return y without upper bounds: non-negative least squares."""
+    factor, failed = dpotrf(gram, lower=True, clean=True)
+    if not failed:
+        with suppress(RuntimeError):  # it comes to no end
+            y: FloatArray = nnls(factor.T, dtrtrs(factor, needed, lower=True)[0])[0]
+            return y
+    return None

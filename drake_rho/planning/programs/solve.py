@@ -26,6 +26,7 @@ from pydrake.solvers import (
 
 from drake_rho.motion.threads import threads
 from drake_rho.planning.errors import SolverError
+from drake_rho.planning.programs import dense_duals
 from drake_rho.planning.programs.daqp import Daqp
 from drake_rho.planning.programs.dense import DenseProgram, Program
 from drake_rho.planning.programs.solution import Solution
@@ -240,14 +241,14 @@ def _attempts(first: Solver, *, quick: bool, rough: bool) -> Iterator[tuple[Solv
 def _knows(solver: Solver, program: Program) -> bool:
     """Whether the solver takes a program of this kind: OSQP no linear ones, CLP no others.
 
-    Cones are for Clarabel alone.
+    DAQP takes dense quadratic programs only; cones are for Clarabel alone.
     """
     dense = isinstance(program, DenseProgram)
     if not dense and program.lorentz_cone_constraints():
         return _name(solver) == "Clarabel"
-    if isinstance(solver, Daqp):
-        return solver.knows(program)
     linear = program.linear if dense else not program.quadratic_costs()
+    if isinstance(solver, Daqp):
+        return dense and not linear
     return {"OSQP": not linear, "Clp": linear}.get(_name(solver), True)
 
 
@@ -264,7 +265,7 @@ def _solve_with(
     solver: Solver, values: _Options, programs: Sequence[Program]
 ) -> list[Solution | None]:
     if isinstance(solver, Daqp):
-        return solver.solve(programs)
+        return [dense_duals.solved(each) for each in programs if isinstance(each, DenseProgram)]
     options = SolverOptions()
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)

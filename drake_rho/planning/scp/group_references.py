@@ -28,7 +28,7 @@ from drake_rho.planning.constraints.separation import KeepApart, coupled, decoup
 from drake_rho.planning.constraints.waypoints import first_number
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.programs.dual import LeastNorm
+from drake_rho.planning.programs.group_duals import GroupDuals
 from drake_rho.planning.programs.parallel import OnWorkers
 from drake_rho.planning.programs.solve import Solver
 from drake_rho.planning.scp.groups import groups_that_press
@@ -70,7 +70,7 @@ class InGroups:
         effort: its minimum effort.
         most: bound on the vehicles of a group; a fleet of up to twice as many is one, unless it is
             1: each by itself.
-        solver: as for `LeastNorm`.
+        solver: as for `GroupDuals`.
 
     Attributes:
         groups: for each vehicle the number of its group in the next linearisation; None before
@@ -179,7 +179,7 @@ class InGroups:
         if vehicles is not None:
             planned = vehicles
             motion = reference.with_some(planned, motion.accelerations[planned])
-        program = LeastNorm(self._effort, self.groups, motion, self._solver)
+        program = GroupDuals(self._effort, self.groups, motion, self._solver)
         rows = _Rows(self._scenario, program, self.groups, across, planned)
         known = {constraint.number: constraint for constraint in (*others, pairs)}
         for active in self.active:
@@ -218,7 +218,7 @@ class InGroups:
         met = pairs.violated(alone, np.arange(len(self._scenario.vehicles)))
         return self._grouped(met.vehicles, met.partners, -met.margins(alone))
 
-    def _note(self, program: LeastNorm, pairs: KeepApart) -> None:
+    def _note(self, program: GroupDuals, pairs: KeepApart) -> None:
         """Note the active rows, and the next groups, which are of those that press most."""
         assert self.groups is not None  # noqa: S101  # there was a linearisation
         active, pressures = dict[int, HalfSpaces](), list[FloatArray]()
@@ -260,7 +260,7 @@ class _Rows:
     def __init__(
         self,
         scenario: Scenario,
-        program: LeastNorm,
+        program: GroupDuals,
         groups: IntArray,
         across: KeepApart,
         planned: IntArray,
