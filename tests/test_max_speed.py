@@ -17,7 +17,7 @@ from drake_rho.analysis.diagnose import BISECTED, is_monotone
 from drake_rho.planning.constraints.norms import norms_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.scp.minimum_violation import minimum_violation
-from drake_rho.planning.scp.working_set import Keys, WorkingSet
+from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.fields import FloatArray
 from tests.cones import TWIN, integrals, twin_cost
 from tests.scenarios import box, fleet, mapped, random_scenario, single, through_the_middle
@@ -400,7 +400,7 @@ def test_known_tangent_planes_take_memory_in_proportion() -> None:
     (ball,) = norms_of(scenario)
     motion = MinimumEffort.of(scenario).motion
     rows = ball.violated(motion, np.arange(100))
-    working = WorkingSet(Keys(20, 100, scenario.grid))
+    working = WorkingSet(RowKeys(100, scenario.grid))
     working.add(rows)
     faster = motion.with_accelerations(1.1 * motion.accelerations)
     working.add(ball.violated(faster, np.arange(100)))

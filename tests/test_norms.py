@@ -382,11 +382,11 @@ def test_files_and_schema_hold_them() -> None:
         assert f"[{unit}]" in fields[field]["description"]
 
 
-def test_every_constraint_has_a_number_of_its_own() -> None:
+def test_every_constraint_has_a_key_of_its_own() -> None:
     limits = rho.Limits(box(50), box(5), box(5), box(5), 3.0, 4.0, 15.0, 0.6)
     constraints = convex_constraints(single(limits=limits))
     assert len(constraints) == 8
-    assert len({each.number for each in constraints}) == 8
+    assert len({each.key for each in constraints}) == 8
     assert len({each.name for each in constraints}) == 8
 
 

@@ -51,10 +51,10 @@ def _rows(scenario: rho.Scenario, kinds: set[str]) -> list[HalfSpaces]:
         pairs_of(scenario, reference, coupled),
     ]
     found = []
-    for constraint in constraints:
+    for place, constraint in enumerate(constraints):
         if constraint.quantity not in kinds:
             continue
-        each = dataclasses.replace(constraint, penalty=3.0 + constraint.number)
+        each = dataclasses.replace(constraint, penalty=3.0 + place)
         for between in {False, constraint.searches > 0}:
             rows = each.violated(wild, np.arange(3), between=between)
             own = np.isin(rows.vehicles, GROUP) & np.isin(rows.partners, GROUP)

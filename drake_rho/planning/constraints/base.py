@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from functools import cached_property
 from typing import Any, Self
 
@@ -50,8 +50,8 @@ class Quadratic:
 class Constraint(abc.ABC):
     """One constraint of all vehicles, in the only terms that programs and messages know."""
 
-    number: int
-    """its place among the scenario's constraints, the same around every reference"""
+    key: Hashable
+    """by which it is told from the scenario's other constraints, the same around every reference"""
     name: str
     """what it is called in messages"""
     quantity: Quantity
@@ -68,6 +68,8 @@ class Constraint(abc.ABC):
     """whether one instant may need several rows, each with another normal"""
     linearised: bool = False
     """whether its rows hold around one reference only"""
+    obstacle_number: int | None = None
+    """number of the obstacle that it is about, 0 for other vehicles; None for anything else"""
     pieces: int = 1
     """into how many pieces steps are cut, each with knots and a margin of its own; it is asked of
     `Motion.finer`"""

@@ -19,7 +19,7 @@ from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration", "jerk")
-"""What can be kept in a box, in the order of the constraints' numbers."""
+"""Quantities that can be kept in a box."""
 
 _SIDES = np.concatenate([np.eye(3), -np.eye(3)])
 """Normals of a box's sides, pointing inwards: the lower ones, then the upper ones."""
@@ -121,7 +121,7 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
     only positions can break theirs: velocity is linear there, acceleration and jerk are constant.
     """
     boxes = list[Constraint]()
-    for number, quantity in enumerate(QUANTITIES):
+    for quantity in QUANTITIES:
         bounds = scenario.fleet.bounds(quantity)
         if bounds is None:
             continue
@@ -130,7 +130,7 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
         times = margins.grid.elapsed
         boxes.append(
             KeepInBox(
-                number=number,
+                key=("box", quantity),
                 name=f"{quantity} box",
                 quantity=quantity,
                 bounds=bounds,

@@ -55,8 +55,8 @@ class ReachGoal(Constraint):
         return self.name
 
 
-def goals_of(scenario: Scenario, *, first: int) -> list[Constraint]:
-    """Position and velocity of every axis of the goals, numbered from `first` on."""
+def goals_of(scenario: Scenario) -> list[Constraint]:
+    """Position and velocity of every axis of the goals."""
     fleet = scenario.fleet
     states: tuple[tuple[Literal["position", "velocity"], FloatArray], ...] = (
         ("position", fleet.goal_positions),
@@ -64,7 +64,7 @@ def goals_of(scenario: Scenario, *, first: int) -> list[Constraint]:
     )
     return [
         ReachGoal(
-            number=first + 2 * axis + place,
+            key=("goal", axis, quantity),
             name=f"goal {'xyz'[axis]}",
             quantity=quantity,
             axis=axis,
@@ -73,5 +73,5 @@ def goals_of(scenario: Scenario, *, first: int) -> list[Constraint]:
             tolerances=TOLERANCE * fleet.scale(quantity),
         )
         for axis in range(3)
-        for place, (quantity, wanted) in enumerate(states)
+        for quantity, wanted in states
     ]

@@ -8,7 +8,6 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint
-from drake_rho.planning.constraints.boxes import QUANTITIES
 from drake_rho.planning.constraints.convex_sets import Asked, KeepInSets
 from drake_rho.planning.constraints.margins import finer_margins_of, margins_of
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -43,7 +42,7 @@ def norms_of(scenario: Scenario) -> list[Constraint]:
     The first and the last velocity are left out: start and goal decide them.
     """
     norms = list[Constraint]()
-    for number, norm in enumerate(NORMS, start=len(QUANTITIES)):
+    for norm in NORMS:
         if norm not in scenario.fleet.norms:
             continue
         limit = scenario.fleet.norms[norm]
@@ -52,7 +51,7 @@ def norms_of(scenario: Scenario) -> list[Constraint]:
         times = margins.grid.elapsed
         norms.append(
             KeepInNorm(
-                number=number,
+                key=("norm", norm),
                 name=limit.kind.name,
                 quantity=limit.kind.quantity,
                 sets=limit.sets,

@@ -48,9 +48,6 @@ _AROUND, _ZOOMS, _FINER = np.linspace(-1.0, 1.0, 17), 4, 8.0
 """Where the row that is broken most is looked for, in steps from a worst instant; how often, and
 how much closer to the worst of them each time."""
 
-FIRST = 32
-"""Number of the pairs' constraint; those of obstacles follow, those of keep-in sets come before."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Places:
@@ -305,7 +302,8 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacl
     inner_knots, margins = Places.at_inner_knots(reference), finer_margins_of(scenario)
     return [
         KeepOutOfObstacle(
-            number=FIRST + number,
+            key=("obstacle", number),
+            obstacle_number=number,
             name=scenario.obstacle_name(number),
             quantity="position",
             reference=reference,

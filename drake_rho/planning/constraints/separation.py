@@ -24,7 +24,7 @@ from drake_rho.planning.constraints.close_pairs import (
     too_close,
 )
 from drake_rho.planning.constraints.margins import Margins, finer_margins_of
-from drake_rho.planning.constraints.obstacles import FIRST, KeepOut, Places, side_of
+from drake_rho.planning.constraints.obstacles import KeepOut, Places, side_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
 from drake_rho.scenario.records import TOLERANCE, Scenario
@@ -80,6 +80,10 @@ CouplingName = Literal["coupled", "decoupled", "grouped"]
 
 COUPLINGS = {each.name: each for each in (coupled, decoupled, grouped)}
 """What each word stands for."""
+
+
+PAIRS = ("pairs",)
+"""Key of the constraint of all pairs."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -280,7 +284,8 @@ def pairs_of(
     if soft:
         shape = Ellipsoid(shape.center, ROOM * shape.semi_axes)
     return KeepApart(
-        number=FIRST,
+        key=PAIRS,
+        obstacle_number=0,
         name=NAME,
         quantity="position",
         penalty=penalty,

@@ -14,7 +14,7 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.catalogue import convex_constraints
 from drake_rho.planning.constraints.close_pairs import too_close
 from drake_rho.planning.constraints.margins import finer_margins_of
-from drake_rho.planning.constraints.obstacles import FIRST, KeepOutOfObstacle, obstacles_of
+from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle, obstacles_of
 from drake_rho.planning.constraints.separation import NAME
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.clock import clock_time
@@ -121,8 +121,8 @@ def breaches_of(
     motion, between = plan.motion(), scenario.between_knots
     apart, margins = scenario.separation, finer_margins_of(scenario)
     obstacles = obstacles_of(scenario, motion)
-    approaches = {each.number - FIRST: _too_deep(each, motion) for each in obstacles}
-    inside = {number: found for number, found in approaches.items() if len(found) > 0}
+    approaches = [(each.obstacle_number, _too_deep(each, motion)) for each in obstacles]
+    inside = {n: found for n, found in approaches if n is not None and len(found) > 0}
     moved = None if before is None else _moved(before[0].motion(), motion)
     pairs = NONE
     if apart is not None:

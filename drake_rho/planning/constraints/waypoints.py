@@ -10,12 +10,8 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.convex_sets import Asked, KeepInSets
 from drake_rho.planning.constraints.margins import margins_of
-from drake_rho.planning.constraints.obstacles import FIRST
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
-
-_OTHERS = 8
-"""Numbers from `FIRST` on that are no obstacles': that of the pairs and those of the goals."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,11 +37,11 @@ class PassWaypoint(KeepInSets):
 
 
 def waypoints_of(scenario: Scenario) -> list[Constraint]:
-    """The waypoints that the vehicles have to pass, numbered after everything else."""
+    """The waypoints that the vehicles have to pass."""
     scale = scenario.fleet.scale("position")
     return [
         PassWaypoint(
-            number=first_number(scenario) + index,
+            key=("waypoint", index),
             name=f"waypoint {index + 1}",
             quantity="position",
             sets=waypoints.balls(scale),
@@ -54,8 +50,3 @@ def waypoints_of(scenario: Scenario) -> list[Constraint]:
         )
         for index, waypoints in enumerate(scenario.fleet.waypoints)
     ]
-
-
-def first_number(scenario: Scenario) -> int:
-    """The number of the constraint of the first waypoints, which come last of all."""
-    return FIRST + _OTHERS + len(scenario.obstacles)

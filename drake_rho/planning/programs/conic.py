@@ -61,11 +61,11 @@ class ConicAnswer:
             group: the indices of the vehicles, shape (G,).
             rows: those that were given and the tangent planes, constraint by constraint.
         """
-        tangents = {planes.constraint.number: y for planes, y in self.tangents}
+        tangents = {planes.constraint.key: y for planes, y in self.tangents}
         given, y = self.multipliers, list[FloatArray]()
         for part in rows:
-            if part.constraint.number in tangents:
-                y.append(tangents[part.constraint.number])
+            if part.constraint.key in tangents:
+                y.append(tangents[part.constraint.key])
             else:
                 own, given = np.split(given, [len(part)])
                 y.append(own)
@@ -115,7 +115,7 @@ class ConicPrograms:
         Args:
             group: the indices of the vehicles, rising, shape (G,).
             rows: of everything else, constraint by constraint.
-            sets: the constraints with curved sets; those of one number and penalty are the same
+            sets: the constraints with curved sets; those of one key and penalty are the same
                 whenever they are given.
             rough: whether few digits do.
 
@@ -151,7 +151,7 @@ class ConicPrograms:
     ) -> _Begun:
         """Return the program with its sets only, for rows of the quantities of these."""
         quantities = frozenset(part.quantity for part in rows)
-        key = *group.tolist(), quantities, *((each.number, each.penalty) for each in sets)
+        key = *group.tolist(), quantities, *((each.key, each.penalty) for each in sets)
         if key not in self._begun:
             self._begun[key] = self._write(group, rows, sets)
         return self._begun[key]

@@ -17,7 +17,6 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.convex_sets import KeepInSets
-from drake_rho.planning.constraints.waypoints import first_number
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import SMALL_FLEET
@@ -26,7 +25,7 @@ from drake_rho.planning.programs.parallel import Answers, OnWorkers, solve_all
 from drake_rho.planning.programs.rows import about, groups_of
 from drake_rho.planning.programs.solve import MAX_RETRIES, Solver
 from drake_rho.planning.scp.farkas import conflict_of, in_the_way
-from drake_rho.planning.scp.working_set import Keys, WorkingSet
+from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -87,8 +86,7 @@ class CuttingPlanes:
         count = len(scenario.vehicles)
         self.effort = effort or MinimumEffort.of(scenario)
         self.motion = self.effort.motion
-        constraints = first_number(scenario) + len(scenario.fleet.waypoints)
-        self.working = WorkingSet(Keys(constraints, count, scenario.grid))
+        self.working = WorkingSet(RowKeys(count, scenario.grid))
         self._scenario, self._solver, self._linear = scenario, solver, linear
         self._planned = np.arange(count) if vehicles is None else vehicles
         self._constraints: list[Constraint] = []

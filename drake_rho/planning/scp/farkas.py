@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.constraints.obstacles import FIRST
 from drake_rho.planning.errors import Names
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.scp.working_set import WorkingSet
@@ -74,8 +73,9 @@ def _axes(effort: MinimumEffort, pull: FloatArray) -> list[str]:
 
 def in_the_way(working: WorkingSet, vehicle: int) -> frozenset[int]:
     """Numbers of the obstacles that a vehicle's rows are about; 0 for other vehicles."""
-    return frozenset(
-        number - FIRST
-        for number, rows in working.rows.items()
-        if rows.constraint.linearised and np.any(rows.vehicles == vehicle)
+    found = (
+        rows.constraint.obstacle_number
+        for rows in working.rows.values()
+        if np.any(rows.vehicles == vehicle)
     )
+    return frozenset(number for number in found if number is not None)

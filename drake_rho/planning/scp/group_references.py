@@ -14,6 +14,7 @@ apart, as rows may be broken at a penalty.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Hashable
 
 import numpy as np
 
@@ -23,16 +24,15 @@ from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.catalogue import convex_constraints
-from drake_rho.planning.constraints.obstacles import FIRST, Places, obstacles_of
-from drake_rho.planning.constraints.separation import KeepApart, coupled, decoupled, pairs_of
-from drake_rho.planning.constraints.waypoints import first_number
+from drake_rho.planning.constraints.obstacles import Places, obstacles_of
+from drake_rho.planning.constraints.separation import PAIRS, KeepApart, coupled, decoupled, pairs_of
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.programs.group_duals import GroupDuals
 from drake_rho.planning.programs.parallel import OnWorkers
 from drake_rho.planning.programs.solve import Solver
 from drake_rho.planning.scp.groups import groups_that_press
-from drake_rho.planning.scp.working_set import Keys, WorkingSet
+from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -58,8 +58,8 @@ _STALE = 0.5
 _LIMITS = 1e3
 """Times what breaking a separation costs, for limits and obstacles where that may be broken."""
 
-_ACROSS = FIRST - 1
-"""Number of the constraint of pairs of two groups."""
+_ACROSS = ("pairs", "of two groups")
+"""Key of the constraint of pairs of two groups."""
 
 
 class InGroups:
@@ -170,7 +170,7 @@ class InGroups:
             of=vehicles,
             close=close,
         )
-        across = dataclasses.replace(pairs, number=_ACROSS, coupled=False, share=decoupled.share)
+        across = dataclasses.replace(pairs, key=_ACROSS, coupled=False, share=decoupled.share)
         others = [*convex_constraints(self._scenario), *obstacles_of(self._scenario, reference)]
         others = [dataclasses.replace(each, penalty=_LIMITS * penalty) for each in others]
         if self.groups is None:
@@ -181,9 +181,9 @@ class InGroups:
             motion = reference.with_some(planned, motion.accelerations[planned])
         program = GroupDuals(self._effort, self.groups, motion, self._solver)
         rows = _Rows(self._scenario, program, self.groups, across, planned)
-        known = {constraint.number: constraint for constraint in (*others, pairs)}
+        known = {constraint.key: constraint for constraint in (*others, pairs)}
         for active in self.active:
-            rows.enter(known[active.constraint.number].renewed(active))
+            rows.enter(known[active.constraint.key].renewed(active))
         if rounds is None:
             rounds = _ROUNDS if self.active else _ROUNDS_AT_FIRST
         for number in range(rounds):
@@ -221,18 +221,18 @@ class InGroups:
     def _note(self, program: GroupDuals, pairs: KeepApart) -> None:
         """Note the active rows, and the next groups, which are of those that press most."""
         assert self.groups is not None  # noqa: S101  # there was a linearisation
-        active, pressures = dict[int, HalfSpaces](), list[FloatArray]()
+        active, pressures = dict[Hashable, HalfSpaces](), list[FloatArray]()
         for rows, multipliers in program.pressing():
-            if rows.constraint.number in (FIRST, _ACROSS):
+            if rows.constraint.key in (PAIRS, _ACROSS):
                 first, second = np.sort([rows.vehicles, rows.partners], axis=0)
                 rows = dataclasses.replace(rows, constraint=pairs, vehicles=first, partners=second)
                 same = self.groups[first] == self.groups[second]
                 pressures.append(np.where(same, _STALE, 1.0) * multipliers)
-            number = rows.constraint.number
-            active[number] = active[number].and_also(rows) if number in active else rows
+            key = rows.constraint.key
+            active[key] = active[key].and_also(rows) if key in active else rows
         self.active = list(active.values())
-        if len(self.groups) > self._most > 1 and FIRST in active:
-            met = active[FIRST]
+        if len(self.groups) > self._most > 1 and PAIRS in active:
+            met = active[PAIRS]
             self.groups = self._grouped(met.vehicles, met.partners, np.concatenate(pressures))
 
     def _grouped(self, one: IntArray, other: IntArray, pressures: FloatArray) -> IntArray:
@@ -266,11 +266,10 @@ class _Rows:
         planned: IntArray,
     ) -> None:
         count = len(scenario.vehicles)
-        constraints = first_number(scenario) + len(scenario.fleet.waypoints)
         self.program = program
         self._planned, self._is_planned = planned, np.zeros(count, dtype=bool)
         self._is_planned[planned] = True
-        self._working = WorkingSet(Keys(constraints, count, scenario.grid))
+        self._working = WorkingSet(RowKeys(count, scenario.grid))
         self._groups, self._across, self._gap = groups, across, 1.5 * scenario.grid.step
 
     def enter_broken(self, constraints: list[Constraint], number: int) -> bool:
@@ -287,7 +286,7 @@ class _Rows:
 
     def enter(self, rows: HalfSpaces) -> None:
         """Put in those that are not in yet."""
-        if rows.constraint.number == FIRST:
+        if rows.constraint.key == PAIRS:
             inside = self._groups[rows.vehicles] == self._groups[rows.partners]
             inside &= self._is_planned[rows.vehicles] & self._is_planned[rows.partners]
             apart = rows.select(~inside)

@@ -12,7 +12,6 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.catalogue import convex_constraints
 from drake_rho.planning.constraints.goals import goals_of
-from drake_rho.planning.constraints.obstacles import FIRST
 from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.constraints.tightening import starts_beyond_limits
 from drake_rho.planning.errors import InfeasibleError
@@ -120,7 +119,7 @@ def elastic(
     of accelerations do not, since tangent planes would come to an end late where nothing but
     violations costs anything.
     """
-    goals = goals_of(scenario, first=FIRST + 1 + len(scenario.obstacles))
+    goals = goals_of(scenario)
     unit = float(scenario.fleet.scale("acceleration").max())
     return [
         each

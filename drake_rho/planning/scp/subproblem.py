@@ -260,7 +260,7 @@ class Subproblem:
     def _solve(
         self, reference: Plan, constraints: list[Constraint], vehicles: IntArray | None
     ) -> Plan:
-        by_number = {constraint.number: constraint for constraint in constraints}
+        by_key = {constraint.key: constraint for constraint in constraints}
         planes = CuttingPlanes(
             self.scenario,
             self._solver,
@@ -269,7 +269,7 @@ class Subproblem:
             accelerations=reference.accelerations,
             cones=self._cones,
         )
-        warm = [by_number[rows.constraint.number].renewed(rows) for rows in self._warm]
+        warm = [by_key[rows.constraint.key].renewed(rows) for rows in self._warm]
         planes.keep_to(constraints, warm=warm, reference=reference)
         self._warm = planes.working.active(planes.motion)
         self.planes = planes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Hashable
 
 import numpy as np
 
@@ -26,40 +27,38 @@ _FINEST = 2**20
 
 
 @dataclasses.dataclass(frozen=True)
-class Keys:
-    """How a row is packed into an integer: constraint, vehicle, partner, side, time."""
+class RowKeys:
+    """Integers for the rows of one constraint: vehicle, partner, side and time, packed."""
 
-    constraints: int
-    """bound on the constraints' numbers"""
     vehicles: int
     """N"""
     grid: Grid
     """step and knots"""
 
     def of(self, rows: HalfSpaces) -> IntArray:
-        """One number for each row, shape (R,); rows that are the same have the same."""
-        radix = self.constraints * self.vehicles**2 * _SIDES
+        """Return one integer for each row of a constraint, shape (R,), the same for equal rows."""
+        radix = self.vehicles**2 * _SIDES
         parts = min(_FINEST, 2**62 // (radix * self.grid.knots))
         instants = np.rint(rows.times * (parts / self.grid.step)).astype(np.int64)
         keys: IntArray = rows.vehicles * self.vehicles + rows.partners
-        keys = (keys * _SIDES + rows.sides) * self.constraints + rows.constraint.number
-        return keys * (parts * self.grid.knots) + instants
+        return (keys * _SIDES + rows.sides) * (parts * self.grid.knots) + instants
 
 
 class WorkingSet:
     """The rows that are in, and for each vehicle the program that was solved last.
 
     Args:
-        keys: how rows are told apart.
+        keys: integers by which rows of a constraint are told apart.
 
     Attributes:
-        rows: by the number of their constraint, in the order they were added.
+        rows: by the key of their constraint, in the order they were added.
     """
 
-    def __init__(self, keys: Keys) -> None:
-        self.rows: dict[int, HalfSpaces] = {}
-        self._keys, self._known, self._cuts = keys, np.zeros(0, dtype=np.int64), 0
-        self._not_indexed: list[HalfSpaces] = []
+    def __init__(self, keys: RowKeys) -> None:
+        self.rows: dict[Hashable, HalfSpaces] = {}
+        self._keys, self._cuts = keys, 0
+        self._known: dict[Hashable, IntArray] = {}
+        self._not_indexed: dict[Hashable, list[HalfSpaces]] = {}
         self._solved: dict[int, tuple[Answers, int]] = {}
 
     def __len__(self) -> int:
@@ -73,14 +72,13 @@ class WorkingSet:
             rows: that may be added.
             motion: of all vehicles, for which they were written.
         """
-        if rows.constraint.number not in self.rows:
+        if rows.constraint.key not in self.rows:
             return np.zeros(len(rows), dtype=bool)
         if rows.constraint.curved:
             return self._known_cuts(rows, motion)
-        keys = self._keys.of(rows)
-        self._index()
-        place = np.minimum(np.searchsorted(self._known, keys), len(self._known) - 1)
-        known: BoolArray = self._known[place] == keys
+        keys, index = self._keys.of(rows), self._index(rows.constraint.key)
+        place = np.minimum(np.searchsorted(index, keys), len(index) - 1)
+        known: BoolArray = index[place] == keys
         return known
 
     def _known_cuts(self, rows: HalfSpaces, motion: Motion) -> BoolArray:
@@ -90,7 +88,7 @@ class WorkingSet:
         its cuts breaks none, so that a constraint that must hold is cut until it does; and one that
         may be broken, until its cuts tell by how much it is.
         """
-        old = self.rows[rows.constraint.number]
+        old = self.rows[rows.constraint.key]
         keys, theirs = (
             self._keys.of(dataclasses.replace(part, sides=np.zeros(len(part), dtype=int)))
             for part in (rows, old)
@@ -131,26 +129,26 @@ class WorkingSet:
         if rows.constraint.curved:
             self._cuts += 1
             rows = dataclasses.replace(rows, sides=np.full(len(rows), self._cuts))
-        number = rows.constraint.number
-        if number in self.rows:
-            self.rows[number] = self.rows[number].and_also(rows)
-        else:
-            self.rows[number] = rows
+        key = rows.constraint.key
+        self.rows[key] = self.rows[key].and_also(rows) if key in self.rows else rows
         if not rows.constraint.curved:  # whose cuts are compared by what they say
-            self._not_indexed.append(rows)
+            self._not_indexed.setdefault(key, []).append(rows)
 
     def exchange(self, group: IntArray, rows: HalfSpaces) -> None:
         """Put rows of a curved set in, in place of all that a group of vehicles has of it."""
-        old = self.rows.pop(rows.constraint.number, rows.constraint.none)
+        old = self.rows.pop(rows.constraint.key, rows.constraint.none)
         self.add(old.select(~np.isin(old.vehicles, group)))
         self.add(rows)
 
-    def _index(self) -> None:
-        """Sort in the keys of what was added since the last look: many programs need none."""
-        if self._not_indexed:
-            new = np.sort(np.concatenate([self._keys.of(rows) for rows in self._not_indexed]))
-            self._known = np.sort(np.concatenate([self._known, new]), kind="stable")
-            self._not_indexed = []
+    def _index(self, key: Hashable) -> IntArray:
+        """Return the sorted keys of a constraint's rows, with what was added since the last look.
+
+        Many programs need none.
+        """
+        if new := self._not_indexed.pop(key, []):
+            old = [self._known[key]] if key in self._known else []
+            self._known[key] = np.sort(np.concatenate(old + [self._keys.of(each) for each in new]))
+        return self._known[key]
 
     def of(self, vehicles: IntArray, count: int) -> list[HalfSpaces]:
         """The rows of some of `count` vehicles, constraint by constraint."""
