@@ -24,20 +24,19 @@ import numpy as np
 from drake_rho.analysis.lagrangian import Lagrangian
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.planning.constraints.separation import coupled
-from drake_rho.planning.constraints.tightening import with_more_pieces
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import ALONE
 from drake_rho.planning.planners.plan import plan_scp
-from drake_rho.planning.programs.solve import Solver, SolverName, solver_of
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
-from drake_rho.planning.scp.sequential_convex import iterate
+from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.planning.time_limit import check_time, seconds_left, with_time_limit
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray, unchecked
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.verify import verify
 
@@ -206,7 +205,7 @@ def certify(
         >>> certificate.is_globally_optimal
         True
     """
-    solver = solver_of(solver)
+    backend = Backend.of(solver)
     plan = flown.plan if isinstance(flown, Flight) else flown
     scenario, vehicles = plan.scenario, len(plan.scenario.vehicles)
     if vehicles > MOST_CERTIFIED_TOGETHER:  # without pairs the bound is lower, and still one
@@ -214,11 +213,11 @@ def certify(
     start = Plan.from_accelerations(scenario, plan.accelerations)
     cut, proposals = False, list[CuttingPlanes]()
     try:
-        for each in _converged(start, solver, progress):
-            proposals.append(_solved_around(each, solver, progress))
+        for each in _converged(start, backend.solver, progress):
+            proposals.append(_solved_around(each, backend, progress))
     except OutOfTimeError:
         cut = True
-    efforts = np.sum(MinimumEffort.of(scenario).motion.accelerations ** 2, axis=(1, 2))
+    efforts = np.sum(Problem.of(scenario).effort.motion.accelerations ** 2, axis=(1, 2))
     certificates, left_out = [], set[str]()
     disturbed = scenario.disturbance is not None
     groups = _groups(vehicles, proposals)
@@ -283,24 +282,29 @@ def _converged(plan: Plan, solver: Solver | None, progress: Progress | None) -> 
         yield other
 
 
-def _solved_around(plan: Plan, solver: Solver | None, progress: Progress | None) -> CuttingPlanes:
+def _solved_around(plan: Plan, backend: Backend, progress: Progress | None) -> CuttingPlanes:
     """Return the programs around a plan iterated on to the precision that a certificate needs.
 
     A plan that keeps finer margins only is one of these.
     """
+    problem = Problem.of(plan.scenario)
     try:
-        return _solved(plan, solver, progress)
+        return _solved(problem, plan, backend, progress)
     except InfeasibleError:
-        if (finer := with_more_pieces(plan.scenario)) is None:
+        if (finer := problem.with_finer_margins()) is None:
             raise
-        return _solved(unchecked(plan, scenario=finer), solver, progress)
+        return _solved(finer, plan, backend, progress)
 
 
-def _solved(plan: Plan, solver: Solver | None, progress: Progress | None) -> CuttingPlanes:
-    """Return the programs around a plan with the margins that its scenario has."""
-    subproblem = Subproblem(plan.scenario, coupled, solver)
-    subproblem.labels = np.zeros_like(subproblem.labels)  # the multipliers of all are wanted
-    iterate(subproblem, plan, ALONE, most=_MAX_POLISHINGS, progress=progress)
+def _solved(
+    problem: Problem, plan: Plan, backend: Backend, progress: Progress | None
+) -> CuttingPlanes:
+    """Return the programs around a plan with the margins that a problem has."""
+    subproblem = Subproblem(problem, coupled, backend)
+    everyone = np.zeros(len(problem), dtype=int)  # the multipliers of all are wanted
+    sequential_convex(
+        subproblem, plan, ALONE, labels=everyone, most=_MAX_POLISHINGS, progress=progress
+    )
     if subproblem.planes is None:
         subproblem.around(plan)  # raises what ended the iteration
     assert subproblem.planes is not None  # noqa: S101  # solved above

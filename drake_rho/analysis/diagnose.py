@@ -11,9 +11,11 @@ from drake_rho.analysis.infeasible_subset import infeasible_subset
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.options import Options
-from drake_rho.planning.planners.plan import first_plan, plan_near, plan_scp
+from drake_rho.planning.planners.first_plan import first_plan, plan_near
+from drake_rho.planning.planners.plan import plan_scp
 from drake_rho.planning.planners.related import can_be_slower, paced, rescaled
-from drake_rho.planning.programs.solve import Solver, SolverName, solver_of
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.planning.time_limit import check_time, with_time_limit
@@ -80,22 +82,22 @@ def diagnose(
         >>> rho.diagnose(scenario).conflicts
         {'scout': ('goal x', 'maximum acceleration from 0 s to 9.75 s')}
     """
-    solver = solver_of(solver)
+    backend = Backend.of(solver)
     violations: tuple[Check, ...] = ()
-    bearable, premise, trials = None, "", _Trials(solver, progress)
+    bearable, premise, trials = None, "", _Trials(backend, progress)
     try:
-        plan = first_plan(scenario, solver=solver, progress=progress)
+        plan = first_plan(Problem.of(scenario), backend=backend, progress=progress)
     except InfeasibleError as error:
         trials.begin(None)
         bearable = _bearable_wind(scenario, trials)
         conflicts, premise = error.conflicts, error.premise
         try:
             if bearable is None and scenario.disturbance is not None:
-                error = _undisturbed(error, scenario, solver)
+                error = _undisturbed(error, scenario, backend)
             tell(progress, "looking for constraints that cannot be met together")
-            conflicts, premise = infeasible_subset(error, solver=solver), error.premise
+            conflicts, premise = infeasible_subset(error, solver=backend.solver), error.premise
             tell(progress, "looking for the least breach")
-            violations = verify(minimum_violation(scenario, solver)).violations
+            violations = verify(minimum_violation(Problem.of(scenario), backend)).violations
         except OutOfTimeError:
             trials.cut = True
         if bearable is not None:  # what is left can be met, so that it has a part in every conflict
@@ -148,7 +150,7 @@ def shortest_plan(
             has a plan.
         OutOfTimeError: time was up before one was found.
     """
-    solver, trials = solver_of(solver), _Trials(solver_of(solver), progress)
+    trials = _Trials(Backend.of(solver), progress)
     duration, _ = _durations(scenario, trials)
     if duration is None:
         check_time()
@@ -183,7 +185,7 @@ class _Trials:
     A plan of one is where the search for that of the next begins.
 
     Args:
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        backend: solves their programs.
         progress: called with a few words on each trial.
 
     Attributes:
@@ -192,11 +194,11 @@ class _Trials:
         cut: whether time was up; then no other scenario has a plan as far as is known.
     """
 
-    def __init__(self, solver: Solver | None, progress: Progress | None) -> None:
+    def __init__(self, backend: Backend, progress: Progress | None) -> None:
         self.plan: Plan | None = None
         self.begun: bool | None = None
         self.cut = False
-        self._solver, self._progress = solver, progress
+        self._backend, self._progress = backend, progress
 
     def begin(self, plan: Plan | None) -> None:
         """Begin with the plan of the scenario itself, or with its having none."""
@@ -224,19 +226,17 @@ class _Trials:
         return True
 
     def _found(self, scenario: Scenario, progress: Progress | None, near: bool) -> Plan:
+        problem = Problem.of(scenario)
         if near and self.plan is not None:
-            return plan_near(
-                scenario, paced(self.plan, scenario), solver=self._solver, progress=progress
-            )
-        return first_plan(scenario, solver=self._solver, progress=progress)
+            reference = paced(self.plan, scenario)
+            return plan_near(problem, reference, backend=self._backend, progress=progress)
+        return first_plan(problem, backend=self._backend, progress=progress)
 
 
-def _undisturbed(
-    error: InfeasibleError, scenario: Scenario, solver: Solver | None
-) -> InfeasibleError:
+def _undisturbed(error: InfeasibleError, scenario: Scenario, backend: Backend) -> InfeasibleError:
     """Return why there is no plan without the disturbance either, which says more than with it."""
     try:
-        first_plan(scenario.with_disturbance(None), solver=solver)
+        first_plan(Problem.of(scenario.with_disturbance(None)), backend=backend)
     except InfeasibleError as other:
         return other
     except SolverError:

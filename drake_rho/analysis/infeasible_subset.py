@@ -13,13 +13,11 @@ import numpy as np
 
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.errors import InfeasibleError, Names
-from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.programs.solve import Solver, SolverName, solver_of
+from drake_rho.planning.problem import Problem, finest
+from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.minimum_violation import elastic, elastic_planes
-from drake_rho.planning.scp.subproblem import constraints_around
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.records import Scenario
 
 _NO_PART = 1e-6
 """Multipliers below this part of the largest one count as zero."""
@@ -45,31 +43,32 @@ def infeasible_subset(
     Raises:
         SolverError: the solvers fail numerically.
     """
-    scenario, solver = error.scenario, solver_of(solver)
+    scenario, backend = error.scenario, Backend.of(solver)
     if scenario is None or error.bearable is not None:  # no room is no matter of a motion
         return error.conflicts
-    constraints = elastic(scenario, constraints_around(scenario, error.reference))
-    unreachable = MinimumEffort.of(scenario).unreachable
+    problem = finest(scenario)  # as planners try last
+    constraints = elastic(problem, problem.linearized(error.reference))
+    unreachable = problem.effort.unreachable
     narrowed = {}
     for name, names in error.conflicts.items():
         vehicle = scenario.index_of(name)
         told = unreachable[vehicle] or 0 in error.obstacles.get(name, ())
-        found = () if told else _irreducible(scenario, vehicle, constraints, solver)
+        found = () if told else _irreducible(problem, vehicle, constraints, backend)
         narrowed[name] = found or names
     return narrowed
 
 
 def _irreducible(
-    scenario: Scenario,
+    problem: Problem,
     vehicle: int,
     constraints: Sequence[Constraint],
-    solver: Solver | None,
+    backend: Backend,
 ) -> Names:
     """The subset of one vehicle, in words; empty if nothing is broken beyond its tolerance."""
 
     def contradiction(names: Iterable[str]) -> dict[str, HalfSpaces]:
         """Rows of the constraints of some names that cannot be met together; {} if all can."""
-        planes = elastic_planes(scenario, solver, [vehicle])
+        planes = elastic_planes(problem, backend, [vehicle])
         kept = set(names)
         planes.keep_to([each for each in constraints if each.name in kept])
         return _contradiction(planes, vehicle)
@@ -79,9 +78,10 @@ def _irreducible(
         if name in found:
             found = contradiction(found.keys() - {name}) or found
     order = dict.fromkeys(each.name for each in constraints)
-    names = [each.name for each in scenario.vehicles]
+    names = [each.name for each in problem.scenario.vehicles]
+    start = problem.scenario.grid.start
     chosen = (found[name] for name in order if name in found)
-    return tuple(rows.constraint.describe(rows, names, scenario.grid.start) for rows in chosen)
+    return tuple(rows.constraint.describe(rows, names, start) for rows in chosen)
 
 
 def _contradiction(planes: CuttingPlanes, vehicle: int) -> dict[str, HalfSpaces]:

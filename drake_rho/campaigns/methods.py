@@ -24,7 +24,7 @@ from drake_rho.planning.horizon.windows import free_reference, tail_reference
 from drake_rho.planning.options import Options
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
-from drake_rho.planning.programs.solve import SolverName
+from drake_rho.planning.programs.backend import SolverName
 from drake_rho.scenario.fields import Count, Name, Positive, record
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import fly

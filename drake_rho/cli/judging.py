@@ -25,7 +25,7 @@ from drake_rho.cli.options import (
 from drake_rho.cli.reports import report
 from drake_rho.motion.files import load
 from drake_rho.motion.simulation import Simulation
-from drake_rho.planning.programs.solve import SOLVERS
+from drake_rho.planning.programs.backend import SOLVERS
 
 
 def verify(

@@ -43,8 +43,8 @@ from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.planners.assignment import assign_goals, assignment
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
-from drake_rho.planning.programs.solve import SOLVERS
-from drake_rho.planning.programs.solve import Solver as AnySolver
+from drake_rho.planning.programs.backend import SOLVERS
+from drake_rho.planning.programs.backend import Solver as AnySolver
 from drake_rho.scenario.files import save_scenario
 from drake_rho.scenario.problems.missions import is_lsc_mission
 from drake_rho.scenario.records import Scenario

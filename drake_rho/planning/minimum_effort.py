@@ -46,6 +46,8 @@ class Changes:
     """rows of (12), as in `Goals`"""
     units: FloatArray
     """acceleration that counts as one [m/s²], shape (N,)"""
+    free: bool = False
+    """whether changes cost nothing, and only slack does: goals may be missed then"""
 
     def inside(self, rows: FloatArray) -> FloatArray:
         """The part of rows (R, K-1) that leaves the goal where it is; done twice, for rounding."""
@@ -87,7 +89,7 @@ class MinimumEffort:
     @cached_property
     def changes(self) -> Changes:
         """What programs are written in."""
-        return Changes(self.grid, self.goals.rows, self.units)
+        return Changes(self.grid, self.goals.rows, self.units, free=len(self.goals.rows) == 0)
 
     def without_goals(self) -> MinimumEffort:
         """These motions to start from, with goals that need not be reached."""

@@ -231,11 +231,6 @@ class Scenario:
         return False
 
     @cached_property
-    def margin_pieces(self) -> int:
-        """How many pieces of a step planners keep margins of their own in: one at first."""
-        return 1
-
-    @cached_property
     def bodies(self) -> tuple[Obstacle, ...]:
         """The obstacles, each as an `Obstacle`."""
         return tuple(
@@ -373,7 +368,6 @@ _COMPUTED_OF: dict[str, set[str]] = {
     "bodies": {"obstacles"},
     "bodies_in_flight": {"obstacles", "grid"},
     "fleet": {"grid", "vehicles", "limits", "obstacles", "separation"},
-    "margin_pieces": set(),
     "under_way": set(),
 }
 """What a scenario passes on to what is derived from it, and the fields that it is computed of."""

@@ -75,7 +75,7 @@ class Constraint(abc.ABC):
     `Motion.finer`"""
 
     @abc.abstractmethod
-    def violated(
+    def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """Rows for everything that the motion breaks.

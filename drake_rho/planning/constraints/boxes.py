@@ -12,7 +12,7 @@ import numpy as np
 from drake_rho.motion.clearance import turning_points
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import AT_ONCE, BROKEN, Constraint, HalfSpaces, near
-from drake_rho.planning.constraints.margins import Margins, finer_margins_of, margins_of
+from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.parts import Quantity
@@ -38,7 +38,7 @@ class KeepInBox(Constraint):
     margins: Margins
     """how far inside of the boxes values stay"""
 
-    def violated(
+    def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """The sides that are broken: at the knots, or where a coordinate turns round."""
@@ -114,7 +114,7 @@ class KeepInBox(Constraint):
         return " " + "/".join(axis for axis, taken in zip("xyz", axes, strict=True) if taken)
 
 
-def boxes_of(scenario: Scenario) -> list[Constraint]:
+def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
     """The boxes that the vehicles have to keep to.
 
     The first and the last knot are left out where the start and the goal decide. Between knots
@@ -126,8 +126,8 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
         if bounds is None:
             continue
         inner = quantity in ("position", "velocity")
-        margins = finer_margins_of(scenario) if inner else margins_of(scenario)
-        times = margins.grid.elapsed
+        own, pieces = margins.of(quantity)
+        times = own.grid.elapsed
         boxes.append(
             KeepInBox(
                 key=("box", quantity),
@@ -136,8 +136,8 @@ def boxes_of(scenario: Scenario) -> list[Constraint]:
                 bounds=bounds,
                 times=times[1:-1] if inner else times[:-1],
                 first=int(inner),
-                margins=margins,
-                pieces=scenario.margin_pieces if inner else 1,
+                margins=own,
+                pieces=pieces,
                 searches=sys.maxsize * (scenario.between_knots and quantity == "position"),
             )
         )

@@ -64,7 +64,7 @@ class KeepInSets(Constraint):
     def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
         """The values of some vehicles that are to be in their sets, vehicle by vehicle."""
 
-    def violated(
+    def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """Tangent planes where a value is outside."""

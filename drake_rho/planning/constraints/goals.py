@@ -30,7 +30,7 @@ class ReachGoal(Constraint):
     tolerances: FloatArray
     """how much may be missed, in the quantity's unit, shape (N,)"""
 
-    def violated(
+    def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """A row for each vehicle that misses: at least, or at most, what is wanted."""

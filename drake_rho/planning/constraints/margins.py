@@ -24,7 +24,7 @@ class Margins:
     At a knot the greater one of the two steps that meet there counts: what holds on the closed
     steps holds at every instant. The feedback's radius is that of the step that begins there.
 
-    Where that leaves no room, steps are those of a finer grid (`finer_margins_of`).
+    Where that leaves no room, steps are those of a finer grid (`PlanMargins.inner`).
     """
 
     grid: Grid
@@ -57,18 +57,33 @@ class Margins:
         return float(self.steps["position"].max())
 
 
-def margins_of(scenario: Scenario) -> Margins:
-    """Return what plans of a scenario keep inside their limits; nothing where nothing disturbs."""
-    return _margins(scenario, 1)
+@dataclasses.dataclass(frozen=True, eq=False)
+class PlanMargins:
+    """Margins of all quantities of a scenario, on the grids on which they are constant."""
+
+    steps: Margins
+    """constant over each step of the plan"""
+    inner: Margins
+    """of positions and velocities: the same or, where these leave no plan, constant over pieces of
+    each step"""
+    pieces: int
+    """equal pieces of a step over which `inner` is constant"""
+
+    def of(self, quantity: Quantity) -> tuple[Margins, int]:
+        """Return the margins of a quantity, and over how many pieces of a step."""
+        inner = quantity in ("position", "velocity")
+        return (self.inner, self.pieces) if inner else (self.steps, 1)
 
 
-def finer_margins_of(scenario: Scenario) -> Margins:
-    """Return the margins of positions and velocities, on the grid on which they are constant.
+def margins_of(scenario: Scenario, pieces: int = 1) -> PlanMargins:
+    """Return what plans of a scenario keep inside their limits; nothing where nothing disturbs.
 
-    That is the scenario's, or where there is no plan with these, one whose steps are equal pieces
-    of its steps (`Scenario.margin_pieces`).
+    Args:
+        scenario: to be planned.
+        pieces: into how many pieces steps are cut for positions and velocities.
     """
-    return _margins(scenario, scenario.margin_pieces)
+    steps = _margins(scenario, 1)
+    return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces), pieces)
 
 
 def _margins(scenario: Scenario, pieces: int) -> Margins:

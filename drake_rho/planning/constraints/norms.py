@@ -9,7 +9,7 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.convex_sets import Asked, KeepInSets
-from drake_rho.planning.constraints.margins import finer_margins_of, margins_of
+from drake_rho.planning.constraints.margins import PlanMargins
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.records import Scenario
@@ -36,7 +36,7 @@ class KeepInNorm(KeepInSets):
         return Asked(who, np.tile(self.times, len(vehicles)), values)
 
 
-def norms_of(scenario: Scenario) -> list[Constraint]:
+def norms_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
     """The limits on norms that the vehicles have to keep to.
 
     The first and the last velocity are left out: start and goal decide them.
@@ -47,8 +47,8 @@ def norms_of(scenario: Scenario) -> list[Constraint]:
             continue
         limit = scenario.fleet.norms[norm]
         inner = limit.kind.quantity == "velocity"
-        margins = finer_margins_of(scenario) if inner else margins_of(scenario)
-        times = margins.grid.elapsed
+        own, pieces = margins.of(limit.kind.quantity)
+        times = own.grid.elapsed
         norms.append(
             KeepInNorm(
                 key=("norm", norm),
@@ -57,8 +57,8 @@ def norms_of(scenario: Scenario) -> list[Constraint]:
                 sets=limit.sets,
                 times=times[1:-1] if inner else times[:-1],
                 first=int(inner),
-                margins=margins,
-                pieces=scenario.margin_pieces if inner else 1,
+                margins=own,
+                pieces=pieces,
             )
         )
     return norms

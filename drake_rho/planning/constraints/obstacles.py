@@ -34,7 +34,7 @@ from drake_rho.planning.constraints.base import (
     Quadratic,
     near,
 )
-from drake_rho.planning.constraints.margins import Margins, finer_margins_of
+from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
@@ -105,7 +105,7 @@ class KeepOut(Constraint):
     def rows(self, places: Places) -> HalfSpaces:
         """The half-spaces at some places, in the order of vehicle and time."""
 
-    def violated(
+    def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """The broken rows at the knots or, if `between`, where the motion is inside of S."""
@@ -293,13 +293,15 @@ class KeepOutOfObstacle(KeepOut):
         )
 
 
-def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacle]:
+def obstacles_of(
+    scenario: Scenario, margins: PlanMargins, reference: Motion
+) -> list[KeepOutOfObstacle]:
     """The obstacles known at the start, linearised (15) around a motion of the same vehicles."""
     known = scenario.known
     if not known:
         return []
-    reference = reference.finer(scenario.margin_pieces)
-    inner_knots, margins = Places.at_inner_knots(reference), finer_margins_of(scenario)
+    reference = reference.finer(margins.pieces)
+    inner_knots = Places.at_inner_knots(reference)
     return [
         KeepOutOfObstacle(
             key=("obstacle", number),
@@ -312,8 +314,8 @@ def obstacles_of(scenario: Scenario, reference: Motion) -> list[KeepOutOfObstacl
             obstacle=obstacle,
             inner_knots=inner_knots,
             kept=scenario.fleet.radii + obstacle.deviation,
-            margins=margins,
-            pieces=scenario.margin_pieces,
+            margins=margins.inner,
+            pieces=margins.pieces,
             tolerances=scenario.fleet.obstacle_tolerances(obstacle.shape),
         )
         for number, obstacle in known

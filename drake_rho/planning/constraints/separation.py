@@ -23,7 +23,7 @@ from drake_rho.planning.constraints.close_pairs import (
     separation_of,
     too_close,
 )
-from drake_rho.planning.constraints.margins import Margins, finer_margins_of
+from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.planning.constraints.obstacles import KeepOut, Places, side_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
@@ -251,6 +251,7 @@ class KeepApart(KeepOut):
 
 def pairs_of(
     scenario: Scenario,
+    margins: PlanMargins,
     reference: Motion,
     coupling: Coupling,
     *,
@@ -264,6 +265,7 @@ def pairs_of(
 
     Args:
         scenario: what is asked.
+        margins: how far inside of it plans keep.
         reference: q.
         coupling: how rows are written.
         penalty: cost of each metre by which a row is broken.
@@ -274,8 +276,8 @@ def pairs_of(
             between its knots, since rows may be broken.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
-    margins, reference = finer_margins_of(scenario), reference.finer(scenario.margin_pieces)
-    kept = separation.distance + most_beside(separation, margins)
+    reference = reference.finer(margins.pieces)
+    kept = separation.distance + most_beside(separation, margins.inner)
     near = pairs_within(separation, reference, NEAR * kept, between=False, of=of)
     if close is None:
         within, between = kept * (1.0 if soft else GRAZING), scenario.between_knots
@@ -293,8 +295,8 @@ def pairs_of(
         coupled=coupling.together,
         shape=shape,
         kept=separation,
-        margins=margins,
-        pieces=scenario.margin_pieces,
+        margins=margins.inner,
+        pieces=margins.pieces,
         share=coupling.share,
         aside=aside,
         reference=reference,

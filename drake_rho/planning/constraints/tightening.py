@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.motion.plan import Plan
 from drake_rho.motion.tube import tube_of
 from drake_rho.planning.constraints.close_pairs import most_beside
-from drake_rho.planning.constraints.margins import Margins, finer_margins_of, margins_of
-from drake_rho.planning.errors import InfeasibleError, SolverError
+from drake_rho.planning.constraints.margins import Margins, PlanMargins, margins_of
+from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
 _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
-_PIECES = 16
-"""Pieces of a step that finer margins are constant over, at least."""
-
-_LESS = 0.02
-"""By what part margins are to be smaller, for another search to be worth its time."""
-
 _UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 
 _WHERE = {0: "start", -1: "goal"}
@@ -72,7 +64,7 @@ class Room:
         return f"{self.name} ({self.where} {room:.3g} {unit} inside, of {needed[vehicle]:.3g})"
 
 
-def check_room(scenario: Scenario) -> None:
+def check_room(scenario: Scenario, margins: PlanMargins) -> None:
     """See that limits, starts and goals leave room for the disturbance, if there is one.
 
     What is left of a flight is not looked at: windows are judged when they are planned.
@@ -82,20 +74,23 @@ def check_room(scenario: Scenario) -> None:
     """
     if scenario.disturbance is None or scenario.under_way:
         return
-    if conflicts := lacks(scenario):
-        bearable = _bearable(scenario)
+    if conflicts := lacks(scenario, margins):
+        bearable = _bearable(scenario, margins)
         raise InfeasibleError(conflicts, scenario=scenario, bearable=bearable, because=NO_ROOM)
 
 
-def lacks(scenario: Scenario, *, under_way: bool = False) -> dict[str, tuple[str, ...]]:
+def lacks(
+    scenario: Scenario, margins: PlanMargins, *, under_way: bool = False
+) -> dict[str, tuple[str, ...]]:
     """Return for each vehicle without room what leaves it none.
 
     Args:
         scenario: what is asked.
+        margins: how far inside of it plans keep.
         under_way: whether it begins with a measured state, which may be a little off.
     """
     found: dict[str, tuple[str, ...]] = {}
-    for each in _rooms(scenario, finer_margins_of(scenario)):
+    for each in _rooms(scenario, margins.inner):
         measured = under_way and each.where == _WHERE[0]
         tolerances = _UNDER_WAY if measured else 1.0
         for vehicle in np.flatnonzero(each.lacking(tolerances) > 0.0).tolist():
@@ -104,77 +99,24 @@ def lacks(scenario: Scenario, *, under_way: bool = False) -> dict[str, tuple[str
     return found
 
 
-def with_finer_margins(find: Callable[[Scenario], Plan], scenario: Scenario) -> Plan:
-    """Return what is found with margins that are constant over steps or, before refusing, finer.
-
-    Args:
-        find: a plan for a scenario; it may raise `InfeasibleError` and `SolverError`.
-        scenario: what is asked.
-
-    Raises:
-        InfeasibleError: there is none with either.
-        SolverError: the solvers fail numerically.
-    """
-    try:
-        return find(scenario)
-    except InfeasibleError as error:
-        if (finer := with_more_pieces(scenario)) is None:
-            raise
-        try:
-            plan = find(finer)
-        except InfeasibleError as again:  # which says how much room there is, to the last piece
-            spent = error.statistics + again.statistics
-            raise again.after(error.steps_tried, spent) from None
-        except SolverError as again:
-            raise error.after(error.steps_tried, error.statistics + again.statistics) from None
-        plan = plan.with_statistics(error.statistics + plan.statistics)
-        return unchecked(plan, scenario=scenario)
-
-
-def with_more_pieces(scenario: Scenario) -> Scenario | None:
-    """Return a scenario with finer margins; None where it has them, or they leave no more room.
-
-    Nor is there time for them in a flight, in which the previous plan goes on.
-    """
-    if scenario.disturbance is None or scenario.margin_pieces > 1 or scenario.under_way:
-        return None
-    finer = scenario.derived(margin_pieces=_pieces(scenario))
-    return finer if _is_less(finer_margins_of(finer), scenario) else None
-
-
-def _pieces(scenario: Scenario) -> int:
-    """Return into how many pieces steps are cut, whole parts of samples where these are few."""
-    around = scenario.disturbance
-    samples = 1 if around is None else around.samples_per_step(scenario.grid.step)
-    return samples * math.ceil(_PIECES / samples) if samples < _PIECES else _PIECES
-
-
-def _is_less(finer: Margins, scenario: Scenario) -> bool:
-    """Return whether finer margins leave more room than those of steps, by a part that counts."""
-    margins = margins_of(scenario)
-    pieces = (len(finer.knots["position"]) - 1) // len(margins.steps["position"])
-    return any(
-        np.any(finer.knots[each][::pieces] < (1.0 - _LESS) * margins.knots[each])
-        for each in ("position", "velocity")
-    )
-
-
-def starts_beyond_limits(scenario: Scenario) -> bool:
-    """Whether a vehicle begins where its limits of position or velocity leave no room."""
-    rooms = _of_state(scenario, finer_margins_of(scenario), 0)
+def starts_beyond_limits(scenario: Scenario, margins: PlanMargins) -> bool:
+    """Return whether a vehicle begins where its limits of position or velocity leave no room."""
+    rooms = _of_state(scenario, margins.inner, 0)
     return any(np.any(each.lacking(_UNDER_WAY) > 0.0) for each in rooms)
 
 
-def _bearable(scenario: Scenario) -> float:
+def _bearable(scenario: Scenario, margins: PlanMargins) -> float:
     """Return the largest wind there would be room for with the same feedback [m/s²].
 
     Radii are affine in the wind.
     """
-    tube, margins = tube_of(scenario), finer_margins_of(scenario)
+    tube = tube_of(scenario)
     calm = unchecked(tube.disturbance, acceleration=0.0, tracking=tube.tracking)
-    without = finer_margins_of(scenario.with_disturbance(calm))
+    without = margins_of(scenario.with_disturbance(calm), margins.pieces)
     part = 1.0
-    for windy, still in zip(_rooms(scenario, margins), _rooms(scenario, without), strict=True):
+    for windy, still in zip(
+        _rooms(scenario, margins.inner), _rooms(scenario, without.inner), strict=True
+    ):
         more = windy.needed - still.needed
         left = windy.room + windy.tolerances - still.needed
         share = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
@@ -270,21 +212,21 @@ def _of_pairs(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
     yield Room("separation", _WHERE[end], "position", room, needed, tolerance)
 
 
-def with_room(scenario: Scenario) -> Scenario:
+def with_room(scenario: Scenario, margins: PlanMargins) -> Scenario:
     """The undisturbed scenario in which vehicles and their separation are larger by their margins.
 
     For looking for ways, on which margins need not be known over time. Vehicles are no larger than
     their starts and goals have room for.
     """
-    margins = margins_of(scenario)
-    if margins.most == 0.0:
+    steps = margins.steps
+    if steps.most == 0.0:
         return scenario
-    most = np.full(len(scenario.vehicles), margins.most)
+    most = np.full(len(scenario.vehicles), steps.most)
     apart = most
     for end in _WHERE:
-        for room in _of_obstacles(scenario, margins, end):
+        for room in _of_obstacles(scenario, steps, end):
             most = np.minimum(most, np.maximum(room.room, 0.0))
-        for room in _of_pairs(scenario, margins, end):
+        for room in _of_pairs(scenario, steps, end):
             apart = np.minimum(apart, np.maximum(room.room, 0.0))
     vehicles = tuple(
         unchecked(vehicle, radius=vehicle.radius + float(more))

@@ -9,7 +9,7 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.convex_sets import Asked, KeepInSets
-from drake_rho.planning.constraints.margins import margins_of
+from drake_rho.planning.constraints.margins import PlanMargins
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
@@ -36,7 +36,7 @@ class PassWaypoint(KeepInSets):
         return Asked(who, times, motion.each_at("position", who, times))
 
 
-def waypoints_of(scenario: Scenario) -> list[Constraint]:
+def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
     """The waypoints that the vehicles have to pass."""
     scale = scenario.fleet.scale("position")
     return [
@@ -46,7 +46,7 @@ def waypoints_of(scenario: Scenario) -> list[Constraint]:
             quantity="position",
             sets=waypoints.balls(scale),
             times=waypoints.times - scenario.grid.start,
-            margins=margins_of(scenario),
+            margins=margins.steps,
         )
         for index, waypoints in enumerate(scenario.fleet.waypoints)
     ]

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.threads import one_for_arrays
-from drake_rho.planning.constraints.violations import breaches_of
 from drake_rho.planning.horizon.measured_states import ROUNDING, beyond, off_tube, tracked_anew
 from drake_rho.planning.horizon.windows import (
     Planner,
@@ -25,8 +24,10 @@ from drake_rho.planning.options import Options
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.planners.plan import plan_scp
-from drake_rho.planning.programs.solve import Solver, SolverName, solver_of
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.progress import Progress, tell
+from drake_rho.planning.scp.violations import violations_of
 from drake_rho.planning.time_limit import with_time_limit, within_time
 from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
@@ -93,7 +94,7 @@ class RecedingHorizon:
                 _with(options, planner),
                 None if fallback is None else _with(options, fallback),
                 reference,
-                solver_of(solver),
+                Backend.of(solver).solver,
             ),
             progress,
         )
@@ -351,7 +352,7 @@ def _with_sightings(window: Window, before: Window) -> Window:
     if not late:
         return window
     known = {number for number, _ in before.plan.scenario.known}
-    broken = breaches_of(scenario, window.plan).inside.keys() & late
+    broken = violations_of(Problem.of(scenario), window.plan).inside.keys() & late
     return dataclasses.replace(
         window, learned=tuple(sorted(late - known)), not_avoided=tuple(sorted(broken))
     )

@@ -16,13 +16,12 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan, Window
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.constraints.tightening import NO_ROOM, lacks
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.programs.solve import Solver
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend, Solver
 from drake_rho.planning.scp.minimum_violation import minimum_breach, minimum_violation
-from drake_rho.planning.scp.subproblem import Subproblem
+from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import unchecked
@@ -107,7 +106,7 @@ class WindowPlanner:
         if measured is scenario:
             return self._first(scenario)
         failure: _Failure
-        if reasons := lacks(measured, under_way=True):
+        if reasons := _lacks(measured):
             failure = _no_room(measured, reasons)
         else:
             try:
@@ -150,7 +149,7 @@ class WindowPlanner:
         if isinstance(window, Window):
             return window
         holds = on_plan and self._still_holds(tail, last)
-        if not lacks(scenario, under_way=True):  # else no other plan has room either
+        if not _lacks(scenario):  # else no other plan has room either
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
             window = self._planned_again(other, scenario, first_knot, followed, window)
@@ -179,7 +178,7 @@ class WindowPlanner:
             has_room = same and not _news(tail, last)
         if has_room:
             return None
-        reasons = lacks(scenario, under_way=True)
+        reasons = _lacks(scenario)
         return _no_room(scenario, reasons) if reasons else None
 
     def _still_holds(self, tail: Plan, last: Window) -> bool:
@@ -189,7 +188,7 @@ class WindowPlanner:
         rounding: the shorter the rest, the smaller its tolerances.
         """
         if tail.scenario.disturbance is None:
-            return Subproblem(tail.scenario, decoupled, self.solver).holds(tail)
+            return violations_of(Problem.of(tail.scenario), tail).none
         accepted = last.kept or not last.infeasible
         return first_violation(tail, _news(tail, last) if accepted else None) is None
 
@@ -223,6 +222,11 @@ class WindowPlanner:
             return again
         plan = plan.with_statistics(failure.statistics + plan.statistics)
         return Window(first_knot, plan, plan.reference or plan)
+
+
+def _lacks(scenario: Scenario) -> dict[str, tuple[str, ...]]:
+    """Return for each vehicle of a window without room what leaves it none."""
+    return lacks(scenario, Problem.of(scenario).margins, under_way=True)
 
 
 def _no_room(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> InfeasibleError:
@@ -277,11 +281,11 @@ def least_breach(reference: Plan, solver: Solver | None = None) -> Plan:
     scenario, spent = reference.scenario, Statistics()
     if scenario.known or scenario.separation is not None:  # else nothing can be too close
         try:
-            return minimum_breach(reference, solver)
+            return minimum_breach(reference, Backend(solver))
         except (InfeasibleError, SolverError, OutOfTimeError) as error:
             spent = error.statistics
     try:
-        plan = minimum_violation(scenario, solver)
+        plan = minimum_violation(Problem.of(scenario), Backend(solver))
     except (SolverError, OutOfTimeError) as error:
         return reference.with_statistics(spent + error.statistics)
     return plan.with_statistics(spent + plan.statistics)
@@ -291,7 +295,8 @@ def _moved(tail: Plan, scenario: Scenario) -> Plan:
     """The rest of a plan, flown from another start to the same goals with the least change."""
     if scenario.fleet is tail.scenario.fleet:
         return unchecked(tail, scenario=scenario)
-    there = MinimumEffort.of(scenario).motion.accelerations
-    here = MinimumEffort.of(tail.scenario).motion.accelerations
+    there, here = (
+        Problem.of(each).effort.motion.accelerations for each in (scenario, tail.scenario)
+    )
     changed = np.asarray(tail.accelerations + there - here, dtype=np.float64)
     return Plan.from_accelerations(scenario, changed)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.constraints.margins import margins_of
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import Scenario
 
@@ -28,22 +27,23 @@ _REPAIRS = 5
 """How often steps that lead too deep are taken back; each time their neighbours may follow."""
 
 
-def towards(reference: Plan, plan: Plan) -> Plan:
+def towards(reference: Plan, plan: Plan, *, margin: float) -> Plan:
     """A reference whose positions have moved to those of a plan as far as they stay clear.
 
     Args:
         reference: keeps clear of obstacles at the knots.
         plan: a motion of the same vehicles, at the same knots.
+        margin: what is kept beside each vehicle's distance from obstacles [m].
     """
     scenario, here, there = plan.scenario, reference.positions, plan.positions
     way = there - here
     clear = np.ones((len(_PARTS), *here.shape[:2]), dtype=bool)
     for part, at in zip(_PARTS[1:], clear[1:], strict=True):
-        at[:] = _is_clear(scenario, here + part * way, scenario.grid.elapsed, 0.0)
+        at[:] = _is_clear(scenario, here + part * way, scenario.grid.elapsed, margin)
     far = _PARTS[np.sum(np.logical_and.accumulate(clear, axis=0), axis=0) - 1]
     moved = here + far[..., None] * way
     for _ in range(_REPAIRS):
-        deep = _deep_steps(scenario, moved)
+        deep = _deep_steps(scenario, moved, margin)
         if not deep.any():
             break
         none = np.zeros((len(deep), 1), dtype=bool)
@@ -63,18 +63,23 @@ def straight_between(scenario: Scenario, positions: FloatArray) -> Plan:
     return Plan(scenario, positions, velocities, accelerations)
 
 
-def _deep_steps(scenario: Scenario, positions: FloatArray) -> BoolArray:
+def _deep_steps(scenario: Scenario, positions: FloatArray, margin: float) -> BoolArray:
     """Which steps of a motion straight between knots lead deep into an obstacle, (N, K-1)."""
     deep = np.zeros((len(positions), positions.shape[1] - 1), dtype=bool)
     times = scenario.grid.elapsed
     for part in _BETWEEN:
         x = (1.0 - part) * positions[:, :-1] + part * positions[:, 1:]
-        deep |= ~_is_clear(scenario, x, times[:-1] + part * scenario.grid.step, _DEEP)
+        at = times[:-1] + part * scenario.grid.step
+        deep |= ~_is_clear(scenario, x, at, margin, _DEEP)
     return deep
 
 
 def _is_clear(
-    scenario: Scenario, positions: FloatArray, times: FloatArray, depth: float
+    scenario: Scenario,
+    positions: FloatArray,
+    times: FloatArray,
+    margin: float,
+    depth: float = 0.0,
 ) -> BoolArray:
     """Which positions, (N, M, 3), at times (M,), are not too deep in what is kept: (N, M).
 
@@ -82,10 +87,10 @@ def _is_clear(
         scenario: with the obstacles.
         positions: of the vehicles [m].
         times: since the first knot [s].
+        margin: beside each vehicle's distance [m].
         depth: how deep they may be, in parts of an obstacle's least extent.
     """
     clear = np.ones(positions.shape[:2], dtype=bool)
-    margin = margins_of(scenario).most
     for _, body in scenario.known:
         tolerances = scenario.fleet.obstacle_tolerances(body.shape)[:, None]
         kept = scenario.fleet.radii[:, None] + body.deviation + margin - tolerances

@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.constraints.close_pairs import separation_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
@@ -45,23 +44,6 @@ def bent(plan: Plan, along_sine: FloatArray, along_cosine: FloatArray) -> Plan:
     aside = np.stack([along_sine, along_cosine], axis=1)
     accelerations = plan.accelerations + np.einsum("wk,nwx->nkx", waves, aside)
     return Plan.from_accelerations(plan.scenario, accelerations)
-
-
-def spread(plan: Plan, number: int) -> Plan:
-    """The plan with every vehicle bent aside in the middle of the flight, and back.
-
-    Args:
-        plan: of a scenario with a separation, of which vehicles are bent aside by some two.
-        number: which spread, from 0: to different heights first, then in directions that have no
-            order.
-    """
-    count, apart = len(plan.accelerations), separation_of(plan.scenario).shape.semi_axes
-    directions = np.zeros((count, 3))
-    if number == 0:
-        directions[:, 2] = np.arange(count) % _LEVELS - _LEVELS // 2
-    else:
-        directions = np.random.default_rng(number).normal(size=(count, 3))
-    return bent(plan, np.zeros((count, 3)), directions * apart)
 
 
 def bent_alone(scenario: Scenario, number: int) -> Plan:

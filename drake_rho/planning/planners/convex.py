@@ -7,13 +7,11 @@ from collections.abc import Iterable
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.constraints.catalogue import convex_constraints
-from drake_rho.planning.constraints.obstacles import obstacles_of
-from drake_rho.planning.constraints.tightening import check_room, with_finer_margins
+from drake_rho.planning.constraints.tightening import check_room
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.options import Options
-from drake_rho.planning.programs.parallel import OnWorkers
-from drake_rho.planning.programs.solve import Solver, SolverName, solver_of
+from drake_rho.planning.problem import Problem, with_finer_margins
+from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from drake_rho.planning.time_limit import with_time_limit
@@ -68,7 +66,7 @@ def plan_convex(
     others = [_grid(step, scenario.grid) for step in steps]
     if reference is not None and others:
         raise ValueError("steps: got some beside a reference, expected none: it has one step")
-    solver = solver_of(solver)
+    backend = Backend.of(solver)
     failures: list[InfeasibleError] = []
     statistics = Statistics()
     steps_tried: tuple[float, ...] = ()
@@ -76,7 +74,9 @@ def plan_convex(
         asked = scenario.on_grid(grid) if steps_tried else scenario
         steps_tried += (grid.step,)
         try:
-            plan = with_finer_margins(lambda each: linearised_once(each, reference, solver), asked)
+            plan = with_finer_margins(
+                lambda problem: linearised_once(problem, reference, backend), Problem.of(asked)
+            )
         except InfeasibleError as error:
             failures.append(error)
             statistics += error.statistics
@@ -88,32 +88,35 @@ def plan_convex(
 
 
 def linearised_once(
-    scenario: Scenario, reference: Plan | None = None, solver: Solver | OnWorkers | None = None
+    problem: Problem, reference: Plan | None = None, backend: Backend | None = None
 ) -> Plan:
-    """Return a plan by steps 1 and 2 for the scenario's h, with the margins that it has.
+    """Return a plan by steps 1 and 2 for the scenario's h, with the margins that a problem has.
 
     Raises:
         InfeasibleError: there is none.
         SolverError: the solvers fail numerically.
     """
-    check_room(scenario)
+    scenario = problem.scenario
+    check_room(scenario, problem.margins)
     try:
-        return _plan(scenario, reference, solver)
+        return _plan(problem, reference, backend)
     except InfeasibleError as error:
         raise error.after((scenario.grid.step,), error.statistics) from None
 
 
-def _plan(scenario: Scenario, reference: Plan | None, solver: Solver | OnWorkers | None) -> Plan:
+def _plan(problem: Problem, reference: Plan | None, backend: Backend | None) -> Plan:
     """Return a plan by steps 1 and 2 for one h, where there is room."""
+    scenario = problem.scenario
+    subproblem = Subproblem(problem, coupling_for(scenario), backend)
     if reference is not None:
-        return Subproblem(scenario, coupling_for(scenario), solver).around(reference)
-    planes = CuttingPlanes(scenario, solver)
-    planes.keep_to(convex_constraints(scenario))
+        return subproblem.around(reference)
+    planes = CuttingPlanes(problem, backend)
+    planes.keep_to(problem.convex)
     free = planes.plan()
     if scenario.separation is not None:
-        plan = Subproblem(scenario, coupling_for(scenario), solver).around(free)
+        plan = subproblem.around(free)
         return plan.with_statistics(free.statistics + plan.statistics)
-    obstacles = obstacles_of(scenario, free.motion())
+    obstacles = problem.obstacles_around(free.motion())
     if not obstacles:
         return free
     planes.keep_to(obstacles, reference=free)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from itertools import islice
 
 from drake_rho.motion.plan import Plan
@@ -21,9 +22,11 @@ from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.path_search.continuation import towards
 from drake_rho.planning.path_search.initial_guesses import ways_on_grids
 from drake_rho.planning.planners.bends import BENDS, bent_alone
-from drake_rho.planning.programs.solve import Solver
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.progress import Progress, tell, within
-from drake_rho.planning.scp.sequential_convex import DeadEnds, Follow, iterate, restored
+from drake_rho.planning.scp.restoration import DeadEnds, Follow, restore_feasibility
+from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.records import Scenario
 
@@ -61,22 +64,23 @@ class AlongWays:
 
 @one_for_arrays()
 def plan_along_ways(
-    scenario: Scenario,
-    solver: Solver | None = None,
+    problem: Problem,
+    backend: Backend | None = None,
     options: Options = DEFAULTS,
     progress: Progress | None = None,
 ) -> AlongWays:
     """Look for ways, and for a plan near one of them.
 
     Args:
-        scenario: what is asked.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        problem: to be solved.
+        backend: Clarabel if not given.
         options: `max_ways` bounds the ways that are tried.
         progress: called with a few words on what is being done.
     """
     tell(progress, "looking for ways")
-    grids = ways_on_grids(with_room(scenario), options.max_ways, options.max_memory)
-    attempts, best = _Attempts(scenario, solver), None
+    scenario, larger = problem.scenario, with_room(problem.scenario, problem.margins)
+    grids = ways_on_grids(larger, options.max_ways, options.max_memory)
+    attempts, best = _Attempts(problem, backend), None
     for found in islice(grids, _GRIDS):
         attempts.spent += Statistics(searched=found.searched)
         if (best := _best_along(found.references, attempts, progress)) is not None:
@@ -91,24 +95,26 @@ def plan_along_ways(
 
 
 class _Attempts:
-    """Restorations of one scenario from several references.
+    """Restorations of one problem from several references.
 
     Args:
-        scenario: what is asked.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+        problem: to be solved.
+        backend: Clarabel if not given.
 
     Attributes:
-        scenario: as given.
+        scenario: of the problem.
+        towards: continuation from a reference towards a motion.
         dead_ends: where those without a plan ended.
         spent: on all of them.
         failure: why the first without a plan has none; None if there is none such.
     """
 
-    def __init__(self, scenario: Scenario, solver: Solver | None) -> None:
-        self.scenario, self.dead_ends = scenario, DeadEnds(scenario)
+    def __init__(self, problem: Problem, backend: Backend | None) -> None:
+        self.scenario, self.dead_ends = problem.scenario, DeadEnds(problem.scenario)
+        self.towards = partial(towards, margin=problem.margins.steps.most)
         self.spent = Statistics()
         self.failure: InfeasibleError | None = None
-        self._subproblem = Subproblem(scenario, decoupled, solver)
+        self._subproblem = Subproblem(problem, decoupled, backend)
 
     def plan_near(
         self,
@@ -123,19 +129,25 @@ class _Attempts:
         Args:
             reference: where to begin.
             progress: called after each linearisation.
-            follow: as in `iterate`.
+            follow: as in `restore_feasibility`.
             improved: whether to go on until the plan can be told from others.
         """
-        subproblem = self._subproblem = self._subproblem.afresh()
+        subproblem = self._subproblem = self._subproblem.restarted()
         try:
-            plan = restored(reference, subproblem, progress, follow, dead_ends=self.dead_ends)
+            plan = restore_feasibility(
+                subproblem,
+                reference,
+                progress=progress,
+                follow=follow,
+                dead_ends=self.dead_ends,
+            )
         except (InfeasibleError, SolverError) as error:
             self.spent = error.statistics + self.spent
             if isinstance(error, InfeasibleError):
                 self.failure = self.failure or error
             return None
         if improved:
-            plan = iterate(subproblem, plan, _ROUGHLY, progress=progress)
+            plan = sequential_convex(subproblem, plan, _ROUGHLY, progress=progress)
         self.spent = plan.statistics + self.spent
         return plan
 
@@ -154,7 +166,7 @@ def _best_along(
     for number, reference in enumerate(references, start=1):
         along = within(progress, f"way {number} of {len(references)}")
         try:
-            plan = attempts.plan_near(reference, along, towards, improved=several)
+            plan = attempts.plan_near(reference, along, attempts.towards, improved=several)
             if plan is None and not alone:
                 plan = attempts.plan_near(reference, along, improved=several)
         except OutOfTimeError:

@@ -23,6 +23,7 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.constraints.convex_sets import KeepInSets
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import add_rows
 from drake_rho.planning.programs.parallel import Answers
 from drake_rho.planning.programs.reduced import slacks_of
@@ -89,17 +90,16 @@ class ConicPrograms:
     to write: programs without rows are kept and copied.
 
     Args:
-        effort: minimum effort of the scenario: what changes are about, and are added to.
-        linear: whether only slack costs anything.
+        effort: minimum effort of the scenario, which changes are about and are added to.
 
     Attributes:
         needed: whose sets enter from the start, as tangent planes of them came to no end in one of
             the programs, shape (N,).
     """
 
-    def __init__(self, effort: MinimumEffort, *, linear: bool = False) -> None:
+    def __init__(self, effort: MinimumEffort) -> None:
         self.needed: BoolArray = np.zeros(len(effort.units), dtype=bool)
-        self._effort, self._linear = effort, linear
+        self._effort = effort
         self._begun: dict[tuple[object, ...], _Begun] = {}
 
     def solve(
@@ -129,7 +129,10 @@ class ConicPrograms:
             sparse = SparseRows(changes, group, given, beside=begun.axes)
             matrix, needed, penalties, lengths = sparse.matrix()
             add_rows(program, matrix, needed, penalties, slacks_of(given), begun.x)
-        solution, steps = solve([program], rough=rough)[0], changes.grid.knots - 1
+        solution, steps = (
+            solve([program], Backend(accuracy="rough" if rough else "full"))[0],
+            changes.grid.knots - 1,
+        )
         y = solution.multipliers()
         ends = np.cumsum([len(each) for each in begun.cones])
         duals = np.split(y[count:].reshape(-1, 4), ends[:-1])
@@ -161,7 +164,7 @@ class ConicPrograms:
         cones = [cone for each in sets if len(cone := Cones.of(each, motion, group)) > 0]
         axes = about(motion, [cone.axes for cone in cones])
         sparse = SparseRows(changes, group, axes, beside=rows)
-        program, x = without_rows(sparse, self._linear)
+        program, x = without_rows(sparse)
         matrix, needed, penalties, lengths = sparse.matrix()
         ends = np.cumsum([0, *map(len, axes)]).tolist()
         parts = [slice(*each) for each in pairwise(ends)]

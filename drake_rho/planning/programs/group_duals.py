@@ -20,9 +20,8 @@ from drake_rho.motion.dynamics import Motion, response
 from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.constraints.base import HalfSpaces, some_of
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
+from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dual import multipliers_of
-from drake_rho.planning.programs.parallel import OnWorkers, alone, executor_of
-from drake_rho.planning.programs.solve import Solver, is_dense
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
@@ -163,7 +162,7 @@ class GroupDuals:
         effort: of the scenario.
         groups: for each vehicle the number of its group, shape (N,).
         motion: what those fly who have no rows; motions of minimum effort if not given.
-        solver: whether it is `Daqp()`, and where programs are solved if it is on an executor.
+        backend: DAQP is asked where it is the solver; others have no part here.
 
     Attributes:
         motion: of all vehicles, as last solved.
@@ -175,15 +174,17 @@ class GroupDuals:
         effort: MinimumEffort,
         groups: IntArray,
         motion: Motion | None = None,
-        solver: Solver | OnWorkers | None = None,
+        backend: Backend | None = None,
     ) -> None:
         self.motion, self.programs = motion or effort.motion, 0
-        self._effort, self._groups, self._executor = effort, groups, executor_of(solver)
+        self._effort, self._groups = effort, groups
+        backend = backend or Backend()
+        self._executor = backend.executor
         self._parts = list[HalfSpaces]()
         nobody, nothing = np.zeros(0, dtype=int), np.zeros(0)
         self._rows = Duals(
             effort.changes,
-            is_dense(alone(solver)),
+            backend.is_dense,
             *(nobody, nobody, nobody, nobody),
             *(nothing, np.zeros((0, 3)), nothing, nothing, nothing),
         )

@@ -4,43 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from functools import partial
 
 import numpy as np
 
 from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.minimum_effort import Changes
+from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import Program
 from drake_rho.planning.programs.reduced import Batch, programs_of
 from drake_rho.planning.programs.rows import Rows, each_of, groups_of
 from drake_rho.planning.programs.solution import Solution
-from drake_rho.planning.programs.solve import Solver, is_dense, solve, solve_side_by_side
+from drake_rho.planning.programs.solve import solve, solve_side_by_side
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _BLOCK = 128
 """Vehicles in a block: some tens of milliseconds of work, whoever does it. It does not depend on
 how many workers there are, so that neither do the last digits of a plan."""
-
-
-@dataclasses.dataclass(frozen=True)
-class OnWorkers:
-    """A solver whose programs are solved on an executor: what planners hand on in its place."""
-
-    solver: Solver | None
-    """a Drake solver or `Daqp()`; Clarabel if it is None"""
-    executor: Executor
-    """any of PEP 3148; to processes a Drake solver cannot be sent"""
-
-
-def executor_of(solver: Solver | OnWorkers | None) -> Executor | None:
-    """Where programs are solved, if not here."""
-    return solver.executor if isinstance(solver, OnWorkers) else None
-
-
-def alone(solver: Solver | OnWorkers | None) -> Solver | None:
-    """The solver without the executor that it may be on."""
-    return solver.solver if isinstance(solver, OnWorkers) else solver
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,33 +61,24 @@ class _Block:
 
     changes: Changes
     rows: Sequence[Rows]
-    solver: Solver | None
-    linear: bool
-    retry: int
-    quick: bool
+    backend: Backend
 
     def batches(self) -> Iterator[Batch]:
-        dense = is_dense(self.solver) and not self.linear  # linear programs are for others
-        return programs_of(self.changes, self.rows, linear=self.linear, dense=dense)
+        dense = self.backend.is_dense and not self.changes.free  # linear programs are for others
+        return programs_of(self.changes, self.rows, dense=dense)
 
     @one_for_arrays()
     def solved(self) -> list[Answers]:
         """All of its programs, one after the other: others are at work on other blocks."""
         answers = list[Answers]()
         for batch in self.batches():
-            found = solve(batch.programs, self.solver, retry=self.retry, quick=self.quick)
+            found = solve(batch.programs, self.backend)
             answers.append(_answers(batch, found, self.changes.grid.knots - 1).sent())
         return answers
 
 
 def solve_all(
-    changes: Changes,
-    rows: Sequence[Rows],
-    solver: Solver | OnWorkers | None = None,
-    *,
-    linear: bool = False,
-    retry: int = 0,
-    quick: bool = False,
+    changes: Changes, rows: Sequence[Rows], backend: Backend | None = None
 ) -> list[Answers]:
     """Write and solve the programs of all vehicles that have rows.
 
@@ -116,19 +87,14 @@ def solve_all(
     Args:
         changes: what the rows are about.
         rows: constraint by constraint.
-        solver: a Drake solver or `Daqp()`, perhaps on an executor; Clarabel if not given.
-        linear: whether only slack costs anything.
-        retry: how often the rows were in before and were not kept.
-        quick: whether solutions are wanted sooner rather than to the last digit.
+        backend: Clarabel, here and to full accuracy, if not given.
 
     Raises:
         SolverError: the solvers fail numerically.
     """
-    executor, solver = executor_of(solver), alone(solver)
-    blocks = [
-        _Block(changes, own, solver, linear, retry, quick)
-        for own in _in_blocks(len(changes.units), rows)
-    ]
+    backend = backend or Backend()
+    executor, here = backend.executor, backend.here()
+    blocks = [_Block(changes, own, here) for own in _in_blocks(len(changes.units), rows)]
     if executor is not None and len(blocks) > 1:
         found = [executor.submit(_Block.solved, block) for block in blocks]
         return [answers for each in found for answers in each.result()]
@@ -140,7 +106,7 @@ def solve_all(
                 batches.append(batch)
                 yield batch.programs
 
-    answers = solve_side_by_side(written(), solver, retry=retry, quick=quick)
+    answers = solve_side_by_side(written(), here)
     steps = changes.grid.knots - 1
     return [_answers(*each, steps) for each in zip(batches, answers, strict=True)]
 

@@ -83,7 +83,6 @@ def programs_of(
     changes: Changes,
     rows: Sequence[Rows],
     *,
-    linear: bool = False,
     dense: bool = False,
 ) -> Iterator[Batch]:
     """The programs of all vehicles that have rows, the largest first, written one by one.
@@ -91,7 +90,6 @@ def programs_of(
     Args:
         changes: what the rows are about.
         rows: constraint by constraint; those of a group keep their order.
-        linear: whether only slack costs anything.
         dense: whether they are for a solver of dense programs, as `Daqp` is: it takes hard rows as
             they are, and more of them before the sparse form is cheaper.
     """
@@ -105,11 +103,11 @@ def programs_of(
         for group, own in each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
             vehicles = np.flatnonzero(groups == group)
             if in_sparse[group]:
-                yield _sparse(changes, vehicles, own, linear, begun)
+                yield _sparse(changes, vehicles, own, begun)
             else:
-                yield _reduced_group(changes, vehicles, own, linear, dense)
+                yield _reduced_group(changes, vehicles, own, dense)
         rows = [part.select(alone[groups[part.vehicles]]) for part in rows]
-    yield from _reduced(changes, [part for part in rows if len(part) > 0], linear, dense)
+    yield from _reduced(changes, [part for part in rows if len(part) > 0], dense)
 
 
 def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: float) -> BoolArray:
@@ -129,7 +127,7 @@ def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: 
     return many & (rows**2 * (width + 5 * rows) > operations * _SPARSE * entries)
 
 
-def _reduced(changes: Changes, rows: Sequence[Rows], linear: bool, dense: bool) -> Iterator[Batch]:
+def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Batch]:
     """Programs of single vehicles in the reduced space; those of a size together.
 
     What is as wide as a row is made for one size after the other, which fits into caches.
@@ -160,7 +158,7 @@ def _reduced(changes: Changes, rows: Sequence[Rows], linear: bool, dense: bool) 
             needed[own].reshape(-1, size),
             penalties[own].reshape(-1, size),
             slacks[own].reshape(-1, size),
-            linear,
+            changes.free,
             dense,
         )
 
@@ -182,16 +180,14 @@ def _responses(grid: Grid, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray]:
     return np.concatenate(responses), np.concatenate(which)
 
 
-def _reduced_group(
-    changes: Changes, group: IntArray, rows: Sequence[Rows], linear: bool, dense: bool
-) -> Batch:
+def _reduced_group(changes: Changes, group: IntArray, rows: Sequence[Rows], dense: bool) -> Batch:
     """One program, in the reduced space."""
     matrix, needed, penalties = rows_of(changes, group, rows)
     entries = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
     inside = np.stack([changes.inside(entries[:, :, axis]) for axis in range(3)], axis=2)
     stack = inside.reshape(1, len(needed), -1)
     slacks = slacks_of(rows)[None]
-    return _in_span(group[None], stack, needed[None], penalties[None], slacks, linear, dense)
+    return _in_span(group[None], stack, needed[None], penalties[None], slacks, changes.free, dense)
 
 
 def slacks_of(rows: Sequence[Rows]) -> IntArray:
@@ -242,7 +238,7 @@ def _in_span(
     needed: FloatArray,
     penalties: FloatArray,
     slacks: IntArray,
-    linear: bool,
+    free: bool,
     dense: bool,
 ) -> Batch:
     """Programs in coordinates of an orthonormal basis of the span of their rows.
@@ -255,7 +251,7 @@ def _in_span(
         needed: b, shape (B, R).
         penalties: what it costs to break a row by one, shape (B, R).
         slacks: the number of each row's slack, shape (B, R).
-        linear: whether only slack costs anything.
+        free: whether only slack costs anything.
         dense: as in `programs_of`.
     """
     basis: FloatArray | None = None
@@ -263,13 +259,11 @@ def _in_span(
         basis, triangles = np.linalg.qr(np.swapaxes(matrices, 1, 2))
         matrices = np.swapaxes(triangles, 1, 2)
     rows = zip(matrices, needed, penalties, slacks, strict=True)
-    programs = [DenseProgram(*each, linear) for each in rows]
+    programs = [DenseProgram(*each, free) for each in rows]
     return Batch(groups, programs, basis, np.ones(needed.shape))
 
 
-def _sparse(
-    changes: Changes, group: IntArray, rows: Sequence[Rows], linear: bool, begun: Begun
-) -> Batch:
+def _sparse(changes: Changes, group: IntArray, rows: Sequence[Rows], begun: Begun) -> Batch:
     """The program in the accelerations, with the states that its rows speak of beside them.
 
     Variables, cost and dynamics take longer to write than the rows do, and are the same for many:
@@ -278,7 +272,7 @@ def _sparse(
     sparse = SparseRows(changes, group, rows)
     form = len(group), sparse.columns
     if form not in begun:
-        begun[form] = without_rows(sparse, linear)
+        begun[form] = without_rows(sparse)
     common, x = begun[form]
     program = common.Clone()
     matrix, needed, penalties, lengths = sparse.matrix()

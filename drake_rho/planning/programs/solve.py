@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextvars import copy_context
 from functools import partial
 from itertools import chain, islice
-from typing import Literal, TypeAlias
 
 import numpy as np
 from pydrake.common import Parallelism
@@ -20,13 +19,13 @@ from pydrake.solvers import (
     OsqpSolver,
     SolutionResult,
     SolveInParallel,
-    SolverInterface,
     SolverOptions,
 )
 
 from drake_rho.motion.threads import threads
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.programs import dense_duals
+from drake_rho.planning.programs.backend import Backend, Solver, name_of
 from drake_rho.planning.programs.daqp import Daqp
 from drake_rho.planning.programs.dense import DenseProgram, Program
 from drake_rho.planning.programs.solution import Solution
@@ -40,22 +39,6 @@ def _is_told(record: logging.LogRecord) -> bool:
 
 
 logging.getLogger("drake").addFilter(_is_told)
-
-Solver: TypeAlias = SolverInterface | Daqp
-"""What a planner takes as `solver=`."""
-
-SolverName = Literal["clarabel", "daqp", "osqp"]
-"""Solvers that a word stands for."""
-
-SOLVERS: dict[str, Callable[[], Solver]] = {
-    "clarabel": ClarabelSolver,
-    "daqp": Daqp,
-    "osqp": OsqpSolver,
-}
-"""What each word stands for."""
-
-DEFAULT: Callable[[], Solver] = ClarabelSolver
-"""What solves where nothing is asked."""
 
 _Options = dict[str, float | int]
 
@@ -95,46 +78,7 @@ MAX_RETRIES = 1
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
 
 
-def solver_of(solver: Solver | SolverName | None) -> Solver | None:
-    """Return the solver that a user asks for, by itself or by a word; None is left as it is.
-
-    Planners ask at once: where nothing is in the way they may not come to a program.
-
-    Raises:
-        NotInstalledError: it is DAQP, whose package is not there.
-        ValueError: it is not available here, or not for quadratic programs.
-    """
-    if solver is None:
-        return None
-    made = SOLVERS[solver]() if isinstance(solver, str) else solver
-    if not (made.available() and made.enabled()):
-        raise ValueError(f"solver: got {_name(made)}, expected one available and enabled here")
-    known = type(made) in SOLVERS.values()
-    if not (known or isinstance(made, Daqp) or _is_for_quadratic_programs(made)):
-        raise ValueError(f"solver: got {_name(made)}, expected one of quadratic programs")
-    return made
-
-
-def _is_for_quadratic_programs(solver: SolverInterface) -> bool:
-    """Return whether a solver solves a small one; its name is all that Drake tells beside that."""
-    program = MathematicalProgram()
-    x = program.NewContinuousVariables(2)
-    program.AddQuadraticCost(np.eye(2), np.zeros(2), x, is_convex=True)
-    program.AddLinearConstraint(np.ones((1, 2)), np.ones(1), np.full(1, np.inf), x)
-    try:
-        return bool(solver.Solve(program, None, None).is_success())
-    except (RuntimeError, ValueError):  # it is for programs of other kinds
-        return False
-
-
-def solve(
-    programs: Sequence[Program],
-    solver: Solver | None = None,
-    *,
-    retry: int = 0,
-    quick: bool = False,
-    rough: bool = False,
-) -> list[Solution]:
+def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[Solution]:
     """Solve independent programs, here and one after the other.
 
     A program on which the solver fails numerically is given to others: Clarabel with tight and
@@ -143,21 +87,18 @@ def solve(
 
     Args:
         programs: convex quadratic programs, or linear ones.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
-        retry: how often these were solved and their solutions did not keep their rows; then
-            others are asked before `solver`.
-        quick: whether to try Clarabel without refining its linear systems first.
-        rough: whether Clarabel's usual tolerances are enough.
+        backend: its executor is left alone; Clarabel to full accuracy if not given.
 
     Raises:
         SolverError: no solver found a solution, almost one, or a proof that there is none.
     """
-    first = solver or DEFAULT()
+    backend = backend or Backend()
     solutions: dict[int, Solution] = {}
     almost: dict[int, Solution] = {}
-    attempts: Iterable[tuple[Solver, _Options]] = _attempts(first, quick=quick, rough=rough)
-    if retry > 0:  # others first: this one's solutions do not keep their rows
-        attempts = sorted(attempts, key=lambda attempt: _name(attempt[0]) == _name(first))
+    attempts: Iterable[tuple[Solver, _Options]] = _attempts(backend)
+    if backend.others_first:
+        own = name_of(backend.first)
+        attempts = sorted(attempts, key=lambda attempt: name_of(attempt[0]) == own)
     for attempt, options in attempts:
         if len(solutions) == len(programs):
             break
@@ -183,11 +124,7 @@ def solve(
 
 
 def solve_side_by_side(
-    batches: Iterable[Sequence[Program]],
-    solver: Solver | None = None,
-    *,
-    retry: int = 0,
-    quick: bool = False,
+    batches: Iterable[Sequence[Program]], backend: Backend | None = None
 ) -> list[list[Solution]]:
     """Solve batches of programs on all cores, the first while the next are still being written.
 
@@ -195,15 +132,13 @@ def solve_side_by_side(
 
     Args:
         batches: programs, made when they are asked for.
-        solver: as for `solve`, which also says what is raised.
-        retry: as for `solve`.
-        quick: as for `solve`.
+        backend: as for `solve`, which also says what is raised.
 
     Returns:
         The solutions, batch by batch.
     """
-    dense = is_dense(solver)
-    task = partial(solve, solver=solver, retry=retry, quick=quick)
+    backend = backend or Backend()
+    dense, task = backend.is_dense, partial(solve, backend=backend)
     sizes, tasks, chunk, work = list[int](), list[Future[list[Solution]]](), [], 0
     for programs in batches:
         sizes.append(len(programs))
@@ -218,19 +153,14 @@ def solve_side_by_side(
     return [list(islice(every, size)) for size in sizes]
 
 
-def is_dense(solver: Solver | None) -> bool:
-    """Whether a solver is for small dense programs, which are written for it in another way."""
-    return isinstance(solver or DEFAULT(), Daqp)
-
-
-def _attempts(first: Solver, *, quick: bool, rough: bool) -> Iterator[tuple[Solver, _Options]]:
-    """Who is asked, one after the other: mostly nobody but the first."""
-    name = _name(first)
+def _attempts(backend: Backend) -> Iterator[tuple[Solver, _Options]]:
+    """Yield solvers and their options in the order in which they are asked: mostly one."""
+    name = name_of(first := backend.first)
     if name != "Clarabel":
         yield first, _OSQP if name == "OSQP" else {}
-    if quick:
+    if backend.accuracy == "quick":
         yield ClarabelSolver(), _CLARABEL_QUICK
-    if not rough:
+    if backend.accuracy != "rough":
         yield ClarabelSolver(), _CLARABEL
     yield ClarabelSolver(), _CLARABEL_AGAIN
     if name in ("Clarabel", "DAQP"):
@@ -245,11 +175,11 @@ def _knows(solver: Solver, program: Program) -> bool:
     """
     dense = isinstance(program, DenseProgram)
     if not dense and program.lorentz_cone_constraints():
-        return _name(solver) == "Clarabel"
+        return name_of(solver) == "Clarabel"
     linear = program.linear if dense else not program.quadratic_costs()
     if isinstance(solver, Daqp):
         return dense and not linear
-    return {"OSQP": not linear, "Clp": linear}.get(_name(solver), True)
+    return {"OSQP": not linear, "Clp": linear}.get(name_of(solver), True)
 
 
 def _work(program: Program, dense: bool) -> int:
@@ -269,7 +199,7 @@ def _solve_with(
     options = SolverOptions()
     for key, value in values.items():
         options.SetOption(solver.solver_id(), key, value)
-    if _name(solver) == "Clarabel" and (left := seconds_left()) < np.inf:
+    if name_of(solver) == "Clarabel" and (left := seconds_left()) < np.inf:
         options.SetOption(solver.solver_id(), "time_limit", max(left, _LEAST_TIME))
     written = [each.written if isinstance(each, DenseProgram) else each for each in programs]
     results = SolveInParallel(
@@ -278,7 +208,7 @@ def _solve_with(
         solver_id=solver.solver_id(),
         parallelism=Parallelism(1),
     )
-    name = _name(solver)
+    name = name_of(solver)
     return [_judge(name, *each) for each in zip(written, results, strict=True)]
 
 
@@ -301,7 +231,3 @@ def _judge(
 def _multipliers(program: MathematicalProgram, result: MathematicalProgramResult) -> FloatArray:
     rows = [*program.linear_constraints(), *program.lorentz_cone_constraints()]
     return np.concatenate([np.zeros(0), *(result.GetDualSolution(each) for each in rows)])
-
-
-def _name(solver: Solver) -> str:
-    return str(solver.solver_id().name())

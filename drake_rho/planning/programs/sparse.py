@@ -131,12 +131,12 @@ def scale_of(quantity: Quantity, step: float) -> float:
     return step ** {"position": 2, "velocity": 1, "acceleration": 0, "jerk": -1}[quantity]
 
 
-def without_rows(sparse: SparseRows, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
+def without_rows(sparse: SparseRows) -> tuple[MathematicalProgram, np.ndarray]:
     """A sparse program with its cost, goal and dynamics only, and its variables."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(sparse.columns)
     u = x[: 3 * sparse.steps * len(sparse.group)]
-    if not linear:
+    if not sparse.changes.free:
         add_cost(program, u)
     add_goal(program, sparse.changes, u)
     for equations in sparse.dynamics():

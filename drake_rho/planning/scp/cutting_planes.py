@@ -8,6 +8,7 @@ every row left out holds.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,17 +19,17 @@ from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.convex_sets import KeepInSets
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.options import SMALL_FLEET
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.conic import ConicPrograms
-from drake_rho.planning.programs.parallel import Answers, OnWorkers, solve_all
+from drake_rho.planning.programs.parallel import Answers, solve_all
 from drake_rho.planning.programs.rows import about, groups_of
-from drake_rho.planning.programs.solve import MAX_RETRIES, Solver
+from drake_rho.planning.programs.solve import MAX_RETRIES
 from drake_rho.planning.scp.farkas import conflict_of, in_the_way
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.records import Scenario
 
 MAX_ROUNDS = 200
 """Bound on the solves of one call. Every round adds rows, and after the first few a growing
@@ -58,36 +59,32 @@ class CuttingPlanes:
     """The programs of a scenario's vehicles: solved, kept, and solved with more constraints.
 
     Args:
-        scenario: what is asked.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
-        effort: minimum effort of the scenario, if it is at hand.
+        problem: to be solved.
+        backend: Clarabel if not given.
         vehicles: which of them are planned, rising indices; all if not given.
         accelerations: what the others fly [m/s²], shape (N, K-1, 3).
-        linear: whether only slack costs anything.
-        cones: programs with curved sets that others of this scenario and effort have begun.
+        cones: programs with curved sets that others of this problem have begun.
 
     Attributes:
-        effort: what the programs are written in.
+        problem: as given.
+        effort: minimum effort of the problem, which programs are written in changes of.
         working: the rows that are in.
         motion: of all vehicles, what was found so far.
     """
 
     def __init__(
         self,
-        scenario: Scenario,
-        solver: Solver | OnWorkers | None = None,
+        problem: Problem,
+        backend: Backend | None = None,
         *,
-        effort: MinimumEffort | None = None,
         vehicles: IntArray | None = None,
         accelerations: FloatArray | None = None,
-        linear: bool = False,
         cones: ConicPrograms | None = None,
     ) -> None:
-        count = len(scenario.vehicles)
-        self.effort = effort or MinimumEffort.of(scenario)
+        self.problem, self.effort, count = problem, problem.effort, len(problem)
         self.motion = self.effort.motion
-        self.working = WorkingSet(RowKeys(count, scenario.grid))
-        self._scenario, self._solver, self._linear = scenario, solver, linear
+        self.working = WorkingSet(RowKeys(count, problem.scenario.grid))
+        self._scenario, self._backend = problem.scenario, backend or Backend()
         self._planned = np.arange(count) if vehicles is None else vehicles
         self._constraints: list[Constraint] = []
         self._programs, self._solver_name = 0, ""
@@ -95,7 +92,7 @@ class CuttingPlanes:
         self._lost: list[HalfSpaces] = []
         self._inexact = np.zeros(count, dtype=int)
         self._retries = 0
-        self._cones = cones or ConicPrograms(self.effort, linear=linear)
+        self._cones = cones or ConicPrograms(self.effort)
         self._conic = self._cones.needed.copy()  # whose curved sets are in as they are
         self._cuts = np.zeros(count, dtype=int)
         if accelerations is not None and len(self._planned) < count:
@@ -198,7 +195,7 @@ class CuttingPlanes:
         found, cut = list[HalfSpaces](), list[IntArray]()
         for constraint in look if len(vehicles) > 0 else ():
             if number < (constraint.searches if between else constraint.rounds):
-                rows = constraint.violated(self.motion, vehicles, between=between, reach=reach)
+                rows = constraint.violated_rows(self.motion, vehicles, between=between, reach=reach)
                 if constraint.curved and len(rows) > 0:
                     rows = self._to_cut(rows)
                     cut.append(rows.vehicles)
@@ -292,14 +289,14 @@ class CuttingPlanes:
     def _solve_rows(self, vehicles: IntArray) -> list[Answers]:
         """Solve programs of rows alone."""
         count = len(self.effort.units)
-        return solve_all(
-            self.effort.changes,
-            about(self.effort.motion, self.working.of(vehicles, count)),
-            self._solver,
-            linear=self._linear,
-            retry=self._retry(),
-            quick=count > SMALL_FLEET,  # others are planned to the last digit
+        quick = count > SMALL_FLEET  # others are planned to the last digit
+        backend = dataclasses.replace(
+            self._backend,
+            accuracy="quick" if quick else "full",
+            others_first=self._retry() > 0,
         )
+        rows = about(self.effort.motion, self.working.of(vehicles, count))
+        return solve_all(self.effort.changes, rows, backend)
 
     def _cut_no_more(self, vehicles: IntArray) -> None:
         """Put curved sets of some vehicles in as they are, here and in later programs."""

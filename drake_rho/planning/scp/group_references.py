@@ -23,14 +23,12 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.catalogue import convex_constraints
-from drake_rho.planning.constraints.obstacles import Places, obstacles_of
-from drake_rho.planning.constraints.separation import PAIRS, KeepApart, coupled, decoupled, pairs_of
+from drake_rho.planning.constraints.obstacles import Places
+from drake_rho.planning.constraints.separation import PAIRS, KeepApart, coupled, decoupled
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.group_duals import GroupDuals
-from drake_rho.planning.programs.parallel import OnWorkers
-from drake_rho.planning.programs.solve import Solver
 from drake_rho.planning.scp.groups import groups_that_press
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.planning.time_limit import check_time
@@ -66,35 +64,28 @@ class InGroups:
     """Linearisations of a fleet in groups, one around the other.
 
     Args:
-        scenario: what is asked; it has a separation.
-        effort: its minimum effort.
+        problem: of a scenario with a separation.
         most: bound on the vehicles of a group; a fleet of up to twice as many is one, unless it is
             1: each by itself.
-        solver: as for `GroupDuals`.
+        backend: as for `GroupDuals`.
 
     Attributes:
         groups: for each vehicle the number of its group in the next linearisation; None before
             the first one of a fleet that is larger than a group of several.
-        settled: whether the last reference fell by less than the tolerance in its last step.
+        converged: whether the last reference fell by less than the tolerance in its last step.
         active: the rows that press in the last linearisation, constraint by constraint; of pairs
             each once, the lower index first.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        effort: MinimumEffort,
-        most: int,
-        solver: Solver | OnWorkers | None = None,
-    ) -> None:
-        count = len(scenario.vehicles)
-        self._scenario, self._effort, self._most = scenario, effort, _bound(most, count)
+    def __init__(self, problem: Problem, most: int, backend: Backend | None = None) -> None:
+        count = len(problem)
+        self._problem, self._most = problem, _bound(most, count)
         self.groups: IntArray | None = None
         if most == 1:
             self.groups = np.arange(count)
         elif self._most == count:
             self.groups = np.zeros(count, dtype=int)
-        self._solver, self.settled = solver, False
+        self._backend, self.converged = backend, False
         self.active = list[HalfSpaces]()
 
     def reference(self, plan: Plan, tolerance: float) -> Plan:
@@ -113,7 +104,7 @@ class InGroups:
         """
         spent = Statistics()
         best = around = plan.motion()
-        cost, self.settled = plan.cost, False
+        cost, self.converged = plan.cost, False
         for number in range(_AHEAD):
             check_time()
             ahead = around is not best
@@ -136,10 +127,10 @@ class InGroups:
             if fallen > 0.0:
                 around = after if ahead or number == 0 else _ahead(best, after)
                 best, cost = after, cost - fallen
-            self.settled = fallen <= tolerance * cost
-            if self.settled:
+            self.converged = fallen <= tolerance * cost
+            if self.converged:
                 break
-        return Plan.from_motion(self._scenario, best, spent)
+        return Plan.from_motion(self._problem.scenario, best, spent)
 
     def around(
         self,
@@ -161,8 +152,7 @@ class InGroups:
             close: as for `pairs_of`.
             rounds: in how many broken rows are added, if that is not for this to decide.
         """
-        pairs = pairs_of(
-            self._scenario,
+        pairs = self._problem.pairs_around(
             reference,
             coupled,
             penalty=penalty,
@@ -171,16 +161,17 @@ class InGroups:
             close=close,
         )
         across = dataclasses.replace(pairs, key=_ACROSS, coupled=False, share=decoupled.share)
-        others = [*convex_constraints(self._scenario), *obstacles_of(self._scenario, reference)]
+        others = [*self._problem.convex, *self._problem.obstacles_around(reference)]
         others = [dataclasses.replace(each, penalty=_LIMITS * penalty) for each in others]
         if self.groups is None:
             self.groups = self._first_groups(pairs)
-        planned, motion = np.arange(len(self.groups)), self._effort.motion
+        effort, planned = self._problem.effort, np.arange(len(self.groups))
+        motion = effort.motion
         if vehicles is not None:
             planned = vehicles
             motion = reference.with_some(planned, motion.accelerations[planned])
-        program = GroupDuals(self._effort, self.groups, motion, self._solver)
-        rows = _Rows(self._scenario, program, self.groups, across, planned)
+        program = GroupDuals(effort, self.groups, motion, self._backend)
+        rows = _Rows(self._problem.scenario, program, self.groups, across, planned)
         known = {constraint.key: constraint for constraint in (*others, pairs)}
         for active in self.active:
             rows.enter(known[active.constraint.key].renewed(active))
@@ -207,15 +198,15 @@ class InGroups:
             within: a distance that none of them has [m].
             most: bound on the vehicles of a group, as for the fleet.
         """
-        count = len(self._scenario.vehicles)
+        count = len(self._problem)
         self._most, self.groups = _bound(most, count), np.arange(count)
         if len(pairs) > 0:
             self.groups = self._grouped(pairs.one, pairs.other, within - pairs.distances)
 
     def _first_groups(self, pairs: KeepApart) -> IntArray:
         """Groups of those who would be most in each other's way if they flew as if alone."""
-        alone = self._effort.motion
-        met = pairs.violated(alone, np.arange(len(self._scenario.vehicles)))
+        alone = self._problem.effort.motion
+        met = pairs.violated_rows(alone, np.arange(len(self._problem)))
         return self._grouped(met.vehicles, met.partners, -met.margins(alone))
 
     def _note(self, program: GroupDuals, pairs: KeepApart) -> None:
@@ -237,7 +228,7 @@ class InGroups:
 
     def _grouped(self, one: IntArray, other: IntArray, pressures: FloatArray) -> IntArray:
         """Groups by the sum of each pair's pressures."""
-        count = len(self._scenario.vehicles)
+        count = len(self._problem)
         pairs, place = np.unique(one * count + other, return_inverse=True)
         sums: FloatArray = np.bincount(place, pressures, minlength=len(pairs)).astype(np.float64)
         return groups_that_press(count, pairs // count, pairs % count, sums, self._most)
@@ -280,7 +271,7 @@ class _Rows:
         motion, before = self.program.motion, len(self.program)
         for constraint in constraints:
             for between in (False, True)[: 1 + (number > 0 and constraint.searches > 0)]:
-                rows = constraint.violated(motion, self._planned, between=between)
+                rows = constraint.violated_rows(motion, self._planned, between=between)
                 self.enter(rows.worst(motion, 1 + number // 2, gap=self._gap))
         return len(self.program) > before
 

@@ -1,120 +1,312 @@
-"""Fleets whose vehicles are too close to each other, brought apart by references.
-
-While pairs are too close, a step of the restoration needs no plan but something to linearise
-around next. So it is found as groups find references (`group_references`), by programs in which a
-penalty bounds multipliers. As soon as nobody is too close to others by much, those that still are
-have programs with hard rows, by the solver that was asked for, and the others go on flying what
-keeps every constraint already. Iterations from there plan everyone by that solver.
-"""
+"""Feasibility restoration: linearised anew at rising penalties until nothing is violated."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
+from typing import Protocol
+
 import numpy as np
 
-from drake_rho.motion.clearance import NONE, CloseApproaches
-from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.constraints.close_pairs import most_beside, pairs_within, separation_of
-from drake_rho.planning.constraints.margins import finer_margins_of
-from drake_rho.planning.constraints.separation import decoupled
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.programs.parallel import OnWorkers
-from drake_rho.planning.programs.solve import Solver
-from drake_rho.planning.scp.group_references import InGroups
+from drake_rho.planning.progress import Progress
+from drake_rho.planning.scp.sequential_convex import in_words
 from drake_rho.planning.scp.subproblem import Subproblem
-from drake_rho.scenario.fields import IntArray
+from drake_rho.planning.time_limit import check_time
+from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
-_TOGETHER = 3
-"""Bound on the vehicles of a group while few pairs are too close."""
+Follow = Callable[[Plan, Plan], Plan]
+"""The next reference, made of a reference and the plan that was found around it."""
 
-_STUCK_TOGETHER, _BESIDE = 8, 1.05
-"""The same bound where some are so much in the way of each other that hard rows of them have no
-solution while those next to them stay where they are; next to them, in separations, is this. One of
-ten thousand that was stuck in between took twenty more steps without."""
+MAX_RESTORATIONS = 100
+"""Bound on the penalties of one restoration."""
 
-_FEW = 0.25
-"""Part of a fleet up to which those in trouble are brought apart in groups: groups of many rows
-take long, and while many are in trouble all that is found moves on."""
+PATIENCE = 20
+"""Penalties after which a restoration is given up if there are no fewer violating vehicles."""
 
-_ROUNDS = 4
-"""Rounds of rows in a step; the first steps have fewer, as all that they find moves on. With two
-all the time, two fifths of a large fleet stay in trouble: who is kept from one meets another."""
+_STALLED, _FALL = 4, 0.98
+"""Penalties after which it is given up, where nobody has to keep apart, if the worst violation has
+not fallen to this part: what is left then is the least that linearising around it leads to."""
 
-_NOBODY = np.zeros(0, dtype=int)
+_SAME, _ARRIVED = 0.05, 3
+"""Part of the least extent of anything avoided by which motions may differ that come to the same
+end; and the penalties after which that can be told."""
+
+GROWTH = 3.0
+"""Factor by which the penalty grows."""
+
+_BACK = 3
+"""Penalties that are tried in one step, each after the first one step less."""
+
+_CLOSER = 10.0
+"""Times the first penalty for a reference that is a path among obstacles and dynamically
+inconsistent: what is drawn aside from it too far comes out on other sides of them."""
+
+_ROUNDS_AMONG_OBSTACLES = 4
+"""Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
+with fewer they come out inside of some, and on the wrong side of others."""
+
+_AGAIN = 0.5
+"""Part of a violation that was too large for hard rows, from which on these are tried again."""
 
 
-class Restoration(Subproblem):
-    """The steps of a fleet's restoration. What is inside of obstacles is for programs with slack.
+class Step(Protocol):
+    """One step of a restoration."""
 
-    Args:
-        scenario: what is asked; it has a separation.
-        solver: a Drake solver or `Daqp()`, perhaps on an executor; Clarabel if not given.
-        begun: how many steps count as taken before the first.
-    """
+    steepest: float
+    """times the first penalty up to which penalties grow"""
 
-    steepest = 1e3  # more than being too close can gain changes nothing, but takes digits
-
-    def __init__(
-        self, scenario: Scenario, solver: Solver | OnWorkers | None = None, begun: int = 0
-    ) -> None:
-        super().__init__(scenario, decoupled, solver)
-        self.begun = begun
-        separation = separation_of(scenario)
-        self._kept = separation.distance + most_beside(separation, finer_margins_of(scenario))
-        self._apart = InGroups(scenario, self._effort, _TOGETHER, solver)
-
-    def restored(self, reference: Plan, penalty: float, number: int) -> Plan:
-        """As for every subproblem; what is not a plan yet need not keep limits."""
-        found, stuck = self._look_at(reference), _NOBODY
-        if len(found.inside) + len(found.unflyable) > 0:
-            return super().restored(reference, penalty, number)
-        if found.is_almost_clear(self.scenario):
-            try:
-                return self.around(reference, found.vehicles)
-            except InfeasibleError as error:  # not yet
-                stuck = np.sort([self.scenario.index_of(name) for name in error.conflicts])
-            except SolverError:
-                pass
-        try:
-            return self._brought_apart(reference, penalty, number, stuck)
-        except SolverError:
-            return super().restored(reference, penalty, number)
-
-    def _brought_apart(self, reference: Plan, penalty: float, number: int, stuck: IntArray) -> Plan:
-        """What those in trouble fly at a penalty, and the others as in the reference.
+    def __call__(self, reference: Plan, penalty: float, number: int) -> Plan:
+        """Return a plan that violates less; it may still violate something.
 
         Args:
-            reference: as for `restored`, as the next two.
-            penalty: of each metre.
-            number: of the step.
-            stuck: who has no motion with hard rows beside the others'; they are planned with them.
+            reference: positions of the same vehicles at the same knots.
+            penalty: cost of each metre by which a vehicle is too close.
+            number: steps before: the first gives each encounter one normal, and later ones are
+                solved more exactly.
 
         Raises:
-            SolverError: the multipliers of a group are not found.
+            InfeasibleError: the constraints without any obstacle or pair cannot be met.
+            SolverError: the solvers fail numerically.
         """
-        found, motion = self._look_at(reference), reference.motion()
-        beside = self._beside(motion, stuck)
-        close = beside.and_also(found.pairs)
-        few = len(found.vehicles) <= _FEW * len(self.labels)
-        self._apart.regroup(
-            close if few else beside,
-            2.0 * self._kept,
-            _TOGETHER if len(stuck) == 0 else _STUCK_TOGETHER,
-        )
-        motion, spent = self._apart.around(
-            motion,
-            penalty=penalty,
-            aside=number == 0,
-            vehicles=np.unique(np.concatenate([found.vehicles, stuck, beside.one, beside.other])),
-            close=close,
-            rounds=min(number + 1, _ROUNDS),
-        )
-        return Plan.from_motion(self.scenario, motion, spent)
+        ...
 
-    def _beside(self, motion: Motion, stuck: IntArray) -> CloseApproaches:
-        """Who comes next to those that are stuck, and when."""
-        if len(stuck) == 0:
-            return NONE
-        separation, between = separation_of(self.scenario), self.scenario.between_knots
-        return pairs_within(separation, motion, _BESIDE * self._kept, between=between, of=stuck)
+
+class SoftRows:
+    """Steps in which rows of obstacles and pairs may be violated at the penalty.
+
+    As soon as a reference violates little, the rows are tried as hard ones. Vehicles that fly the
+    reference, and violate nothing, go on flying it. Rows of obstacles are soft only where the
+    reference violates more than the separation of pairs.
+
+    Args:
+        subproblem: solved in each step.
+        limits: constraints beside obstacles and pairs, at a penalty; the problem's if not given.
+    """
+
+    steepest = 1e5
+
+    def __init__(
+        self, subproblem: Subproblem, limits: Callable[[float], list[Constraint]] | None = None
+    ) -> None:
+        self._subproblem, self._limits = subproblem, limits
+        self._too_much = np.inf
+
+    def __call__(self, reference: Plan, penalty: float, number: int) -> Plan:
+        """Return a step's plan, as every `Step` does."""
+        problem, found = self._subproblem.problem, self._subproblem.violations(reference)
+        worst = found.worst
+        if found.is_small and worst < _AGAIN * self._too_much:
+            try:
+                return self._subproblem.around(reference)
+            except (InfeasibleError, SolverError):  # not yet
+                self._too_much = worst
+        motion, rounds = reference.motion(), number // 2
+        rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
+        constraints = list(problem.convex) if self._limits is None else self._limits(penalty)
+        for each in problem.obstacles_around(motion):
+            soft = dataclasses.replace(each.softened(penalty), rounds=rounds, searches=1)
+            constraints.append(each if found.is_of_pairs_only else soft)
+        if problem.scenario.separation is not None:
+            pairs = problem.pairs_around(
+                motion,
+                self._subproblem.coupling,
+                penalty=penalty,
+                aside=number == 0,
+                of=found.vehicles,
+            )
+            constraints.append(dataclasses.replace(pairs, rounds=rounds))
+        return self._subproblem.solved(reference, constraints, found.vehicles)
+
+
+def restore_feasibility(
+    subproblem: Subproblem,
+    plan: Plan,
+    *,
+    step: Step | None = None,
+    offset: int = 0,
+    most: int = MAX_RESTORATIONS,
+    progress: Progress | None = None,
+    follow: Follow | None = None,
+    dead_ends: DeadEnds | None = None,
+) -> Plan:
+    """Return a plan that keeps all constraints, from a motion that need not.
+
+    The penalty grows from one linearisation to the next. Of a pair each vehicle yields half, so
+    that all are planned side by side.
+
+    Args:
+        subproblem: decoupled.
+        plan: where to begin; its positions may be dynamically inconsistent.
+        step: one step; `SoftRows` of the subproblem if not given.
+        offset: steps that count as taken before the first.
+        most: bound on the penalties.
+        progress: called after each linearisation.
+        follow: the next reference, as long as a plan violates much; the plan itself if not given.
+        dead_ends: of other restorations: one that comes near them is given up. If this one ends
+            without a plan, it is added.
+
+    Raises:
+        InfeasibleError: no plan was found.
+    """
+    plan = least_violating(
+        subproblem,
+        plan,
+        step or SoftRows(subproblem),
+        offset=offset,
+        most=most,
+        progress=progress,
+        follow=follow,
+        dead_ends=dead_ends,
+    )
+    found = subproblem.violations(plan)
+    if found.none:
+        return plan
+    if dead_ends is not None:
+        dead_ends.add(plan)
+    raise found.error(plan.statistics)
+
+
+def least_violating(
+    subproblem: Subproblem,
+    plan: Plan,
+    step: Step,
+    *,
+    offset: int = 0,
+    most: int = MAX_RESTORATIONS,
+    progress: Progress | None = None,
+    follow: Follow | None = None,
+    dead_ends: DeadEnds | None = None,
+) -> Plan:
+    """Return the last plan of a restoration, which may still violate something.
+
+    Args are those of `restore_feasibility`.
+    """
+    patience, spent, reference = _Patience(subproblem, dead_ends), plan.statistics, plan
+    first = _first_penalty(subproblem, plan)
+    for number in range(offset, offset + most):
+        if subproblem.holds(plan):
+            break
+        check_time()
+        try:
+            after = _stepped(step, reference, first * min(GROWTH**number, step.steepest), number)
+        except (InfeasibleError, SolverError):  # by rounding, where there is no slack at all
+            break
+        spent += after.statistics
+        if progress is not None:
+            progress(_in_words(subproblem, after, spent.linearisations))
+        far = follow is not None and not subproblem.violations(after).is_small
+        plan, reference = after, follow(reference, after) if follow and far else after
+        if patience.ends(after):
+            break
+    return plan.with_statistics(
+        dataclasses.replace(spent, converged=True, cut=False, last_fall=None, tolerance=1.0)
+    )
+
+
+def _stepped(step: Step, reference: Plan, penalty: float, number: int) -> Plan:
+    """Return a step's plan, at a penalty that is less by as much as solvers ask for.
+
+    Raises:
+        InfeasibleError: the constraints without any obstacle or pair cannot be met.
+        SolverError: the solvers fail numerically at lower penalties too.
+    """
+    spent = Statistics()
+    for back in range(_BACK):
+        try:
+            after = step(reference, penalty / GROWTH**back, max(number - back, 0))
+        except SolverError as error:
+            spent += error.statistics
+            failure = SolverError(str(error), spent)
+        else:
+            return after.with_statistics(spent + after.statistics)
+    raise failure
+
+
+def _in_words(subproblem: Subproblem, plan: Plan, linearisations: int) -> str:
+    """Return what is told after each linearisation."""
+    found, words = subproblem.violations(plan), in_words(linearisations, plan.cost)
+    if found.worst == 0.0:
+        return words
+    return f"{words}, worst violation {found.worst:.3g} m, {len(found.vehicles)} vehicles violating"
+
+
+class DeadEnds:
+    """Ends of restorations of one scenario without a plan, each once.
+
+    Args:
+        scenario: of the restorations.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._near = _SAME * _least_extent(scenario)
+        self._positions = list[FloatArray]()
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._positions)
+
+    def is_near(self, plan: Plan) -> bool:
+        """Return whether a plan is close to one of them all the time."""
+        return any(np.abs(plan.positions - end).max() < self._near for end in self._positions)
+
+    def add(self, plan: Plan) -> None:
+        """Note where a restoration ended, unless one has ended there."""
+        if not self.is_near(plan):
+            self._positions.append(plan.positions)
+
+
+class _Patience:
+    """Test of when a restoration is given up.
+
+    Args:
+        subproblem: that is restored.
+        dead_ends: of others before it, if there are any.
+    """
+
+    def __init__(self, subproblem: Subproblem, dead_ends: DeadEnds | None) -> None:
+        self._subproblem, self._dead_ends = subproblem, dead_ends
+        apart = subproblem.problem.scenario.separation is not None
+        self._left, self._worst = len(subproblem.problem) + 1, np.inf
+        self._steps = self._since_left = self._since_worst = 0
+        self._apart = apart
+
+    def ends(self, plan: Plan) -> bool:
+        """Return whether the next penalty is not worth its time after this plan."""
+        found = self._subproblem.violations(plan)
+        left, worst = len(found.vehicles), found.worst
+        self._steps += 1
+        self._since_left += 1
+        self._since_worst += 1
+        if worst < _FALL * self._worst or left < self._left:
+            self._worst, self._since_worst = worst, 0
+        if left < self._left:
+            self._left, self._since_left = left, 0
+        stalled = self._since_worst >= _STALLED and not self._apart
+        if self._since_left >= PATIENCE or stalled:
+            return True
+        known = self._dead_ends
+        return known is not None and self._steps >= _ARRIVED and known.is_near(plan)
+
+
+def _first_penalty(subproblem: Subproblem, plan: Plan) -> float:
+    """Return what a metre is worth at first: the cost of moving aside, and of the plan, a metre."""
+    scenario, motion = subproblem.problem.scenario, subproblem.problem.effort.motion
+    effort = float(np.sum(motion.accelerations**2))
+    extent, T = _least_extent(scenario), scenario.grid.duration
+    aside = scenario.grid.knots * (4.0 * extent / T**2) ** 2
+    first = (max(plan.cost, effort) / len(scenario.vehicles) + aside) / extent
+    consistent = len(subproblem.violations(plan).inconsistent) == 0
+    return first if consistent else _CLOSER * first
+
+
+def _least_extent(scenario: Scenario) -> float:
+    """Return the least extent of anything that is avoided [m]."""
+    extents = [float(obstacle.shape.extent.min()) for _, obstacle in scenario.known]
+    if scenario.separation is not None:
+        extents.append(scenario.separation.distance)
+    return min(extents, default=float(scenario.fleet.lengths.max()))

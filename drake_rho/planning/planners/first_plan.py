@@ -1,0 +1,264 @@
+"""A first plan, which keeps every constraint and is not iterated yet.
+
+Where the first linearisation has no solution, the vehicles it fails get paths around the obstacles,
+and fleets are brought apart by feasibility restoration.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import repeat
+
+import numpy as np
+
+from drake_rho.motion.plan import Plan
+from drake_rho.planning.constraints.separation import decoupled
+from drake_rho.planning.constraints.tightening import check_room
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.options import Options
+from drake_rho.planning.planners.convex import linearised_once
+from drake_rho.planning.planners.from_paths import AlongWays, no_plan, plan_along_ways
+from drake_rho.planning.planners.related import can_be_slower, fitted, rescaled
+from drake_rho.planning.problem import Problem, with_finer_margins
+from drake_rho.planning.programs.backend import Backend
+from drake_rho.planning.progress import Progress, tell, within
+from drake_rho.planning.scp.fleet_steps import FleetSteps
+from drake_rho.planning.scp.restoration import restore_feasibility
+from drake_rho.planning.scp.subproblem import Subproblem, plan_around
+from drake_rho.planning.time_limit import within_time
+
+_SHORTER = 0.75, 0.5
+"""Parts of a duration that are tried where it has no plan, but motions can be flown slower."""
+
+_FEW = 0.25
+"""Part of a fleet that may violate obstacles while the others fly independently."""
+
+
+@dataclasses.dataclass(frozen=True)
+class FirstPlan:
+    """Search for a first plan of a problem."""
+
+    backend: Backend = dataclasses.field(default_factory=Backend)
+    """solves its programs"""
+    progress: Progress | None = None
+    """called with a few words on what is being done"""
+    options: Options = dataclasses.field(default_factory=Options)
+    """bounds of the search"""
+
+    def of_any_duration(self, problem: Problem, reference: Plan | None = None) -> Plan:
+        """Return a first plan, which may be one for a shorter duration, flown slower.
+
+        Args and errors are those of `plan`.
+        """
+        try:
+            return self.of(problem, reference)
+        except InfeasibleError as error:
+            return self._slower(problem, error)
+
+    def of(self, problem: Problem, reference: Plan | None = None) -> Plan:
+        """Return a first plan, with the margins that a problem has.
+
+        Args and errors are those of `plan`.
+        """
+        scenario = problem.scenario
+        check_room(scenario, problem.margins)
+        if scenario.separation is not None:
+            return self._of_fleet(problem, reference)
+        try:
+            return linearised_once(problem, reference, self.backend)
+        except SolverError:
+            if (held := self._held(problem, reference)) is not None:
+                return held
+            if not scenario.known:
+                raise
+            return self._around_obstacles(problem, [each.name for each in scenario.vehicles])
+        except InfeasibleError as error:
+            if (held := self._held(problem, reference)) is not None:
+                return held
+            if not error.about_linearisation:
+                raise
+            return self._around_obstacles(problem, list(error.conflicts), error)
+
+    def _of_fleet(self, problem: Problem, reference: Plan | None) -> Plan:
+        """Return a first plan of vehicles that keep apart.
+
+        Independent vehicles are a good beginning as long as few of them violate obstacles: each of
+        those then has a path of its own. Else, and where they cannot be brought apart, all get
+        paths that avoid each other.
+        """
+        if (apart := self._around_if_apart(problem, reference)) is not None:
+            return apart
+        independent, scenario = problem.without_separation(), problem.scenario
+        try:
+            try:
+                tell(self.progress, "planning each vehicle without the others")
+                plan = linearised_once(independent, reference, self.backend)
+            except SolverError:
+                if not scenario.known:
+                    raise
+                return self._along_paths(problem, None)
+            except InfeasibleError as error:
+                if not error.about_linearisation or len(error.conflicts) > _FEW * len(problem):
+                    raise
+                single = dataclasses.replace(
+                    self, options=dataclasses.replace(self.options, max_ways=1)
+                )
+                plan = single._around_obstacles(independent, list(error.conflicts), error)
+            start = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
+            return brought_apart(problem, start, self.backend, self.progress)
+        except InfeasibleError as error:
+            error.scenario = scenario  # as it is, separation and all
+            if not error.about_linearisation:
+                raise
+            return self._along_paths(problem, error)
+
+    def _along_paths(self, problem: Problem, failure: InfeasibleError | None) -> Plan:
+        """Return a first plan along paths of all vehicles, where there was none without them."""
+        along = plan_along_ways(problem, self.backend, self.options, self.progress)
+        spent = along.spent if failure is None else failure.statistics + along.spent
+        if along.plan is None:
+            raise no_plan([along], problem.scenario, spent, failure) from None
+        return along.plan.with_statistics(spent)
+
+    def _around_if_apart(self, problem: Problem, reference: Plan | None) -> Plan | None:
+        """Return a fleet's plan around a reference whose vehicles keep apart; None without one."""
+        subproblem = Subproblem(problem, decoupled, self.backend)
+        if reference is None or len(subproblem.violations(reference).pairs) > 0:
+            return None
+        with suppress(InfeasibleError, SolverError):
+            return subproblem.around(reference)
+        return self._held(problem, reference)
+
+    def _held(self, problem: Problem, reference: Plan | None) -> Plan | None:
+        """Return a reference as a plan, if it violates nothing; None else."""
+        if reference is None or not Subproblem(problem, decoupled).holds(reference):
+            return None
+        return Plan.from_accelerations(problem.scenario, reference.accelerations)
+
+    def _slower(self, problem: Problem, failure: InfeasibleError) -> Plan:
+        """Return a first plan that is one for a shorter duration, flown slower.
+
+        Raises:
+            InfeasibleError: the failure, where motions cannot be flown slower, it is proved, or no
+                shorter duration has a plan.
+        """
+        scenario, searched = problem.scenario, failure.statistics.searched
+        no_path = searched is not None and searched.ways == 0
+        if no_path or not failure.about_linearisation or not can_be_slower(scenario):
+            raise failure
+        for factor in _SHORTER:
+            shorter = rescaled(scenario, factor)
+            words = f"trying a duration of {shorter.grid.duration:.4g} s"
+            tell(self.progress, words)
+            search = dataclasses.replace(self, progress=within(self.progress, words))
+            try:
+                plan = search.of(dataclasses.replace(problem, scenario=shorter))
+            except (InfeasibleError, SolverError) as error:
+                failure.statistics += error.statistics
+                if isinstance(error, InfeasibleError) and not error.about_linearisation:
+                    break  # too short even without what is in the way
+                continue
+            first = self.of(problem, fitted(plan, scenario))
+            return first.with_statistics(failure.statistics + plan.statistics + first.statistics)
+        raise failure
+
+    def _around_obstacles(
+        self, problem: Problem, failing: Sequence[str], failure: InfeasibleError | None = None
+    ) -> Plan:
+        """Return a first plan along paths of the vehicles that the first linearisation fails.
+
+        Raises:
+            InfeasibleError: for one of them none was found.
+        """
+        scenario = problem.scenario
+        free = plan_around(problem.without_obstacles(), None, self.backend)
+        spent = free.statistics if failure is None else failure.statistics + free.statistics
+        indices = [scenario.index_of(name) for name in failing]
+        alone = [
+            dataclasses.replace(problem, scenario=scenario.of_vehicles([index]))
+            for index in indices
+        ]
+        if self.backend.executor is not None:  # whose workers cannot tell from where they are
+            own = repeat(self.backend.here()), repeat(self.options)
+            found = list(self.backend.executor.map(_on_worker, alone, *own))
+        else:
+            parts = [within(self.progress, name) for name in failing]
+            own = repeat(self.backend), repeat(self.options)
+            found = list(map(plan_along_ways, alone, *own, parts))
+        accelerations = np.array(free.accelerations)
+        for index, along in zip(indices, found, strict=True):
+            spent += along.spent
+            if along.plan is not None:
+                accelerations[index] = along.plan.accelerations[0]
+        if lost := [along for along in found if along.plan is None]:
+            raise no_plan(lost, scenario, spent, failure)
+        around = Plan.from_accelerations(scenario, accelerations)
+        try:
+            plan = plan_around(problem, around, self.backend)
+        except (InfeasibleError, SolverError, OutOfTimeError):  # by rounding, without any slack
+            if not Subproblem(problem, decoupled, self.backend).holds(around):
+                raise
+            plan = around
+        return plan.with_statistics(spent + plan.statistics)
+
+
+def _on_worker(problem: Problem, backend: Backend, options: Options) -> AlongWays:
+    """Look for a plan along paths in another process."""
+    with within_time(options.time_limit):
+        return plan_along_ways(problem, backend, options)
+
+
+def brought_apart(
+    problem: Problem, start: Plan, backend: Backend, progress: Progress | None = None
+) -> Plan:
+    """Return a plan whose vehicles keep apart, from one in which they are independent.
+
+    Raises:
+        InfeasibleError: no plan was found.
+    """
+    subproblem = Subproblem(problem, decoupled, backend)
+    return restore_feasibility(subproblem, start, step=FleetSteps(subproblem), progress=progress)
+
+
+def plan_near(
+    problem: Problem,
+    reference: Plan,
+    *,
+    backend: Backend | None = None,
+    progress: Progress | None = None,
+) -> Plan:
+    """Return a first plan that is found from a reference alone: no paths are looked for.
+
+    Args:
+        problem: to be solved.
+        reference: positions of the same vehicles at as many knots, that need not be flown.
+        backend: Clarabel if not given.
+        progress: called after each linearisation.
+
+    Raises:
+        InfeasibleError: there is no plan, or none was found from there.
+        SolverError: the solvers fail numerically.
+    """
+
+    def find(problem: Problem) -> Plan:
+        scenario = problem.scenario
+        check_room(scenario, problem.margins)
+        if not scenario.known and scenario.separation is None:
+            return linearised_once(problem, None, backend)
+        subproblem = Subproblem(problem, decoupled, backend)
+        step = None if scenario.separation is None else FleetSteps(subproblem)
+        return restore_feasibility(subproblem, reference, step=step, progress=progress)
+
+    return with_finer_margins(find, problem)
+
+
+def first_plan(
+    problem: Problem, *, backend: Backend | None = None, progress: Progress | None = None
+) -> Plan:
+    """Return the plan that `plan` begins with: it keeps every constraint, and is not iterated.
+
+    Args and errors are those of `plan_near`.
+    """
+    return with_finer_margins(FirstPlan(backend or Backend(), progress).of, problem)
