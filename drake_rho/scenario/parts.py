@@ -191,6 +191,8 @@ class Limits:
     """largest norm of the velocity, in any direction [m/s]"""
     max_acceleration: Positive | None = None
     """largest norm of the acceleration, in any direction [m/s²]"""
+    max_jerk: Positive | None = None
+    """largest norm of the jerk j[k] = (a[k] - a[k-1]) / h, in any direction [m/s³]"""
     max_thrust: (
         Annotated[float, Field(ge=GRAVITY, le=LARGEST, allow_inf_nan=False), NO_TRUTH] | None
     ) = None

@@ -94,7 +94,7 @@ class _Judged:
             yield self._states_are_right, lambda: check_planned(self.plan, course)
             jerks = self.plan.motion().jerks()
             yield (lambda: self._boxes_are_kept(jerks)), lambda: check_boxes(course, jerks)
-            yield self._norms_are_kept, lambda: check_norms(course)
+            yield (lambda: self._norms_are_kept(jerks)), lambda: check_norms(course, jerks)
             yield (lambda: not scenario.fleet.waypoints), lambda: check_waypoints(course)
             yield self._all_keep_apart, lambda: check_separation(course)
             obstacles = [number for number, _ in scenario.known]
@@ -164,7 +164,7 @@ class _Judged:
         kept = (low >= box.lower[:, None] + room) & (high <= box.upper[:, None] - room)
         return bool(kept.all())
 
-    def _norms_are_kept(self) -> bool:
+    def _norms_are_kept(self, jerks: FloatArray) -> bool:
         limits, course, radii = self.course.scenario.fleet.norms, self.course, self.radii
         if "max_tilt" in limits:
             return False
@@ -172,6 +172,7 @@ class _Judged:
         vectors = {
             "max_speed": (course.velocities, np.maximum(*_beside(radii.velocity))),
             "max_acceleration": (course.commands, radii.acceleration),
+            "max_jerk": (jerks, np.zeros(jerks.shape[1])),
             "max_thrust": (course.commands + upright, radii.acceleration),
         }
         for norm, limit in limits.items():

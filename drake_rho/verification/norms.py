@@ -1,8 +1,8 @@
-"""Limits on norms, judged at the knots, which are enough for every instant.
+"""Limits on norms, verified at the knots, which are enough for every instant.
 
 The velocity is linear in a step, so its norm, which is convex, is largest at a knot; accelerations
-are constant in a step, and with them thrust and tilt. With errors around velocities it is largest
-at a sample of the feedback.
+and jerks are constant in a step, and with them thrust and tilt. With errors around velocities it is
+largest at a sample of the feedback.
 """
 
 from __future__ import annotations
@@ -19,8 +19,13 @@ from drake_rho.verification.course import Course
 from drake_rho.verification.report import UNITS, Column
 
 
-def check_norms(course: Course) -> Iterator[Column]:
-    """The check of every limit on a norm that the scenario has."""
+def check_norms(course: Course, jerks: FloatArray) -> Iterator[Column]:
+    """Yield the check of every limit on a norm that the scenario has.
+
+    Args:
+        course: of all vehicles.
+        jerks: of the plan, at the knots that begin a step [m/s³], shape (N, K-1, 3).
+    """
     limits, times, errors = course.scenario.fleet.norms, course.times, course.feedback
     thrusts = course.commands + np.array([0.0, 0.0, GRAVITY])
     if "max_speed" in limits:
@@ -29,6 +34,14 @@ def check_norms(course: Course) -> Iterator[Column]:
     if "max_acceleration" in limits:
         found = _greatest_norm(times, course.commands, errors)
         yield _check_norm(limits["max_acceleration"], found, unit)
+    if "max_jerk" in limits:
+        # the first jerk has no limit where no acceleration is given before
+        skipped = np.isnan(course.scenario.fleet.accelerations_before[:, 0])
+        limited = np.array(jerks)
+        limited[skipped, 0] = 0.0
+        begins = course.scenario.grid.times[:-1]
+        found = _greatest_norm(begins, limited, np.zeros(len(begins)))
+        yield _check_norm(limits["max_jerk"], found, UNITS["jerk"])
     if "max_thrust" in limits:
         yield _check_norm(limits["max_thrust"], _greatest_norm(times, thrusts, errors), unit)
     if "max_tilt" in limits and course.tubes is None:

@@ -80,7 +80,7 @@ def verify(flown: Plan | Flight | Simulation) -> Report:
         columns = [
             *own,
             *check_boxes(course, jerks),
-            *check_norms(course),
+            *check_norms(course, jerks),
             *check_waypoints(course),
             *check_obstacles(course),
             *check_separation(course),

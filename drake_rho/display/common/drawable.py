@@ -148,6 +148,15 @@ def closest_two(shown: Drawn, separation: Separation) -> CloseApproaches:
     return closest_over_time(motion, separation, per_step=max(1, round(_PER_STEP / parts)))
 
 
+def planned_jerks(shown: Drawn) -> FloatArray:
+    """Return the jerks of the plan that is flown [m/s³], shape (N, K-1, 3).
+
+    The first is no number where no acceleration is given before it.
+    """
+    flown = shown.simulation.flight.plan if isinstance(shown, TrueMotion) else shown
+    return flown.motion().jerks()
+
+
 def commands(shown: Drawn) -> tuple[FloatArray, FloatArray]:
     """Commanded accelerations, each for a while: when these begin and end, and their values.
 

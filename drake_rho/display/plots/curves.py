@@ -14,7 +14,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.drawable import Drawn, Planned, closest_two, commands, planned
+from drake_rho.display.common.drawable import (
+    Drawn,
+    Planned,
+    closest_two,
+    commands,
+    planned,
+    planned_jerks,
+)
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.style import (
     COLOURS,
@@ -36,6 +43,7 @@ from drake_rho.scenario.norms import Norm
 _NORM_LABELS: dict[Norm, str] = {
     "max_speed": r"$\Vert v \Vert$ [m/s]",
     "max_acceleration": r"$\Vert a \Vert$ [m/s²]",
+    "max_jerk": r"$\Vert j \Vert$ [m/s³]",
     "max_thrust": "thrust [m/s²]",
     "max_tilt": "tilt [rad]",
 }
@@ -143,7 +151,9 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
             for index in range(len(exact))
         ]
     else:
-        ends, values = commands(plan)
+        ends, values = plan.times, planned_jerks(plan)
+        if limit.kind.quantity == "acceleration":
+            ends, values = commands(plan)
         steps = _as_seen(limit.kind.measured(values))
         lines = [_draw_steps(ax, plan, index, ends, steps[index]) for index in range(len(steps))]
     ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
@@ -158,7 +168,7 @@ def _as_seen(values: FloatArray) -> FloatArray:
     Some of these differ from processor to processor, and with them whether points are on one line,
     which pixels tell.
     """
-    largest = float(np.max(np.abs(values), initial=0.0))
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
     return np.round(values, _SEEN - math.ceil(math.log10(largest))) if largest else values
 
 

@@ -138,7 +138,7 @@ def velocities_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
 def accelerations_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
     """The components of the accelerations over time, with their bounds.
 
-    Below them norms, thrusts and tilts, each if it is limited.
+    Below them norms, also of the jerk, thrusts and tilts, each if it is limited.
     """
     return _components(drawn(flown), draw_accelerations, "acceleration", width)
 
@@ -184,7 +184,8 @@ def _components(
 ) -> Figure:
     """The components of a quantity, and below them what limits on norms of it are about."""
     limited = plan.scenario.fleet.norms
-    norms = [norm for norm in limited if limited[norm].kind.quantity == quantity]
+    shown = (quantity, "jerk") if quantity == "acceleration" else (quantity,)
+    norms = [norm for norm in limited if limited[norm].kind.quantity in shown]
     figure = _panels(width, 3 + len(norms), 0.6)
     axes = list(figure.subplots(3 + len(norms), sharex=True))
     draw(axes[:3], plan)

@@ -19,8 +19,8 @@ from drake_rho.scenario.records import Scenario
 class KeepInNorm(KeepInSets):
     """A limit on a norm, at the knots.
 
-    Velocities are linear between knots and accelerations constant, so that a value that leaves a
-    convex set does so at a knot.
+    Velocities are linear between knots, accelerations and jerks constant, so that a value that
+    leaves a convex set does so at a knot.
     """
 
     times: FloatArray
@@ -32,8 +32,11 @@ class KeepInNorm(KeepInSets):
         """The values at the knots."""
         motion, knots = motion.finer(self.pieces), slice(self.first, self.first + len(self.times))
         values = motion.values(self.quantity)[vehicles, knots].reshape(-1, 3)
-        who = np.repeat(vehicles, len(self.times))
-        return Asked(who, np.tile(self.times, len(vehicles)), values)
+        who, times = np.repeat(vehicles, len(self.times)), np.tile(self.times, len(vehicles))
+        if self.quantity == "jerk":  # the first acceleration may be free of a jerk limit
+            limited = ~np.isnan(values[:, 0])
+            who, times, values = who[limited], times[limited], values[limited]
+        return Asked(who, times, values)
 
 
 def norms_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
