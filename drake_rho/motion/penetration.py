@@ -67,8 +67,7 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
 
     Args:
         motion: of several vehicles, arrays of shape (N, ..., 3).
-        obstacle: on a clock that is 0 at the first knot; its track cuts steps into pieces at its
-            corners.
+        obstacle: on a clock that is 0 at the first knot; its corners cut steps into pieces.
         within: of how close, for each vehicle [m], shape (N,).
     """
     h, count = motion.step, motion.accelerations.shape[1]
@@ -87,7 +86,10 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
     w = durations[:, None]  # an axis that turns round gets no further than v/2 would in all of w
     ways = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
     reach = obstacle.shape.extent + within[:, None, None] + ways
-    owners, k = np.nonzero(np.all(np.abs(p) < reach, axis=2))
+    near = np.all(np.abs(p) < reach, axis=2)
+    if obstacle.active is not None:
+        near &= obstacle.is_active(middles)
+    owners, k = np.nonzero(near)
     return Pieces(owners, times[k], durations[k], p[owners, k], v[owners, k], a[owners, k])
 
 

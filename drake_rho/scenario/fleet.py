@@ -157,7 +157,7 @@ class Fleet:
         """
         aside, T = np.zeros(len(self._vehicles)), self._grid.duration
         for body in self._bodies:
-            if body.moves:
+            if not body.is_steady:
                 kept = self.radii + body.deviation
                 met = self._nearest_to(body) <= np.linalg.norm(body.shape.extent) + kept
                 corners = body.corners[(body.corners > 0.0) & (body.corners < T)]

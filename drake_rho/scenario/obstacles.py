@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     LARGEST,
+    BoolArray,
     Finite,
     FloatArray,
     Margin,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from drake_rho.scenario.shapes.base import Shape
 
 _KINDS = {
-    "Obstacle": ("shape", "velocity", "track", "known_from", "name"),
+    "Obstacle": ("shape", "velocity", "track", "known_from", "name", "active"),
     "Polytope": ("vertices",),
     "Ellipsoid": ("semi_axes",),
     "Box": ("lower", "upper"),
@@ -203,6 +204,9 @@ class Obstacle:
     but what is planned at an earlier time does not avoid it; at 0 it is known from the start"""
     name: Name | None = None
     """shown in figures and reports, beside its number"""
+    active: tuple[Finite, Finite] | None = None
+    """first and last time on the scenario's clock at which it is avoided, both included [s], as of
+    a no-fly zone; at all times if not given"""
 
     if TYPE_CHECKING:
 
@@ -213,6 +217,7 @@ class Obstacle:
             track: Track | None = None,
             known_from: float = 0.0,
             name: str | None = None,
+            active: tuple[float, float] | None = None,
         ) -> None: ...
 
     @model_validator(mode="after")
@@ -220,6 +225,9 @@ class Obstacle:
         if self.velocity is not None and self.track is not None:
             expected = "no velocity beside a track, which says where it is"
             raise ScenarioError("velocity", self.velocity.tolist(), expected)
+        if self.active is not None and not self.active[0] < self.active[1]:
+            expected = "a first time and a later last one"
+            raise ScenarioError("active", list(self.active), expected)
         try:
             self.shape.check_solid()
         except ScenarioError as error:
@@ -234,16 +242,38 @@ class Obstacle:
         return self.velocity is not None and bool(np.any(self.velocity))
 
     @property
+    def is_steady(self) -> bool:
+        """Whether it stands still and is avoided at all times."""
+        return self.active is None and not self.moves
+
+    def is_active(self, times: FloatArray, slack: float = 0.0) -> BoolArray:
+        """Return whether it is avoided at times on the scenario's clock [s], of any shape.
+
+        Args:
+            times: on the scenario's clock [s].
+            slack: time before and after the interval that counts as within it [s].
+        """
+        if self.active is None:
+            return np.ones(times.shape, dtype=bool)
+        first, last = self.active
+        active: BoolArray = (times >= first - slack) & (times <= last + slack)
+        return active
+
+    @property
     def deviation(self) -> float:
         """How far it may be from where `centers` puts it [m]."""
         return 0.0 if self.track is None else self.track.deviation
 
     @property
     def corners(self) -> FloatArray:
-        """Times on the scenario's clock at which its velocity changes [s], shape (M,)."""
-        if self.track is None:
-            return np.zeros(0)
-        return self.track.times[:-1] if self.track.after == "goes_on" else self.track.times
+        """Times at which its velocity changes, or it begins or ends to be avoided [s], shape (M,).
+
+        They are on the scenario's clock, and rise.
+        """
+        corners = np.zeros(0)
+        if self.track is not None:
+            corners = self.track.times[: -1 if self.track.after == "goes_on" else None]
+        return corners if self.active is None else np.union1d(corners, self.active)
 
     @property
     def first_center(self) -> FloatArray:
@@ -263,8 +293,9 @@ class Obstacle:
         elif self.velocity is not None:
             places = self.centers(time + np.array([0.0, 1.0]))
             track = Track([0.0, 1.0], places, after="goes_on")
+        active = self.active and (self.active[0] - time, self.active[1] - time)
         known_from = self.known_from - time
-        return unchecked(self, velocity=None, track=track, known_from=known_from)
+        return unchecked(self, velocity=None, track=track, known_from=known_from, active=active)
 
     def centers(self, times: FloatArray) -> FloatArray:
         """Middles of its bounding box at times on the scenario's clock [m], shape (M, 3)."""
@@ -278,13 +309,18 @@ class Obstacle:
         return still
 
     def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:
-        """Distances from the surface, negative inside, of positions at times [m], shape (..., M).
+        """Return distances from the surface of positions at times [m], shape (..., M).
+
+        They are negative inside, and infinite while it is not avoided.
 
         Args:
             positions: [m], shape (..., M, 3).
             times: on the scenario's clock [s], shape (M,), or one for all.
         """
-        return self.shape.signed_distance(positions - self.centers(times))
+        distances = self.shape.signed_distance(positions - self.centers(times))
+        if self.active is None:
+            return distances
+        return np.where(self.is_active(times), distances, np.inf)
 
     def velocities(self, times: FloatArray) -> FloatArray:
         """Velocities at times on the scenario's clock [m/s], shape (M, 3)."""

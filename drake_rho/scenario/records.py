@@ -240,7 +240,7 @@ class Scenario:
     @property
     def spheres(self) -> tuple[Sphere, ...]:
         """The obstacles (8) as the paper has them: spheres at rest that are known all the time."""
-        always = (each for each in self.bodies if not each.moves and each.known_from <= 0.0)
+        always = (each for each in self.bodies if each.is_steady and each.known_from <= 0.0)
         return tuple(each.shape for each in always if isinstance(each.shape, Sphere))
 
     @cached_property

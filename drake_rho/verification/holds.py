@@ -189,13 +189,16 @@ class _Judged:
         kept = (fleet.radii + obstacle.deviation - tolerances)[:, None]
         if not scenario.between_knots:
             x = self.course.positions - obstacle.centers(self.course.elapsed)
-            return bool((shape.signed_distance(x) >= kept + self.radii.ends).all())
+            apart = shape.signed_distance(x) >= kept + self.radii.ends
+            active = obstacle.is_active(self.course.elapsed, scenario.grid.rounding)
+            return bool(apart[:, active].all())
         seen, radii = seen_from(self.course, obstacle), self.radii.position
         if len(seen.course.durations) > len(radii):  # cut at corners of its track
             steps = np.searchsorted(scenario.grid.elapsed, seen.course.elapsed, side="right") - 1
             radii = radii[steps[:-1]]
         least = kept + radii
-        owners, pieces = np.nonzero(~(seen.lowest_at_least(shape, least) >= least))
+        low = ~(seen.lowest_at_least(shape, least) >= least)
+        owners, pieces = np.nonzero(low & seen.active_pieces)
         some, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
         asked = least[owners, pieces]
         return not _is_below(some, shape.signed_distance, asked, precision[owners]).any()

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.verification.continuous_time import Least, least_over_time
@@ -56,6 +56,7 @@ def check_obstacle(course: Course, number: int) -> Iterator[Column]:
                 unit="m",
                 asked=known and (part == AT_KNOTS or scenario.between_knots),
                 always=part == AT_ALL_TIMES,
+                due=~np.isposinf(found.clearances),  # else it is not avoided in this flight
             )
 
 
@@ -77,8 +78,11 @@ class Seen:
 
     course: Course
     """with pieces that are cut where the obstacle's track has corners"""
+    obstacle: Obstacle
+    """on a clock that is 0 at the first knot"""
     tolerance: float
-    """by how much a knot may be early and still count as the time at which it is known [s]"""
+    """time by which a knot may be early, or late, and still count as one at which the obstacle is
+    known, or avoided [s]"""
     positions: FloatArray
     """of the vehicles at the instants, from the middle of the obstacle [m], shape (N, J + 1, 3)"""
     pieces: Steps
@@ -98,6 +102,12 @@ class Seen:
             outside[near] = shape.signed_distance(self.positions[near])
             lowest = self._between(outside)
         return lowest
+
+    @property
+    def active_pieces(self) -> BoolArray:
+        """Whether the obstacle is avoided in each piece, shape (J,)."""
+        elapsed = self.course.elapsed
+        return self.obstacle.is_active((elapsed[:-1] + elapsed[1:]) / 2.0)
 
     def _between(self, distances: FloatArray) -> FloatArray:
         """Return where two slopes meet, from distances at the instants, shape (N, J)."""
@@ -119,12 +129,18 @@ class Seen:
         course, instants = self.course, self.course.elapsed
         outside = _outside_of_box(self.positions, shape.extent)
         later = instants >= since - self.tolerance
-        judged = course.knots & (later if known else ~later)
-        errors = course.errors(judged)
-        k, values = _least_at(shape, self.positions[:, judged], outside[:, judged] - errors, errors)
-        times = instants[judged][k]
+        active = self.obstacle.is_active(instants, self.tolerance)
+        judged = course.knots & (later if known else ~later) & active
+        count = len(self.positions)
+        times, values, off = np.zeros(count), np.full(count, np.inf), np.zeros(count)
+        if judged.any():
+            x, errors = self.positions[:, judged], course.errors(judged)
+            k, values = _least_at(shape, x, outside[:, judged] - errors, errors)
+            times, off = instants[judged][k], errors[k]
+        at_knots = _Closest(times, values + off, off)
 
         during = (instants[:-1] >= since) == known
+        during &= self.active_pieces
         lowest = self._between(outside) - course.errors_over
         owners, piece = np.nonzero(~(lowest >= values[:, None]) & during)  # what is no number too
         around = course.around(piece)
@@ -137,11 +153,10 @@ class Seen:
             around,
         )
         found = np.flatnonzero(least.steps >= 0)
-        always, off, at = np.array(times), errors[k], least.steps[found]
+        always, off, at = np.array(times), np.array(off), least.steps[found]
         always[found] = course.moments(piece[at], least.moments[found])
         if around is not None:
             off[found] = around.radii(at, least.moments[found, None])[:, 0]
-        at_knots = _Closest(times, values + errors[k], errors[k])
         return at_knots, _Closest(always, least.values + off, off)
 
 
@@ -161,7 +176,7 @@ def seen_from(course: Course, obstacle: Obstacle, since: float = 0.0) -> Seen:
     ways = width * course.velocities[:, :-1] - np.diff(centers, axis=0)
     pieces = (positions[:, :-1], ways, width**2 * course.accelerations)
     steps = Steps(*(each.reshape(-1, 3) for each in pieces))
-    return Seen(course, tolerance, positions, steps)
+    return Seen(course, obstacle, tolerance, positions, steps)
 
 
 def _least_at(

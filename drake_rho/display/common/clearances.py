@@ -86,8 +86,10 @@ def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
     owners = pieces.owners[which]
     found = obstacle.distances(motion.each_at("position", owners, times), start + times)
     order = np.lexsort((found, owners))
-    firsts = order[np.unique(owners[order], return_index=True)[1]]
-    return Closest(times[firsts], found[firsts])
+    near, firsts = np.unique(owners[order], return_index=True)
+    least = Closest(np.zeros(len(below)), np.full(len(below), np.inf))  # where it is not avoided
+    least.times[near], least.distances[near] = times[order[firsts]], found[order[firsts]]
+    return least
 
 
 def nearest(plan: Drawn, obstacle: Obstacle) -> Approach:

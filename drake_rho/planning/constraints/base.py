@@ -70,6 +70,10 @@ class Constraint(abc.ABC):
     """whether its rows hold around one reference only"""
     obstacle_number: int | None = None
     """number of the obstacle that it is about, 0 for other vehicles; None for anything else"""
+    active: tuple[float, float] | None = None
+    """first and last time at which it holds, since the first knot [s]; all of them if None"""
+    clock_rounding: float = 0.0
+    """time by which an instant may be outside of that interval and still count as within it [s]"""
     pieces: int = 1
     """into how many pieces steps are cut, each with knots and a margin of its own; it is asked of
     `Motion.finer`"""
@@ -86,6 +90,14 @@ class Constraint(abc.ABC):
             between: whether to look elsewhere, at the worst instants, instead of at the knots.
             reach: up to how many knots away from a broken row its neighbours are wanted too.
         """
+
+    def holds_at(self, times: FloatArray) -> BoolArray:
+        """Return whether it holds at times since the first knot [s], shape (R,)."""
+        if self.active is None:
+            return np.ones(len(times), dtype=bool)
+        first, last = self.active
+        early, late = first - self.clock_rounding, last + self.clock_rounding
+        return np.asarray((times >= early) & (times <= late))
 
     @cached_property
     def none(self) -> HalfSpaces:

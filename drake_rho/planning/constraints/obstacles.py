@@ -202,6 +202,7 @@ class KeepOutOfObstacle(KeepOut):
             around = times[:, None] + h * _AROUND[None] / _FINER**finer
             around = np.clip(around, AT_ONCE * h, (steps - AT_ONCE) * h)
             margins = self.rows(Places(whose, whose, around.reshape(-1))).margins(motion)
+            margins[~self.holds_at(around.reshape(-1))] = np.inf
             times = around[each, np.argmin(margins.reshape(around.shape), axis=1)]
         return self.rows(Places(rows.vehicles, rows.partners, times))
 
@@ -233,7 +234,7 @@ class KeepOutOfObstacle(KeepOut):
         places = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
         below = self.radius(places) - BROKEN * self.tolerances[places.vehicles]
-        return places.select(distances < below)
+        return places.select((distances < below) & self.holds_at(places.times))
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
         """Rows at inner knots.
@@ -254,7 +255,8 @@ class KeepOutOfObstacle(KeepOut):
         if reach == 0 or not broken.any():
             return rows.select(broken)
         every[every] = broken
-        return self._asked.select(near(every.reshape(-1), self._asked.vehicles, reach))
+        wanted = near(every.reshape(-1), self._asked.vehicles, reach)
+        return self._asked.select(wanted & self.holds_at(self._asked.times))
 
     @cached_property
     def _asked(self) -> HalfSpaces:
@@ -268,6 +270,7 @@ class KeepOutOfObstacle(KeepOut):
         distances = self.obstacle.shape.signed_distance(offsets).reshape(len(self.kept), -1)
         inside = self.margins.knots["position"][1:-1]
         room: FloatArray = distances - self.kept[:, None] - inside
+        room[:, ~self.holds_at(self.inner_knots.times[: room.shape[1]])] = np.inf
         return room
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
@@ -306,6 +309,8 @@ def obstacles_of(
         KeepOutOfObstacle(
             key=("obstacle", number),
             obstacle_number=number,
+            active=obstacle.active,
+            clock_rounding=scenario.grid.rounding,
             name=scenario.obstacle_name(number),
             quantity="position",
             reference=reference,

@@ -70,7 +70,7 @@ def ways_on_grids(scenario: Scenario, most: int, max_memory: float) -> Iterator[
         most: bound on the references of one grid.
         max_memory: in bytes.
     """
-    moving = any(body.moves for _, body in scenario.known)
+    moving = not all(body.is_steady for _, body in scenario.known)
     timed = _in_space_and_time(scenario, max_memory)
     if moving or (scenario.separation is not None and len(scenario.vehicles) > 1):
         yield from _from_first_found(timed)

@@ -32,6 +32,9 @@ class MovingObstacle:
         body: the obstacle, on a clock that is 0 at the first knot.
         radius: kept from it [m].
         times: between layers, since the first knot [s], shape (M + 1,).
+
+    Attributes:
+        begins: first layer in which it is avoided.
     """
 
     blocks = True
@@ -39,6 +42,9 @@ class MovingObstacle:
 
     def __init__(self, body: Obstacle, radius: float, times: FloatArray) -> None:
         self.centers = body.centers(times)
+        first, last = body.active or (-np.inf, np.inf)
+        self._active: BoolArray = (times[1:] >= first) & (times[:-1] <= last)
+        self.begins = int(np.argmax(self._active))
         middles = body.centers((times[:-1] + times[1:]) / 2.0)
         bends = np.linalg.norm(middles - (self.centers[:-1] + self.centers[1:]) / 2.0, axis=1)
         self.margins: FloatArray = kept_from(body, radius) + bends
@@ -49,6 +55,7 @@ class MovingObstacle:
         """How far positions, (Q, 3), are from coming too close when layers, (Q,), begin."""
         x = positions - self.centers[layers]
         room: FloatArray = self._shape.signed_distance(x) - self.margins[layers]
+        room[~self._active[layers]] = np.inf
         return room
 
     def lengths(self, ways: FloatArray) -> FloatArray:
@@ -81,6 +88,8 @@ class MovingVehicle:
 
     blocks = False
     """whether nothing gets through: at a cost, a way may lead too close to it"""
+    begins = 0
+    """first layer in which it is avoided"""
 
     def __init__(self, positions: FloatArray, separation: Separation) -> None:
         self.centers = positions
@@ -156,7 +165,7 @@ def _met_among(
     room, lengths = moving.room(layers, start), moving.lengths(ways)
     asked = room < lengths.max(axis=0)[layers]
     if moving.blocks:
-        asked &= (room >= 0.0) | (layers == 0)
+        asked &= (room >= 0.0) | (layers == moving.begins)
     layers, points, start, room = layers[asked], points[asked], start[asked], room[asked]
     to = lattice.neighbors[:, points]
     u, q = np.nonzero((room < lengths[:, layers]) & (to < count))

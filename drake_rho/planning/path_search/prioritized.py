@@ -65,7 +65,7 @@ class FleetInTime:
         self._radii, rasters, self._kinds = _kinds(scenario, resolution)
         spare = most - size_in_time(scenario, resolution).bytes
         self._most = max(spare, most * _BLOCKED) / (2.0 * len(rasters))
-        still = [body for _, body in scenario.known if not body.moves]
+        still = [body for _, body in scenario.known if body.is_steady]
         self._lattices = [
             Lattice(raster, still, radius)
             for raster, radius in zip(rasters, self._radii, strict=True)
@@ -97,7 +97,7 @@ class FleetInTime:
     @cached_property
     def _obstacles(self) -> list[Layers]:
         """Where obstacles that move block moves of each lattice."""
-        bodies = [body for _, body in self._scenario.known if body.moves]
+        bodies = [body for _, body in self._scenario.known if not body.is_steady]
         return [
             self._layers(
                 kind, [MovingObstacle(body, self._radii[kind], self._times) for body in bodies]

@@ -176,7 +176,7 @@ def _clearances(scenario: Scenario) -> FloatArray:
     """What is free around every goal at the end [m], shape (N,)."""
     least, goals = np.full(len(scenario.vehicles), np.inf), scenario.fleet.goal_positions
     for obstacle in scenario.bodies_in_flight:
-        x = goals - obstacle.centers(np.array([scenario.grid.duration]))
-        free = obstacle.shape.signed_distance(x) - obstacle.deviation + obstacle.shape.tolerance
+        free = obstacle.distances(goals, np.array([scenario.grid.duration]))
+        free = free - obstacle.deviation + obstacle.shape.tolerance
         least = np.minimum(least, free)
     return least

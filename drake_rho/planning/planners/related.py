@@ -28,7 +28,7 @@ def can_be_slower(scenario: Scenario) -> bool:
     these and a value inside is inside. Waypoints have times of their own, which are not stretched,
     as have obstacles that move; and errors grow with the time that a disturbance has for it.
     """
-    if scenario.disturbance is not None or any(body.moves for body in scenario.bodies):
+    if scenario.disturbance is not None or not all(body.is_steady for body in scenario.bodies):
         return False
     for vehicle in scenario.vehicles:
         limits = scenario.limits_of(vehicle)

@@ -173,9 +173,9 @@ def _free(draw: Callable[[], Obstacle], vehicles: tuple[Vehicle, ...], grid: Gri
     for _ in range(TRIES):
         drawn = draw()
         kept = radii + drawn.deviation
-        first, last = drawn.centers(np.array([grid.start, grid.end]))
-        distance = drawn.shape.signed_distance
-        if np.all(distance(starts - first) >= kept) and np.all(distance(goals - last) >= kept):
+        first, last = (np.array([time]) for time in (grid.start, grid.end))
+        at_ends = drawn.distances(starts, first), drawn.distances(goals, last)
+        if all(np.all(distances >= kept) for distances in at_ends):
             return drawn
     expected = f"more room: {TRIES} random places for the next were all in the way of an end"
     raise ScenarioError("obstacles", drawn.shape, expected)
