@@ -77,6 +77,14 @@ def called(number: int, obstacle: Obstacle) -> str:
     return f"{number} {name}".strip()
 
 
+def active_in_words(obstacle: Obstacle) -> str:
+    """Return the interval of time in which an obstacle is avoided; nothing if that is always."""
+    if obstacle.active is None:
+        return ""
+    first, last = obstacle.active
+    return f"active {first:g} to {last:g} s"
+
+
 def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
     """What a still picture shows of the obstacles.
 
@@ -91,7 +99,8 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
         label = called(number, obstacle) if numbered or obstacle.name is not None else ""
         if not obstacle.moves:
             (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
-            shown.append(Snapshot(obstacle.shape, center, label))
+            words = ", ".join(filter(None, (label, active_in_words(obstacle))))
+            shown.append(Snapshot(obstacle.shape, center, words))
             continue
         clock, near = _near(plan, obstacle, obstacles)
         if not np.any(near):
@@ -190,4 +199,4 @@ def _near(
     times = plan.scenario.grid.start + dense_times(plan)
     centers, extent = obstacle.centers(times), obstacle.shape.extent
     beyond = (centers + extent < lower - room) | (centers - extent > upper + room)
-    return times, ~np.any(beyond, axis=1)
+    return times, obstacle.is_active(times) & ~np.any(beyond, axis=1)

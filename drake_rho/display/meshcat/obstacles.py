@@ -53,12 +53,20 @@ def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) ->
             known = pace.playback(obstacle.known_from - start)
             show_between(meshcat, f"{path}/known", known, None)
             show_between(meshcat, f"{path}/unknown", 0.0, known)
+        if obstacle.active is not None:
+            show_between(meshcat, path, *_playback(obstacle.active, plan, pace))
         if not obstacle.moves:
             continue
         places = _places(scene, obstacle, start + pace.times)
         turns = _turns(pace.times, places)
         for time, place in zip(pace.times[turns], places[turns], strict=True):
             meshcat.SetTransform(path, RigidTransform(place), pace.playback(time))
+
+
+def _playback(active: tuple[float, float], plan: Drawn, pace: Pace) -> tuple[float, float]:
+    """Return the times of playback at which an obstacle begins and ends to be active [s]."""
+    first, last = np.clip(np.array(active) - plan.scenario.grid.start, 0.0, None)
+    return pace.playback(float(first)), pace.playback(float(last))
 
 
 def _path(number: int) -> str:

@@ -24,6 +24,7 @@ from drake_rho.display.common.drawable import Drawn, planned
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import called
 from drake_rho.display.common.style import (
+    FORBIDDEN,
     LEAST_STYLE,
     MOST_NAMED,
     dense_times,
@@ -53,9 +54,9 @@ def draw_distances(
     """Distance of each vehicle from an obstacle's surface over time, with what is kept."""
     lines = _draw_distances(ax, plan, obstacle, lambda each, at: distances(each, obstacle, at))
     least = sorted(set(kept(plan, obstacle).tolist()))
-    values = [np.asarray(line.get_ydata()) for line in lines]
-    bottom = min(0.0, *(float(each.min()) for each in values))
-    top = max(float(each.max()) for each in values)
+    values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])
+    values = values[np.isfinite(values)]  # while it is active
+    bottom, top = float(values.min(initial=0.0)), float(values.max(initial=0.0))
     bottom -= _BELOW * max(top - bottom, 1e-9)
     for most in least:
         words = "surface" if most == 0.0 else f"least distance: {most:g} m"
@@ -111,6 +112,7 @@ def _draw_distances(
         times = dense_times(piece.plan)
         draw_planned(ax, piece, times, measured(piece.plan, times))
     _draw_discoveries(ax, plan, {obstacle.known_from: "known"})
+    _draw_inactive(ax, plan, obstacle)
     return lines
 
 
@@ -119,6 +121,9 @@ def _mark_least(
 ) -> None:
     """Mark where vehicles come closest, and above the axes who does of all, as near as kept."""
     start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))
+    if not np.isfinite(found.distances).any():  # it is not active in the flight
+        add_above(ax, [], title)
+        return
     for i, (time, value) in enumerate(zip(found.times, found.distances, strict=True)):
         if len(plan.positions) <= _MOST_ANNOTATED:
             _mark_low(ax, plan, i, (start + time, value), colours[i])
@@ -183,8 +188,9 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     lines.append(_draw_closest(ax, plan, obstacles, found))
     known = {each.known_from: f"{called(n, each)} known" for n, each in enumerate(obstacles, 1)}
     _draw_discoveries(ax, plan, known)
-    bottom = min(0.0, float(found.clearances.min()))
-    bottom -= _BELOW * (float(found.clearances.max()) - bottom)
+    finite = found.clearances[np.isfinite(found.clearances)]  # while an obstacle is active
+    bottom = float(finite.min(initial=0.0))
+    bottom -= _BELOW * (float(finite.max(initial=0.0)) - bottom)
     least = max(float(kept(plan, obstacle).max()) for obstacle in obstacles)
     draw_limit(ax, 0.0, "the radius from the surface" if least > 0.0 else "surface", bottom)
     ax.set(ylabel="clearance from the nearest obstacle [m]", ylim=(bottom, None))
@@ -195,7 +201,7 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
 def _draw_closest(
     ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle], found: Clearances
 ) -> Line2D:
-    """A ring at the least clearance of all, and above the axes what it is of whom."""
+    """Draw a ring at the least clearance of all, and above the axes what it is of whom."""
     i, m = np.unravel_index(np.argmin(found.clearances), found.clearances.shape)
     time, least = float(found.times[i, m]), float(found.clearances[i, m])
     number = int(found.nearest[i, m]) + 1
@@ -219,6 +225,17 @@ def _draw_discoveries(ax: Axes, plan: Drawn, known: dict[float, str]) -> None:
         ax.axvline(time, color="black", linestyle=":", linewidth=0.9)
         if len(later) <= _MOST_DISCOVERIES:
             Labels.of(ax).add(f"{words} from {time:g} s", beside(ax, time))
+
+
+def _draw_inactive(ax: Axes, plan: Drawn, obstacle: Obstacle) -> None:
+    """Shade the times of the flight at which an obstacle is not active."""
+    if obstacle.active is None:
+        return
+    grid, (first, last) = plan.scenario.grid, obstacle.active
+    for begin, end in ((grid.start, min(first, grid.end)), (max(last, grid.start), grid.end)):
+        if begin < end:
+            ax.axvspan(begin, end, color=FORBIDDEN, alpha=0.08, linewidth=0)
+            Labels.of(ax).add("not active", beside(ax, begin))
 
 
 def _finish(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:

@@ -101,7 +101,7 @@ def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, obje
         how = "from obstacles, less the vehicle's radius" if padded else "from obstacles"
         told.append(_curve("Least clearance", how, found.obstacles, vehicles, bodies))
     for each in told:
-        each["values"] = np.round(each["values"], decimals).tolist()
+        each["values"] = _finite(np.round(each["values"], decimals)[None])[0]
     return told
 
 
@@ -166,6 +166,8 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
         entries.append(("obstacle", "to keep out of"))
     if any(obstacle.known_from > max(scenario.grid.start, 0.0) for obstacle in scenario.bodies):
         entries.append(("unknown", "the same, not known yet"))
+    if any(obstacle.active is not None for obstacle in scenario.bodies):
+        entries.append(("obstacle", "shown while it is active, where that is for a time"))
     if np.any(scenario.fleet.radii > 0.0) and detailed:
         entries.append(("radius", "radius, kept from obstacles"))
     if scenario.separation is not None:

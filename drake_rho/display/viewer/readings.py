@@ -72,8 +72,11 @@ class Readings:
         return cls(times, speeds, clearances, nearest, obstacles, pairs)
 
 
-def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve:
+def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve | None:
+    """Return the clearance from obstacles; None where none is active in the flight."""
     found = least_clearances(shown, shown.scenario.bodies)
+    if not np.isfinite(found.clearances).any():
+        return None
     i, m = np.unravel_index(np.argmin(found.clearances), found.clearances.shape)
     least = found.times[i, m], found.clearances[i, m]
     return Curve(

@@ -125,13 +125,12 @@ const plots = told.curves.map((curve) => {
   const value = element(header, "b", "num");
   const svg = drawing(box, "svg", { viewBox: `0 0 ${WIDE} ${HIGH}`, preserveAspectRatio: "none" });
   const [when, least] = curve.least;
-  const highest = curve.values.reduce((most, value) => Math.max(most, value), curve.limit ?? 0);
+  const highest = curve.values.reduce((most, value) => Math.max(most, value ?? most), curve.limit ?? 0);
   const bottom = Math.min(least, curve.limit ?? 0);
   const lowest = bottom - (curve.limit === null ? 0 : 0.12 * (highest - bottom));
   const x = (time) => (time / told.duration) * WIDE;
   const y = (height) => HIGH - 4 - ((height - lowest) / (highest - lowest || 1)) * (HIGH - 10);
-  const points = thinned(curve).map((m) => `${x(curve.times[m]).toFixed(1)},${y(curve.values[m]).toFixed(2)}`);
-  drawing(svg, "path", { class: "curve", d: `M${points.join("L")}` });
+  drawing(svg, "path", { class: "curve", d: path(curve, x, y) });
   if (curve.limit !== null) {
     drawing(svg, "rect", { class: "forbidden", x: 0, width: WIDE, y: y(curve.limit), height: HIGH - y(curve.limit) });
     drawing(svg, "line", { class: "limit", x1: 0, x2: WIDE, y1: y(curve.limit), y2: y(curve.limit) });
@@ -151,13 +150,27 @@ const plots = told.curves.map((curve) => {
   return { curve, value, now, x };
 });
 
+/** The path of a curve, with gaps where it has no value. */
+function path(curve, x, y) {
+  let pen = "M";
+  return thinned(curve)
+    .map((m) => {
+      const value = curve.values[m];
+      const step = value === null ? "" : `${pen}${x(curve.times[m]).toFixed(1)},${y(value).toFixed(2)}`;
+      pen = value === null ? "M" : "L";
+      return step;
+    })
+    .join("");
+}
+
 /** Points of a curve that show in a plot: of those in one pixel the lowest and the highest. */
 function thinned({ times, values }) {
   const bins = new Map();
   values.forEach((value, m) => {
     const bin = Math.floor((times[m] / told.duration) * WIDE * 2);
     const [low, high] = bins.get(bin) ?? [m, m];
-    bins.set(bin, [value < values[low] ? m : low, value > values[high] ? m : high]);
+    if (value === null || values[low] === null) bins.set(bin, [m, m]);
+    else bins.set(bin, [value < values[low] ? m : low, value > values[high] ? m : high]);
   });
   return [...bins.values()].flatMap(([low, high]) => (low === high ? [low] : [low, high].sort((a, b) => a - b)));
 }
@@ -166,7 +179,7 @@ function updatePlots(now) {
   plots.forEach(({ curve, value, now: line, x }, index) => {
     const present = now.curves[index];
     value.textContent = inDigits(present, "m");
-    value.classList.toggle("bad", curve.limit !== null && present < curve.limit - told.tolerance);
+    value.classList.toggle("bad", curve.limit !== null && present !== null && present < curve.limit - told.tolerance);
     line.setAttribute("x1", x(state.time));
     line.setAttribute("x2", x(state.time));
   });
