@@ -102,6 +102,9 @@ class Twin:
         else:
             before[0] = -self.start.acceleration / scenario.grid.step
         self.keep(jerk, before, self.limits.jerk)
+        for row, offset in zip(jerk, before, strict=True):
+            flat = self.a.reshape(-1)
+            self.keep_norm(self.limits.max_jerk, np.kron(row, np.eye(3)), offset, flat)
         end = rho.Box(self.goal.velocity, self.goal.velocity)
         self.keep(self.velocity[-1:], coasting[-1:], end)
         end = rho.Box(self.goal.position, self.goal.position)

@@ -97,6 +97,7 @@ def mapped(
             None if old.max_acceleration is None else force * old.max_acceleration,
             old.max_thrust,
             old.max_tilt,
+            None if old.max_jerk is None else jerk * old.max_jerk,
         )
 
     return dataclasses.replace(

@@ -13,7 +13,7 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import GRAVITY, Quantity
 
-Norm = Literal["max_speed", "max_acceleration", "max_jerk", "max_thrust", "max_tilt"]
+Norm = Literal["max_speed", "max_acceleration", "max_thrust", "max_tilt", "max_jerk"]
 """The fields of `Limits` that limit a norm."""
 
 
@@ -89,9 +89,9 @@ _FREE_FALL = np.array([0.0, 0.0, -GRAVITY])
 NORMS: dict[Norm, Kind] = {
     "max_speed": Length("speed", "norm", "velocity", np.zeros(3)),
     "max_acceleration": Length("acceleration", "norm", "acceleration", np.zeros(3)),
-    "max_jerk": Length("jerk", "norm", "jerk", np.zeros(3)),
     "max_thrust": Length("thrust", "thrust", "acceleration", _FREE_FALL),
     "max_tilt": Inclination("tilt", "tilt", "acceleration", _FREE_FALL),
+    "max_jerk": Length("jerk", "norm", "jerk", np.zeros(3)),
 }
 """Limits on norms, by their field."""
 

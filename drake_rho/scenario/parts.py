@@ -191,8 +191,6 @@ class Limits:
     """largest norm of the velocity, in any direction [m/s]"""
     max_acceleration: Positive | None = None
     """largest norm of the acceleration, in any direction [m/s²]"""
-    max_jerk: Positive | None = None
-    """largest norm of the jerk j[k] = (a[k] - a[k-1]) / h, in any direction [m/s³]"""
     max_thrust: (
         Annotated[float, Field(ge=GRAVITY, le=LARGEST, allow_inf_nan=False), NO_TRUTH] | None
     ) = None
@@ -209,6 +207,8 @@ class Limits:
     ) = None
     """largest angle of a + g e_z to the upright [rad], less than a right angle; as far as a
     multicopter tilts"""
+    max_jerk: Positive | None = None
+    """largest norm of the jerk j[k] = (a[k] - a[k-1]) / h, in any direction [m/s³]"""
 
     def overridden_by(self, own: Limits | None) -> Limits:
         """These limits with those that `own` has in place of them."""
