@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
+from drake_rho.planning.programs.backend import SolverName
 from drake_rho.scenario.fields import FloatArray
 from tests.cones import TWIN, twin_cost
 from tests.disturbed import disturbed
@@ -46,7 +47,7 @@ def test_it_holds_and_costs_what_the_cones_cost(start: rho.State | None, most: f
 
 
 @pytest.mark.parametrize("solver", ["clarabel", "daqp"])
-def test_it_binds_past_an_obstacle_at_every_instant(solver: rho.SolverName) -> None:
+def test_it_binds_past_an_obstacle_at_every_instant(solver: SolverName) -> None:
     free = single(obstacles=[SPHERE], between_knots=True)
     limited = dataclasses.replace(free, limits=rho.Limits(max_jerk=0.353))
     loose, tight = (rho.plan(each, solver=solver) for each in (free, limited))

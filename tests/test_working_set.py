@@ -39,7 +39,9 @@ class OnVelocities(Constraint):
 
 def constraint(number: int = 3, *, curved: bool = False) -> Constraint:
     """One on velocities."""
-    return OnVelocities(key=number, name=f"constraint {number}", quantity="velocity", curved=curved)
+    return OnVelocities(
+        kind="velocity", key=number, name=f"constraint {number}", quantity="velocity", curved=curved
+    )
 
 
 def rows(

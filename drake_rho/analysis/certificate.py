@@ -55,6 +55,28 @@ _SHOWN = 3
 _MOST_ROWS = 20
 """Vehicles that a printed certificate shows; of more, those with most to gain."""
 
+TREATMENT = {
+    "dynamics": "exact in the Lagrangian, whose unknowns are accelerations",
+    "goals": "equalities of the Lagrangian",
+    "position": "multipliers of its rows, which hold for every plan",
+    "velocity": "multipliers of its rows, which hold for every plan",
+    "acceleration": "multipliers of its rows, which hold for every plan",
+    "jerk": "multipliers of its rows, which hold for every plan",
+    "max_speed": "multipliers of its rows, which hold for every plan",
+    "max_acceleration": "multipliers of its rows, which hold for every plan",
+    "max_thrust": "multipliers of its rows, which hold for every plan",
+    "max_tilt": "multipliers of its rows, which hold for every plan",
+    "max_jerk": "multipliers of its rows, which hold for every plan",
+    "waypoints": "multipliers of its rows, which hold for every plan",
+    "obstacles": "quadratics of balls and ellipsoids inside; others are left out (`not_counted`)",
+    "moving obstacles": "as obstacles, where they are at the time",
+    "late obstacles": "as obstacles, where they are known at the start",
+    "active obstacles": "as obstacles, at instants of the interval",
+    "separation": "quadratics of the separation's ellipsoid; left out in large fleets",
+    "disturbance": "a bound for the plan's margins, and one without them",
+}
+"""What counts in the lower bound, of every kind of requirement."""
+
 _ENOUGH = 1e-8
 """Relative distance from a converged plan's cost at which a bound is not improved any more."""
 

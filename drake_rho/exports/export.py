@@ -20,6 +20,29 @@ FORMATS: dict[str, Format] = {
 """All formats by their names."""
 
 
+TREATMENT = {
+    "dynamics": "the motion, with its deviation where a format cannot hold it",
+    "goals": "the end of the motion",
+    "position": "not in the files of other programs; verified before",
+    "velocity": "not in the files of other programs; verified before",
+    "acceleration": "not in the files of other programs; verified before",
+    "jerk": "not in the files of other programs; verified before",
+    "max_speed": "not in the files of other programs; verified before",
+    "max_acceleration": "not in the files of other programs; verified before",
+    "max_thrust": "not in the files of other programs; verified before",
+    "max_tilt": "not in the files of other programs; verified before",
+    "max_jerk": "not in the files of other programs; verified before",
+    "waypoints": "passed by the motion; not marked",
+    "obstacles": "not in the files; what is left of the distance is compared with the deviation",
+    "moving obstacles": "as obstacles",
+    "late obstacles": "as obstacles",
+    "active obstacles": "as obstacles, in the interval of time",
+    "separation": "what is left of the distance is compared with the deviation",
+    "disturbance": "what is left is compared with the deviation beside the errors",
+}
+"""What exports say of every kind of requirement."""
+
+
 @checked
 def export(
     flown: Plan | Flight | Simulation, path: str | Path, *, format: str, rate: float | None = None

@@ -252,7 +252,7 @@ class Fleet:
         limits = {}
         for norm, most in self._largest.items():
             kind = NORMS[norm]
-            limits[norm] = NormLimit(kind, most, kind.sets(most, self.scale(kind.quantity)))
+            limits[norm] = NormLimit(norm, kind, most, kind.sets(most, self.scale(kind.quantity)))
         return limits
 
     def _make_largest(self) -> dict[Norm, FloatArray]:

@@ -100,6 +100,8 @@ NORMS: dict[Norm, Kind] = {
 class NormLimit:
     """A limit on a norm of a quantity, of every vehicle."""
 
+    field: Norm
+    """the field of `Limits`"""
     kind: Kind
     """what is limited"""
     most: FloatArray

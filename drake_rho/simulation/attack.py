@@ -32,6 +32,28 @@ from drake_rho.verification.report import PRECISION, Column
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.tubes import Tubes
 
+TREATMENT = {
+    "dynamics": "not aimed at: verified along the flight",
+    "goals": "not aimed at: verified along the flight",
+    "position": "aimed at: the side that is closest",
+    "velocity": "not aimed at: verified along the flight",
+    "acceleration": "not aimed at: verified along the flight",
+    "jerk": "not aimed at: verified along the flight",
+    "max_speed": "not aimed at: verified along the flight",
+    "max_acceleration": "not aimed at: verified along the flight",
+    "max_thrust": "not aimed at: verified along the flight",
+    "max_tilt": "not aimed at: verified along the flight",
+    "max_jerk": "not aimed at: verified along the flight",
+    "waypoints": "not aimed at: verified along the flight",
+    "obstacles": "aimed at: the surface that is closest",
+    "moving obstacles": "aimed at, where it is at the time",
+    "late obstacles": "aimed at, known or not",
+    "active obstacles": "aimed at, in the interval of time",
+    "separation": "aimed at: both vehicles of the closest pair",
+    "disturbance": "its bound is what is used up",
+}
+"""What the wind is aimed at, of every kind of requirement."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AimedWind(WindOverTime):

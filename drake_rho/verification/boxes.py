@@ -125,6 +125,7 @@ def _check_box(
     nothing = values[:, 0, 0] > values[:, 1, 0]  # all knots were skipped
     at = f" {when}" if quantity == "position" else ""
     return Column(
+        kind=quantity,
         constraint=f"{quantity} box",
         parts=[f"{'xyz'[x]} {('lower', 'upper')[s]}{at}" for s, x in zip(side, axis, strict=True)],
         times=extremes.times[i, side, axis],

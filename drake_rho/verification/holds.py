@@ -24,6 +24,7 @@ from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.closest_pairs import from_ellipsoid
 from drake_rho.verification.continuous_time import AnyLower, least_over_time
 from drake_rho.verification.course import Course
+from drake_rho.verification.kinds import refuse_unknown
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.obstacles import check_obstacle, seen_from
 from drake_rho.verification.report import PRECISION, Check, Column
@@ -45,6 +46,7 @@ def first_violation(plan: Plan, obstacles: Iterable[int] | None = None) -> Check
         obstacles: numbers of the only constraints that are looked at, if given.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is told as no number
+        refuse_unknown(plan.scenario)
         judged = _Judged.of(plan)
         for is_kept, columns in judged.kinds(obstacles):
             if not is_kept():

@@ -104,6 +104,7 @@ def _check_inside_cone(
     k = np.argmin(inside - errors, axis=1)
     found, least = _pick(inside, k), errors[k]
     return Column(
+        kind=limit.field,
         constraint=limit.kind.name,
         parts=["(thrust from the cone)"] * len(found),
         times=times[k],
@@ -121,6 +122,7 @@ def _column(
     limit: NormLimit, found: Greatest, most: FloatArray, tolerances: FloatArray, unit: str
 ) -> Column:
     return Column(
+        kind=limit.field,
         constraint=limit.kind.name,
         parts=[""] * len(found.values),
         times=found.times,

@@ -45,6 +45,7 @@ def check_obstacle(course: Course, number: int) -> Iterator[Column]:
         for part, found in zip((AT_KNOTS, AT_ALL_TIMES), both, strict=True):
             limits = np.where(found.errors > 0.0, kept + found.errors, kept)
             yield Column(
+                kind="obstacles",
                 constraint=name if known else f"{name} before it is known",
                 parts=[part] * len(limits),
                 times=start + found.times,

@@ -78,6 +78,7 @@ class Check(metaclass=Described):
 class Column:
     """One check of every vehicle: what `Check` has, as arrays of shape (N,)."""
 
+    kind: str  # of the requirement that is checked, one of `KINDS`
     constraint: str
     parts: Sequence[str]
     times: FloatArray

@@ -33,6 +33,7 @@ def check_separation(course: Course, far: float = FAR) -> Iterator[Column]:
         names = [scenario.vehicles[partner].name for partner in found.partners]
         limits = separation.distance + found.errors
         yield Column(
+            kind="separation",
             constraint="separation",
             parts=[f"from {name} {part}" for name in names],
             times=scenario.grid.start + found.times,

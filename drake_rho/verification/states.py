@@ -59,6 +59,7 @@ def _difference(
     """Checks of something that should be zero, or as small as an error."""
     limits = np.full(len(values), most)
     return Column(
+        kind="goals" if constraint == "goal" else "dynamics",
         constraint=constraint,
         parts=[quantity] * len(values),
         times=times,

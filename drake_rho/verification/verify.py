@@ -12,6 +12,7 @@ from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.arguments import checked
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.course import Course
+from drake_rho.verification.kinds import refuse_unchecked
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.notes import notes_on, notes_on_simulation, notes_on_tracks
 from drake_rho.verification.obstacles import check_obstacles
@@ -86,6 +87,7 @@ def verify(flown: Plan | Flight | Simulation) -> Report:
             *check_separation(course),
         ]
     scenario = course.scenario
+    refuse_unchecked(scenario, columns)
     names = [vehicle.name for vehicle in scenario.vehicles]
     by_vehicle = zip(*(column.checks(names) for column in columns), strict=True)
     checks = tuple(check for checks in by_vehicle for check in checks if check is not None)

@@ -25,6 +25,7 @@ def check_waypoints(course: Course) -> Iterator[Column]:
             errors = np.where(due, course.tubes.at("position", times), 0.0)
         within = np.where(errors > 0.0, waypoints.within - errors, waypoints.within)
         yield Column(
+            kind="waypoints",
             constraint=f"waypoint {number}",
             parts=[""] * len(vehicles),
             times=times,

@@ -50,6 +50,8 @@ class Quadratic:
 class Constraint(abc.ABC):
     """One constraint of all vehicles, in the only terms that programs and messages know."""
 
+    kind: str
+    """of the requirement, one of `drake_rho.scenario.kinds.KINDS`"""
     key: Hashable
     """by which it is told from the scenario's other constraints, the same around every reference"""
     name: str

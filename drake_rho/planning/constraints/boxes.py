@@ -130,7 +130,8 @@ def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
         times = own.grid.elapsed
         boxes.append(
             KeepInBox(
-                key=("box", quantity),
+                kind=quantity,
+                key=quantity,
                 name=f"{quantity} box",
                 quantity=quantity,
                 bounds=bounds,

@@ -64,6 +64,7 @@ def goals_of(scenario: Scenario) -> list[Constraint]:
     )
     return [
         ReachGoal(
+            kind="goals",
             key=("goal", axis, quantity),
             name=f"goal {'xyz'[axis]}",
             quantity=quantity,

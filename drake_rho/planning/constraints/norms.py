@@ -54,7 +54,8 @@ def norms_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
         times = own.grid.elapsed
         norms.append(
             KeepInNorm(
-                key=("norm", norm),
+                kind=norm,
+                key=norm,
                 name=limit.kind.name,
                 quantity=limit.kind.quantity,
                 sets=limit.sets,

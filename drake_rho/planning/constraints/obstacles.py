@@ -307,6 +307,7 @@ def obstacles_of(
     inner_knots = Places.at_inner_knots(reference)
     return [
         KeepOutOfObstacle(
+            kind="obstacles",
             key=("obstacle", number),
             obstacle_number=number,
             active=obstacle.active,

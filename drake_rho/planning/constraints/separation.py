@@ -286,6 +286,7 @@ def pairs_of(
     if soft:
         shape = Ellipsoid(shape.center, ROOM * shape.semi_axes)
     return KeepApart(
+        kind="separation",
         key=PAIRS,
         obstacle_number=0,
         name=NAME,

@@ -24,6 +24,28 @@ _WHERE = {0: "start", -1: "goal"}
 NO_ROOM = "no room for the errors that the disturbance leads to"
 """Why there is no plan, where a scenario lacks room."""
 
+TREATMENT = {
+    "dynamics": "exact: nothing to tighten",
+    "goals": "reached by the nominal motion; where flights end is noted in reports",
+    "position": "half its width, starts and goals against the position's radius",
+    "velocity": "half its width, starts and goals against the velocity's radius",
+    "acceleration": "half its width against the feedback's radius",
+    "jerk": "of the plan, which has no error: no margin",
+    "max_speed": "its radius, starts and goals against the velocity's radius",
+    "max_acceleration": "its radius against the feedback's radius",
+    "max_thrust": "its radius against the feedback's radius",
+    "max_tilt": "a cone has no middle: only programs tell",
+    "max_jerk": "of the plan, which has no error: no margin",
+    "waypoints": "the distance within which they are passed against the position's radius",
+    "obstacles": "starts and goals against the position's radius",
+    "moving obstacles": "as obstacles, where they are at the start and at the end",
+    "late obstacles": "as obstacles, where they are known at the start",
+    "active obstacles": "as obstacles, where they are active at the start or at the end",
+    "separation": "half the distance of starts and goals against the position's radius",
+    "disturbance": "the radii",
+}
+"""What is compared with the radii of errors, of every kind of requirement."""
+
 _UNDER_WAY = 10.0
 """Tolerances by which there may be less room than is needed where a window begins. What a plan
 keeps to one tolerance is where the next begins, and that may be a few away after some windows."""

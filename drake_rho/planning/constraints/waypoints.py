@@ -41,6 +41,7 @@ def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
     scale = scenario.fleet.scale("position")
     return [
         PassWaypoint(
+            kind="waypoints",
             key=("waypoint", index),
             name=f"waypoint {index + 1}",
             quantity="position",

@@ -1,0 +1,52 @@
+"""Kinds of requirements that scenarios have, so that no part of the package forgets one.
+
+Planner, verifier, tightening, certificate, attack, exports and display each have a table that says
+what they do with every kind (`tests/test_completeness.py` holds it), and the verifier refuses a
+scenario of which it has not checked every kind.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from drake_rho.scenario.norms import NORMS
+from drake_rho.scenario.parts import Limits
+from drake_rho.scenario.records import Scenario
+
+LIMITS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(Limits))
+"""Kinds that are fields of `Limits`."""
+
+KINDS: tuple[str, ...] = (
+    "dynamics",
+    "goals",
+    *LIMITS,
+    "waypoints",
+    "obstacles",
+    "moving obstacles",
+    "late obstacles",
+    "active obstacles",
+    "separation",
+    "disturbance",
+)
+"""All kinds. Moving obstacles, those that are known late and those that are active for a time are
+obstacles too."""
+
+
+def kinds_of(scenario: Scenario) -> set[str]:
+    """Return the kinds of requirements that a scenario has."""
+    fleet, bodies = scenario.fleet, scenario.bodies
+    has = {
+        "waypoints": bool(fleet.waypoints),
+        "obstacles": bool(bodies),
+        "moving obstacles": any(each.moves for each in bodies),
+        "late obstacles": any(each.known_from > 0.0 for each in bodies),
+        "active obstacles": any(each.active is not None for each in bodies),
+        "separation": scenario.separation is not None and len(scenario.vehicles) > 1,
+        "disturbance": scenario.disturbance is not None,
+    }
+    limits = {
+        kind
+        for kind in LIMITS
+        if (kind in fleet.norms if kind in NORMS else fleet.bounds(kind) is not None)  # type: ignore[arg-type]  # else a quantity
+    }
+    return {"dynamics", "goals"} | limits | {kind for kind, there in has.items() if there}

@@ -1,0 +1,60 @@
+"""Table of what is verified of every kind of requirement, and the refusal of any other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from drake_rho.scenario.kinds import kinds_of
+from drake_rho.scenario.records import Scenario
+from drake_rho.verification.report import Column
+
+_OF_OBSTACLES = "in the check of the obstacle"
+
+TREATMENT = {
+    "dynamics": "states against those that accelerations lead to",
+    "goals": "position and velocity at the last knot",
+    "position": "sides of the box, at the knots and at every instant",
+    "velocity": "sides of the box at the knots",
+    "acceleration": "sides of the box in every step",
+    "jerk": "sides of the box at the knots",
+    "max_speed": "norm at the knots, with errors at the samples of the feedback",
+    "max_acceleration": "norm in every step",
+    "max_thrust": "norm of a + g e_z in every step",
+    "max_tilt": "angle of a + g e_z in every step, with errors the distance from the cone",
+    "max_jerk": "norm at the knots",
+    "waypoints": "distance at the waypoint's time",
+    "obstacles": "distance at the knots and at every instant",
+    "moving obstacles": f"{_OF_OBSTACLES}, where it is at the time",
+    "late obstacles": f"{_OF_OBSTACLES}, from when it is known; before that it is told apart",
+    "active obstacles": f"{_OF_OBSTACLES}, in its interval of time",
+    "separation": "distance of every pair at the knots and at every instant",
+    "disturbance": "every check with the radius of the errors",
+}
+"""What is verified of every kind of requirement."""
+
+_BY_OTHERS = {"moving obstacles", "late obstacles", "active obstacles", "disturbance"}
+"""Kinds that are verified in the checks of others."""
+
+
+def refuse_unchecked(scenario: Scenario, columns: Iterable[Column]) -> None:
+    """See that every kind of requirement of a scenario was checked.
+
+    Raises:
+        NotImplementedError: one was not, so that nothing can be said of the scenario.
+    """
+    refuse_unknown(scenario)
+    _refuse(kinds_of(scenario) - _BY_OTHERS - {column.kind for column in columns})
+
+
+def refuse_unknown(scenario: Scenario) -> None:
+    """See that the verifier knows every kind of requirement of a scenario.
+
+    Raises:
+        NotImplementedError: it does not.
+    """
+    _refuse(kinds_of(scenario) - TREATMENT.keys())
+
+
+def _refuse(kinds: set[str]) -> None:
+    if kinds:
+        raise NotImplementedError(f"verify: nothing checks {', '.join(sorted(kinds))}")

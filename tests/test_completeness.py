@@ -1,0 +1,122 @@
+"""No kind of requirement is forgotten: each part of the package says what it does with each."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import drake_rho as rho
+from drake_rho.analysis import certificate
+from drake_rho.display import kinds as display
+from drake_rho.exports import export
+from drake_rho.planning.constraints import catalogue, tightening
+from drake_rho.planning.constraints.separation import coupled
+from drake_rho.planning.problem import Problem
+from drake_rho.scenario.kinds import KINDS, LIMITS, kinds_of
+from drake_rho.simulation import attack
+from drake_rho.verification import kinds as verification
+from drake_rho.verification import verify
+from drake_rho.verification.holds import first_violation
+from tests.disturbed import disturbed
+from tests.scenarios import box, fleet, single
+
+CONSUMERS: dict[str, ModuleType] = {
+    "planner": catalogue,
+    "verifier": verification,
+    "tightening": tightening,
+    "certificate": certificate,
+    "attack": attack,
+    "exports": export,
+    "display": display,
+}
+
+SPHERE = rho.Sphere([5.0, 2.2, -0.9], 1.5)
+_OBSTACLES = {
+    "obstacles": rho.Obstacle(SPHERE),
+    "moving obstacles": rho.Obstacle(SPHERE, velocity=[0.0, 0.1, 0.0]),
+    "late obstacles": rho.Obstacle(SPHERE, known_from=1.0),
+    "active obstacles": rho.Obstacle(SPHERE, active=(2.0, 6.0)),
+}
+_LOOSE = {"position": 50.0, "velocity": 9.0, "acceleration": 9.0, "jerk": 9.0}
+_LOOSE_NORMS = {"max_speed": 9.0, "max_thrust": 15.0, "max_tilt": 1.0}
+
+
+def _scenario(kind: str) -> rho.Scenario:
+    """Return a scenario that has a kind of requirement."""
+    if kind in LIMITS:
+        value = box(_LOOSE[kind]) if kind in _LOOSE else _LOOSE_NORMS.get(kind, 9.0)
+        return single(limits=rho.Limits(**{kind: value}))
+    if kind in _OBSTACLES:
+        return single(obstacles=[_OBSTACLES[kind]], between_knots=True)
+    if kind == "waypoints":
+        return single(waypoints=[rho.Waypoint(3.0, [4.0, 1.0, -1.0], 0.3)])
+    if kind == "separation":
+        ends = [[0, 0, 0], [0, 4, 0]], [[10, 4, 0], [10, 0, 0]]
+        return fleet(*ends, separation=rho.Separation(1.0))
+    return disturbed(0) if kind == "disturbance" else single()
+
+
+@pytest.mark.parametrize("consumer", CONSUMERS)
+def test_every_part_says_what_it_does_with_every_kind(consumer: str) -> None:
+    table = CONSUMERS[consumer].TREATMENT
+    assert table.keys() == set(KINDS)
+    assert all(table.values())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_scenarios_have_the_kinds_that_they_are_made_with(kind: str) -> None:
+    assert kind in kinds_of(_scenario(kind))
+    assert kinds_of(_scenario(kind)) <= set(KINDS)
+    assert {"dynamics", "goals"} == kinds_of(single())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_planned_for_and_verified(kind: str) -> None:
+    scenario = _scenario(kind)
+    plan = rho.plan(scenario)
+    constraints = {each.kind for each in Problem.of(scenario).linearized(plan, coupled)}
+    of_their_own = {*LIMITS, "waypoints", "obstacles", "separation"}
+    known = kinds_of(dataclasses.replace(scenario, obstacles=scenario.known and scenario.obstacles))
+    assert constraints == known & of_their_own
+    flown = rho.plan_rho(scenario) if kind == "late obstacles" else plan
+    assert rho.verify(flown).ok
+    assert rho.certify(plan).lower_bound <= plan.cost * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("kind", set(KINDS) - {"dynamics", "goals", "disturbance"})
+def test_what_breaks_a_requirement_is_not_said_to_hold(kind: str) -> None:
+    """A motion with too much of everything, past which nothing gets: the verifier sees it."""
+    scenario, rng = _scenario(kind), np.random.default_rng(0)
+    wild = 40.0 * rng.standard_normal((len(scenario.vehicles), scenario.grid.knots - 1, 3))
+    report = rho.verify(rho.Plan.from_accelerations(scenario, wild))
+    assert not report.ok
+    if kind in LIMITS:
+        assert any(not each.holds for each in report.checks if each.constraint not in ("goal",))
+
+
+@pytest.mark.parametrize("kind", LIMITS)
+def test_the_verifier_refuses_what_it_does_not_check(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = rho.plan(_scenario(kind))
+    for check in ("check_boxes", "check_norms"):
+        monkeypatch.setattr(verify, check, lambda *_: iter(()))
+    with pytest.raises(NotImplementedError, match=f"verify: nothing checks {kind}"):
+        rho.verify(plan)
+    monkeypatch.delitem(verification.TREATMENT, kind)
+    with pytest.raises(NotImplementedError, match=kind):
+        first_violation(plan)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_drawn_and_exported(kind: str, tmp_path: object) -> None:
+    plan = rho.plan(_scenario(kind))
+    rho.paths_figure(plan)
+    rho.velocities_figure(plan)
+    rho.accelerations_figure(plan)
+    if plan.scenario.obstacles:
+        rho.distances_figure(plan)
+    rho.export(plan, f"{tmp_path}/out.csv", format="csv")
