@@ -75,7 +75,7 @@ class Lagrangian:
     """
 
     def __init__(self, solved: CuttingPlanes, group: IntArray, *, as_planned: bool = True) -> None:
-        effort = solved.effort
+        effort = solved.problem.effort
         count, steps = len(group), effort.grid.knots - 1
         self.unit = float(effort.units[group].max())
         self.solution = solved.motion.accelerations[group].reshape(-1, 3) / self.unit
@@ -234,7 +234,7 @@ def _multipliers(
         vehicle = min(left)
         own = solved.working.group(vehicle)
         left -= set(own.tolist())
-        scale = solved.effort.units[own].max() / unit
+        scale = solved.problem.effort.units[own].max() / unit
         for rows, y in solved.working.multipliers(vehicle):
             yield rows, scale * y
 

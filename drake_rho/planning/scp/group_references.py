@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Hashable
+from itertools import count
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.group_duals import GroupDuals
 from drake_rho.planning.scp.groups import groups_that_press
+from drake_rho.planning.scp.row_generation import generate_rows
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -177,14 +179,12 @@ class InGroups:
             rows.enter(known[active.constraint.key].renewed(active))
         if rounds is None:
             rounds = _ROUNDS if self.active else _ROUNDS_AT_FIRST
-        for number in range(rounds):
-            check_time()
-            if number > 0 or len(program) > 0:
-                program.solve()
-            if not rows.enter_broken([*others, pairs], number):
-                break
-        else:
+        if len(program) > 0:
             program.solve()
+        numbers = count()
+        generate_rows(
+            lambda: rows.enter_violated([*others, pairs], next(numbers)), program.solve, rounds
+        )
         self._note(program, pairs)
         return program.motion, Statistics(
             programs=program.programs, rows=len(program), linearisations=1
@@ -263,8 +263,8 @@ class _Rows:
         self._working = WorkingSet(RowKeys(count, scenario.grid))
         self._groups, self._across, self._gap = groups, across, 1.5 * scenario.grid.step
 
-    def enter_broken(self, constraints: list[Constraint], number: int) -> bool:
-        """Put the worst rows in that the motion breaks; whether there were any.
+    def enter_violated(self, constraints: list[Constraint], number: int) -> bool:
+        """Put the worst violated rows in; return whether there were any.
 
         At the knots only in the first round, in which most are broken, and then between them too.
         """
