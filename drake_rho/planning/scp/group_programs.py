@@ -118,7 +118,7 @@ class GroupPrograms:
 
     def _solve_rows(self, vehicles: IntArray) -> list[Answers]:
         """Solve programs of rows alone."""
-        effort, count = self._problem.effort, len(self._problem)
+        count = len(self._problem)
         quick = count > SMALL_FLEET  # others are planned to the last digit
         backend = dataclasses.replace(
             self._backend,
@@ -177,7 +177,7 @@ class GroupPrograms:
         return vehicles, a + self._problem.effort.motion.accelerations[vehicles]
 
     def _retry(self) -> int:
-        """Return how often the last rows were in a program and not kept, so that others solve it."""
+        """Return how often the last rows were in a program that did not keep them."""
         if not self._lost:
             self._retries = 0
         elif self._retries == MAX_RETRIES:

@@ -13,28 +13,16 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.progress import Progress
+from drake_rho.planning.scp.patience import DeadEnds, Patience, least_extent
 from drake_rho.planning.scp.sequential_convex import in_words
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.planning.time_limit import check_time
-from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.records import Scenario
 
 Follow = Callable[[Plan, Plan], Plan]
 """The next reference, made of a reference and the plan that was found around it."""
 
 MAX_RESTORATIONS = 100
 """Bound on the penalties of one restoration."""
-
-PATIENCE = 20
-"""Penalties after which a restoration is given up if there are no fewer violating vehicles."""
-
-_STALLED, _FALL = 4, 0.98
-"""Penalties after which it is given up, where nobody has to keep apart, if the worst violation has
-not fallen to this part: what is left then is the least that linearising around it leads to."""
-
-_SAME, _ARRIVED = 0.05, 3
-"""Part of the least extent of anything avoided by which motions may differ that come to the same
-end; and the penalties after which that can be told."""
 
 GROWTH = 3.0
 """Factor by which the penalty grows."""
@@ -186,7 +174,7 @@ def least_violating(
 
     Args are those of `restore_feasibility`.
     """
-    patience, spent, reference = _Patience(subproblem, dead_ends), plan.statistics, plan
+    patience, spent, reference = Patience(subproblem, dead_ends), plan.statistics, plan
     first = _first_penalty(subproblem, plan)
     for number in range(offset, offset + most):
         if subproblem.holds(plan):
@@ -235,78 +223,12 @@ def _in_words(subproblem: Subproblem, plan: Plan, linearisations: int) -> str:
     return f"{words}, worst violation {found.worst:.3g} m, {len(found.vehicles)} vehicles violating"
 
 
-class DeadEnds:
-    """Ends of restorations of one scenario without a plan, each once.
-
-    Args:
-        scenario: of the restorations.
-    """
-
-    def __init__(self, scenario: Scenario) -> None:
-        self._near = _SAME * _least_extent(scenario)
-        self._positions = list[FloatArray]()
-
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return len(self._positions)
-
-    def is_near(self, plan: Plan) -> bool:
-        """Return whether a plan is close to one of them all the time."""
-        return any(np.abs(plan.positions - end).max() < self._near for end in self._positions)
-
-    def add(self, plan: Plan) -> None:
-        """Note where a restoration ended, unless one has ended there."""
-        if not self.is_near(plan):
-            self._positions.append(plan.positions)
-
-
-class _Patience:
-    """Test of when a restoration is given up.
-
-    Args:
-        subproblem: that is restored.
-        dead_ends: of others before it, if there are any.
-    """
-
-    def __init__(self, subproblem: Subproblem, dead_ends: DeadEnds | None) -> None:
-        self._subproblem, self._dead_ends = subproblem, dead_ends
-        apart = subproblem.problem.scenario.separation is not None
-        self._left, self._worst = len(subproblem.problem) + 1, np.inf
-        self._steps = self._since_left = self._since_worst = 0
-        self._apart = apart
-
-    def ends(self, plan: Plan) -> bool:
-        """Return whether the next penalty is not worth its time after this plan."""
-        found = self._subproblem.violations(plan)
-        left, worst = len(found.vehicles), found.worst
-        self._steps += 1
-        self._since_left += 1
-        self._since_worst += 1
-        if worst < _FALL * self._worst or left < self._left:
-            self._worst, self._since_worst = worst, 0
-        if left < self._left:
-            self._left, self._since_left = left, 0
-        stalled = self._since_worst >= _STALLED and not self._apart
-        if self._since_left >= PATIENCE or stalled:
-            return True
-        known = self._dead_ends
-        return known is not None and self._steps >= _ARRIVED and known.is_near(plan)
-
-
 def _first_penalty(subproblem: Subproblem, plan: Plan) -> float:
     """Return what a metre is worth at first: the cost of moving aside, and of the plan, a metre."""
     scenario, motion = subproblem.problem.scenario, subproblem.problem.effort.motion
     effort = float(np.sum(motion.accelerations**2))
-    extent, T = _least_extent(scenario), scenario.grid.duration
+    extent, T = least_extent(scenario), scenario.grid.duration
     aside = scenario.grid.knots * (4.0 * extent / T**2) ** 2
     first = (max(plan.cost, effort) / len(scenario.vehicles) + aside) / extent
     consistent = len(subproblem.violations(plan).inconsistent) == 0
     return first if consistent else _CLOSER * first
-
-
-def _least_extent(scenario: Scenario) -> float:
-    """Return the least extent of anything that is avoided [m]."""
-    extents = [float(obstacle.shape.extent.min()) for _, obstacle in scenario.known]
-    if scenario.separation is not None:
-        extents.append(scenario.separation.distance)
-    return min(extents, default=float(scenario.fleet.lengths.max()))
