@@ -25,7 +25,8 @@ from drake_rho.planning.planners.bends import BENDS, bent_alone
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.progress import Progress, tell, within
-from drake_rho.planning.scp.restoration import DeadEnds, Follow, restore_feasibility
+from drake_rho.planning.scp.patience import DeadEnds
+from drake_rho.planning.scp.restoration import Follow, restore_feasibility
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.records import Scenario
