@@ -168,7 +168,7 @@ def test_it_is_judged_with_value_limit_excess_and_time() -> None:
     assert violation.excess == pytest.approx(norms.max() - 1.5, rel=1e-12)
     assert violation.time == scenario.grid.times[np.argmax(norms)]
     (row,) = (row for row in str(report).splitlines() if "maximum speed" in row)
-    assert row.endswith("BROKEN")
+    assert row.endswith("VIOLATED")
 
 
 @pytest.mark.parametrize(("beyond", "holds"), [(0.9, True), (1.1, False)])

@@ -26,10 +26,10 @@ from drake_rho.simulation.closed_loop import adopted, fly_plan
 from drake_rho.simulation.winds import WindOverTime
 from drake_rho.simulation.worst_case import WorstCase, worst_case
 from drake_rho.verification.boxes import check_position_box
-from drake_rho.verification.course import Course
 from drake_rho.verification.obstacles import check_obstacle
 from drake_rho.verification.report import PRECISION, Column
 from drake_rho.verification.separation import check_separation
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
 
 
@@ -166,9 +166,9 @@ def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
 
     The judge misses no smaller one by more than the part `PRECISION` of the tolerance.
     """
-    course = Course.of(scenario, plan.motion(), Tubes.around(plan))
+    trajectory = PiecewiseTrajectory.of(scenario, plan.motion(), Tubes.of(plan))
     found: _Tightest | None = None
-    for column, kept_by in _judged(course):
+    for column, kept_by in _judged(trajectory):
         if column.always != scenario.between_knots:
             continue
         bounds = -np.asarray(column.excess) - PRECISION * column.tolerances
@@ -178,17 +178,17 @@ def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
     return found
 
 
-def _judged(course: Course) -> Iterator[tuple[Column, Callable[[int], _Kept]]]:
+def _judged(trajectory: PiecewiseTrajectory) -> Iterator[tuple[Column, Callable[[int], _Kept]]]:
     """Yield the judge's columns, and what is kept clear of in the row of a vehicle."""
-    scenario = course.scenario
+    scenario = trajectory.scenario
     for number in range(1, len(scenario.bodies) + 1):
-        for column in check_obstacle(course, number):
+        for column in check_obstacle(trajectory, number):
             yield column, partial(_from_obstacle, scenario, number)
-    for column in check_separation(course, far=np.inf):
+    for column in check_separation(trajectory, far=np.inf):
         assert column.partners is not None  # noqa: S101  # of a separation there always are
         yield column, partial(_from_each_other, scenario, column.partners)
     if (bounds := scenario.fleet.bounds("position")) is not None:
-        for column in check_position_box(course):
+        for column in check_position_box(trajectory):
             yield column, partial(_within, bounds)
 
 
