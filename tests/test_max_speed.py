@@ -13,7 +13,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
-from drake_rho.analysis.diagnose import BISECTED, is_monotone
+from drake_rho.analysis.diagnose import PRECISION, is_monotone
 from drake_rho.planning.constraints.norms import norms_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.scp.minimum_violation import minimum_violation
@@ -324,7 +324,7 @@ def test_the_shortest_duration_is_known() -> None:
     assert not reason.feasible
     assert reason.is_monotone
     assert reason.shortest_duration is not None
-    assert reason.shortest_duration == pytest.approx(known, rel=2 * BISECTED)
+    assert reason.shortest_duration == pytest.approx(known, rel=2 * PRECISION)
     assert reason.shortest_duration >= known * (1.0 - 1e-6)
     assert reason.acceleration_factor is None
     assert "maximum speed" in str(reason)
