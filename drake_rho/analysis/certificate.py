@@ -63,7 +63,7 @@ _CONVERGED = 1e-8
 
 _COLUMNS = (
     "gap: (cost - lower bound) / cost",
-    "eigenvalue: least one of the Lagrangian's Hessian; if above 0, a converged plan meets its bound",
+    "eigenvalue: least of the Lagrangian's Hessian; if above 0, a converged plan meets its bound",
 )
 """Explanation of the columns, printed below the table."""
 
