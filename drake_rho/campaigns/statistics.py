@@ -10,9 +10,6 @@ from scipy.special import bdtr
 
 from drake_rho.scenario.fields import BoolArray, FloatArray
 
-NORMAL_95 = 1.959963984540054
-"""Half the width of a 95 % interval, in standard deviations of a normal distribution."""
-
 SAME = 1e-6
 """Relative difference up to which two costs are the same."""
 
@@ -33,14 +30,13 @@ class Proportion:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where the true rate is, in 95 of 100 such intervals; 0 to 1 without runs."""
+        """Wilson's 95 % confidence interval of the success rate; (0, 1) without runs."""
         if not self.runs:
             return 0.0, 1.0
-        n, p, z = self.runs, self.rate, NORMAL_95
-        middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
-        half = z / (1 + z**2 / n) * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-        low = 0.0 if self.successes == 0 else middle - half
-        return low, 1.0 if self.successes == n else middle + half
+        from scipy.stats import binomtest  # imported here because it takes half a second to load
+
+        found = binomtest(self.successes, self.runs).proportion_ci(method="wilson")
+        return float(found.low), float(found.high)
 
 
 @dataclasses.dataclass(frozen=True)
