@@ -14,7 +14,7 @@ import drake_rho as rho
 from benchmarks.campaigns import planned
 from benchmarks.sampling import Sampled, sample
 from benchmarks.tables import Cell
-from drake_rho.campaigns.judgement import judge
+from drake_rho.campaigns.evaluation import evaluate
 from drake_rho.campaigns.memory import peak
 from drake_rho.campaigns.runs import Row
 
@@ -95,7 +95,7 @@ def attempt(
     plan: rho.Plan | None = None
     try:
         plan = planner(scenario)
-        broken = judge(plan).broken
+        broken = evaluate(plan).violated
     except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
         plan, broken = None, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
     seconds, megabytes = time.perf_counter() - began, memory()
