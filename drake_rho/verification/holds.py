@@ -201,9 +201,9 @@ class _PlanCheck:
             radii = radii[steps[:-1]]
         least = required + radii
         owners, pieces = np.nonzero(~(seen.lowest_at_least(shape, least) >= least))
-        steps, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
+        near, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
         least, precision = least[owners, pieces], precision[owners]
-        return not _is_below(steps, shape.signed_distance, least, precision).any()
+        return not _is_below(near, shape.signed_distance, least, precision).any()
 
     def _all_keep_apart(self) -> bool:
         """Return whether all pairs keep their separation plus both vehicles' error radii.
