@@ -15,7 +15,7 @@ from benchmarks.campaigns import planned
 from benchmarks.sampling import Sampled, sample
 from benchmarks.tables import Cell
 from drake_rho.campaigns.evaluation import evaluate
-from drake_rho.campaigns.memory import peak
+from drake_rho.campaigns.memory import peak_memory
 from drake_rho.campaigns.runs import Row
 
 SAMPLED = 1e-6
@@ -79,7 +79,7 @@ def attempt(
     scenario: rho.Scenario,
     planner: Planner = rho.plan_scp,
     bound: Bound = unbounded,
-    memory: Callable[[], float] = peak,
+    memory: Callable[[], float] = peak_memory,
 ) -> Trial:
     """Plan a fleet, and judge the plan by the package's verifier and by dense samples.
 

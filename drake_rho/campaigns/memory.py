@@ -6,7 +6,7 @@ import resource
 from pathlib import Path
 
 
-def peak() -> float:
+def peak_memory() -> float:
     """Return the peak memory of this process so far [MB]."""
     status = Path("/proc/self/status")
     if not status.exists():

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from drake_rho.campaigns.memory import peak
+from drake_rho.campaigns.memory import peak_memory
 from drake_rho.campaigns.methods import AnyMethod, Found, Method
 from drake_rho.campaigns.sources import AnySource
 from drake_rho.motion.files import save
@@ -232,7 +232,7 @@ def _measured(columns: dict[str, Any]) -> Iterator[None]:
     try:
         yield
     finally:
-        columns |= {"plan_seconds": time.perf_counter() - began, "megabytes": peak()}
+        columns |= {"plan_seconds": time.perf_counter() - began, "megabytes": peak_memory()}
 
 
 def _packed(found: Found) -> bytes:
