@@ -45,7 +45,7 @@ def test_what_is_told_is_what_the_record_shows(kind: str, seed: int) -> None:
     assert seen - between <= told <= seen + ROUNDING * np.abs(simulation.positions).max()
     assert max(largest_error_ratios(simulation).values()) <= 1.0 + 1e-9
     assert "of the tube's radii" in str(report)
-    assert "left their tube" not in str(report)
+    assert "left the tube" not in str(report)
 
 
 @pytest.mark.parametrize("seed", [2, 5, 7])
