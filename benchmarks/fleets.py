@@ -14,8 +14,8 @@ import drake_rho as rho
 from benchmarks.campaigns import planned
 from benchmarks.sampling import Sampled, sample
 from benchmarks.tables import Cell
-from drake_rho.campaigns.judgement import judge
-from drake_rho.campaigns.memory import peak
+from drake_rho.campaigns.evaluation import evaluate
+from drake_rho.campaigns.memory import peak_memory
 from drake_rho.campaigns.runs import Row
 
 SAMPLED = 1e-6
@@ -79,7 +79,7 @@ def attempt(
     scenario: rho.Scenario,
     planner: Planner = rho.plan_scp,
     bound: Bound = unbounded,
-    memory: Callable[[], float] = peak,
+    memory: Callable[[], float] = peak_memory,
 ) -> Trial:
     """Plan a fleet, and judge the plan by the package's verifier and by dense samples.
 
@@ -95,7 +95,7 @@ def attempt(
     plan: rho.Plan | None = None
     try:
         plan = planner(scenario)
-        broken = judge(plan).broken
+        broken = evaluate(plan).violated
     except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
         plan, broken = None, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
     seconds, megabytes = time.perf_counter() - began, memory()

@@ -23,7 +23,7 @@ from rich.progress import track
 
 import drake_rho as rho
 from benchmarks.tables import RESULTS, Cell, Goal, Table
-from drake_rho.campaigns.memory import peak
+from drake_rho.campaigns.memory import peak_memory
 from drake_rho.display.common.style import COLOURS, MARKERS
 from drake_rho.display.plots.formats import DOUBLE_COLUMN
 from drake_rho.display.plots.publish import save_figure, styled
@@ -68,7 +68,11 @@ def measure(work: str, size: int) -> dict[str, float]:
     if not rho.verify(plan).ok:
         raise RuntimeError(f"{scenario.name}: the plan does not hold")
     seconds = time.perf_counter() - began
-    return {"seconds": seconds, "megabytes": peak(), "solver": plan.statistics.solver_seconds}
+    return {
+        "seconds": seconds,
+        "megabytes": peak_memory(),
+        "solver": plan.statistics.solver_seconds,
+    }
 
 
 def run() -> Table:

@@ -19,7 +19,7 @@ import drake_rho as rho
 from benchmarks.fleets import Trial, findings, percent
 from benchmarks.tables import Goal, Table
 from benchmarks.worlds import plan_within
-from drake_rho.campaigns.memory import peak
+from drake_rho.campaigns.memory import peak_memory
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Shape
 
@@ -85,7 +85,7 @@ def _trial(seed: int) -> Trial:
     except (rho.DrakeRhoError, TimeoutError) as error:
         fault = f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - began
-    return Trial(scenario.name, len(scenario.vehicles), seconds, peak(), fault=fault)
+    return Trial(scenario.name, len(scenario.vehicles), seconds, peak_memory(), fault=fault)
 
 
 _WORK = f"""\

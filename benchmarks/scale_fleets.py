@@ -15,7 +15,7 @@ from benchmarks import fleet_b1
 from benchmarks.fleet_b2 import LARGEST, LONGER, scenario
 from benchmarks.fleets import COLUMNS, Planner, Trial, attempt, attempts, summary
 from benchmarks.tables import Cell, Goal, Table
-from drake_rho.campaigns.memory import peak
+from drake_rho.campaigns.memory import peak_memory
 
 SMALL, DOUBLE, TEN_THOUSAND, LONGEST = 200, 2000, 10_000, 30.0
 """Sizes that are planned on processes, and the flight time of the smallest and the largest [s]."""
@@ -117,14 +117,14 @@ def _on_processes(vehicles: int, duration: float, count: int) -> Trial:
         list(workers.map(_decoupled, [scenario(SMALL, 1, LONGEST)] * count))
 
         def memory() -> float:
-            return peak() + sum(workers.map(_peak_of_one, range(count)))
+            return peak_memory() + sum(workers.map(_peak_of_one, range(count)))
 
         planner = partial(_decoupled, executor=workers)
         return attempt(scenario(vehicles, 0, duration), planner, memory=memory)
 
 
 def _peak_of_one(_: int) -> float:
-    return peak()
+    return peak_memory()
 
 
 def _exponent(small: Trial, large: Trial) -> float:

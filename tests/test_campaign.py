@@ -166,7 +166,7 @@ def test_only_the_run_that_kills_its_process_is_told_so(
     assert len(rows) == len(expected)
     (other,) = set(rows) - set(expected)
     assert other[0] == deadly
-    assert other[5:8] == ("error", "its process died, 4 times", 0)
+    assert other[5:8] == ("error", "its worker process died 4 times", 0)
     assert executor.attempts[deadly] == 4
 
 
@@ -179,7 +179,7 @@ def test_an_executor_that_fails_ends_the_campaign_and_nothing_is_lost(
         if now.done:
             pool.shutdown(cancel_futures=True)
 
-    with pytest.raises(CampaignError, match=r"executor: .*before is kept"):
+    with pytest.raises(CampaignError, match=r"executor: .*arlier results are kept"):
         rho.campaign(small(), path, executor=pool, progress=stop)
     assert 0 < len(table(path)) < len(expected)
     rho.campaign(small(), path)
@@ -192,7 +192,7 @@ def test_a_run_that_raises_anything_is_a_row(
     def broken(*_: object) -> None:
         raise ZeroDivisionError("on\nuse")
 
-    monkeypatch.setattr("drake_rho.campaigns.methods.judge", broken)
+    monkeypatch.setattr("drake_rho.campaigns.methods.evaluate", broken)
     rho.campaign(small(1), tmp_path / "runs.sqlite")
     found = table(tmp_path / "runs.sqlite", ("status", "reason"))
     wrong = [words for words in found if words[0] != "infeasible"]
@@ -277,8 +277,8 @@ def test_a_source_of_which_nothing_can_be_drawn_ends_the_campaign_before_it_begi
     good, past = small().scenarios
     source = dataclasses.replace(past, vary={_INSIDE: Choice(([4.0, 0.5, 0.0],))})
     words = (
-        r"scenarios\[1\]: got no scenario in 3 draws of 'past', expected at least one that makes "
-        r"sense; the last one: vehicles\[0\]\.start\.position: got \[4\.0, 0\.5, 0\.0\], expected"
+        r"scenarios\[1\]: got no scenario in 3 draws of 'past', expected at least one valid "
+        r"scenario; the last draw: vehicles\[0\]\.start\.position: got \[4\.0, 0\.5, 0\.0\],"
     )
     with pytest.raises(rho.ScenarioError, match=words):
         rho.campaign(small(3, scenarios=[good, source]), tmp_path / "runs.sqlite")

@@ -72,7 +72,7 @@ def test_a_campaign_and_its_results(
             "UPDATE runs SET method = 'other' WHERE rowid = 1",
             "got a run of 'other' on 'pair', expected runs of best, convex on pair, past",
         ),
-        ("DELETE FROM study", "got no study, expected that of which the runs are"),
+        ("DELETE FROM study", "got no study, expected the study of the runs"),
     ],
 )
 def test_a_store_with_runs_of_something_else_is_one_line_and_status_2(

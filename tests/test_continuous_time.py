@@ -20,8 +20,8 @@ from drake_rho.motion.clearance import (
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.verification.closest_pairs import closest_at_all_times, closest_at_knots
 from drake_rho.verification.continuous_time import lowest_over_time
-from drake_rho.verification.course import Course
 from drake_rho.verification.steps import Steps
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 from tests.scenarios import fleet
 from tests.tolerances import ROUNDING
 
@@ -64,12 +64,12 @@ def _lowest(
     return step * (found.steps + found.moments), found.values
 
 
-def _course(motion: Motion) -> Course:
+def _trajectory(motion: Motion) -> PiecewiseTrajectory:
     """A motion as it is judged, in a scenario of which nothing else matters."""
     count, steps = motion.accelerations.shape[:2]
     places = 3.0 * np.arange(count)[:, None] * [1.0, 0.0, 0.0]
     asked = fleet(places, places, grid=rho.Grid(motion.step, steps + 1))
-    return Course.of(asked, motion)
+    return PiecewiseTrajectory.of(asked, motion)
 
 
 def _length(positions: np.ndarray) -> np.ndarray:
@@ -222,8 +222,8 @@ def test_the_closest_of_the_others_is_that_of_the_exact_roots(seed: int) -> None
         p[1], v[1], a[1] = p[0], v[0], a[0]  # all the way in the same place
     motion = _motions(p, v, a, h)
     separation = rho.Separation(size * rng.uniform(0.1, 2.0), rng.choice([0.5, 1.0, 2.0]))
-    knots = closest_at_knots(_course(motion), separation)
-    always = closest_at_all_times(_course(motion), separation, knots, PRECISION * size)
+    knots = closest_at_knots(_trajectory(motion), separation)
+    always = closest_at_all_times(_trajectory(motion), separation, knots, PRECISION * size)
     for found, every_instant in ((knots, False), (always, True)):
         exact = _of_every_pair(motion, separation, every_instant=every_instant)
         near = exact <= 4.0 * separation.distance  # elsewhere the judge may stop at an upper bound
@@ -242,9 +242,9 @@ def test_a_swap_in_the_middle_of_a_step_is_a_collision() -> None:
     p, v = np.array([[-5.0, 0, 0], [5.0, 0, 0], [0, 9, 0]]), np.array([[2.0, 0, 0], [-2.0, 0, 0]])
     motion = _motions(p, np.append(v, np.zeros((1, 3)), axis=0), np.zeros((3, 5, 3)), 1.0)
     separation = rho.Separation(1.0)
-    knots = closest_at_knots(_course(motion), separation)
+    knots = closest_at_knots(_trajectory(motion), separation)
     assert knots.distances[:2].tolist() == [2.0, 2.0]
-    found = closest_at_all_times(_course(motion), separation, knots, 1e-8)
+    found = closest_at_all_times(_trajectory(motion), separation, knots, 1e-8)
     assert found.partners[:2].tolist() == [1, 0]
     np.testing.assert_allclose(found.times[:2], 2.5, atol=1e-8)
     np.testing.assert_allclose(found.distances[:2], 0.0, atol=1e-8)

@@ -38,7 +38,7 @@ def test_a_dip_between_knots_is_judged_by_what_is_asked(careful: rho.Scenario) -
     sampled = rho.plan_scp(dataclasses.replace(careful, between_knots=False))
     report = rho.verify(sampled)
     assert report.ok
-    assert "not asked for" in str(report)
+    assert "not required" in str(report)
     judged = rho.verify(dataclasses.replace(sampled, scenario=careful))
     assert not judged.ok
     worst = judged.violations[0]

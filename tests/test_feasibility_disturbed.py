@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 import drake_rho as rho
-from drake_rho.analysis.diagnose import BISECTED_AROUND, is_monotone
+from drake_rho.analysis.diagnose import PRECISION_WITH_OBSTACLES, is_monotone
 from drake_rho.planning.planners.related import can_be_slower
 from tests.scenarios import box, single
 
@@ -105,7 +105,11 @@ def test_there_is_a_plan_with_the_largest_wind_and_none_with_more() -> None:
     plan = rho.plan(gap(rho.Disturbance(bearable, feedback_every=0.5)))
     assert rho.verify(plan).ok
     with pytest.raises(rho.InfeasibleError):
-        rho.plan(gap(rho.Disturbance(bearable + 3.0 * 2.0 * BISECTED_AROUND, feedback_every=0.5)))
+        rho.plan(
+            gap(
+                rho.Disturbance(bearable + 3.0 * 2.0 * PRECISION_WITH_OBSTACLES, feedback_every=0.5)
+            )
+        )
 
 
 def test_errors_of_the_estimate_may_be_too_much_alone() -> None:
@@ -118,7 +122,7 @@ def test_errors_of_the_estimate_may_be_too_much_alone() -> None:
     tracked = corridor(dataclasses.replace(noisy, tracking=started))
     diagnosis = rho.diagnose(tracked)
     assert diagnosis.bearable_wind == 0.0
-    assert "with errors of the estimate alone, none" in str(diagnosis)
+    assert "with the estimation errors alone there is none" in str(diagnosis)
     assert "wind up to" not in str(diagnosis)
 
 

@@ -13,7 +13,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
-from drake_rho.analysis.diagnose import BISECTED, is_monotone
+from drake_rho.analysis.diagnose import PRECISION, is_monotone
 from drake_rho.planning.constraints.norms import norms_of
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.scp.minimum_violation import minimum_violation
@@ -168,7 +168,7 @@ def test_it_is_judged_with_value_limit_excess_and_time() -> None:
     assert violation.excess == pytest.approx(norms.max() - 1.5, rel=1e-12)
     assert violation.time == scenario.grid.times[np.argmax(norms)]
     (row,) = (row for row in str(report).splitlines() if "maximum speed" in row)
-    assert row.endswith("BROKEN")
+    assert row.endswith("VIOLATED")
 
 
 @pytest.mark.parametrize(("beyond", "holds"), [(0.9, True), (1.1, False)])
@@ -324,7 +324,7 @@ def test_the_shortest_duration_is_known() -> None:
     assert not reason.feasible
     assert reason.is_monotone
     assert reason.shortest_duration is not None
-    assert reason.shortest_duration == pytest.approx(known, rel=2 * BISECTED)
+    assert reason.shortest_duration == pytest.approx(known, rel=2 * PRECISION)
     assert reason.shortest_duration >= known * (1.0 - 1e-6)
     assert reason.acceleration_factor is None
     assert "maximum speed" in str(reason)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
-from drake_rho.analysis.diagnose import BISECTED, is_monotone
+from drake_rho.analysis.diagnose import PRECISION, is_monotone
 from drake_rho.planning.constraints.catalogue import convex_constraints
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.fields import FloatArray
@@ -223,7 +223,7 @@ def test_known_shortest_durations() -> None:
         scenario = single(goal=up, limits=rho.Limits(max_thrust=2.0 * G, max_tilt=tilt))
         known = 16.0 * np.sqrt(100.0 / (squares * G))
         found = rho.shortest_plan(scenario).scenario.grid.duration
-        assert known * (1.0 - 1e-6) <= found <= known * (1.0 + 2 * BISECTED)
+        assert known * (1.0 - 1e-6) <= found <= known * (1.0 + 2 * PRECISION)
 
 
 def test_the_acceleration_factor_widens_the_largest_acceleration() -> None:
@@ -231,12 +231,12 @@ def test_the_acceleration_factor_widens_the_largest_acceleration() -> None:
     scenario = single(limits=rho.Limits(max_acceleration=0.5))
     reason = rho.diagnose(scenario)
     far = float(np.linalg.norm([10.0, 4.0, -2.0]))
-    assert reason.acceleration_factor == pytest.approx(4 * far / 64.0 / 0.5, rel=2 * BISECTED)
-    assert reason.shortest_duration == pytest.approx(np.sqrt(4 * far / 0.5), rel=2 * BISECTED)
+    assert reason.acceleration_factor == pytest.approx(4 * far / 64.0 / 0.5, rel=2 * PRECISION)
+    assert reason.shortest_duration == pytest.approx(np.sqrt(4 * far / 0.5), rel=2 * PRECISION)
     both = rho.Limits(acceleration=box(0.5), max_acceleration=0.6)
     reason = rho.diagnose(single(limits=both))
     known = max(4 * 10.0 / 64.0 / 0.5, 4 * far / 64.0 / 0.6)
-    assert reason.acceleration_factor == pytest.approx(known, rel=2 * BISECTED)
+    assert reason.acceleration_factor == pytest.approx(known, rel=2 * PRECISION)
 
 
 def test_a_slower_flight_is_one_where_it_is_monotone() -> None:

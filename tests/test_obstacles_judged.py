@@ -193,7 +193,7 @@ def test_an_estimated_track_is_told() -> None:
         track = rho.Track.sampled(where, times, max_acceleration=most)
         asked = single(obstacles=(rho.Obstacle(shape, track=track, name="drone"),))
         text = str(rho.verify(dataclasses.replace(free, scenario=asked)))
-        told = "estimated from samples: how far from its track is obstacle 1 (drone)" in text
+        told = "estimated from samples: the deviation from the track of obstacle 1 (drone)" in text
         assert told == (most is None)
 
 

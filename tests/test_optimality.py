@@ -154,6 +154,6 @@ def test_a_plan_that_breaks_its_constraints_is_not_certified() -> None:
         assert not proof.holds
         assert not proof.is_globally_optimal
         assert proof.gap < 0
-        assert "breaks its constraints" in str(proof)
+        assert "violates its constraints" in str(proof)
     with pytest.raises(ValueError, match="accelerations: got nan"):
         rho.certify(rho.Plan.from_accelerations(scenario, np.full_like(through, np.nan)))

@@ -102,5 +102,5 @@ def test_what_has_no_quadratic_form_is_named() -> None:
     )
     certificate = rho.certify(rho.plan_scp(scenario))
     assert certificate.left_out == ("obstacle 1",)
-    assert "does not count obstacle 1" in str(certificate)
+    assert "leaves out obstacle 1" in str(certificate)
     assert certificate.lower_bound < certificate.cost

@@ -92,7 +92,7 @@ def test_a_diagnosis_tells_its_trials() -> None:
     told = list[str]()
     asked = single(limits=rho.Limits(acceleration=box(0.3)))
     diagnosis = rho.diagnose(asked, progress=told.append)
-    assert "looking for the least breach" in told
+    assert "looking for the least violation" in told
     assert "trying a duration of 16 s" in told  # twice as long, the first that has a plan
     assert "trying acceleration limits 4 times as wide" in told
     durations = [float(each.split()[4]) for each in told if each.startswith("trying a duration")]

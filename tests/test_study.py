@@ -297,7 +297,7 @@ def _function(name: str, **arguments: Any) -> dict[str, Any]:
                 ]
             },
             "study.scenarios[0].offset.vehicles[0].start.position: got 50.0, expected a list of 3 "
-            "numbers, as what it is added to",
+            "numbers, as the field to which it is added",
         ),
         (
             {"scenarios": [{"name": "a", "file": "paper", "vary": {"name": {"unifrm": [0, 1]}}}]},

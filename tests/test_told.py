@@ -20,7 +20,7 @@ def test_results_are_printed_in_a_line(courier: rho.Scenario) -> None:
         "<Flight of courier: 1 vehicle, 41 knots, 8 windows, cost ": flight,
         "<Window from knot 6: a new plan, cost ": flight.windows[1],
         "<Simulation of courier: 1 vehicle, 41 knots; point mass, ": rho.simulate(courier),
-        "<Attack: courier is left ": rho.attack(courier, plan),
+        "<Attack: courier keeps ": rho.attack(courier, plan),
         "<WorstCase: an error of 0.2413, winds from 0 s to 6 s>": rho.worst_case(
             courier, [0, 1, 0], 6.0
         ),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.campaigns.methods import ByPlan, ByPlanConvex, ByPlanRho, Runs
+from drake_rho.campaigns.methods import ByPlan, ByPlanConvex, ByPlanRho, Method
 from tests.scenarios import single, through_the_middle
 
 ASKED = single(obstacles=(rho.Sphere([5.0, 2.1, -1.0], 1.0),))
@@ -124,7 +124,7 @@ def _failing(scenario: rho.Scenario, **options: object) -> rho.Plan:
         ByPlanRho(name="in windows", planner="plan_rho"),
     ],
 )
-def test_campaigns_tell_these_seconds(method: Runs) -> None:
+def test_campaigns_tell_these_seconds(method: Method) -> None:
     found = method.run(ASKED, np.random.default_rng(0))
     assert isinstance(found.planned, rho.Plan | rho.Flight)
     assert found.seconds == found.planned.statistics.seconds > 0.0

@@ -1,6 +1,7 @@
-"""What can be proved of a plan, and why there is none.
+"""Optimality certificates of plans, and diagnoses of scenarios that have none.
 
-A plan comes in and a lower bound on the cost of every plan goes out (`certify`); a scenario comes
-in and a diagnosis, the constraints that conflict or the shortest plan go out (`diagnose`,
-`infeasible_subset`, `shortest_plan`). Planners and the verifier are called, never changed.
+`certify` takes a plan and returns a lower bound on the cost of every plan. `diagnose`,
+`infeasible_subset` and `shortest_plan` take a scenario, or a planner's error, and return a
+diagnosis, the conflicting constraints, or the plan of least duration. Planners and the verifier are
+called, never changed.
 """

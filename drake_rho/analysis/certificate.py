@@ -1,16 +1,17 @@
-"""`certify`: how far a plan is above the best one there is, by a lower bound that needs no trust.
+"""`certify`: lower bound on the cost of every plan, and the gap of a given plan to it.
 
 The bound is the minimum of a Lagrangian (`drake_rho.analysis.lagrangian`), computed in closed form
-with what rounding may lose taken off, so it does not lean on any solver's tolerance: solvers only
-propose the multipliers. A constraint that is left out only lowers it, so a bound found with some
-instants of an obstacle holds for plans that keep out of it at every instant.
+less a bound on rounding errors. So it does not depend on any solver's tolerance: solvers only
+propose the multipliers. A constraint that is left out only lowers the bound. So a bound computed
+with some instants of an obstacle is valid for plans that avoid it at every instant.
 
-The bound is one for plans that keep their constraints exactly. A plan may break them by the
-verifier's tolerance, a millionth, and then cost less than the bound by as little.
+The bound is valid for plans that satisfy their constraints exactly. A plan may violate them by the
+verifier's tolerance, a millionth, and then cost less than the bound by about as much.
 
-Of a disturbed scenario it is one for all plans that bear the disturbance, as `verify` judges them.
-Planners keep a little more, the greatest radius of errors of a step in all of the step; a second
-bound is for plans that do, so that it can be told what the plan and what the margins cost.
+With a disturbance the bound is valid for every plan that satisfies its tightened constraints as
+`verify` checks them. Planners tighten a little more: they use the greatest error radius of a step
+throughout the step. A second bound is valid for plans with these margins, which separates what the
+plan may have missed from what the margins cost.
 """
 
 from __future__ import annotations
@@ -44,16 +45,17 @@ GLOBAL_GAP = 1e-6
 """Relative gap up to which a plan counts as globally optimal."""
 
 MOST_CERTIFIED_TOGETHER = 25
-"""Vehicles up to which pairs count for the bound; for larger fleets it is that without them."""
+"""Largest number of vehicles for which the bound includes the separation of pairs; for larger
+fleets it leaves it out."""
 
 _MAX_POLISHINGS = 30
-"""Bound on the linearisations with which a fleet's plan is brought to a certificate's precision."""
+"""Largest number of linearisations that bring a fleet's plan to a certificate's precision."""
 
 _SHOWN = 3
-"""Obstacles without a part in the bound that are named where a certificate is printed."""
+"""Largest number of obstacles left out of the bound that a printed certificate names."""
 
-_MOST_ROWS = 20
-"""Vehicles that a printed certificate shows; of more, those with most to gain."""
+_MAX_ROWS = 20
+"""Largest number of vehicles that a printed certificate shows: those with the largest gaps."""
 
 TREATMENT = {
     "dynamics": "exact in the Lagrangian, whose unknowns are accelerations",
@@ -77,73 +79,82 @@ TREATMENT = {
 }
 """What counts in the lower bound, of every kind of requirement."""
 
-_ENOUGH = 1e-8
-"""Relative distance from a converged plan's cost at which a bound is not improved any more."""
+_CONVERGED = 1e-8
+"""Relative gap to a converged plan's cost at which a bound is not improved any more."""
+
+_COLUMNS = (
+    "gap: (cost - lower bound) / cost",
+    "eigenvalue: least of the Lagrangian's Hessian; if above 0, a converged plan meets its bound",
+)
+"""Explanation of the columns, printed below the table."""
 
 
 @dataclasses.dataclass(frozen=True)
 class VehicleCertificate(metaclass=Described):
-    """What is known of the part of a plan that one vehicle has, or several that pairs couple."""
+    """Certificate of one vehicle, or of a group of vehicles that separation constraints couple."""
 
     vehicle: str
-    """name; where pairs couple vehicles, that of the first and how many more"""
+    """name of the vehicle; for a group, the name of the first and the number of the others"""
     cost: float
-    """its part of the cost [m²/s⁴]"""
+    """part of the plan's cost that is due to this vehicle or group [m²/s⁴]"""
     lower_bound: float
-    """no plan of this vehicle can cost less [m²/s⁴]"""
+    """lower bound on this part of the cost of every plan [m²/s⁴]"""
     least_eigenvalue: float
-    """of the Lagrangian's Hessian at the converged plan, on the motions that leave the goal where
-    it is; 2 is that of the cost alone; above 0, the bound meets the converged plan's cost"""
+    """least eigenvalue of the Lagrangian's Hessian at the converged plan, restricted to changes
+    that leave the final state unchanged. The cost alone has 2. If it is above 0, the bound equals
+    the converged plan's cost"""
     stationarity: float
-    """KKT: norm of the Lagrangian's gradient at the converged plan, over that of the cost's"""
+    """KKT residual: norm of the Lagrangian's gradient at the converged plan, relative to that of
+    the cost's gradient"""
     complementarity: float
-    """KKT: the largest product of a multiplier and its constraint's breach, over the cost"""
+    """KKT residual: largest product of a multiplier and its constraint's violation, relative to the
+    cost"""
     planned_bound: float | None = None
-    """no plan of this vehicle that keeps planners' margins can cost less [m²/s⁴]; None where
-    nothing disturbs, as there are no margins then"""
+    """lower bound for plans that keep the planners' margins [m²/s⁴]; None without a disturbance,
+    where there are no margins"""
 
     @property
     def gap(self) -> float:
-        """(cost - lower bound) / cost; negative for a plan that breaks its constraints to save."""
+        """Relative gap (cost - lower bound) / cost; negative if violated constraints save cost."""
         return _gap(self.cost, self.lower_bound)
 
 
 @dataclasses.dataclass(frozen=True)
 class Certificate(metaclass=Described):
-    """How far a plan is above the optimum; prints as a short table."""
+    """Bound on how far a plan is from the optimum; prints as a short table."""
 
     scenario: Scenario
-    """what was asked"""
+    """scenario of the plan"""
     vehicles: tuple[VehicleCertificate, ...]
-    """one for each vehicle or, where pairs couple them, for all"""
+    """one certificate for each vehicle or, where separation couples vehicles, for each group"""
     holds: bool
-    """whether the plan meets its constraints; what breaks them may cost less than the bound"""
+    """whether the plan satisfies its constraints; one that does not may cost less than the bound"""
     left_out: tuple[str, ...] = ()
-    """obstacles that the plan leans on and the bound does not count, so that the gap is not only
-    the plan's: those that are neither balls nor ellipsoids"""
+    """obstacles that are active for the plan but left out of the bound, because they are neither
+    balls nor ellipsoids; they may account for part of the gap"""
     cut: bool = False
-    """whether time was up before the bound was as good as it can be made"""
+    """whether time was up before the bound had converged"""
 
     @property
     def cost(self) -> float:
-        """The plan's cost [m²/s⁴], the performance index f (13)."""
+        """Cost of the plan [m²/s⁴], the performance index f (13)."""
         return sum(each.cost for each in self.vehicles)
 
     @property
     def lower_bound(self) -> float:
-        """No plan of the scenario can cost less [m²/s⁴]."""
+        """Lower bound on the cost of every plan of the scenario [m²/s⁴]."""
         return sum(each.lower_bound for each in self.vehicles)
 
     @property
     def gap(self) -> float:
-        """(cost - lower bound) / cost; negative for a plan that breaks its constraints to save."""
+        """Relative gap (cost - lower bound) / cost; negative if violated constraints save cost."""
         return _gap(self.cost, self.lower_bound)
 
     @property
     def planned_gap(self) -> float:
-        """(cost - bound) / cost with the bound of plans that keep planners' margins.
+        """Relative gap to the lower bound for plans that keep the planners' margins.
 
-        What the planner may have missed; the rest of `gap` is what its margins may cost.
+        This is what the planner may have missed; the rest of `gap` is what its margins may cost.
         """
         known = [each.planned_bound for each in self.vehicles]
         bounds = [bound for bound in known if bound is not None]
@@ -151,48 +162,55 @@ class Certificate(metaclass=Described):
 
     @property
     def is_globally_optimal(self) -> bool:
-        """Whether the plan holds and its gap is at most `GLOBAL_GAP`."""
+        """True if the plan satisfies its constraints and its gap is at most `GLOBAL_GAP`."""
         return self.holds and abs(self.gap) <= GLOBAL_GAP
 
     @property
     def least_eigenvalue(self) -> float:
-        """The least of the vehicles'."""
+        """Least of the vehicles' eigenvalues."""
         return min(each.least_eigenvalue for each in self.vehicles)
 
-    def _as_planned(self) -> str:
+    def _above_bound(self) -> str:
+        if not self.lower_bound > 0.0:
+            return ""
+        percent = 100.0 * (self.cost / self.lower_bound - 1.0)
+        return f"{abs(percent):.3g} % {'below' if percent < 0.0 else 'above'} the "
+
+    def _planned_gap(self) -> str:
         if self.scenario.disturbance is None:
             return ""
         return f" ({self.planned_gap:.1e} with the margins that planners keep)"
 
-    def _without(self) -> str:
+    def _left_out(self) -> str:
         if not self.left_out:
             return ""
         shown = ", ".join(self.left_out[:_SHOWN])
         more = f" and {len(self.left_out) - _SHOWN} more" if len(self.left_out) > _SHOWN else ""
-        return f"; the bound does not count {shown}{more}"
+        return f"; the bound leaves out {shown}{more}"
 
     def __str__(self) -> str:
         verdict = "globally optimal" if self.is_globally_optimal else "not proved optimal"
-        verdict = verdict if self.holds else "breaks its constraints"
+        verdict = verdict if self.holds else "violates its constraints"
         verdict = (
             f"{verdict} (time was up)" if self.cut and not self.is_globally_optimal else verdict
         )
         lines = [
-            f"{self.scenario.name}: {verdict}; cost {self.cost:.6f}, no plan below "
-            f"{self.lower_bound:.6f} m²/s⁴, gap {self.gap:.1e}"
-            f"{self._as_planned()}{self._without()}",
+            f"{self.scenario.name}: {verdict}; cost {self.cost:.6f} m²/s⁴, {self._above_bound()}"
+            f"lower bound {self.lower_bound:.6f}; gap {self.gap:.1e} of the cost"
+            f"{self._planned_gap()}{self._left_out()}",
             f"{'vehicle':<12} {'cost':>14} {'lower bound':>14} {'gap':>9} {'eigenvalue':>11}",
         ]
         shown = self.vehicles
-        if len(shown) > _MOST_ROWS:
-            shown = tuple(sorted(shown, key=lambda each: each.lower_bound - each.cost)[:_MOST_ROWS])
+        if len(shown) > _MAX_ROWS:
+            shown = tuple(sorted(shown, key=lambda each: each.lower_bound - each.cost)[:_MAX_ROWS])
         lines += [
             f"{each.vehicle:<12} {each.cost:>14.6f} {each.lower_bound:>14.6f} {each.gap:>9.1e} "
             f"{each.least_eigenvalue:>11.4f}"
             for each in shown
         ]
         more = len(self.vehicles) - len(shown)
-        return "\n".join([*lines, *([f"… and {more} more, with less to gain"] if more else [])])
+        rest = [f"… and {more} more, with smaller gaps"] if more else []
+        return "\n".join([*lines, *rest, *_COLUMNS])
 
 
 @checked
@@ -204,22 +222,23 @@ def certify(
     progress: Progress | None = None,
     time_limit: float | None = None,
 ) -> Certificate:
-    """Bound from below what any plan of the scenario costs, and compare.
+    """Compute a lower bound on the cost of every plan of a scenario, and the gap of this plan.
 
-    The multipliers come from plans iterated to convergence, from this one and from the plan
-    without obstacles; where the Lagrangian is not convex there, they are scaled down and the bound
-    is then maximised over them. Whatever multipliers are used, the bound is one.
+    The multipliers come from plans iterated to convergence, from this plan and from the one
+    without obstacles. Where the Lagrangian is not convex there, the multipliers are scaled down and
+    the bound is then maximised over them. The bound is valid for any multipliers.
 
     Args:
-        flown: any plan or flight of a scenario; it need not be optimal, nor hold. A flight whose
-            windows begin with thinner tubes than a plan has by then may cost less than any plan.
+        flown: any plan or flight of a scenario; it need not be optimal or satisfy its constraints.
+            A flight whose windows begin with thinner tubes than a plan has by then may cost less
+            than any plan.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-        progress: called with a few words on what is being done, as after each linearisation.
-        time_limit: seconds, above 0, after which the bound so far is returned (`cut`): at the least
-            that of the motions of minimum effort.
+        progress: called with a short description of the current step, as after each linearisation.
+        time_limit: seconds, above 0, after which the best bound so far is returned (`cut`): at
+            least that of the minimum-effort motions.
 
     Raises:
-        InfeasibleError: no plan was found to take multipliers from.
+        InfeasibleError: no plan was found from which to take multipliers.
         SolverError: the solvers fail numerically.
 
     Examples:
@@ -230,7 +249,7 @@ def certify(
     backend = Backend.of(solver)
     plan = flown.plan if isinstance(flown, Flight) else flown
     scenario, vehicles = plan.scenario, len(plan.scenario.vehicles)
-    if vehicles > MOST_CERTIFIED_TOGETHER:  # without pairs the bound is lower, and still one
+    if vehicles > MOST_CERTIFIED_TOGETHER:  # without separation the bound is lower, but still valid
         scenario = scenario.without_separation()
     start = Plan.from_accelerations(scenario, plan.accelerations)
     cut, proposals = False, list[CuttingPlanes]()
@@ -276,8 +295,8 @@ def certify(
 
 
 def _by_effort(name: str, plan: Plan, efforts: FloatArray, group: IntArray) -> VehicleCertificate:
-    """Return the certificate of a group by minimum effort alone: with no multipliers at all."""
-    bound = float(np.sum(efforts[group])) * (1.0 - _ENOUGH)
+    """Return the certificate of a group from its minimum effort alone, without multipliers."""
+    bound = float(np.sum(efforts[group])) * (1.0 - _CONVERGED)
     return VehicleCertificate(
         vehicle=name,
         cost=float(np.sum(plan.accelerations[group] ** 2)),
@@ -290,9 +309,9 @@ def _by_effort(name: str, plan: Plan, efforts: FloatArray, group: IntArray) -> V
 
 
 def _converged(plan: Plan, solver: Solver | None, progress: Progress | None) -> Iterator[Plan]:
-    """Yield plans iterated to convergence: from this one, if it allows that, and from none."""
+    """Yield plans iterated to convergence: from this one, if possible, and without a reference."""
     found = False
-    with suppress(InfeasibleError, SolverError):  # a plan that breaks its scenario may lead nowhere
+    with suppress(InfeasibleError, SolverError):  # this may fail from a plan with violations
         yield plan_scp(plan.scenario, reference=plan, solver=solver, progress=progress)
         found = True
     try:
@@ -307,7 +326,8 @@ def _converged(plan: Plan, solver: Solver | None, progress: Progress | None) -> 
 def _solved_around(plan: Plan, backend: Backend, progress: Progress | None) -> CuttingPlanes:
     """Return the programs around a plan iterated on to the precision that a certificate needs.
 
-    A plan that keeps finer margins only is one of these.
+    If they are infeasible, margins on a finer partition of the steps are used, where there are any:
+    the plan may satisfy its constraints with these only.
     """
     problem = Problem.of(plan.scenario)
     try:
@@ -328,13 +348,13 @@ def _solved(
         subproblem, plan, ALONE, labels=everyone, most=_MAX_POLISHINGS, progress=progress
     )
     if subproblem.planes is None:
-        subproblem.around(plan)  # raises what ended the iteration
+        subproblem.around(plan)  # raises the error that ended the iteration
     assert subproblem.planes is not None  # noqa: S101  # solved above
     return subproblem.planes
 
 
 def _groups(vehicles: int, proposals: Sequence[CuttingPlanes]) -> list[IntArray]:
-    """Vehicles that have a program together in one of the proposals, group by group."""
+    """Return groups of vehicles: those that share a program in one of the proposals."""
     label = np.arange(vehicles)
     for solved in proposals:
         for vehicle in range(vehicles):
@@ -349,25 +369,26 @@ def _gap(cost: float, lower_bound: float) -> float:
 
 
 def _best_bound(lagrangian: Lagrangian) -> float:
-    """The largest minimum of the Lagrangian that is found, in its own unit.
+    """Return the largest minimum of the Lagrangian that is found, in the Lagrangian's unit.
 
-    First with the multipliers of the converged program; where the Lagrangian is convex there they
-    are the best. Else those of the obstacles are scaled down until it is, and the minimum, a
-    concave function of the multipliers with the constraints' breaches as slopes, is maximised.
+    The multipliers of the converged program are tried first; if the Lagrangian is convex there,
+    they are optimal. Else the obstacles' multipliers are scaled down until it is convex. Then the
+    minimum, a concave function of the multipliers whose gradient consists of the constraints'
+    violations, is maximised.
     """
     weights, multipliers = lagrangian.weights, lagrangian.multipliers
     first = lagrangian.minimum(weights, multipliers)
     index = float(np.sum(lagrangian.solution**2))
-    if first.value >= index * (1 - _ENOUGH) or len(weights) + len(multipliers) == 0:
+    if first.value >= index * (1 - _CONVERGED) or len(weights) + len(multipliers) == 0:
         return first.value
-    bend = 1.0 - lagrangian.curvature(weights)  # grows in proportion to the weights
-    scaled = weights * min(1.0, 0.98 / bend if bend > 0.0 else 1.0)
+    loss = 1.0 - lagrangian.curvature(weights)  # proportional to the weights
+    scaled = weights * min(1.0, 0.98 / loss if loss > 0.0 else 1.0)
     return max(first.value, _climb(lagrangian, scaled, multipliers))
 
 
 def _climb(lagrangian: Lagrangian, weights: FloatArray, multipliers: FloatArray) -> float:
-    """Maximise the minimum over λ, y >= 0, from where the Lagrangian is convex."""
-    from scipy.optimize import minimize  # slow to load, so only where needed
+    """Maximise the Lagrangian's minimum over λ, y >= 0, from multipliers for which it is convex."""
+    from scipy.optimize import minimize  # imported here because it is slow to load
 
     start = np.concatenate([weights, multipliers])
     sizes = np.maximum(start, 1e-3 * start.max())

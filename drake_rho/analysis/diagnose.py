@@ -1,4 +1,4 @@
-"""`diagnose`: why a scenario has no plan, by how much it fails, and what would mend it."""
+"""`diagnose`: reason why a scenario has no plan, its least violation, and changes that give one."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ from drake_rho.scenario.records import Box, Limits, Scenario, Vehicle
 from drake_rho.verification.report import Check
 from drake_rho.verification.verify import verify
 
-BISECTED = 1e-4
+PRECISION = 1e-4
 """Relative precision of the shortest duration and of the smallest relaxation."""
 
-BISECTED_AROUND = 1e-3
-"""Relative precision with obstacles, where a trial may have to look for ways round."""
+PRECISION_WITH_OBSTACLES = 1e-3
+"""Relative precision with obstacles, where a trial may have to search for paths round them."""
 
-BISECTED_APART = 1e-2
-"""Relative precision for fleets that keep apart, where a trial that fails is a long search."""
+PRECISION_WITH_SEPARATION = 1e-2
+"""Relative precision for fleets with a separation, where a trial that fails is a long search."""
 
 LARGEST_FACTOR = 2.0**10
-"""How much longer, or how much stronger vehicles, are looked at."""
+"""Largest factor that is tried on the duration and on acceleration limits."""
 
-_ANEW = 3
-"""How often a boundary that plans near each other lead to is looked beyond everywhere."""
+_MAX_RESTARTS = 3
+"""Largest number of bisections, each begun beyond the boundary that local trials found before."""
 
 SHORTER = 0.5**0.5
-"""The next shorter duration that is tried, in parts of the last one, where shorter may help: the
-durations that have a plan may be few."""
+"""Ratio of successive shorter durations that are tried, where a shorter one may be feasible: not
+far below 1, because the range of feasible durations may be narrow."""
 
 
 @checked
@@ -55,21 +55,21 @@ def diagnose(
     progress: Progress | None = None,
     time_limit: float | None = None,
 ) -> Diagnosis:
-    """Say why a scenario has no plan, by how much, and what would mend it.
+    """Find out why a scenario has no plan, its least violation, and changes that give a plan.
 
-    Obstacles are taken as in the first linearisation, around the plan without them; the repairs
-    are found with the first plan of `plan_scp`, which also tries ways round.
-
-    Where longer is not always possible (`can_be_slower`), shorter durations are tried as well.
+    Conflicts with obstacles are those of the first linearisation, around the plan without
+    obstacles. Changes that give a plan are found with the first plan of `plan_scp`, which also
+    tries paths round obstacles. Where a longer duration is not always possible (`can_be_slower`),
+    shorter ones are tried as well.
 
     Args:
-        scenario: what is asked.
+        scenario: scenario to diagnose.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-        progress: called with a few words on what is being done, as on each trial.
-        time_limit: seconds, above 0, after which what is known then is returned (`cut`).
+        progress: called with a short description of the current step, as on each trial.
+        time_limit: seconds, above 0, after which the findings so far are returned (`cut`).
 
     Raises:
-        OutOfTimeError: time was up before there was a plan, or a reason why there is none.
+        OutOfTimeError: time was up before a plan, or a reason why there is none, was found.
         SolverError: the solvers fail numerically.
 
     Examples:
@@ -84,23 +84,23 @@ def diagnose(
     """
     backend = Backend.of(solver)
     violations: tuple[Check, ...] = ()
-    bearable, premise, trials = None, "", _Trials(backend, progress)
+    tolerable, premise, trials = None, "", _Trials(backend, progress)
     try:
         plan = first_plan(Problem.of(scenario), backend=backend, progress=progress)
     except InfeasibleError as error:
         trials.begin(None)
-        bearable = _bearable_wind(scenario, trials)
+        tolerable = _largest_tolerable_wind(scenario, trials)
         conflicts, premise = error.conflicts, error.premise
         try:
-            if bearable is None and scenario.disturbance is not None:
+            if tolerable is None and scenario.disturbance is not None:
                 error = _undisturbed(error, scenario, backend)
             tell(progress, "looking for constraints that cannot be met together")
             conflicts, premise = infeasible_subset(error, solver=backend.solver), error.premise
-            tell(progress, "looking for the least breach")
+            tell(progress, "looking for the least violation")
             violations = verify(minimum_violation(Problem.of(scenario), backend)).violations
         except OutOfTimeError:
             trials.cut = True
-        if bearable is not None:  # what is left can be met, so that it has a part in every conflict
+        if tolerable is not None:  # without it there is a plan, so it is part of every conflict
             conflicts = {name: (*why, "disturbance") for name, why in conflicts.items()}
     else:
         trials.begin(plan)
@@ -116,7 +116,7 @@ def diagnose(
         is_monotone=is_monotone(scenario),
         acceleration_factor=stronger,
         premise=premise,
-        bearable_wind=bearable,
+        bearable_wind=tolerable,
         cut=trials.cut,
     )
 
@@ -131,30 +131,31 @@ def shortest_plan(
     progress: Progress | None = None,
     options: Options | None = None,
 ) -> Plan:
-    """Return the plan of least duration, on as many knots, everything else unchanged.
+    """Return the plan of least duration with the same number of knots and all else unchanged.
 
-    The flight begins at the same time, and obstacles move as they did. The duration is found by
-    bisection to a relative `BISECTED`. Where feasibility grows with the duration (`is_monotone`)
-    none is shorter; else a shorter one may have been passed over, and where longer is not always
-    possible (`can_be_slower`), a scenario without a plan may have one for a shorter duration.
+    The flight begins at the same time, and obstacles move as before. The duration is found by
+    bisection to a relative `PRECISION`. If a plan for one duration implies plans for all longer
+    ones (`is_monotone`), no shorter plan exists; else a shorter one may have been missed. Where a
+    longer duration is not always possible (`can_be_slower`), a scenario without a plan may have one
+    for a shorter duration.
 
     Args:
-        scenario: what is asked; its own duration need not be feasible.
+        scenario: scenario to plan for; its own duration need not be feasible.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-        progress: called with a few words on what is being done, as on each trial.
-        options: of the plan that is returned, and `time_limit` of all trials together: then the
-            shortest so far is returned (`statistics.cut`).
+        progress: called with a short description of the current step, as on each trial.
+        options: options of the plan that is returned. Their `time_limit` is that of all trials
+            together; after it the shortest plan so far is returned (`statistics.cut`).
 
     Raises:
-        InfeasibleError: no duration that was tried, up to `LARGEST_FACTOR` times the scenario's,
-            has a plan.
-        OutOfTimeError: time was up before one was found.
+        InfeasibleError: no plan was found for any duration tried, up to `LARGEST_FACTOR` times the
+            scenario's.
+        OutOfTimeError: time was up before a plan was found.
     """
     trials = _Trials(Backend.of(solver), progress)
     duration, _ = _durations(scenario, trials)
     if duration is None:
         check_time()
-        plan_scp(scenario, solver=solver, progress=progress, options=options)  # says why
+        plan_scp(scenario, solver=solver, progress=progress, options=options)  # raises the reason
         raise SolverError("a duration had a plan that could not be found again")
     found = trials.plan
     assert found is not None  # noqa: S101  # of that duration
@@ -170,47 +171,47 @@ def shortest_plan(
 
 
 def is_monotone(scenario: Scenario) -> bool:
-    """Return whether a plan for one duration means that one is found for every longer one.
+    """Return whether a plan for one duration implies that one is found for every longer duration.
 
-    With obstacles or a separation that is not claimed where it is true of the problem
-    (`can_be_slower`) either, since the planner may miss the plan of one duration and find that of
+    With obstacles or a separation this is False even where it is true of the problem
+    (`can_be_slower`), because the planner may miss the plan for one duration and find that for
     another.
     """
     return can_be_slower(scenario) and not scenario.obstacles and scenario.separation is None
 
 
 class _Trials:
-    """Whether scenarios have a plan, one after the other.
+    """Sequence of trials whether variants of a scenario have a plan.
 
-    A plan of one is where the search for that of the next begins.
+    The plan of one trial is the initial guess for the next.
 
     Args:
         backend: solves their programs.
-        progress: called with a few words on each trial.
+        progress: called with a short description of each trial.
 
     Attributes:
-        plan: the last that was found.
-        begun: whether the scenario that they are about has a plan, if that is known.
-        cut: whether time was up; then no other scenario has a plan as far as is known.
+        plan: the last plan found.
+        feasible: whether the original scenario has a plan; None if this is not known.
+        cut: whether time was up; all later trials then fail.
     """
 
     def __init__(self, backend: Backend, progress: Progress | None) -> None:
         self.plan: Plan | None = None
-        self.begun: bool | None = None
+        self.feasible: bool | None = None
         self.cut = False
         self._backend, self._progress = backend, progress
 
     def begin(self, plan: Plan | None) -> None:
-        """Begin with the plan of the scenario itself, or with its having none."""
-        self.plan, self.begun = plan, plan is not None
+        """Begin with the plan of the original scenario, or with the knowledge that it has none."""
+        self.plan, self.feasible = plan, plan is not None
 
     def has_plan(self, make: Callable[[], Scenario], words: str, *, near: bool = False) -> bool:
-        """Return whether a plan is found for what is made.
+        """Return whether a plan is found for a variant of the scenario.
 
         Args:
-            make: a scenario like those before it.
-            words: what is tried, to be told.
-            near: whether to look near the last plan only.
+            make: function that returns the variant.
+            words: description of the variant for progress.
+            near: whether to search near the last plan only.
         """
         if self.cut:
             return False
@@ -234,7 +235,7 @@ class _Trials:
 
 
 def _undisturbed(error: InfeasibleError, scenario: Scenario, backend: Backend) -> InfeasibleError:
-    """Return why there is no plan without the disturbance either, which says more than with it."""
+    """Return the error without the disturbance, which is more telling, if there is one."""
     try:
         first_plan(Problem.of(scenario.with_disturbance(None)), backend=backend)
     except InfeasibleError as other:
@@ -245,10 +246,10 @@ def _undisturbed(error: InfeasibleError, scenario: Scenario, backend: Backend) -
 
 
 def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float | None]:
-    """Return the least duration with a plan, and the greatest if that is below the scenario's [s].
+    """Return the least duration with a plan, and the greatest if below the scenario's [s].
 
-    None where none is found; and for the greatest, where the scenario's own, or a longer one, has a
-    plan.
+    Both are None if no plan is found. The greatest is None, too, if the scenario's own duration or
+    a longer one has a plan.
     """
     duration, precision = scenario.grid.duration, _precision(scenario)
 
@@ -256,7 +257,7 @@ def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float
         words = f"a duration of {factor * duration:.5g} s"
         return trials.has_plan(lambda: rescaled(scenario, factor), words, near=near)
 
-    high = _some_factor(lasting, trials.begun, shorter=not can_be_slower(scenario))
+    high = _some_factor(lasting, trials.feasible, shorter=not can_be_slower(scenario))
     if high is None:
         return None, None
     longest = None
@@ -272,17 +273,18 @@ def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float
 
 
 class _Trial(Protocol):
-    """Whether there is a plan with some factor; `near` looks near the last one found only."""
+    """Trial whether there is a plan with a factor; `near` searches near the last plan only."""
 
     def __call__(self, factor: float, near: bool = False) -> bool: ...
 
 
-def _some_factor(has_plan: _Trial, begun: bool | None, *, shorter: bool) -> float | None:
-    """Return a factor that has a plan, of powers of two and, if `shorter`, of `SHORTER`.
+def _some_factor(has_plan: _Trial, feasible: bool | None, *, shorter: bool) -> float | None:
+    """Return a factor that has a plan; None if none does.
 
-    Whether 1 has one may be known (`begun`).
+    Powers of two are tried and, if `shorter`, powers of `SHORTER`. Whether 1 has a plan may be
+    known before (`feasible`).
     """
-    if has_plan(1.0) if begun is None else begun:
+    if has_plan(1.0) if feasible is None else feasible:
         return 1.0
     longer, less = 2.0, SHORTER
     while longer <= LARGEST_FACTOR:
@@ -297,13 +299,13 @@ def _some_factor(has_plan: _Trial, begun: bool | None, *, shorter: bool) -> floa
 
 
 def _boundary(has_plan: _Trial, one: float, other: float, precision: float) -> float:
-    """Return the last factor with a plan on the way from one that has it to one that has not.
+    """Return the last factor with a plan between `one`, which has a plan, and `other`.
 
-    Plans are looked for near those before them, which takes a part of the time. Where none is left,
-    one is looked for everywhere; if there is one, it goes on from there.
+    The bisection searches near the plans found before, which takes a fraction of the time. At its
+    end a full search is made just beyond the boundary; if it finds a plan, bisection goes on there.
     """
     without = other
-    for _ in range(_ANEW):
+    for _ in range(_MAX_RESTARTS):
         other = without
         while abs(one - other) > precision * max(one, other):
             middle = (one + other) / 2.0
@@ -314,43 +316,43 @@ def _boundary(has_plan: _Trial, one: float, other: float, precision: float) -> f
     return one
 
 
-def _least_factor(has_plan: _Trial, begun: bool | None, precision: float) -> float | None:
-    """Return the least factor from 1 on that has a plan, by doubling, then bisection.
+def _least_factor(has_plan: _Trial, feasible: bool | None, precision: float) -> float | None:
+    """Return the least factor of at least 1 that has a plan, by doubling, then bisection.
 
-    None if none up to the largest has. Whether 1 has one may be known (`begun`).
+    None if no factor up to the largest has a plan. Whether 1 has one may be known (`feasible`).
     """
-    factor = _some_factor(has_plan, begun, shorter=False)
+    factor = _some_factor(has_plan, feasible, shorter=False)
     if factor is None or factor == 1.0:
         return factor
     return _boundary(has_plan, factor, factor / 2.0, precision)
 
 
 def _precision(scenario: Scenario) -> float:
-    """Relative precision to which trials of a scenario are worth their time."""
-    precision = BISECTED_AROUND if scenario.obstacles else BISECTED
-    return BISECTED_APART if scenario.separation is not None else precision
+    """Return the relative precision to which trials of a scenario are worth their time."""
+    precision = PRECISION_WITH_OBSTACLES if scenario.obstacles else PRECISION
+    return PRECISION_WITH_SEPARATION if scenario.separation is not None else precision
 
 
-def _bearable_wind(scenario: Scenario, trials: _Trials) -> float | None:
-    """The largest wind with a plan [m/s²], of a scenario that has none; see `Diagnosis`."""
-    around = scenario.disturbance
-    if around is None:
+def _largest_tolerable_wind(scenario: Scenario, trials: _Trials) -> float | None:
+    """Return the largest wind with a plan [m/s²], for a scenario without one; see `Diagnosis`."""
+    disturbance = scenario.disturbance
+    if disturbance is None:
         return None
 
-    def bears(part: float) -> bool:
-        weaker = dataclasses.replace(around, acceleration=part * around.acceleration)
+    def tolerates(part: float) -> bool:
+        weaker = dataclasses.replace(disturbance, acceleration=part * disturbance.acceleration)
         words = f"wind up to {weaker.acceleration:.4g} m/s²"
         return trials.has_plan(lambda: dataclasses.replace(scenario, disturbance=weaker), words)
 
     if not trials.has_plan(lambda: dataclasses.replace(scenario, disturbance=None), "no wind"):
         return None
-    if around.acceleration == 0.0 or not bears(0.0):
+    if disturbance.acceleration == 0.0 or not tolerates(0.0):
         return 0.0
     low, high = 0.0, 1.0
     while high - low > _precision(scenario):
         middle = (low + high) / 2.0
-        low, high = (middle, high) if bears(middle) else (low, middle)
-    return low * around.acceleration
+        low, high = (middle, high) if tolerates(middle) else (low, middle)
+    return low * disturbance.acceleration
 
 
 def _smallest_relaxation(scenario: Scenario, trials: _Trials) -> float | None:
@@ -362,11 +364,11 @@ def _smallest_relaxation(scenario: Scenario, trials: _Trials) -> float | None:
         words = f"acceleration limits {factor:.5g} times as wide"
         return trials.has_plan(lambda: _stronger(scenario, factor), words, near=near)
 
-    return _least_factor(suffices, trials.begun, _precision(scenario))
+    return _least_factor(suffices, trials.feasible, _precision(scenario))
 
 
 def _stronger(scenario: Scenario, factor: float) -> Scenario:
-    """The scenario with every limit on accelerations `factor` times as wide, around zero."""
+    """Return the scenario with every limit on accelerations scaled by `factor` about zero."""
 
     def wider(limits: Limits | None) -> Limits | None:
         if limits is None:

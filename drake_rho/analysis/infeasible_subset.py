@@ -1,8 +1,9 @@
-"""Irreducible infeasible subsets: constraints that cannot be met together, none to spare.
+"""Irreducible infeasible subsets: constraints that conflict, but do not if any one is dropped.
 
-Every row may be broken at a cost, and the least violation is sought. By Farkas' lemma its
-multipliers weigh constraints into a contradiction: those without a multiplier are not needed for
-it. Of those that are left, one after the other is then tried without.
+Every row may be violated at a cost, and the least violation is sought. By Farkas' lemma its
+multipliers combine the constraints into a contradiction: constraints with zero multipliers are not
+needed for it. Each of the remaining constraints is then dropped in turn, and stays dropped if the
+others still conflict.
 """
 
 from __future__ import annotations
@@ -19,32 +20,33 @@ from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.minimum_violation import elastic, elastic_planes
 from drake_rho.scenario.arguments import checked
 
-_NO_PART = 1e-6
-"""Multipliers below this part of the largest one count as zero."""
+_NEGLIGIBLE = 1e-6
+"""Fraction of the largest multiplier below which a multiplier counts as zero."""
 
 
 @checked
 def infeasible_subset(
     error: InfeasibleError, *, solver: Solver | SolverName | None = None
 ) -> dict[str, Names]:
-    """Narrow an error's conflicts down to constraints none of which can be spared.
+    """Narrow an error's conflicts down to irreducible sets of constraints.
 
-    It solves a program for each constraint in a conflict. Conflicts with other vehicles, those of a
-    single step, and a lack of room for the disturbance are told as they are.
+    This solves a program for each constraint in a conflict. Some conflicts are returned as they
+    are: those with other vehicles, those of a single step, and constraints that cannot be tightened
+    enough for the disturbance.
 
     Args:
-        error: as a planner raised it.
+        error: the error that a planner raised.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
 
     Returns:
-        For each vehicle without a plan names of constraints, with axes and times, that cannot be
-        met together; obstacles as linearised around the error's reference.
+        For each vehicle without a plan, the names of constraints, with axes and times, that cannot
+        be met together. Obstacles count as linearised around the error's reference.
 
     Raises:
         SolverError: the solvers fail numerically.
     """
     scenario, backend = error.scenario, Backend.of(solver)
-    if scenario is None or error.bearable is not None:  # no room is no matter of a motion
+    if scenario is None or error.bearable is not None:  # tightening fails for every motion
         return error.conflicts
     problem = finest(scenario)  # as planners try last
     constraints = elastic(problem, problem.linearized(error.reference))
@@ -52,8 +54,8 @@ def infeasible_subset(
     narrowed = {}
     for name, names in error.conflicts.items():
         vehicle = scenario.index_of(name)
-        told = unreachable[vehicle] or 0 in error.obstacles.get(name, ())
-        found = () if told else _irreducible(problem, vehicle, constraints, backend)
+        final = unreachable[vehicle] or 0 in error.obstacles.get(name, ())
+        found = () if final else _irreducible(problem, vehicle, constraints, backend)
         narrowed[name] = found or names
     return narrowed
 
@@ -64,13 +66,13 @@ def _irreducible(
     constraints: Sequence[Constraint],
     backend: Backend,
 ) -> Names:
-    """The subset of one vehicle, in words; empty if nothing is broken beyond its tolerance."""
+    """Return one vehicle's subset, in words; empty if no violation exceeds its tolerance."""
 
     def contradiction(names: Iterable[str]) -> dict[str, HalfSpaces]:
-        """Rows of the constraints of some names that cannot be met together; {} if all can."""
+        """Return conflicting rows of the constraints with these names; {} if there is none."""
         planes = elastic_planes(problem, backend, [vehicle])
-        kept = set(names)
-        planes.keep_to([each for each in constraints if each.name in kept])
+        wanted = set(names)
+        planes.keep_to([each for each in constraints if each.name in wanted])
         return _contradiction(planes, vehicle)
 
     found = contradiction(each.name for each in constraints)
@@ -85,13 +87,13 @@ def _irreducible(
 
 
 def _contradiction(planes: CuttingPlanes, vehicle: int) -> dict[str, HalfSpaces]:
-    """By the name of their constraint, rows with a multiplier; {} if none has to be broken."""
+    """Return rows with a positive multiplier by their constraint's name; {} without violations."""
     parts = planes.working.multipliers(vehicle)
     if not any(np.any(rows.margins(planes.motion) < -rows.tolerances) for rows, _ in parts):
         return {}
     largest = max(float(np.max(y)) for _, y in parts)
     weighed: dict[str, HalfSpaces] = {}
     for rows, y in parts:  # position and velocity of an axis of the goal share a name
-        if np.any(taking_part := y > _NO_PART * largest):
+        if np.any(taking_part := y > _NEGLIGIBLE * largest):
             weighed.setdefault(rows.constraint.name, rows.select(taking_part))
     return weighed

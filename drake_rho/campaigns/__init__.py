@@ -1,1 +1,1 @@
-"""Many runs: studies, the store of what they found, and what it says."""
+"""Campaigns: studies of many runs, the store of their results, and statistics over them."""

@@ -1,7 +1,8 @@
-"""`campaign`: do the runs of a study that are not in its store yet.
+"""`campaign`: carry out the runs of a study that are not in its store yet.
 
-Runs are sent to an executor in chunks of a tenth of a second, so that sending costs little;
-what comes back is written at once. Whenever it is ended, by whatever, the next call goes on.
+Runs are sent to an executor in chunks of about a tenth of a second, which keeps the overhead small.
+Results are written as soon as they come back, so that an interrupted campaign can be continued by
+the next call.
 """
 
 from __future__ import annotations
@@ -21,36 +22,36 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import DrakeRhoError
 
 CHUNK = 0.1
-"""How long the runs of a chunk take together, as far as runs of their kind tell [s]."""
+"""Expected total time of the runs of a chunk, from times of earlier runs of their kinds [s]."""
 
-_MOST_IN_A_CHUNK = 100
-"""Runs."""
+_MAX_CHUNK = 100
+"""Largest number of runs in a chunk."""
 
 _AT_ONCE = 256
-"""Chunks that are submitted at a time to an executor that does not say how many it takes."""
+"""Number of chunks submitted at a time to an executor without an attribute `at_once`."""
 
 _DEATHS_TOGETHER, _DEATHS = 2, 4
-"""Processes that a run may outlive: after so many it is done with no other under way, so that it
-is known whose fault it is, and after so many it is not tried again."""
+"""Numbers of dead worker processes after which a run that was under way in them is tried with no
+other run under way, to see whether it is the cause, and after which it is not tried again."""
 
 
 class CampaignError(DrakeRhoError):
-    """The executor failed, not a run; what was done before is kept."""
+    """Failure of the executor, not of a run; earlier results are kept."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SoFar:
-    """How far a campaign is."""
+    """Progress of a campaign."""
 
     done: int
-    """runs in the store"""
+    """number of runs in the store"""
     failed: int
-    """runs among them that were not solved, or break a constraint"""
+    """number of these that were not solved or violate a constraint"""
     total: int
-    """runs of the study"""
+    """number of runs of the study"""
 
     def __str__(self) -> str:
-        """As in '12 of 100 runs done, 1 failed'."""
+        """Return a text like '12 of 100 runs done, 1 failed'."""
         return f"{self.done} of {self.total} runs done, {self.failed} failed"
 
 
@@ -65,26 +66,26 @@ def campaign(
     executor: Executor | None = None,
     progress: Watch | None = None,
 ) -> Results:
-    """Do the runs of a study that are not in its store yet.
+    """Carry out the runs of a study that are not in its store yet.
 
     Args:
         study: scenarios, methods, repetitions and seed.
-        store: path of an SQLite file, made if it is not there. A study that has grown goes on in
-            the store that it has.
-        executor: where runs are done: any of PEP 3148 whose workers can import this package,
-            `drake_rho.campaigns.workers.Workers`, Dask's by `Client.get_executor()`. If
-            not given, here, one after another.
-        progress: called with how far it is whenever runs were written; `print` will do.
+        store: path of an SQLite file, made if it does not exist. A study to which runs were added
+            continues in its store.
+        executor: executor (PEP 3148) whose workers can import this package, such as
+            `drake_rho.campaigns.workers.Workers`, or Dask's from `Client.get_executor()`. If not
+            given, runs are carried out in this process, one after another.
+        progress: called with the progress so far whenever runs were written; `print` will do.
 
     Returns:
-        What the store holds.
+        The results in the store.
 
     Raises:
-        ScenarioError: a scenario of the study is in a file that cannot be read, or nothing that is
-            drawn of one of its sources is a scenario; nothing is planned then.
-        StoreError: the store is another study's or version's, or cannot be written.
-        CampaignError: the executor failed. What was done before is kept, as it is when the call is
-            interrupted: the same call goes on.
+        ScenarioError: a scenario file of the study cannot be read, or no draw of a source is a
+            valid scenario; nothing is planned then.
+        StoreError: the store belongs to another study or version, or cannot be written.
+        CampaignError: the executor failed. Earlier results are kept, as when the call is
+            interrupted, and the same call continues.
 
     Examples:
         >>> study = rho.Study(
@@ -99,16 +100,16 @@ def campaign(
     """
     study = study.resolved()
     study.check_draws()
-    with Store(store, study) as kept:
-        already = kept.keys()
+    with Store(store, study) as opened:
+        already = opened.keys()
         missing = (run for run in study.runs() if run.key not in already)
-        before = SoFar(len(already), kept.failures(), max(len(study), len(already)))
-        _Campaign(kept, executor or _Here(), progress, before).do(missing)
+        before = SoFar(len(already), opened.failures(), max(len(study), len(already)))
+        _Campaign(opened, executor or _ThisThread(), progress, before).do(missing)
     return Results(store)
 
 
-class _Here(Executor):
-    """Does what is submitted at once, in this thread."""
+class _ThisThread(Executor):
+    """Executor that does immediately, in this thread, what is submitted."""
 
     at_once = 1
 
@@ -123,7 +124,7 @@ Returned = tuple[Chunk, "Future[list[Done]]"]
 
 
 class _Campaign:
-    """Runs under way, and those that have to be done again."""
+    """State of a campaign: runs under way, and those that have to be repeated."""
 
     def __init__(
         self, store: Store, executor: Executor, watch: Watch | None, progress: SoFar
@@ -137,7 +138,7 @@ class _Campaign:
         self.seconds = dict[tuple[str, str], float]()
 
     def do(self, runs: Iterator[Run]) -> None:
-        """Do some runs, and those again whose process died."""
+        """Carry out runs, repeating those whose worker process died."""
         self._watched()
         try:
             chunks = self._chunks(runs)
@@ -150,7 +151,7 @@ class _Campaign:
             raise
 
     def _submit(self, chunks: Iterator[Chunk]) -> bool:
-        """Send chunks as long as more can be under way; whether any was."""
+        """Send chunks as long as more can be under way; return whether any was sent."""
         sent = False
         while len(self.under_way) < self.at_once:
             chunk = next(chunks)
@@ -158,7 +159,7 @@ class _Campaign:
                 break
             self._send(chunk)
             sent = True
-        if not self.under_way and self.suspects:  # by itself
+        if not self.under_way and self.suspects:  # with no other run under way
             self._send([self.suspects.popleft()])
             sent = True
         return sent
@@ -172,10 +173,10 @@ class _Campaign:
         future.add_done_callback(lambda done: self.returned.put((chunk, done)))
 
     def _receive(self, chunk: Chunk, future: Future[list[Done]]) -> None:
-        """Write what has come back, or see to what has not."""
+        """Write the results of a chunk, or handle its failure."""
         self.under_way.discard(future)
         if future.cancelled():
-            expected = "results: has it ended? What was done before is kept"
+            expected = "results: has it been shut down? Earlier results are kept"
             raise CampaignError(f"the executor: got cancelled tasks, expected {expected}")
         if (error := future.exception()) is not None:
             if not _has_died(error):
@@ -197,20 +198,20 @@ class _Campaign:
         self._watched()
 
     def _learn(self, done: Done) -> None:
-        """How long runs of this kind take: the mean, the latest counting most."""
+        """Update the mean time of runs of this kind, weighted towards the latest."""
         row = done.row
         if f"drake-rho {package_version()}," not in row.versions:
-            expected = f"drake_rho {package_version()}, as here"
+            expected = f"drake_rho {package_version()}, as in this process"
             raise CampaignError(f"a worker: got {row.versions}, expected {expected}")
         before = self.seconds.get((row.scenario, row.method), row.run_seconds or 0.0)
         self.seconds[row.scenario, row.method] = 0.9 * before + 0.1 * (row.run_seconds or 0.0)
 
     def _died(self, chunk: Chunk) -> None:
-        """The process that had a chunk is gone, through one of its runs or through none of them."""
+        """Handle the death of a chunk's worker process, which a run may or may not have caused."""
         for run in chunk:
             self.deaths[run.key] += 1
             if self.deaths[run.key] >= _DEATHS:
-                reason = f"its process died, {_DEATHS} times"
+                reason = f"its worker process died {_DEATHS} times"
                 row = row_of(run, status=ERROR, reason=reason, verified=False)
                 self._write([Done(row)])
             elif self.deaths[run.key] >= _DEATHS_TOGETHER:
@@ -219,13 +220,13 @@ class _Campaign:
                 self.again.append(run)
 
     def _chunks(self, runs: Iterator[Run]) -> Iterator[Chunk]:
-        """Runs that take about `CHUNK` together, and by itself what is done again; then empty."""
+        """Yield chunks of about `CHUNK` seconds, runs to repeat one by one, at last empty lists."""
         chunk, seconds = list[Run](), 0.0
         for run in runs:
             while self.again:
                 yield [self.again.popleft()]
             expected = self.seconds.get((run.scenario, run.method), CHUNK)
-            if chunk and (seconds + expected > CHUNK or len(chunk) == _MOST_IN_A_CHUNK):
+            if chunk and (seconds + expected > CHUNK or len(chunk) == _MAX_CHUNK):
                 yield chunk
                 chunk, seconds = [], 0.0
             chunk.append(run)
@@ -236,7 +237,7 @@ class _Campaign:
             yield [self.again.popleft()] if self.again else []
 
     def _keep_returned(self) -> None:
-        """Write what has come back but not been looked at, as far as that is possible."""
+        """Write results that have come back but were not handled, as far as possible."""
         while not self.returned.empty():
             _, future = self.returned.get()
             if not future.cancelled() and future.exception() is None:
@@ -248,13 +249,13 @@ class _Campaign:
 
 
 def _has_died(error: BaseException) -> bool:
-    """Whether a worker process has died, rather than the executor's own machinery.
+    """Return whether an error means that a worker process died, not that the executor failed.
 
-    Dask is not loaded for its name of it.
+    Dask's error is recognised by its name, so that Dask need not be imported.
     """
     return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
 
 
 def _failure(error: BaseException) -> CampaignError:
     words = " ".join(f"{type(error).__name__}: {error}".split())
-    return CampaignError(f"the executor: {words}; what was done before is kept")
+    return CampaignError(f"the executor: {words}; earlier results are kept")

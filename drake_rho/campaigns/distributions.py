@@ -1,4 +1,4 @@
-"""Distributions of a field or parameter, each told apart by its key, as `{uniform: [0, 1]}`."""
+"""Distributions of a field or parameter, each given by its key, as in `{uniform: [0, 1]}`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drake_rho.scenario.fields import Count, Finite, FloatArray, locked, numbers
 
 
 def _pair(value: object) -> FloatArray:
-    """Two numbers, shape (2,), or two lists of as many, shape (2, M)."""
+    """Return two numbers, shape (2,), or two lists of equal lengths, shape (2, M)."""
     rows = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(rows, list | tuple) and len(rows) == 2:
         if not any(isinstance(row, list | tuple | np.ndarray) for row in rows):
@@ -33,38 +33,38 @@ Pair = Annotated[
     ),
     PlainSerializer(np.ndarray.tolist),
 ]
-"""Two numbers, or two vectors, whose entries are then drawn each by itself."""
+"""Two numbers, or two vectors, whose entries are then drawn independently."""
 
 
-class Draws(ABC):
-    """What gives a value as it may stand in a file."""
+class Distribution(ABC):
+    """Distribution of values as they may stand in a file."""
 
     @abstractmethod
     def draw(self, rng: np.random.Generator) -> Any:
-        """A number, a list of numbers, or what else stands in a choice."""
+        """Draw a number, a list of numbers, or an entry of a choice."""
 
 
 @record
-class Uniform(Draws):
-    """Evenly between two values."""
+class Uniform(Distribution):
+    """Uniform distribution between two values."""
 
     uniform: Pair
-    """the lower and the upper end, in the unit of the field"""
+    """lower and upper end, in the unit of the field"""
 
     def __post_init__(self) -> None:
         _check_rising("uniform", self.uniform)
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """A number or a list of numbers."""
+        """Draw a number or a list of numbers."""
         return np.asarray(rng.uniform(*self.uniform)).tolist()
 
 
 @record
-class LogUniform(Draws):
-    """Between two values above 0, its logarithm evenly."""
+class LogUniform(Distribution):
+    """Distribution between two values above 0 whose logarithm is uniform."""
 
     log_uniform: Pair
-    """the lower and the upper end, in the unit of the field"""
+    """lower and upper end, in the unit of the field"""
 
     def __post_init__(self) -> None:
         _check_rising("log_uniform", self.log_uniform)
@@ -72,13 +72,13 @@ class LogUniform(Draws):
             raise ScenarioError("log_uniform", self.log_uniform.tolist(), "numbers above 0")
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """A number or a list of numbers."""
+        """Draw a number or a list of numbers."""
         return np.exp(rng.uniform(*np.log(self.log_uniform))).tolist()
 
 
 @record
-class Normal(Draws):
-    """The normal distribution."""
+class Normal(Distribution):
+    """Normal distribution."""
 
     normal: Pair
     """mean and standard deviation, in the unit of the field"""
@@ -88,34 +88,34 @@ class Normal(Draws):
             raise ScenarioError("normal", self.normal.tolist(), "a deviation of at least 0")
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """A number or a list of numbers."""
+        """Draw a number or a list of numbers."""
         return np.asarray(rng.normal(*self.normal)).tolist()
 
 
 @record
-class Integers(Draws):
-    """Whole numbers, each with the same probability."""
+class Integers(Distribution):
+    """Uniform distribution of integers."""
 
     integers: tuple[Count, Count]
-    """the least and the greatest, both included"""
+    """least and greatest integer, both included"""
 
     def __post_init__(self) -> None:
         _check_rising("integers", np.array(self.integers))
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """A whole number."""
+        """Draw an integer."""
         return int(rng.integers(*self.integers, endpoint=True))
 
 
 @record
-class Choice(Draws):
-    """One of a list, each with the same probability."""
+class Choice(Distribution):
+    """Choice from a list, each entry with the same probability."""
 
     choice: Annotated[tuple[Any, ...], Field(min_length=1)]
     """values as they may stand in the field"""
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """One of the values."""
+        """Draw one of the values."""
         return self.choice[int(rng.integers(len(self.choice)))]
 
 
@@ -124,7 +124,7 @@ def _check_rising(field: str, pair: FloatArray) -> None:
         raise ScenarioError(field, pair.tolist(), "the lower end first")
 
 
-_KINDS: dict[str, type[Draws]] = {
+_KINDS: dict[str, type[Distribution]] = {
     "uniform": Uniform,
     "log_uniform": LogUniform,
     "normal": Normal,
@@ -134,7 +134,7 @@ _KINDS: dict[str, type[Draws]] = {
 
 
 def _kind(value: object) -> str:
-    """The name of the record that a value is, or that the key of a mapping tells."""
+    """Return the name of the record that a value is, or that a mapping's key denotes."""
     if isinstance(value, Mapping):
         found = next((_KINDS[key] for key in value if key in _KINDS), None)
         if found is None:
@@ -145,14 +145,14 @@ def _kind(value: object) -> str:
 
 
 def is_distribution(value: object) -> bool:
-    """Whether a value is a distribution, or a mapping with the key of one."""
+    """Return whether a value is a distribution, or a mapping with the key of one."""
     if isinstance(value, Mapping):
         return any(key in _KINDS for key in value)
-    return isinstance(value, Draws)
+    return isinstance(value, Distribution)
 
 
 if TYPE_CHECKING:
-    AnyDistribution = Draws
+    AnyDistribution = Distribution
 else:
     AnyDistribution = Annotated[
         Annotated[Uniform, Tag("Uniform")]
@@ -162,4 +162,4 @@ else:
         | Annotated[Choice, Tag("Choice")],
         Discriminator(_kind),
     ]
-"""One of the distributions, told apart by its key."""
+"""One of the distributions, distinguished by its key."""

@@ -1,4 +1,4 @@
-"""Functions by their names, as `package.module:function`: planners that are not of this package."""
+"""Planners from outside this package, named as `package.module:function`."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from drake_rho.scenario.errors import ScenarioError
 
 
 def name_of(value: object) -> object:
-    """The name of a function; anything else as it is."""
+    """Return the name of a function; any other value is returned unchanged."""
     if inspect.isroutine(value):
         return f"{value.__module__}:{value.__qualname__}"
     return value
 
 
 def named(name: str) -> Callable[..., Any]:
-    """The function of a name, its module imported.
+    """Return the function with a name, after importing its module.
 
     Raises:
-        ScenarioError: there is none, or its module cannot be imported.
+        ScenarioError: there is no such function, or its module cannot be imported.
     """
     expected = "a function that can be imported, as package.module:function"
     try:
@@ -36,10 +36,10 @@ def named(name: str) -> Callable[..., Any]:
 
 
 def check_arguments(function: Callable[..., Any], arguments: Mapping[str, object]) -> None:
-    """See that a function takes a scenario and some arguments by name.
+    """Check that a function accepts a scenario and arguments by name.
 
     Raises:
-        ScenarioError: it does not.
+        ScenarioError: the function does not accept them.
     """
     try:
         inspect.signature(function).bind(None, **arguments)

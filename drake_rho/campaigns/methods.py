@@ -1,4 +1,4 @@
-"""How the scenarios of a study are planned or flown."""
+"""Methods by which the scenarios of a study are planned or flown."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import BeforeValidator, Field, JsonValue
 
 from drake_rho.analysis.certificate import certify
-from drake_rho.campaigns.blowing import AnyWind
+from drake_rho.campaigns.evaluation import Evaluation, evaluate
 from drake_rho.campaigns.functions import check_arguments, name_of, named
-from drake_rho.campaigns.judgement import Judgement, judge
+from drake_rho.campaigns.wind_models import AnyWind
 from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.constraints.separation import CouplingName
@@ -43,51 +43,51 @@ _WINDOWS: dict[str, tuple[Any, Any]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """What a method found for one scenario."""
+    """Result of a method for one scenario."""
 
     planned: Planned
-    """itself"""
-    judgement: Judgement
-    """how good it is"""
+    """plan, flight or simulation"""
+    evaluation: Evaluation
+    """evaluation of it by `verify`"""
     seconds: float
-    """what it took to plan or fly, before it was judged [s]"""
+    """time to plan or fly [s]"""
     verify_seconds: float
-    """what it took to judge it [s]"""
+    """time to verify [s]"""
     bound: float | None = None
-    """no plan costs less [m²/s⁴]; None if it was not asked for"""
+    """lower bound on the cost of every plan [m²/s⁴]; None if it was not requested"""
 
 
-class Runs(ABC):
-    """What every method can do."""
+class Method(ABC):
+    """Base class of all methods."""
 
     name: str
 
     @abstractmethod
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
-        """Plan or fly a scenario, with chance from a generator.
+        """Plan or fly a scenario, with randomness from a generator.
 
         Raises:
-            InfeasibleError: there is no plan, or none was found.
+            InfeasibleError: no plan exists, or none was found.
             SolverError: the solvers fail numerically.
         """
 
 
 @record
-class ByPlan(Runs):
-    """In one piece by `drake_rho.plan`, the best plan found."""
+class ByPlan(Method):
+    """Planning of the whole flight by `drake_rho.plan`."""
 
     name: Name
-    """in tables and figures"""
+    """name of the method in tables and figures"""
     planner: Literal["plan"]
-    """which function of this package"""
+    """name of the planner"""
     coupling: CouplingName | None = None
-    """how pairs are kept apart; by the size of the fleet if not given"""
+    """coupling of vehicles by their separation; chosen by the size of the fleet if not given"""
     options: Options | None = None
     """tolerances and bounds"""
     solver: SolverName = "clarabel"
-    """of the quadratic programs"""
+    """solver of the quadratic programs"""
     certify: bool = False
-    """whether a lower bound of the cost is found too, which takes longer than the plan"""
+    """whether to compute a lower bound of the cost, too, which takes longer than the plan"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Plan one scenario."""
@@ -96,19 +96,19 @@ class ByPlan(Runs):
 
 
 @record
-class ByPlanConvex(Runs):
-    """In one piece by `drake_rho.plan_convex`, the paper's convex method."""
+class ByPlanConvex(Method):
+    """Planning of the whole flight by `drake_rho.plan_convex`, the paper's convex method."""
 
     name: Name
-    """in tables and figures"""
+    """name of the method in tables and figures"""
     planner: Literal["plan_convex"]
-    """which function of this package"""
+    """name of the planner"""
     steps: tuple[Positive, ...] = ()
-    """further steps to try if there is no plan [s]"""
+    """further steps of the grid to try if there is no plan [s]"""
     solver: SolverName = "clarabel"
-    """of the quadratic programs"""
+    """solver of the quadratic programs"""
     certify: bool = False
-    """whether a lower bound of the cost is found too, which takes longer than the plan"""
+    """whether to compute a lower bound of the cost, too, which takes longer than the plan"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Plan one scenario."""
@@ -117,23 +117,24 @@ class ByPlanConvex(Runs):
 
 
 @record
-class ByPlanRho(Runs):
-    """With a receding horizon by `drake_rho.plan_rho`."""
+class ByPlanRho(Method):
+    """Planning with a receding horizon by `drake_rho.plan_rho`."""
 
     name: Name
-    """in tables and figures"""
+    """name of the method in tables and figures"""
     planner: Literal["plan_rho"]
-    """which function of this package"""
+    """name of the planner"""
     replan_every: ReplanEvery = 5
-    """steps flown of each window"""
+    """number of steps flown of each window"""
     windows: Literal["auto", "convex", "scp"] = "auto"
-    """how they are planned: by `plan_convex`, by `plan`, or by the one where the other fails"""
+    """planner of windows: convex is `plan_convex`, scp is `plan`, and auto is `plan` where
+    `plan_convex` fails"""
     reference: Literal["free", "tail"] | None = None
-    """what windows are linearised around; as `plan_rho` does if not given"""
+    """reference around which windows are linearised; the default of `plan_rho` if not given"""
     solver: SolverName = "clarabel"
-    """of the quadratic programs"""
+    """solver of the quadratic programs"""
     certify: bool = False
-    """whether a lower bound of the cost is found too, which takes longer than the flight"""
+    """whether to compute a lower bound of the cost, too, which takes longer than the flight"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Plan one flight."""
@@ -150,24 +151,25 @@ class ByPlanRho(Runs):
 
 
 @record
-class BySimulate(Runs):
-    """With a receding horizon and feedback in wind, as `drake_rho.simulate` flies it."""
+class BySimulate(Method):
+    """Simulation with a receding horizon and feedback in wind, as by `drake_rho.simulate`."""
 
     name: Name
-    """in tables and figures"""
+    """name of the method in tables and figures"""
     planner: Literal["simulate"]
-    """which function of this package"""
+    """name of the planner"""
     replan_every: ReplanEvery = 5
-    """steps flown of each window"""
+    """number of steps flown of each window"""
     windows: Literal["auto", "convex", "scp"] = "auto"
-    """how they are planned: by `plan_convex`, by `plan`, or by the one where the other fails"""
+    """planner of windows: convex is `plan_convex`, scp is `plan`, and auto is `plan` where
+    `plan_convex` fails"""
     wind: AnyWind | None = None
-    """none if not given"""
+    """model of the wind; no wind if not given"""
     plant: Literal["quadrotor"] | None = None
-    """Drake's quadrotor with a controller; point masses if not given, which are flown exactly and
+    """Drake's quadrotor with a controller; if not given, point masses, which are flown exactly and
     without Drake's simulator"""
     estimates: bool = True
-    """whether estimates of the states err, as far as the scenario's disturbance says"""
+    """whether estimated states have errors, within the bounds of the scenario's disturbance"""
 
     def run(self, scenario: Scenario, rng: np.random.Generator) -> Found:
         """Fly one scenario."""
@@ -184,24 +186,24 @@ class BySimulate(Runs):
             wind=wind,
             rng=estimate_rng if self.estimates else None,
         )
-        return _judged(simulation, time.perf_counter() - began)
+        return _evaluated(simulation, time.perf_counter() - began)
 
 
 @record
-class ByFunction(Runs):
-    """By a function of one's own, so that other planners are compared, and judged alike."""
+class ByFunction(Method):
+    """Planning by a function from outside this package, verified in the same way."""
 
     name: Name
-    """in tables and figures"""
+    """name of the method in tables and figures"""
     planner: Literal["function"]
-    """that it is one"""
+    """kind of the method"""
     function: Annotated[str, BeforeValidator(name_of)]
-    """its name, as package.module:function, or in Python the function itself; called with the
-    scenario and the arguments, it returns a plan, a flight or a simulation of it"""
+    """name of the function as package.module:function, or in Python the function itself. It is
+    called with the scenario and the arguments and returns a plan, a flight or a simulation"""
     arguments: dict[str, JsonValue] = dataclasses.field(default_factory=dict)
-    """further ones, by name"""
+    """further arguments of the function, by name"""
     certify: bool = False
-    """whether a lower bound of the cost is found too, which takes longer than the plan"""
+    """whether to compute a lower bound of the cost, too, which takes longer than the plan"""
 
     def __post_init__(self) -> None:
         check_arguments(named(self.function), self.arguments)
@@ -214,28 +216,28 @@ class ByFunction(Runs):
         if not isinstance(planned, Planned):
             kind = type(planned).__name__
             raise TypeError(f"{self.function}: got {kind}, expected a plan, flight or simulation")
-        if planned.scenario != scenario:  # it would be judged by another one
+        if planned.scenario != scenario:  # else it would be verified against another scenario
             raise ValueError(f"{self.function}: got a plan of another scenario, expected of this")
-        return _judged(planned, seconds, self.certify)
+        return _evaluated(planned, seconds, self.certify)
 
 
 AnyMethod = Annotated[
     ByPlan | ByPlanConvex | ByPlanRho | BySimulate | ByFunction, Field(discriminator="planner")
 ]
-"""One of the methods, told apart by its planner."""
+"""One of the methods, distinguished by its planner."""
 
 
 def _found(work: Callable[..., Plan | Flight], solver: SolverName, bounded: bool) -> Found:
-    """Do some planning with a solver, and judge what comes of it."""
+    """Plan with a solver and evaluate the result."""
     planned = work(solver=solver)
-    return _judged(planned, planned.statistics.seconds, bounded)
+    return _evaluated(planned, planned.statistics.seconds, bounded)
 
 
-def _judged(planned: Planned, seconds: float, bounded: bool = False) -> Found:
-    """What took some seconds, with its judgement, and a bound if it is wanted."""
+def _evaluated(planned: Planned, seconds: float, bounded: bool = False) -> Found:
+    """Return a result with its evaluation and, if `bounded`, a lower bound of the cost."""
     began = time.perf_counter()
-    judgement = judge(planned)
+    evaluation = evaluate(planned)
     verify_seconds = time.perf_counter() - began
     flight = planned.flight if isinstance(planned, Simulation) else planned
     bound = certify(flight).lower_bound if bounded else None
-    return Found(planned, judgement, seconds, verify_seconds, bound)
+    return Found(planned, evaluation, seconds, verify_seconds, bound)

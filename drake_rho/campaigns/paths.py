@@ -1,4 +1,4 @@
-"""Fields of a scenario by their paths, written as errors name them: `vehicles[0].start.position`.
+"""Fields of a scenario by their paths, as in error messages: `vehicles[0].start.position`.
 
 A path may end inside a vector, as in `vehicles[0].start.position[2]`.
 """
@@ -20,45 +20,45 @@ _PART = re.compile(r"\[(\d+)\]|(\w+)")
 
 
 def put(content: Any, path: str, value: object) -> None:
-    """Put a value into nested mappings and lists, where there is one already.
+    """Replace the value of an existing field in nested mappings and lists.
 
     Args:
-        content: a scenario as mappings and lists, every field in it, absent ones as None.
-        path: of the field.
-        value: as it may stand in a file.
+        content: scenario as mappings and lists with every field, absent ones as None.
+        path: path of the field.
+        value: new value, as it may stand in a file.
 
     Raises:
         ScenarioError: there is no such field.
     """
-    around, last = _place(content, path)
-    around[last] = value
+    parent, last = _place(content, path)
+    parent[last] = value
 
 
 def add(content: Any, path: str, value: object) -> None:
-    """Add an offset to the number, or the list of numbers, that stands at a path.
+    """Add an offset to a field that is a number or a list of numbers.
 
     Args:
-        content: a scenario as mappings and lists, every field in it, absent ones as None.
-        path: of the field.
-        value: a number, or a list of as many numbers as stand there; a number is not added to a
+        content: scenario as mappings and lists with every field, absent ones as None.
+        path: path of the field.
+        value: a number, or a list with as many numbers as the field; a number is not added to a
             list.
 
     Raises:
-        ScenarioError: there is no such field, or what stands there cannot be added to.
+        ScenarioError: there is no such field, or nothing can be added to its value.
     """
-    around, last = _place(content, path)
-    before, offset = (_numbers(each) for each in (around[last], value))
+    parent, last = _place(content, path)
+    before, offset = (_numbers(each) for each in (parent[last], value))
     if before is None:
-        expected = f"the path of a number or of a list of numbers; {around[last]!r} stands there"
+        expected = f"the path of a number or of a list of numbers; {parent[last]!r} stands there"
         raise ScenarioError("", path, expected)
     if offset is None or offset.shape != before.shape:
         kind = "a number" if before.ndim == 0 else f"a list of {len(before)} numbers"
-        raise ScenarioError(path, value, f"{kind}, as what it is added to")
-    around[last] = (before + offset).tolist()
+        raise ScenarioError(path, value, f"{kind}, as the field to which it is added")
+    parent[last] = (before + offset).tolist()
 
 
 def _numbers(value: object) -> NDArray[Any] | None:
-    """A number or a list of them as an array; None if it is neither."""
+    """Return a number or a list of numbers as an array; None if the value is neither."""
     entries = value if isinstance(value, list) else [value]
     if any(isinstance(each, bool) or not isinstance(each, int | float) for each in entries):
         return None
@@ -66,7 +66,7 @@ def _numbers(value: object) -> NDArray[Any] | None:
 
 
 def _place(content: Any, path: str) -> tuple[Any, Any]:
-    """The mapping or list that holds a field, and the field's name or number in it.
+    """Return the mapping or list that holds a field, and the field's name or number in it.
 
     Raises:
         ScenarioError: there is no such field.
@@ -83,10 +83,10 @@ def _place(content: Any, path: str) -> tuple[Any, Any]:
 
 
 def _at(content: Any, part: str | int, path: str, walked: str) -> Any:
-    """The content, which has such a part.
+    """Return the content after checking that it has a part with this name or number.
 
     Raises:
-        ScenarioError: it does not.
+        ScenarioError: there is no such part.
     """
     where = walked or "the scenario"
     if isinstance(part, str) and isinstance(content, Mapping):

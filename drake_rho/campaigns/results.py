@@ -1,4 +1,4 @@
-"""`Results`: what a store says, as a frame, as a file, and in short."""
+"""`Results`: contents of a store as a frame, as a file, and as a summary."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
     from drake_rho.motion.simulation import Simulation
 
 ENDINGS = (".csv", ".parquet")
-"""Of the files that `Results.export` writes."""
+"""Endings of the files that `Results.export` writes."""
 
 
 @dataclasses.dataclass(frozen=True)
 class _Columns:
-    """What the summary is made of, run by run."""
+    """Columns from which the summary is computed, run by run."""
 
-    pair: IntArray  # number of the scenario's source times methods, plus that of the method
+    pair: IntArray  # index of the source times the number of methods, plus index of the method
     repetition: IntArray
     verified: BoolArray
     cost: FloatArray
@@ -53,13 +53,13 @@ class _Columns:
 
 
 class Results:
-    """What a store holds; prints as tables.
+    """Results in a store; prints as tables.
 
     Args:
-        path: of the store.
+        path: path of the store.
 
     Raises:
-        StoreError: there is no such file, or it is no store.
+        StoreError: there is no such file, or it is not a store.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -68,14 +68,14 @@ class Results:
             found = connection.execute("SELECT study FROM study").fetchone()
             (self.runs,) = connection.execute("SELECT count(*) FROM runs").fetchone()
         if found is None:
-            raise StoreError(f"{self.path}: got no study, expected that of which the runs are")
+            raise StoreError(f"{self.path}: got no study, expected the study of the runs")
         content = json.loads(found[0])
         self.study: str = content["name"]
         self.scenarios: tuple[str, ...] = tuple(each["name"] for each in content["scenarios"])
         self.methods: tuple[str, ...] = tuple(each["name"] for each in content["methods"])
 
     def frame(self) -> pd.DataFrame:
-        """All rows as a pandas frame, one a run (extra `results`).
+        """Return a pandas frame with one row for each run (extra `results`).
 
         Raises:
             ImportError: pandas is not installed.
@@ -87,21 +87,22 @@ class Results:
         return frame.astype({"verified": bool, "vehicles": "Int64", "programs": "Int64"})
 
     def rows(self) -> Iterator[Row]:
-        """All rows as records, in the order in which they were written."""
+        """Yield all rows as records, in the order in which they were written."""
         query = f"SELECT {', '.join(COLUMNS)} FROM runs ORDER BY rowid"  # noqa: S608
         with reading(self.path) as connection:
             for values in connection.execute(query):
-                told = dict(zip(COLUMNS, values, strict=True))
-                yield Row(**(told | {"verified": bool(told["verified"])}))
+                row = dict(zip(COLUMNS, values, strict=True))
+                yield Row(**(row | {"verified": bool(row["verified"])}))
 
     def export(self, path: str | Path) -> None:
-        """Write all rows, one a run, whole or not at all.
+        """Write one row for each run, completely or not at all.
 
         Args:
-            path: of the file; its ending says the format: `.csv`, or `.parquet` (extra `results`).
+            path: path of the file; its ending determines the format: `.csv`, or `.parquet` (extra
+                `results`).
 
         Raises:
-            ValueError: the ending is another one.
+            ValueError: the path has another ending.
             OSError: the file cannot be written.
             ImportError: for Parquet, pandas or pyarrow is not installed.
         """
@@ -120,10 +121,10 @@ class Results:
             text.detach()
 
     def plan(self, key: str) -> Plan | Flight | Simulation:
-        """What a run has planned or flown, if the study keeps plans.
+        """Return the plan, flight or simulation of a run, if the study keeps plans.
 
         Raises:
-            StoreError: it was not kept, or there is none.
+            StoreError: the run has no plan, or plans were not kept.
         """
         with reading(self.path) as connection:
             found = connection.execute("SELECT content FROM plans WHERE key = ?", (key,)).fetchone()
@@ -136,7 +137,7 @@ class Results:
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
-        """Each method on each source of scenarios, as far as there are runs."""
+        """Summaries of each method on each source of scenarios that have runs."""
         columns, found = self._columns, list[Group]()
         for number in range(len(self.scenarios) * len(self.methods)):
             here = columns.pair == number
@@ -157,7 +158,7 @@ class Results:
 
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
-        """Runs without a plan that holds, by method and status, the most frequent first."""
+        """Runs without a verified plan, by method and status, the most frequent first."""
         found = dict[tuple[str, str], Counter[str]]()
         columns = "method, status, reason"
         query = f"SELECT {columns}, count(*) FROM runs WHERE NOT verified GROUP BY {columns}"  # noqa: S608
@@ -172,7 +173,7 @@ class Results:
 
     @cached_property
     def comparisons(self) -> tuple[Comparison, ...]:
-        """Every other method compared with the first, on each source and on all of them."""
+        """Comparisons of every other method with the first, on each source and on all sources."""
         others = [each for each in self.methods if each != self.methods[0]]
         sources = [*self.scenarios, ""] if len(self.scenarios) > 1 else self.scenarios
         found = [
@@ -183,15 +184,15 @@ class Results:
         return tuple(each for each in found if each is not None)
 
     def compare(self, method: str, base: str, scenario: str = "") -> Comparison | None:
-        """Two methods on the runs that both have done; None if there are none.
+        """Compare two methods on their common runs; None if there are none.
 
         Args:
-            method: name of one.
-            base: name of the other.
-            scenario: name of a source; all if not given.
+            method: name of the method.
+            base: name of the method to compare with.
+            scenario: name of a source; all sources if not given.
 
         Raises:
-            ValueError: there is no such name.
+            ValueError: there is no method or source of this name.
         """
         for field, name, known in (
             ("method", method, self.methods),
@@ -212,24 +213,24 @@ class Results:
         )
 
     def seconds_of(self, method: str) -> FloatArray:
-        """Planning times of the runs of a method whose plan holds, ascending [s], shape (M,)."""
+        """Return planning times of a method's M verified runs, ascending [s], shape (M,)."""
         columns, j = self._columns, self.methods.index(method)
         here = (columns.pair % len(self.methods) == j) & columns.verified
         return np.sort(columns.seconds[here])
 
     def cost_ratios(self, method: str, base: str) -> FloatArray:
-        """Costs over those of a base where both hold, ascending, shape (M,)."""
+        """Return cost ratios of a method to a base where both are verified, ascending, (M,)."""
         ones, others = self._paired(method, base, "")
         columns = self._columns
         both = columns.verified[ones] & columns.verified[others] & (columns.cost[others] > 0.0)
         return np.sort(columns.cost[ones][both] / columns.cost[others][both])
 
     def runs_of(self, method: str) -> int:
-        """How many runs of a method there are."""
+        """Return the number of runs of a method."""
         return int(np.sum(self._columns.pair % len(self.methods) == self.methods.index(method)))
 
     def to_json(self) -> dict[str, Any]:
-        """The summary as mappings, lists and values; what is not known is None."""
+        """Return the summary as mappings, lists and values; unknown values are None."""
         groups = [
             dataclasses.asdict(each)
             | {"rate": each.success.rate, "interval_95": list(each.success.interval)}
@@ -256,15 +257,15 @@ class Results:
         return tables(title, self.groups, self.failures, self.comparisons)
 
     def _paired(self, method: str, base: str, scenario: str) -> tuple[IntArray, IntArray]:
-        """Places of the runs of two methods on the same scenario and seed, shape (M,) each."""
+        """Return indices of two methods' runs on the same scenarios and seeds, shape (M,) each."""
         columns, count = self._columns, len(self.methods)
         source, j = np.divmod(columns.pair, count)
         place = source * (columns.repetition.max(initial=0) + 1) + columns.repetition
-        asked = np.full(len(place), True)
+        selected = np.full(len(place), True)
         if scenario:
-            asked = source == self.scenarios.index(scenario)
+            selected = source == self.scenarios.index(scenario)
         ones, others = (
-            np.flatnonzero(asked & (j == self.methods.index(name))) for name in (method, base)
+            np.flatnonzero(selected & (j == self.methods.index(name))) for name in (method, base)
         )
         _, first, second = np.intersect1d(place[ones], place[others], return_indices=True)
         return ones[first], others[second]

@@ -1,4 +1,4 @@
-"""One run: a pure function of what is asked, how, and a seed; whatever comes of it is a row."""
+"""Runs: pure functions of a scenario's source, a method and a seed, each with one row as result."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from drake_rho.campaigns.memory import peak
-from drake_rho.campaigns.methods import AnyMethod, Found, Runs
+from drake_rho.campaigns.memory import peak_memory
+from drake_rho.campaigns.methods import AnyMethod, Found, Method
 from drake_rho.campaigns.sources import AnySource
 from drake_rho.motion.files import save
 from drake_rho.motion.threads import one_for_arrays
@@ -28,33 +28,33 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
 
 SOLVED, INFEASIBLE, FAILED, INVALID, ERROR = "solved", "infeasible", "failed", "invalid", "error"
-"""What becomes of a run: planned or flown; without a plan; given up by the solvers; not a scenario
-that makes sense, as it was drawn; and anything else."""
+"""Status of a run: planned or flown; no plan; failure of the solvers; draw that is not a valid
+scenario; any other error."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """What is to be done, in a form that is quick to send."""
+    """Task of one run, in a form that is quick to send."""
 
     key: str
-    """hash of all that the result depends on"""
+    """hash of everything that the result depends on"""
     scenario: str
     """name of the source"""
     method: str
     """name of the method"""
     source_json: str
-    """the source"""
+    """source as JSON"""
     method_json: str
-    """the method"""
+    """method as JSON"""
     seed: tuple[int, int, int]
-    """the study's, the number of the source, and of the repetition, both from 0"""
+    """seed of the study, number of the source, and number of the repetition, both from 0"""
     keep: bool = False
-    """whether the plan is wanted too"""
+    """whether to keep the plan"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Row:
-    """What came of a run: a row of the table `runs`."""
+    """Result of a run: a row of the table `runs`."""
 
     key: str
     """hash of the scenario's source, the method and the seed"""
@@ -63,71 +63,72 @@ class Row:
     method: str
     """name of the method"""
     repetition: int
-    """from 0"""
+    """number of the repetition, from 0"""
     seed: str
     """entropy and spawn key of the seed sequence, as 0/2/17"""
     status: str
     """solved, infeasible, failed (the solvers), invalid (what was drawn), or error"""
     reason: str
-    """why not solved, or what is broken; empty if all is well"""
+    """why the run was not solved, or the constraint with the worst violation; else empty"""
     verified: bool
     """whether it was solved and every constraint holds"""
     vehicles: int | None = None
-    """how many"""
+    """number of vehicles"""
     cost: float | None = None
-    """f (13), the paper's index [m²/s⁴]"""
+    """cost f (13), the paper's performance index [m²/s⁴]"""
     bound: float | None = None
-    """no plan costs less [m²/s⁴]"""
+    """lower bound on the cost of every plan [m²/s⁴]"""
     obstacle_clearance: float | None = None
-    """how much further from obstacles than asked, at the least [m]"""
+    """least distance from an obstacle beyond the required distance [m]"""
     separation_clearance: float | None = None
-    """how much further from each other than asked, at the least [m]"""
+    """least distance between vehicles beyond the required separation [m]"""
     tube_share: float | None = None
-    """of a simulation: the largest error of the position over the largest radius of its tube"""
+    """for a simulation, the largest ratio of position error to tube radius"""
     programs: int | None = None
-    """quadratic programs that were solved"""
+    """number of quadratic programs solved"""
     plan_seconds: float | None = None
-    """what it took to plan or fly, or until that failed [s]"""
+    """time to plan or fly, or until that failed [s]"""
     verify_seconds: float | None = None
-    """what it took to judge that [s]"""
+    """time to verify [s]"""
     run_seconds: float | None = None
-    """what the whole run took, making the scenario and judging included [s]"""
+    """time of the whole run, including drawing the scenario and verification [s]"""
     megabytes: float | None = None
-    """the most memory that the process had taken when it had planned and judged [MB]"""
+    """peak memory of the process after planning and verification [MB]"""
     finished: str
-    """when, in coordinated universal time"""
+    """time at which the run finished, in UTC"""
     versions: str
-    """of what computed it"""
+    """versions of the packages that computed it"""
 
 
 MEASURED = ("plan_seconds", "verify_seconds", "run_seconds", "megabytes", "finished")
-"""The columns that may be others when a run is repeated: times and memory."""
+"""Columns that may differ when a run is repeated: times and memory."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Done:
-    """A run's row, and its plan if it is kept."""
+    """Row of a finished run, and its plan if it is kept."""
 
     row: Row
     plan: bytes | None = None
 
 
 def run_keys(source: str, method: str, seed: int, index: int) -> Callable[[int], str]:
-    """The keys of runs that differ in their repetition only, as a function of it."""
-    begun = hashlib.sha256(json.dumps([source, method, seed, index]).encode())
+    """Return the keys of runs that differ in their repetition only, as a function of it."""
+    prefix = hashlib.sha256(json.dumps([source, method, seed, index]).encode())
 
     def key(repetition: int) -> str:
-        ended = begun.copy()
-        ended.update(b"%d" % repetition)
-        return ended.hexdigest()[:32]
+        digest = prefix.copy()
+        digest.update(b"%d" % repetition)
+        return digest.hexdigest()[:32]
 
     return key
 
 
 def generators(seed: tuple[int, int, int]) -> tuple[np.random.Generator, np.random.Generator]:
-    """Where a scenario comes from, and all chance in its flight: the same for all methods.
+    """Return the generators that draw a scenario and the randomness of its flight.
 
-    As `SeedSequence(entropy).spawn` and `spawn` again do, for the source and the repetition.
+    They are the same for all methods. Their seeds are those of `SeedSequence(entropy)` after
+    `spawn` for the source and `spawn` again for the repetition.
     """
     entropy, *place = seed
     of_the_run = np.random.SeedSequence(entropy, spawn_key=tuple(place))
@@ -136,41 +137,41 @@ def generators(seed: tuple[int, int, int]) -> tuple[np.random.Generator, np.rand
 
 
 def do_all(runs: Sequence[Run], attempt: int = 0) -> list[Done]:
-    """Do some runs one after another, with one thread for the arithmetic.
+    """Carry out runs one after another, with one thread for the arithmetic.
 
     Args:
-        runs: what is to be done.
-        attempt: how often it was tried before, so that no executor takes it for the same task.
+        runs: the runs.
+        attempt: number of earlier attempts, which keeps executors from merging equal tasks.
     """
     with one_for_arrays():
         return [do(run) for run in runs]
 
 
 def do(run: Run) -> Done:
-    """Do one run. Whatever goes wrong in it is told in its row."""
+    """Carry out one run. Any error in it is reported in its row."""
     began = time.perf_counter()
-    told: dict[str, Any] = {"status": SOLVED, "reason": "", "verified": False}
+    columns: dict[str, Any] = {"status": SOLVED, "reason": "", "verified": False}
     plan = None
     try:
-        chance, later = generators(run.seed)
-        scenario = _drawn(run, chance, told)
+        of_scenario, of_flight = generators(run.seed)
+        scenario = _drawn(run, of_scenario, columns)
         if scenario is not None:
             method = _method(run.method_json)
-            with _measured(told):
-                found = method.run(scenario, later)
-            told |= _told(found)
+            with _measured(columns):
+                found = method.run(scenario, of_flight)
+            columns |= _columns(found)
             plan = _packed(found) if run.keep else None
     except InfeasibleError as error:
-        told |= {"status": INFEASIBLE, "reason": _words(error)}
+        columns |= {"status": INFEASIBLE, "reason": _words(error)}
     except (SolverError, OutOfTimeError) as error:
-        told |= {"status": FAILED, "reason": _words(error)}
+        columns |= {"status": FAILED, "reason": _words(error)}
     except Exception as error:  # one run must not end the others
-        told |= {"status": ERROR, "reason": f"{type(error).__name__}: {_words(error)}"}
-    return Done(row_of(run, **told, run_seconds=time.perf_counter() - began), plan)
+        columns |= {"status": ERROR, "reason": f"{type(error).__name__}: {_words(error)}"}
+    return Done(row_of(run, **columns, run_seconds=time.perf_counter() - began), plan)
 
 
-def row_of(run: Run, **told: Any) -> Row:
-    """The row of a run of which some columns are known."""
+def row_of(run: Run, **columns: Any) -> Row:
+    """Return the row of a run with the given columns; others keep their defaults."""
     return Row(
         key=run.key,
         scenario=run.scenario,
@@ -179,13 +180,13 @@ def row_of(run: Run, **told: Any) -> Row:
         seed="/".join(map(str, run.seed)),
         finished=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         versions=versions(),
-        **told,
+        **columns,
     )
 
 
 @cache
 def versions() -> str:
-    """Versions of what a result depends on, as one line."""
+    """Return the versions of the packages that a result depends on, as one line."""
     packages = ("drake-rho", "drake", "numpy", "scipy")
     found = [f"{package} {importlib.metadata.version(package)}" for package in packages]
     return ", ".join([*found, f"Python {platform.python_version()}"])
@@ -193,28 +194,31 @@ def versions() -> str:
 
 @cache
 def package_version() -> str:
-    """That of drake_rho."""
+    """Return the version of drake_rho."""
     return importlib.metadata.version("drake-rho")
 
 
-def _drawn(run: Run, chance: np.random.Generator, told: dict[str, Any]) -> Scenario | None:
-    """The scenario of a run; None, and why is told, if what was drawn makes none."""
+def _drawn(run: Run, rng: np.random.Generator, columns: dict[str, Any]) -> Scenario | None:
+    """Draw the scenario of a run.
+
+    If it is not valid, the reason is noted in `columns` and None is returned.
+    """
     try:
-        scenario: Scenario = _source(run.source_json).drawn(chance)
+        scenario: Scenario = _source(run.source_json).drawn(rng)
     except ScenarioError as error:
-        told |= {"status": INVALID, "reason": _words(error)}
+        columns |= {"status": INVALID, "reason": _words(error)}
         return None
-    told["vehicles"] = len(scenario.vehicles)
+    columns["vehicles"] = len(scenario.vehicles)
     return scenario
 
 
-def _told(found: Found) -> dict[str, Any]:
-    judged = dataclasses.asdict(found.judgement)
-    broken = judged.pop("broken")
+def _columns(found: Found) -> dict[str, Any]:
+    evaluation = dataclasses.asdict(found.evaluation)
+    violated = evaluation.pop("violated")
     return {
-        **judged,
-        "reason": broken,
-        "verified": not broken,
+        **evaluation,
+        "reason": violated,
+        "verified": not violated,
         "bound": found.bound,
         "plan_seconds": found.seconds,
         "verify_seconds": found.verify_seconds,
@@ -222,17 +226,17 @@ def _told(found: Found) -> dict[str, Any]:
 
 
 @contextmanager
-def _measured(told: dict[str, Any]) -> Iterator[None]:
-    """Tell how long a block takes, which is all that is known where it fails, and the memory."""
+def _measured(columns: dict[str, Any]) -> Iterator[None]:
+    """Note in `columns` how long a block takes, even if it fails, and the peak memory."""
     began = time.perf_counter()
     try:
         yield
     finally:
-        told |= {"plan_seconds": time.perf_counter() - began, "megabytes": peak()}
+        columns |= {"plan_seconds": time.perf_counter() - began, "megabytes": peak_memory()}
 
 
 def _packed(found: Found) -> bytes:
-    """The file that `drake_rho.load` reads."""
+    """Return the contents of a file that `drake_rho.load` reads."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plan.npz"
         save(found.planned, path)
@@ -249,8 +253,8 @@ def _source(text: str) -> Any:
 
 
 @lru_cache(maxsize=64)
-def _method(text: str) -> Runs:
-    method: Runs = _adapters()[1].validate_json(text)
+def _method(text: str) -> Method:
+    method: Method = _adapters()[1].validate_json(text)
     return method
 
 

@@ -1,4 +1,4 @@
-"""Where the scenarios of a study come from: generators, files, a scenario with varied fields."""
+"""Sources of a study's scenarios: generators, files, and scenarios with randomly varied fields."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ GENERATORS: dict[str, Callable[..., Scenario]] = {
     "trefoil_swap": trefoil_swap,
     "random_field": random_field,
 }
-"""By the names that a study gives them."""
+"""Generators by the names that a study uses for them."""
 
 _DRAWS = 10
-"""Draws of which one has to be a scenario, or the parameters are refused."""
+"""Number of draws of which at least one must be a scenario, or the parameters are refused."""
 
 Repetitions = Annotated[Count, Field(ge=1, le=10_000_000)]
 if TYPE_CHECKING:
@@ -50,17 +50,19 @@ class Generated:
     """Scenarios of a generator."""
 
     name: Name
-    """of these scenarios in tables and figures"""
+    """name of these scenarios in tables and figures"""
     generator: Literal["random_transitions", "circle_swap", "trefoil_swap", "random_field"]
-    """the function of this package that makes them"""
+    """function of this package that generates them"""
     parameters: dict[str, Any] = field(default_factory=dict)
-    """its arguments by name, without `rng`; each may be a distribution"""
+    """arguments of the generator by name, without `rng`; each may be a distribution"""
     vary: Vary = field(default_factory=dict)
-    """distributions that replace fields of what is generated, by their paths, in this order"""
+    """distributions of values that replace fields of a generated scenario, by the fields' paths;
+    drawn in this order"""
     offset: Vary = field(default_factory=dict)
-    """distributions of what is added to fields, by their paths; drawn after `vary`"""
+    """distributions of offsets that are added to fields, by the fields' paths; drawn after `vary`
+    """
     repetitions: Repetitions | None = None
-    """how many are drawn; as many as the study says if not given"""
+    """number of scenarios drawn; that of the study if not given"""
 
     def __post_init__(self) -> None:
         _check_parameters(self.generator, self.parameters)
@@ -75,10 +77,10 @@ class Generated:
         _check_paths(made, self.vary, self.offset)
 
     def drawn(self, rng: np.random.Generator) -> Scenario:
-        """One of them.
+        """Draw one of the scenarios.
 
         Raises:
-            ScenarioError: what was drawn makes no scenario.
+            ScenarioError: the values drawn do not make a valid scenario.
         """
         return varied(self._generated(rng), self.vary, self.offset, rng)
 
@@ -101,55 +103,57 @@ class Given:
     """One scenario, with distributions on any of its fields."""
 
     name: Name
-    """of these scenarios in tables and figures"""
+    """name of these scenarios in tables and figures"""
     scenario: Scenario
-    """what is drawn around"""
+    """scenario whose fields are varied"""
     vary: Vary = field(default_factory=dict)
-    """distributions that replace its fields, by their paths, drawn in this order"""
+    """distributions of values that replace fields, by the fields' paths; drawn in this order"""
     offset: Vary = field(default_factory=dict)
-    """distributions of what is added to its fields, by their paths; drawn after `vary`"""
+    """distributions of offsets that are added to fields, by the fields' paths; drawn after `vary`
+    """
     repetitions: Repetitions | None = None
-    """how many are drawn; as many as the study says if not given"""
+    """number of scenarios drawn; that of the study if not given"""
 
     def __post_init__(self) -> None:
         _check_paths(self.scenario, self.vary, self.offset)
 
     def drawn(self, rng: np.random.Generator) -> Scenario:
-        """One of them.
+        """Draw one of the scenarios.
 
         Raises:
-            ScenarioError: what was drawn makes no scenario.
+            ScenarioError: the values drawn do not make a valid scenario.
         """
         return varied(self.scenario, self.vary, self.offset, rng)
 
 
 @record
 class FromFile:
-    """A scenario of a file or of the library, or a mission of the LSC planner."""
+    """Scenario from a file or from the library, or a mission of the LSC planner."""
 
     name: Name
-    """of these scenarios in tables and figures"""
+    """name of these scenarios in tables and figures"""
     file: str
-    """name of a library scenario, or path of a YAML file or of a mission (.json), from the folder
-    of the study's file"""
+    """name of a library scenario, or path of a YAML file or of a mission (.json), relative to the
+    folder of the study's file"""
     duration: Positive | None = None
-    """of a mission's flight [s]"""
+    """duration of a mission's flight [s]"""
     step: Positive | None = None
-    """of a mission's flight, which divides the duration [s]"""
+    """step of a mission's grid, which divides the duration [s]"""
     world: str | None = None
-    """path of a CSV file with boxes in the way of a mission"""
+    """path of a CSV file with boxes that are a mission's obstacles"""
     vary: Vary = field(default_factory=dict)
-    """distributions that replace its fields, by their paths, drawn in this order"""
+    """distributions of values that replace fields, by the fields' paths; drawn in this order"""
     offset: Vary = field(default_factory=dict)
-    """distributions of what is added to its fields, by their paths; drawn after `vary`"""
+    """distributions of offsets that are added to fields, by the fields' paths; drawn after `vary`
+    """
     repetitions: Repetitions | None = None
-    """how many are drawn; as many as the study says if not given"""
+    """number of scenarios drawn; that of the study if not given"""
 
     def given(self, folder: Path) -> Given:
-        """The same with the content of the file.
+        """Return this source with the content of the file in place of its path.
 
         Raises:
-            ScenarioError: there is no such file, or no scenario in it.
+            ScenarioError: there is no such file, or it holds no scenario.
         """
         scenario = self._read(folder)
         _check_paths(scenario, self.vary, self.offset)
@@ -161,7 +165,7 @@ class FromFile:
             self._check_no_mission()
             return load_scenario(path if path.exists() else self.file)
         if self.duration is None or self.step is None:
-            raise ScenarioError("file", self.file, "a duration and a step beside a mission")
+            raise ScenarioError("file", self.file, "a duration and a step together with a mission")
         world = None if self.world is None else folder / self.world
         grid = Grid.lasting(self.duration, step=self.step)
         return load_lsc_mission(path, grid=grid, world=world)
@@ -177,7 +181,10 @@ _KINDS = {"generator": "Generated", "file": "FromFile", "scenario": "Given"}
 
 
 def _kind(value: object) -> str:
-    """The name of the record that a value is, or that a mapping describes, mistyped keys too."""
+    """Return the name of the record that a value is, or that a mapping describes.
+
+    Misspelt keys are recognised, too.
+    """
     if not isinstance(value, Mapping):
         return type(value).__name__
     for key in value:
@@ -192,7 +199,7 @@ AnySource = Annotated[
     | Annotated[Given, Tag("Given")],
     Discriminator(_kind),
 ]
-"""Where scenarios come from, told apart by its keys."""
+"""One of the sources of scenarios, distinguished by its keys."""
 
 
 def varied(
@@ -201,10 +208,10 @@ def varied(
     offset: Mapping[str, Any],
     rng: np.random.Generator,
 ) -> Scenario:
-    """A scenario with values drawn for some of its fields, and offsets drawn for some.
+    """Return a scenario with values, and offsets, drawn for some of its fields.
 
     Raises:
-        ScenarioError: there is no such field, or what comes of it is no scenario.
+        ScenarioError: there is no such field, or the result is not a valid scenario.
     """
     if not vary and not offset:
         return scenario
@@ -217,7 +224,7 @@ def varied(
 
 
 def _check_paths(scenario: Scenario, vary: Mapping[str, Any], offset: Mapping[str, Any]) -> None:
-    """See that the fields are there, and that what is drawn can be added to those of offsets."""
+    """Check that the fields exist, and that offsets can be added to theirs."""
     content, rng = scenario_to_content(scenario), np.random.default_rng(0)
     for name, distributions, change in (("vary", vary, put), ("offset", offset, add)):
         for path, distribution in distributions.items():
@@ -238,17 +245,17 @@ def _check_parameters(generator: str, parameters: Mapping[str, object]) -> None:
 
 
 def _drawn(value: object, rng: np.random.Generator) -> object:
-    """A value, or one drawn from it if it is a distribution."""
+    """Return a value, or a draw from it if it is a distribution."""
     if not is_distribution(value):
         return value
     return _distributions().validate_python(value).draw(rng)
 
 
 def _parameter(generator: str, name: str, value: object) -> object:
-    """A parameter of a generator as it takes it, records made of mappings.
+    """Return a parameter in the type that a generator takes, with mappings made into records.
 
     Raises:
-        ScenarioError: it does not fit.
+        ScenarioError: the value does not have this type.
     """
     kind = _kinds_of(generator)[name]
     try:
@@ -259,7 +266,7 @@ def _parameter(generator: str, name: str, value: object) -> object:
 
 @cache
 def _kinds_of(generator: str) -> dict[str, Any]:
-    """Names and types of a generator's parameters, `rng` left out."""
+    """Return names and types of a generator's parameters, except `rng`."""
     hints = get_type_hints(GENERATORS[generator])
     return {name: kind for name, kind in hints.items() if name not in ("rng", "return")}
 

@@ -1,4 +1,4 @@
-"""What many runs say: intervals for proportions, quantiles, and two methods on the same runs."""
+"""Statistics of runs: intervals of proportions, quantiles, and comparisons of methods."""
 
 from __future__ import annotations
 
@@ -10,57 +10,53 @@ from scipy.special import bdtr
 
 from drake_rho.scenario.fields import BoolArray, FloatArray
 
-NORMAL_95 = 1.959963984540054
-"""Half the width of a 95 % interval, in standard deviations of a normal distribution."""
-
 SAME = 1e-6
 """Relative difference up to which two costs are the same."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Proportion:
-    """How many of some runs succeeded, with Wilson's 95 % interval."""
+    """Proportion of runs that succeeded, with Wilson's 95 % interval."""
 
     successes: int
-    """verified plans"""
+    """number of verified plans"""
     runs: int
-    """all"""
+    """number of runs"""
 
     @property
     def rate(self) -> float:
-        """Part of the runs that succeeded; NaN without runs."""
+        """Fraction of runs that succeeded; NaN without runs."""
         return self.successes / self.runs if self.runs else math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where the true rate is, in 95 of 100 such intervals; 0 to 1 without runs."""
+        """Wilson's 95 % confidence interval of the success rate; (0, 1) without runs."""
         if not self.runs:
             return 0.0, 1.0
-        n, p, z = self.runs, self.rate, NORMAL_95
-        middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
-        half = z / (1 + z**2 / n) * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-        low = 0.0 if self.successes == 0 else middle - half
-        return low, 1.0 if self.successes == n else middle + half
+        from scipy.stats import binomtest  # imported here because it takes half a second to load
+
+        found = binomtest(self.successes, self.runs).proportion_ci(method="wilson")
+        return float(found.low), float(found.high)
 
 
 @dataclasses.dataclass(frozen=True)
 class Quantiles:
-    """The middle and the spread of some numbers; NaN where there are none."""
+    """Quantiles of a set of numbers; NaN if it is empty."""
 
     least: float
-    """the smallest"""
+    """smallest number"""
     lower: float
-    """a tenth is below"""
+    """lower decile: a tenth of the numbers is below"""
     median: float
-    """half is below"""
+    """median: half of the numbers is below"""
     upper: float
-    """a tenth is above"""
+    """upper decile: a tenth of the numbers is above"""
     greatest: float
-    """the largest"""
+    """largest number"""
 
     @classmethod
     def of(cls, values: FloatArray) -> Quantiles:
-        """The quantiles of some numbers, shape (M,), those that are NaN left out."""
+        """Return the quantiles of the finite numbers among `values`, shape (M,)."""
         known = values[np.isfinite(values)]
         if not len(known):
             return cls(*[math.nan] * 5)
@@ -69,74 +65,74 @@ class Quantiles:
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Two methods on the same scenarios and seeds."""
+    """Comparison of two methods on the same scenarios and seeds."""
 
     scenario: str
-    """name of the source; empty for all of them"""
+    """name of the source; empty for all sources"""
     method: str
-    """that is compared"""
+    """name of the method"""
     base: str
-    """with which"""
+    """name of the method to compare with"""
     both: int
-    """runs in which both succeed"""
+    """number of runs in which both succeed"""
     only_method: int
-    """in which only the method does"""
+    """number of runs in which only the method succeeds"""
     only_base: int
-    """in which only the base does"""
+    """number of runs in which only the base succeeds"""
     neither: int
-    """in which none does"""
+    """number of runs in which neither succeeds"""
     cost_ratio: Quantiles
     """cost of the method over that of the base, where both succeed"""
     cheaper: int
-    """runs of these in which the method costs less, by more than a millionth"""
+    """number of these runs in which the method costs less, by more than a millionth"""
     dearer: int
-    """in which it costs more"""
+    """number of these runs in which the method costs more, by more than a millionth"""
     time_ratio: Quantiles
     """planning time of the method over that of the base, where both succeed"""
 
     @property
     def p_success(self) -> float:
-        """How likely such a difference in success is by chance alone (McNemar's exact test)."""
+        """P-value of the difference in success (McNemar's exact test)."""
         return sign_test(self.only_method, self.only_base)
 
     @property
     def p_cost(self) -> float:
-        """How likely such a difference in cost is by chance alone (sign test)."""
+        """P-value of the difference in cost (sign test)."""
         return sign_test(self.cheaper, self.dearer)
 
 
 @dataclasses.dataclass(frozen=True)
 class Group:
-    """The runs of one method on one source of scenarios."""
+    """Summary of the runs of one method on one source of scenarios."""
 
     scenario: str
     """name of the source"""
     method: str
     """name of the method"""
     success: Proportion
-    """runs whose plan holds"""
+    """proportion of runs with a verified plan"""
     cost: Quantiles
-    """of these runs [m²/s⁴]"""
+    """costs of these runs [m²/s⁴]"""
     seconds: Quantiles
-    """to plan or to fail, of all runs [s]"""
+    """times to plan or to fail, of all runs [s]"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Failure:
-    """Runs that ended in the same way."""
+    """Group of failed runs of one method with the same status."""
 
     method: str
-    """name"""
+    """name of the method"""
     status: str
-    """what became of them; solved, where a constraint is broken"""
+    """status of the runs; solved, if a constraint is violated"""
     reason: str
-    """the one given most often"""
+    """most frequent reason"""
     runs: int
-    """how many"""
+    """number of runs"""
 
 
 def sign_test(one: int, other: int) -> float:
-    """Two-sided probability of a split at least as uneven, if both sides are as likely."""
+    """Return the two-sided p-value of a split of counts, if both sides are equally likely."""
     if one + other == 0:
         return 1.0
     return min(1.0, 2.0 * float(bdtr(min(one, other), one + other, 0.5)))
@@ -151,10 +147,10 @@ def compare(
     """Compare a method with a base on the same runs.
 
     Args:
-        names: of the source, the method and the base.
-        succeeded: of the method and the base, shape (M,) each, run by run.
-        costs: the same [m²/s⁴].
-        seconds: the same [s].
+        names: names of the source, the method and the base.
+        succeeded: whether the method and the base succeeded, shape (M,) each, run by run.
+        costs: costs of the method and the base [m²/s⁴], shape (M,) each.
+        seconds: planning times of the method and the base [s], shape (M,) each.
     """
     one, other = succeeded
     both = one & other

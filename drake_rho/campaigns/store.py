@@ -1,7 +1,7 @@
-"""The store: an SQLite file with a row for every run that is done, each written whole.
+"""Store of a campaign: an SQLite file with a row for every finished run.
 
-Only the process that runs a campaign writes. With write-ahead logging a row is there once its
-transaction has ended, whatever ends the process then, and others may read meanwhile.
+Only the process that runs the campaign writes. With write-ahead logging a row is safe once its
+transaction has ended, however the process ends, and others can read meanwhile.
 """
 
 from __future__ import annotations
@@ -18,33 +18,33 @@ from drake_rho.campaigns.study import Study, continues, study_to_json
 from drake_rho.scenario.errors import DrakeRhoError
 
 _APPLICATION = 0x72686F31
-"""By which an SQLite file says whose it is: 'rho1'."""
+"""Application identifier of the SQLite file: 'rho1'."""
 
 FORMAT = 2
-"""Of the tables, in the file's `user_version`."""
+"""Version of the tables' format, in the file's `user_version`."""
 
 _PATIENCE = 30.0
-"""How long to wait for another process that writes [s]."""
+"""Longest wait for another process that writes [s]."""
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(Row))
-"""Of the table `runs`."""
+"""Columns of the table `runs`."""
 
 _SQL_TYPES = {"str": "TEXT", "int": "INTEGER", "bool": "INTEGER", "float": "REAL"}
 
 
 class StoreError(DrakeRhoError, ValueError):
-    """A file is no store, or that of another study or version, or cannot be read or written."""
+    """Error of a file that is not a store, not that of a study or version, or not accessible."""
 
 
 class Store:
-    """What a campaign has found so far. Closed by its `with` block.
+    """Open store of a campaign, closed by its `with` block.
 
     Args:
-        path: of the file, made if it is not there.
-        study: whose it is, scenarios of files included.
+        path: path of the file, made if it does not exist.
+        study: study of the store, with the contents of scenario files.
 
     Raises:
-        StoreError: it is no store, or not that of the study, or of another version of the package.
+        StoreError: the file is not a store, or that of another study or package version.
     """
 
     def __init__(self, path: str | Path, study: Study) -> None:
@@ -64,12 +64,12 @@ class Store:
         self._connection.close()
 
     def keys(self) -> set[str]:
-        """The keys of the runs that are done."""
+        """Return the keys of the finished runs."""
         with _told(self.path):
             return {key for (key,) in self._connection.execute("SELECT key FROM runs")}
 
     def failures(self) -> int:
-        """How many runs were not solved, or break a constraint."""
+        """Return the number of runs that were not solved or violate a constraint."""
         with _told(self.path):
             (count,) = self._connection.execute(
                 "SELECT count(*) FROM runs WHERE NOT verified"
@@ -77,10 +77,10 @@ class Store:
         return int(count)
 
     def write(self, done: Sequence[Done]) -> None:
-        """Add what has been done, all of it or nothing; what is there already stays as it is.
+        """Add finished runs, all or none of them; runs already in the store stay unchanged.
 
         Raises:
-            StoreError: it cannot be written, as on a full disk.
+            StoreError: the file cannot be written, as on a full disk.
         """
         marks = ", ".join("?" * len(COLUMNS))
         rows = [tuple(getattr(each.row, name) for name in COLUMNS) for each in done]
@@ -90,8 +90,8 @@ class Store:
             self._connection.executemany("INSERT OR IGNORE INTO plans VALUES (?, ?)", plans)
 
     def _begin(self, study: str) -> None:
-        """Make the tables, or see that they are those of the study, which may have grown."""
-        if not _is_empty(self._connection):  # nothing is written to a file of others
+        """Make the tables, or check that they belong to the study, which may have been extended."""
+        if not _is_empty(self._connection):  # nothing is written to a foreign file
             check_format(self._connection, self.path)
         self._connection.execute("PRAGMA journal_mode = WAL")
         self._connection.execute("PRAGMA synchronous = NORMAL")
@@ -117,13 +117,13 @@ class Store:
         self._connection.execute(f"PRAGMA application_id = {_APPLICATION}")
         self._connection.execute(f"PRAGMA user_version = {FORMAT}")
 
-    def _check_continues(self, study: str, kept: str, version: str) -> None:
+    def _check_continues(self, study: str, stored: str, version: str) -> None:
         if version != package_version():
             raise StoreError(
                 f"{self.path}: got a store of drake_rho {version}, expected one of "
-                f"{package_version()}: what other versions find is not comparable"
+                f"{package_version()}: results of different versions are not comparable"
             )
-        if not continues(study, kept):
+        if not continues(study, stored):
             raise StoreError(
                 f"{self.path}: got the store of another study, expected one of this study, or of "
                 "it with fewer repetitions, scenarios or methods"
@@ -143,16 +143,16 @@ class Store:
 
 @contextmanager
 def reading(path: str | Path) -> Iterator[sqlite3.Connection]:
-    """A store that is only read, also while a campaign writes to it.
+    """Open a store for reading, also while a campaign writes to it.
 
     Raises:
-        StoreError: there is no such file, or it is no store.
+        StoreError: there is no such file, or it is not a store.
     """
     path = Path(path)
     with _told(path):
         if not path.is_file():
             raise StoreError(f"{path}: got no such file, expected the store of a campaign")
-        # Not mode=ro, which leaves files of the log behind; what is write-protected opens too.
+        # mode=ro would leave log files behind; mode=rw opens write-protected files as well
         connection = sqlite3.connect(
             f"{path.resolve().as_uri()}?mode=rw", timeout=_PATIENCE, uri=True
         )
@@ -165,10 +165,10 @@ def reading(path: str | Path) -> Iterator[sqlite3.Connection]:
 
 
 def check_format(connection: sqlite3.Connection, path: Path) -> None:
-    """See that a file is a store of this version's format.
+    """Check that a file is a store of this version's format.
 
     Raises:
-        StoreError: it is not.
+        StoreError: the file is not one.
     """
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (number,) = connection.execute("PRAGMA user_version").fetchone()
@@ -186,9 +186,9 @@ def _is_empty(connection: sqlite3.Connection) -> bool:
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Errors of SQLite as those of the package."""
+    """Raise errors of SQLite as errors of this package."""
     try:
         yield
     except sqlite3.Error as error:
-        expected = "a file that SQLite can read and write; all runs before are kept"
+        expected = "a file that SQLite can read and write; earlier runs are kept"
         raise StoreError(f"{path}: {error}; expected {expected}") from None

@@ -1,4 +1,4 @@
-"""`Study`: what is run, as a file or in Python, and the runs that it consists of."""
+"""`Study`: scenarios and methods of a campaign, from a file or from Python, and its runs."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from drake_rho.scenario.fields import NO_TRUTH, Name, record, scenario_error
 from drake_rho.scenario.files import yaml_content
 
 _DRAWS = 100
-"""Draws of a source of which one has to be a scenario, or its study is refused."""
+"""Number of draws of a source of which at least one must be a scenario, or the study is refused."""
 
 
 @record
 class Study:
-    """Scenarios, methods that plan or fly each of them, and how often."""
+    """Study: sources of scenarios, methods that plan or fly them, and numbers of repetitions."""
 
     name: Name
-    """shown in tables and figures"""
+    """name in tables and figures"""
     scenarios: Annotated[tuple[AnySource, ...], Field(min_length=1)]
-    """where they come from: generators, files, or one with distributions on its fields"""
+    """sources of scenarios: generators, files, or scenarios with distributions on their fields"""
     methods: Annotated[tuple[AnyMethod, ...], Field(min_length=1)]
-    """every one is given the same scenarios and the same winds; the first is what others are
-    compared with"""
+    """methods, which all get the same scenarios and the same winds; the others are compared with
+    the first"""
     repetitions: Repetitions = 1
-    """how many scenarios are drawn of each source"""
+    """number of scenarios drawn from each source"""
     seed: Annotated[int, Field(ge=0), NO_TRUTH] = 0
-    """where all chance comes from"""
+    """seed of all randomness"""
     plans: bool = False
-    """whether plans, flights and simulations are kept too"""
+    """whether to keep plans, flights and simulations"""
 
     if TYPE_CHECKING:
 
@@ -55,7 +55,7 @@ class Study:
         ) -> None: ...
 
     @model_validator(mode="after")
-    def _named_apart(self) -> Self:
+    def _names_differ(self) -> Self:
         for field in ("scenarios", "methods"):
             names = [each.name for each in getattr(self, field)]
             for index, name in enumerate(names):
@@ -64,10 +64,10 @@ class Study:
         return self
 
     def resolved(self, folder: str | Path = ".") -> Study:
-        """The same study with the scenarios of files in it, so that no run needs a file.
+        """Return the study with the contents of its scenario files, so that no run needs a file.
 
         Raises:
-            ScenarioError: there is no such file, or no scenario in it.
+            ScenarioError: there is no such file, or it holds no scenario.
         """
         found = list[Any]()
         for index, source in enumerate(self.scenarios):
@@ -78,42 +78,42 @@ class Study:
         return dataclasses.replace(self, scenarios=tuple(found))
 
     def check_draws(self) -> None:
-        """See that the scenarios of every source can be drawn, before anything is planned.
+        """Check that every source can produce scenarios, before anything is planned.
 
         Raises:
-            ScenarioError: none of the first draws of a source, nor of all that it is asked for if
-                they are fewer, is a scenario that makes sense.
+            ScenarioError: none of the first draws of a source (of all of them, if there are fewer)
+                is a valid scenario.
         """
         for index, source in enumerate(self.scenarios):
-            if isinstance(source, FromFile):  # as in a study that is not resolved
+            if isinstance(source, FromFile):  # the study is not resolved
                 continue
             draws = min(self.repetitions_of(index), _DRAWS)
             for repetition in range(draws):
-                chance, _ = generators((self.seed, index, repetition))
+                rng, _ = generators((self.seed, index, repetition))
                 try:
-                    source.drawn(chance)
+                    source.drawn(rng)
                     break
                 except ScenarioError as error:
                     reason = error
             else:
                 drawn = Words(f"no scenario in {draws} draws of {source.name!r}")
-                expected = f"at least one that makes sense; the last one: {reason}"
+                expected = f"at least one valid scenario; the last draw: {reason}"
                 raise ScenarioError(f"scenarios[{index}]", drawn, expected)
 
     def repetitions_of(self, index: int) -> int:
-        """How many scenarios are drawn of one source."""
+        """Return the number of scenarios drawn from one source."""
         return self.scenarios[index].repetitions or self.repetitions
 
     def __len__(self) -> int:
-        """How many runs it consists of."""
+        """Return the number of runs."""
         sources = range(len(self.scenarios))
         return len(self.methods) * sum(self.repetitions_of(index) for index in sources)
 
     def runs(self) -> Iterator[Run]:
-        """All runs, one repetition of everything after another.
+        """Yield all runs, repetition by repetition.
 
-        The runs of a study that is longer, with more repetitions or with more scenarios or methods
-        behind, are the same and some more.
+        A study that is extended, by more repetitions or by scenarios or methods at the end, has
+        the same runs and further ones.
         """
         content = json.loads(study_to_json(self))
         sources = [_text(each, "repetitions") for each in content["scenarios"]]
@@ -143,10 +143,10 @@ class Study:
 
 @checked
 def load_study(path: str | Path) -> Study:
-    """Read a study from a YAML file, scenarios of files included.
+    """Read a study from a YAML file, with the contents of its scenario files.
 
     Raises:
-        ScenarioError: there is no such file, or it is no valid study.
+        ScenarioError: there is no such file, or it is not a valid study.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -161,10 +161,10 @@ def load_study(path: str | Path) -> Study:
 
 
 def study_from_yaml(text: str) -> Study:
-    """The study that some text describes.
+    """Return the study that a YAML text describes.
 
     Raises:
-        ScenarioError: the text is not YAML, or no valid study.
+        ScenarioError: the text is not YAML, or not a valid study.
     """
     try:
         return _adapter().validate_python(yaml_content(text))
@@ -173,24 +173,25 @@ def study_from_yaml(text: str) -> Study:
 
 
 def study_to_json(study: Study) -> str:
-    """A study as one line of JSON, every number exact."""
+    """Return a study as one line of JSON, with every number exact."""
     return _adapter().dump_json(study, exclude_none=True).decode()
 
 
 def study_schema() -> dict[str, Any]:
-    """JSON schema of a study file, with the units of every field."""
+    """Return the JSON schema of a study file, with the units of every field."""
     return _adapter().json_schema()
 
 
 def example_study() -> str:
-    """The YAML text of a complete study."""
+    """Return the YAML text of a complete example study."""
     return (files("drake_rho.campaigns") / "library" / "example.yaml").read_text(encoding="utf-8")
 
 
 def continues(new: str, old: str) -> bool:
-    """Whether a study has all runs of another one, both as JSON, so that it can go on from there.
+    """Return whether a study has all runs of another one, so that it can continue in its store.
 
-    It may have more repetitions, more scenarios behind, and other methods beside.
+    Both are given as JSON. The new study may have more repetitions, further scenarios at the end,
+    and further methods.
     """
     now, then = json.loads(new), json.loads(old)
     if any(now[field] != then[field] for field in ("seed", "plans")):
@@ -208,7 +209,7 @@ def continues(new: str, old: str) -> bool:
 
 
 def _text(content: Mapping[str, Any], without: str = "") -> str:
-    """One line of JSON, the order of the entries kept: in it distributions are drawn."""
+    """Return one line of JSON in the order of the entries, in which distributions are drawn."""
     return json.dumps({name: value for name, value in content.items() if name != without})
 
 

@@ -1,4 +1,4 @@
-"""Results as text, for a terminal of a hundred columns."""
+"""Results as tables of text, for a terminal of a hundred columns."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 from drake_rho.campaigns.statistics import Comparison, Failure, Group, Quantiles
 
-_WIDE = 100
+_TERMINAL_WIDTH = 100
 """Columns of the terminal."""
 
-_NARROW = 40
-"""Columns that a reason has at least."""
+_LEAST_WIDTH = 40
+"""Least number of columns for a reason."""
 
 
 def tables(
@@ -21,7 +21,7 @@ def tables(
     failures: Sequence[Failure],
     comparisons: Sequence[Comparison],
 ) -> str:
-    """Success, costs and times; failures by reason; methods compared with the first."""
+    """Return tables of success, costs and times, of failures, and of comparisons."""
     parts = [title, _groups(groups)]
     if failures:
         parts.append(_failures(failures))
@@ -38,18 +38,18 @@ def _groups(groups: Sequence[Group]) -> str:
         rate = f"{100 * each.success.rate:5.1f} ({100 * low:.1f} to {100 * high:.1f})"
         row = (each.scenario, each.method, str(each.success.runs), rate)
         rows.append((*row, _spread(each.cost), _spread(each.seconds)))
-    note = "cost and time: median (a tenth is below, a tenth above)"
+    note = "cost and time: median (10 % quantile to 90 % quantile)"
     return f"{_grid(heads, rows)}\n{note}"
 
 
 def _failures(failures: Sequence[Failure]) -> str:
-    """A row a kind of failure, its reason in full, on as many lines as that takes."""
+    """Return a table with a row for each kind of failure and its reason in full."""
     heads = ("failures of", "status", "runs", "most often because")
     kinds = [(each.method, each.status, str(each.runs)) for each in failures]
     before = sum(max(map(len, column)) + 2 for column in zip(heads[:3], *kinds, strict=True))
-    wide, rows = max(_WIDE - before, _NARROW), list[Sequence[str]]()
+    width, rows = max(_TERMINAL_WIDTH - before, _LEAST_WIDTH), list[Sequence[str]]()
     for kind, each in zip(kinds, failures, strict=True):
-        first, *others = textwrap.wrap(each.reason, wide, break_on_hyphens=False) or [""]
+        first, *others = textwrap.wrap(each.reason, width, break_on_hyphens=False) or [""]
         rows += [(*kind, first), *(("", "", "", line) for line in others)]
     return _grid(heads, rows)
 
@@ -82,8 +82,8 @@ def _spread(values: Quantiles) -> str:
 
 def _grid(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [heads, *rows]
-    wide = [max(len(line[place]) for line in lines) for place in range(len(heads))]
+    widths = [max(len(line[place]) for line in lines) for place in range(len(heads))]
     return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, wide, strict=True)).rstrip()
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
         for line in lines
     )

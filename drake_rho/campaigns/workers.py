@@ -1,4 +1,4 @@
-"""Processes of this machine for a campaign; one that dies is replaced, and the others go on."""
+"""Worker processes on this machine for a campaign, which are replaced when one of them dies."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ _Result = TypeVar("_Result")
 
 
 _STARTS = 3
-"""How often the first processes are started before it is given up."""
+"""Number of attempts to start the first processes."""
 
 
 class Workers(Executor):
-    """A `ProcessPoolExecutor` of fresh processes that is made anew when one of them has died.
+    """A `ProcessPoolExecutor` of spawned processes that is replaced when one of them has died.
 
-    Tasks that were under way then fail with `BrokenProcessPool`, and may be submitted again. Each
-    process uses one core, leaves Ctrl-C to its parent, and ends when that has ended.
+    Tasks that were under way then fail with `BrokenProcessPool` and may be submitted again. Each
+    process uses one core, leaves Ctrl-C to its parent, and ends when its parent has ended.
 
     Args:
-        count: how many processes.
+        count: number of processes.
 
     Raises:
         ValueError: the count is below 1.
@@ -38,7 +38,7 @@ class Workers(Executor):
     def __init__(self, count: int) -> None:
         if count < 1:
             raise ValueError(f"workers: got {count}, expected at least 1")
-        self.at_once = 2 * count  # so that none waits for the next
+        self.at_once = 2 * count  # so that no process waits for its next task
         self._count = count
         self._pool = self._started()
         for _ in range(_STARTS):
@@ -50,11 +50,11 @@ class Workers(Executor):
         else:
             raise DrakeRhoError(
                 "workers: got processes that end at once, expected ones that start; in a script, "
-                'what begins them stands under: if __name__ == "__main__"'
+                'start them under: if __name__ == "__main__"'
             )
 
     def submit(self, fn: Callable[..., _Result], /, *args: Any, **kwargs: Any) -> Future[_Result]:
-        """As `Executor.submit`, with new processes if the pool is broken."""
+        """Submit a task as `Executor.submit` does, with new processes if the pool is broken."""
         with _interrupts_blocked():
             try:
                 return self._pool.submit(fn, *args, **kwargs)
@@ -64,7 +64,7 @@ class Workers(Executor):
                 return self._pool.submit(fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As `Executor.shutdown`; with `cancel_futures` what is under way is ended too."""
+        """Shut down as `Executor.shutdown` does; `cancel_futures` ends running tasks as well."""
         processes = list((getattr(self._pool, "_processes", None) or {}).values())
         self._pool.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
         if cancel_futures:
@@ -72,14 +72,14 @@ class Workers(Executor):
                 process.kill()
 
     def _started(self) -> ProcessPoolExecutor:
-        # A fork of a process that has solved programs hangs: it has their locks, not their threads.
+        # A fork of a process that has used solvers hangs: it copies their locks, not their threads.
         fresh = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(self._count, fresh, initializer=_begin)
 
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Processes that are started in it have Ctrl-C blocked until they have begun to ignore it."""
+    """Block Ctrl-C in processes started within, until they ignore it by themselves."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -88,7 +88,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """What a process does first."""
+    """Initialise a worker process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ["OMP_NUM_THREADS"] = "1"
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -96,12 +96,12 @@ def _begin() -> None:
 
 
 def _load() -> None:
-    """Load what runs need, which takes longer than many a run."""
+    """Load the modules that runs need, which takes longer than many runs."""
     import drake_rho.campaigns.runs  # noqa: F401
 
 
 def _end_with_parent() -> None:
-    """A pool's processes would wait for work for ever if their parent is killed."""
+    """End this process when its parent ends; it would wait for work for ever otherwise."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,1 +1,1 @@
-"""Plans in the formats of other programs."""
+"""Export of plans, flights and simulations to the file formats of other programs."""

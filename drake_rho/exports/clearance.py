@@ -1,4 +1,4 @@
-"""Whether vehicles still keep clear when they are a little off what was planned."""
+"""Clearance that remains when vehicles deviate from a motion by bounded amounts."""
 
 from __future__ import annotations
 
@@ -14,47 +14,51 @@ from drake_rho.verification.report import Check
 from drake_rho.verification.verify import verify
 
 _SEPARATION = "separation"
-_NOTHING = 1e-6
-"""What is told as nothing [m]."""
+_NEGLIGIBLE = 1e-6
+"""Clearance that is printed as nothing [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Spare:
-    """What `verify` finds left of the distances from obstacles, others and the position box."""
+    """Least clearance beyond the required distances, before and after deviations.
+
+    The distances are those from obstacles, from other vehicles and from the position box, as
+    `verify` finds them.
+    """
 
     before: float
-    """least of it in the motion itself [m]; negative where it is too close, infinite where there is
-    nothing to keep clear of"""
+    """least clearance of the motion itself [m]; negative if a distance is violated, infinite if
+    there are no such constraints"""
     left: float
-    """what is left of it at least when every vehicle is off by its deviation towards what it is
-    close to, and others towards it [m]"""
+    """lower bound of the clearance if every vehicle deviates from the motion [m]: as if each were
+    displaced towards what it is closest to, and other vehicles towards it"""
     keeps_clear: bool
-    """whether that is within what `verify` puts down to rounding; if not, vehicles may be too close
-    by `-left`, or may not"""
+    """whether `left` is nonnegative, up to what `verify` attributes to rounding; if not, distances
+    may be violated by up to `-left`"""
 
     def __str__(self) -> str:
         if np.isinf(self.before):
-            return "which has nothing to keep clear of"
-        much = f"{self.before:.3g} m" if self.before > _NOTHING else "nothing"
-        held = f"which has {much} to spare from what it keeps clear of"
+            return "which has no distances to keep"
+        much = f"{self.before:.3g} m" if self.before > _NEGLIGIBLE else "nothing"
+        spare = f"which has {much} to spare beyond the required distances"
         if self.keeps_clear:
-            return f"{held}: it still keeps clear"
-        return f"{held}: it may now be too close by up to {-self.left:.3g} m"
+            return f"{spare}: they still hold"
+        return f"{spare}: they may now be violated by up to {-self.left:.3g} m"
 
 
 def spare(flown: Plan | Flight | Simulation, deviations: FloatArray) -> Spare:
-    """What is left of all clearances, wherever within their deviations the vehicles are.
+    """Return the clearance that remains wherever vehicles are within their deviations.
 
     Args:
         flown: the motion.
-        deviations: how far each vehicle is from it, at most [m], shape (N,).
+        deviations: largest distance of each vehicle from its motion [m], shape (N,).
     """
     report, scenario = verify(flown), flown.scenario
-    off = dict(zip((vehicle.name for vehicle in scenario.vehicles), deviations, strict=True))
-    kept = {"position box", _SEPARATION}
-    kept |= {scenario.obstacle_name(index + 1) for index in range(len(scenario.obstacles))}
-    checks = [check for check in report.checks if check.asked and check.constraint in kept]
-    closer = [_closer_by(check, scenario, off) for check in checks]
+    own = dict(zip((vehicle.name for vehicle in scenario.vehicles), deviations, strict=True))
+    distances = {"position box", _SEPARATION}
+    distances |= {scenario.obstacle_name(index + 1) for index in range(len(scenario.obstacles))}
+    checks = [check for check in report.checks if check.asked and check.constraint in distances]
+    closer = [_closer_by(check, scenario, own) for check in checks]
     return Spare(
         min((-check.excess for check in checks), default=np.inf),
         min((-check.excess - d for check, d in zip(checks, closer, strict=True)), default=np.inf),
@@ -62,14 +66,14 @@ def spare(flown: Plan | Flight | Simulation, deviations: FloatArray) -> Spare:
     )
 
 
-def _closer_by(check: Check, scenario: Scenario, off: dict[str, float]) -> float:
-    """By how much a distance may be less when vehicles are off [m].
+def _closer_by(check: Check, scenario: Scenario, deviations: dict[str, float]) -> float:
+    """Return the amount by which deviations may reduce a distance [m].
 
-    Of a pair both are, whoever the other one is; where the separation is flat, a metre along z
-    counts for more.
+    For a pair it is the sum of both deviations, with the largest of any other vehicle for the
+    second, times the largest scale of the separation's ellipsoid.
     """
-    own = off[check.vehicle]
+    own = deviations[check.vehicle]
     if check.constraint != _SEPARATION or scenario.separation is None:
         return own
-    others = max(each for name, each in off.items() if name != check.vehicle)
+    others = max(each for name, each in deviations.items() if name != check.vehicle)
     return float(scenario.separation.shape.scales.max()) * (own + others)

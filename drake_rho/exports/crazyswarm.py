@@ -1,4 +1,4 @@
-"""Piecewise polynomials as Crazyswarm2 uploads them: a folder with a CSV file for each vehicle."""
+"""Crazyswarm2 format: piecewise polynomials, in a folder with a CSV file for each vehicle."""
 
 from __future__ import annotations
 
@@ -16,33 +16,34 @@ from drake_rho.motion.plan import Flight, Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tables import write_rows
 
-MOST_PIECES = 31
-"""Of a vehicle: a Crazyflie has 4096 bytes for trajectories, and a piece takes 33 numbers of 4."""
+MAX_PIECES = 31
+"""Largest number of pieces of a vehicle: a Crazyflie has 4096 bytes for trajectories, and a piece
+takes 33 numbers of 4 bytes."""
 COLUMNS = ("duration", *(f"{axis}^{k}" for axis in ("x", "y", "z", "yaw") for k in range(8)))
 _NO_YAW = [0.0] * (DEGREE + 1)
 
 
 class Crazyswarm(Format):
-    """Polynomials of degree 7 with their durations; heading along the x axis throughout."""
+    """Polynomials of degree 7 with their durations; the heading is along the x axis throughout."""
 
     name = "crazyswarm"
     folder = True
     rated = False
 
     def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
-        """A file for each vehicle, called as it is."""
-        motion = _in_two(planned(flown, self.name).motion())
+        """Write a file for each vehicle, named after it."""
+        motion = _with_two_steps(planned(flown, self.name).motion())
         names = file_names((vehicle.name for vehicle in flown.scenario.vehicles), ".csv")
         check_folder(path, names)
-        pieces = as_pieces(motion, MOST_PIECES)
+        pieces = as_pieces(motion, MAX_PIECES)
         write_folder(path, dict(zip(names, _tables(pieces), strict=True)))
         steps, count = motion.accelerations.shape[1], len(pieces.durations)
         words = f"{steps} steps of each vehicle as {count} pieces"
         return exported(flown, path, [path / name for name in names], words, pieces.deviations)
 
 
-def _in_two(motion: Motion) -> Motion:
-    """The motion; a single step as two halves, as Crazyswarm2 reads no file with a single row."""
+def _with_two_steps(motion: Motion) -> Motion:
+    """Return the motion, a single step cut in two: Crazyswarm2 reads no file with a single row."""
     if motion.accelerations.shape[1] > 1:
         return motion
     times = motion.step * np.array([0.0, 0.5, 1.0])
@@ -56,7 +57,7 @@ def _in_two(motion: Motion) -> Motion:
 
 
 def _tables(pieces: Pieces) -> list[bytes]:
-    """The file of each vehicle."""
+    """Return the contents of each vehicle's file."""
     durations, tables = pieces.durations.tolist(), []
     for each in pieces.coefficients.reshape(len(pieces.coefficients), len(durations), -1).tolist():
         rows = [[time, *row, *_NO_YAW] for time, row in zip(durations, each, strict=True)]

@@ -1,4 +1,4 @@
-"""`export`: a plan in the format of another program."""
+"""`export`: write a motion in the file format of another program."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drake_rho.scenario.arguments import checked
 FORMATS: dict[str, Format] = {
     each.name: each for each in (Csv(), Json(), Crazyswarm(), Skybrush(), Px4())
 }
-"""All formats by their names."""
+"""Formats by name."""
 
 
 TREATMENT = {
@@ -47,29 +47,29 @@ TREATMENT = {
 def export(
     flown: Plan | Flight | Simulation, path: str | Path, *, format: str, rate: float | None = None
 ) -> Exported:
-    """Write a motion in the format of another program, whole or not at all.
+    """Write a motion in the format of another program, completely or not at all.
 
     `docs/export.md` describes the formats.
 
     Args:
-        flown: a plan, a flight, of which what was flown is written, or a simulation, of which the
-            true motion is (not for crazyswarm and px4, which hold what is to be flown).
-        path: of a file with the format's ending (.csv for csv and px4, .json, .zip for skybrush),
-            or of a folder, for crazyswarm and skybrush. A folder that is there is replaced if it
-            holds nothing but files that are written.
+        flown: a plan; a flight, whose motion as flown is written; or a simulation, whose true
+            motion is written (not with crazyswarm and px4, which hold motions to be flown).
+        path: path of a file with the format's ending (.csv for csv and px4, .json, .zip for
+            skybrush), or of a folder, for crazyswarm and skybrush. An existing folder is replaced
+            if it holds no other files than those to be written.
         format: csv, json, crazyswarm, skybrush or px4.
-        rate: samples a second [1/s], up to 1000; 20 if not given, and of json the knots alone. None
-            for crazyswarm, which holds polynomials.
+        rate: samples per second [1/s], up to 1000. If not given, 20, and for json the knots alone.
+            Not allowed for crazyswarm, which holds polynomials.
 
     Returns:
-        What was written. Where it is not the motion itself (pieces that were merged, straight lines
-        between samples) `deviation` is how far it may be off, and `spare.keeps_clear` tells whether
-        vehicles keep clear with that.
+        A record of what was written. If the file does not hold the motion itself (because pieces
+        were merged or samples are joined by straight lines), `deviation` bounds the distance from
+        the motion, and `spare.keeps_clear` says whether all required distances still hold.
 
     Raises:
-        ValueError: the format, the ending, the rate or the kind of motion is none that can be
-            written so, or there is no place to write to.
-        OSError: it cannot be written in the end.
+        ValueError: the format, the ending, the rate or the kind of motion is not supported, or the
+            path cannot be written to.
+        OSError: writing failed.
 
     Examples:
         >>> plan = rho.plan(rho.load_scenario("courier"))
@@ -81,11 +81,11 @@ def export(
 
 
 def check_export(path: str | Path, format: str, rate: float | None = None) -> Format:
-    """The format of a name, if it can be written there.
+    """Return the format with a name, after checking that it can be written to a path.
 
     Raises:
-        ValueError: there is no such format, or the ending or the rate is none of it, or there is no
-            place to write to.
+        ValueError: there is no such format, the format does not support the ending or the rate, or
+            the path cannot be written to.
     """
     if format not in FORMATS:
         raise ValueError(f"format: got {format!r}, expected one of {', '.join(FORMATS)}")

@@ -1,4 +1,4 @@
-"""`Format`: what a format of files says of itself, and how it writes."""
+"""`Format`: base class of file formats, with their properties and the method that writes."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import check_replaceable
 
 _OF_FILES = {".csv", ".json", ".npz", ".yaml", ".zip"}
-"""Endings that no folder of an export has: who gives one has taken another format for it."""
+"""File endings that a folder must not have, because they suggest that another format was meant."""
 
 
 class Format(ABC):
-    """One format of files."""
+    """File format of exports."""
 
     name: ClassVar[str]
-    """by which it is asked for"""
+    """name of the format, as in `export(..., format=name)`"""
     endings: ClassVar[tuple[str, ...]] = ()
-    """of files"""
+    """endings of files in this format"""
     folder: ClassVar[bool] = False
-    """whether it can be a folder, of any other ending"""
+    """whether the format can be written as a folder"""
     rated: ClassVar[bool] = True
-    """whether it holds samples"""
+    """whether the format holds samples at a rate"""
 
     def check(self, path: Path, rate: float | None) -> None:
-        """See before any work that it can be written so.
+        """Check, before any work, that a path and a rate suit this format.
 
         Raises:
-            ValueError: the ending or the rate is not one of this format, or there is no place to
-                write to.
+            ValueError: the format does not support the ending or the rate, or the path cannot be
+                written to.
         """
         if rate is not None and not self.rated:
             expected = f"none with {self.name}, which holds no samples"
@@ -54,7 +54,7 @@ class Format(ABC):
                 check_folder(path)
             else:
                 raise OSError(errno.EINVAL, "another ending")
-        except (OSError, ValueError) as error:  # the latter of a NUL
+        except (OSError, ValueError) as error:  # ValueError for a path with a NUL
             reason = getattr(error, "strerror", error)
             raise ValueError(
                 f"path: got {str(path)!r}, expected {self._kinds} ({reason})"
@@ -62,21 +62,21 @@ class Format(ABC):
 
     @property
     def _kinds(self) -> str:
-        """What can be written, in words."""
+        """Kinds of paths that can be written, in words."""
         kinds = [f"a file to write, ending in {' or '.join(self.endings)}"] if self.endings else []
         kinds += ["a folder, new or of the same files"] if self.folder else []
         return ", or ".join(kinds)
 
     @abstractmethod
     def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
-        """Write it, whole or not at all; `rate` [1/s] is the format's own if it is None."""
+        """Write a motion, completely or not at all; None for `rate` [1/s] means the default."""
 
 
 def planned(flown: Plan | Flight | Simulation, format: str) -> Plan:
-    """The plan of a format that is for what is to be flown.
+    """Return the plan to write in a format for motions that are still to be flown.
 
     Raises:
-        ValueError: it is a simulation, whose true motion is not.
+        ValueError: a simulation was given, whose motion has already been flown.
     """
     if isinstance(flown, Simulation):
         expected = f"a plan or a flight with {format}, as what is to be flown"
@@ -91,7 +91,7 @@ def exported(
     words: str,
     deviations: FloatArray | None = None,
 ) -> Exported:
-    """The record of an export; without deviations it is exact."""
+    """Return the record of an export, which is exact if no deviations are given."""
     names = tuple(vehicle.name for vehicle in flown.scenario.vehicles)
     if deviations is None or not np.any(deviations):
         return Exported(path, tuple(files), words, names, np.zeros(len(names)))

@@ -1,4 +1,4 @@
-"""Times for clocks that count milliseconds."""
+"""Sample times in whole milliseconds."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Grid
 
 _ROUNDING = 1e-6
-"""By how much a time may be late and still count as a millisecond [ms]."""
+"""Amount by which the end may exceed a whole millisecond without being rounded up [ms]."""
 
 
 def milliseconds(grid: Grid, rate: float) -> IntArray:
-    """Times at a rate [1/s], rounded, and the end, rounded up: since the first knot [ms], rising.
+    """Return sample times since the first knot at a rate [1/s], in whole milliseconds, increasing.
 
-    States are to be taken at the rounded times, so that rounding moves no state in time.
+    Times are rounded, and the end is rounded up. Callers sample states at the rounded times, so
+    rounding shifts no state in time.
     """
     times = 1000.0 * evenly(grid, rate)
     times[-1] = np.ceil(times[-1] - _ROUNDING)

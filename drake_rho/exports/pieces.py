@@ -1,10 +1,10 @@
-"""Motions as polynomials in pieces of time: exact, or fewer of a higher degree.
+"""Motions as piecewise polynomials: exact, or merged into fewer pieces of a higher degree.
 
-A step of a motion is quadratic in time. Where there are more steps than pieces may be, neighbours
-are merged into polynomials of degree 7, whose positions and velocities where they begin and end are
-those of the motion; what is left of each, four coefficients an axis, is fitted by least squares. So
-pieces join in position and velocity, as steps do. Accelerations jump from one to the next, as they
-do from step to step: the same ones on both sides would be two conditions more, and further off.
+A step of a motion is quadratic in time. If there are more steps than pieces allowed, adjacent steps
+are merged into polynomials of degree 7. Their positions and velocities at both ends are those of
+the motion; the remaining four coefficients of each axis are fitted by least squares. So pieces join
+continuously in position and velocity, as steps do. Accelerations jump between pieces, as they do
+between steps: making them continuous would add two conditions and increase the deviation.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from drake_rho.scenario.fields import FloatArray
 
 DEGREE = 7
 _SAMPLES = 16
-"""Of each step, to which a polynomial is fitted."""
+"""Number of samples of each step, to which a polynomial is fitted."""
 _PARTS = 8
-"""Of each step, in which the distance is bounded."""
+"""Number of parts of each step, in each of which the deviation is bounded."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -32,20 +32,21 @@ class Pieces:
     """Motions of N vehicles as P polynomials each."""
 
     durations: FloatArray
-    """of the pieces [s], shape (P,)"""
+    """durations of the pieces [s], shape (P,)"""
     coefficients: FloatArray
-    """of the powers of the time since a piece began, from the lowest up: [m], [m/s], [m/s²], …,
-    shape (N, P, 3, 8)"""
+    """coefficients of the powers of the time since a piece began, from the lowest up: [m], [m/s],
+    [m/s²], …, shape (N, P, 3, 8)"""
     deviations: FloatArray
-    """no position is further than this from that of the motion at the same time [m], shape (N,)"""
+    """upper bound of the distance between the polynomials and the motion at the same time [m],
+    shape (N,)"""
 
 
 def as_pieces(motion: Motion, most: int) -> Pieces:
-    """A motion as at most so many polynomials, as alike in length as they can be.
+    """Return a motion as a bounded number of polynomials of nearly equal durations.
 
     Args:
-        motion: of several vehicles, arrays of shape (N, ..., 3).
-        most: how many pieces there may be, at least 1.
+        motion: motion of N vehicles.
+        most: largest number of pieces, at least 1.
     """
     vehicles, steps = motion.accelerations.shape[:2]
     joints = np.rint(np.linspace(0, steps, min(most, steps) + 1)).astype(int).tolist()
@@ -62,18 +63,18 @@ def as_pieces(motion: Motion, most: int) -> Pieces:
 
 
 def _step(motion: Motion, k: int) -> FloatArray:
-    """The three coefficients of a step, shape (N, 3, 3)."""
+    """Return the three coefficients of a step, shape (N, 3, 3)."""
     p, v, a = motion.positions[:, k], motion.velocities[:, k], motion.accelerations[:, k]
     return np.stack([p, v, a / 2.0], axis=-1)
 
 
 def _merged(motion: Motion, first: int, last: int) -> tuple[FloatArray, FloatArray]:
-    """The polynomials for the steps between two knots, (N, 3, 8), and their deviations, (N,)."""
+    """Return polynomials for the steps between two knots, (N, 3, 8), and their deviations, (N,)."""
     steps = last - first
     lasting = steps * motion.step
 
     def moved(u: FloatArray) -> FloatArray:
-        """The motion at parts of the piece, shape (N, 3, M)."""
+        """Return positions of the motion at fractions u of the piece, shape (N, 3, M)."""
         return np.swapaxes(motion.at("position", motion.step * first + lasting * u), 1, 2)
 
     u = (np.arange(_SAMPLES * steps) + 0.5) / (_SAMPLES * steps)
@@ -90,7 +91,7 @@ def _merged(motion: Motion, first: int, last: int) -> tuple[FloatArray, FloatArr
 
 
 def _between_ends(motion: Motion, first: int, last: int) -> FloatArray:
-    """The cubics with the states at two knots, in powers of the part passed, shape (N, 3, 8)."""
+    """Return cubics that match the states at two knots, in powers of u, shape (N, 3, 8)."""
     p, q = motion.positions[:, first], motion.positions[:, last]
     lasting = (last - first) * motion.step
     v, w = lasting * motion.velocities[:, first], lasting * motion.velocities[:, last]
@@ -99,27 +100,28 @@ def _between_ends(motion: Motion, first: int, last: int) -> FloatArray:
 
 
 def _powers(u: FloatArray) -> FloatArray:
-    """The powers of u from 0 to 7, shape (8, M)."""
+    """Return the powers of u from 0 to 7, shape (8, M)."""
     return np.asarray(u ** np.arange(DEGREE + 1)[:, None])
 
 
 @cache
 def _free() -> FloatArray:
-    """Four polynomials that are zero at 0 and 1, and so are their slopes: powers, shape (4, 8)."""
+    """Return coefficients (4, 8) of four polynomials with zero values and slopes at 0 and 1."""
     u = Polynomial([0.0, 1.0])
-    kept = u**2 * (1.0 - u) ** 2
+    flat_ends = u**2 * (1.0 - u) ** 2
     free = [Legendre.basis(k, domain=[0.0, 1.0]).convert(kind=Polynomial) for k in range(4)]
-    return np.array([np.pad((kept * each).coef, (0, 3 - k)) for k, each in enumerate(free)])
+    return np.array([np.pad((flat_ends * each).coef, (0, 3 - k)) for k, each in enumerate(free)])
 
 
 @cache
 def _control_points() -> tuple[FloatArray, FloatArray]:
-    """Parts of an interval, and what makes Bézier control points of a polynomial's values there.
+    """Return nodes in [0, 1] and the map from values there to Bézier control points.
 
-    A polynomial stays in the convex hull of its control points: none is longer than the longest.
+    A polynomial stays in the convex hull of its control points, so its norm is bounded by the
+    largest norm of a control point.
 
     Returns:
-        Parts, shape (8,), and the matrix, shape (8, 8).
+        Nodes, shape (8,), and the matrix of the map, shape (8, 8).
     """
     nodes = (1.0 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2.0
     k = np.arange(DEGREE + 1)

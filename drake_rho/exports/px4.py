@@ -1,6 +1,6 @@
-"""Setpoints for PX4's offboard mode: a table of MAVLink's SET_POSITION_TARGET_LOCAL_NED.
+"""PX4 format: setpoints for the offboard mode, MAVLink's SET_POSITION_TARGET_LOCAL_NED, as a table.
 
-A scenario's axes are taken for east, north and up; MAVLink's are north, east and down.
+A scenario's axes are taken as east, north and up; MAVLink's are north, east and down.
 """
 
 from __future__ import annotations
@@ -20,32 +20,33 @@ from drake_rho.motion.tables import write_rows
 from drake_rho.scenario.files import replacing
 
 RATE = 20.0
-"""Setpoints a second, if no rate is given: PX4 leaves offboard mode below 2."""
+"""Setpoints per second if no rate is given; PX4 leaves the offboard mode below 2."""
 COLUMNS = (
     *("vehicle", "time_boot_ms", "target_system", "target_component", "coordinate_frame"),
     *("type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"),
 )
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-"""North, east and down of a vector in east, north and up."""
+"""Matrix from vectors in east, north and up to vectors in north, east and down."""
 _AUTOPILOT, _LOCAL_NED = 1, 1  # MAV_COMP_ID_AUTOPILOT1, MAV_FRAME_LOCAL_NED
 _IGNORE_YAW_RATE = 2048
 _EAST = np.pi / 2.0
-"""Heading along the scenario's x axis, from north, clockwise seen from above [rad]."""
+"""Heading along the scenario's x axis, measured from north, clockwise seen from above [rad]."""
 _SYSTEMS = 255
-"""Vehicles that MAVLink can tell apart."""
+"""Largest number of vehicles that MAVLink can distinguish."""
 
 
 class Px4(Format):
-    """One table of all vehicles' setpoints, in the order in which they are to be sent."""
+    """Table of all vehicles' setpoints, in the order in which they are to be sent."""
 
     name = "px4"
     endings = (".csv",)
 
     def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
-        """Rows by time, and of a time by vehicle.
+        """Write the rows in the order of time, and of vehicles at equal times.
 
         Raises:
-            ValueError: there are more vehicles than MAVLink can tell apart, or it is a simulation.
+            ValueError: there are more vehicles than MAVLink can distinguish, or a simulation was
+                given.
         """
         plan = planned(flown, self.name)
         if (count := len(plan.scenario.vehicles)) > _SYSTEMS:
@@ -59,9 +60,9 @@ class Px4(Format):
 
 
 def _rows(samples: Samples, ticks: list[int]) -> Iterator[list[object]]:
-    """What is sent, without the header."""
+    """Yield the rows of the table, without the header."""
     vectors = samples.states.reshape(*samples.positions.shape[:2], 3, 3) @ NED.T
-    numbers = (vectors + 0.0).reshape(*vectors.shape[:2], 9)  # with no negative zeros
+    numbers = (vectors + 0.0).reshape(*vectors.shape[:2], 9)  # adding 0 avoids negative zeros
     for m, tick in enumerate(ticks):
         for system, name in enumerate(samples.names, start=1):
             head = [name, tick, system, _AUTOPILOT, _LOCAL_NED, _IGNORE_YAW_RATE]

@@ -1,4 +1,4 @@
-"""What was written, and how far it is from the motion."""
+"""Record of an export: the files written and their deviation from the motion."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from drake_rho.scenario.fields import FloatArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exported(metaclass=Described):
-    """The files of an export; prints as what there is to know of it."""
+    """Files of an export; prints as a summary."""
 
     path: Path
-    """what was asked for: a file or a folder"""
+    """path of the file or folder that was requested"""
     files: tuple[Path, ...]
-    """all that was written: the one file, or those of a folder, vehicle by vehicle"""
+    """files written: a single one, or those of a folder, vehicle by vehicle"""
     words: str
-    """what is in them"""
+    """description of the files' contents"""
     names: tuple[str, ...]
-    """of the vehicles"""
+    """names of the vehicles"""
     deviations: FloatArray
-    """how far what is written may be from the motion of each vehicle, at most, at any time [m],
-    shape (N,); 0 where it is the motion, or states of it"""
+    """upper bound of the distance between what is written and each vehicle's motion at any time
+    [m], shape (N,); 0 where the motion itself, or states of it, are written"""
     spare: Spare | None = None
-    """whether vehicles keep clear with these deviations; None where there are none"""
+    """clearance that remains with these deviations; None if there are no deviations"""
 
     @property
     def deviation(self) -> float:
-        """The largest of the deviations [m]."""
+        """Largest of the deviations [m]."""
         return float(self.deviations.max())
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""The CSV files of Skybrush: one for each vehicle, in a folder or an archive (zip)."""
+"""Skybrush format: a CSV file for each vehicle, in a folder or a zip archive."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from drake_rho.motion.tables import write_rows
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 RATE = 20.0
-"""Samples a second, if no rate is given."""
+"""Samples per second if no rate is given."""
 COLUMNS = ("Time [msec]", "x [m]", "y [m]", "z [m]", "Red", "Green", "Blue")
 _WHITE = (255, 255, 255)
 
 
 class Skybrush(Format):
-    """Positions at a rate, and white lights."""
+    """Positions at a rate, with white lights."""
 
     name = "skybrush"
     endings = (".zip",)
     folder = True
 
     def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
-        """A file for each vehicle, called as it is."""
+        """Write a file for each vehicle, named after it."""
         ticks = milliseconds(flown.scenario.grid, rate or RATE)
         samples = sample(flown, ticks / 1000.0)
         names = file_names(samples.names, ".csv")
@@ -43,21 +43,21 @@ class Skybrush(Format):
         (write_archive if archive else write_folder)(path, contents)
         files = [path] if archive else [path / name for name in names]
         words = f"{len(ticks)} positions of each vehicle, joined by straight lines,"
-        return exported(flown, path, files, words, _cut_short(flown, ticks))
+        return exported(flown, path, files, words, _chord_deviations(flown, ticks))
 
 
 def _table(ticks: IntArray, positions: FloatArray) -> bytes:
-    """The file of one vehicle."""
+    """Return the contents of one vehicle's file."""
     file, rows = io.BytesIO(), zip(ticks.tolist(), positions.tolist(), strict=True)
     write_rows(file, [COLUMNS, *([tick, *position, *_WHITE] for tick, position in rows)])
     return file.getvalue()
 
 
-def _cut_short(flown: Plan | Flight | Simulation, ticks: IntArray) -> FloatArray:
-    """How far straight lines from sample to sample are from the motions, at most [m], shape (N,).
+def _chord_deviations(flown: Plan | Flight | Simulation, ticks: IntArray) -> FloatArray:
+    """Return upper bounds of the distance between motions and straight lines between samples [m].
 
     A motion whose acceleration is at most a is within a w²/8 of the line between two of its points
-    a time w apart.
+    that are a time w apart. The shape is (N,).
     """
     if isinstance(flown, Simulation):
         accelerations = np.moveaxis(flown.accelerations, 0, 1)

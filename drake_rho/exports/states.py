@@ -1,4 +1,4 @@
-"""CSV and JSON: the states of all vehicles, from which a plan can be read again."""
+"""CSV and JSON formats: states of all vehicles, from which a plan can be read again."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from drake_rho.motion.tables import write_table
 from drake_rho.scenario.files import replacing
 
 RATE = 20.0
-"""Samples a second of a table, beside the knots, if no rate is given."""
+"""Samples per second of a table, in addition to the knots, if no rate is given."""
 
 
 class Csv(Format):
-    """A table of states at a rate and at every knot."""
+    """Table of states at a rate and at every knot."""
 
     name = "csv"
     endings = (".csv",)
 
     def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
-        """One row for a vehicle at a time."""
+        """Write one row for each vehicle and time."""
         times, _ = with_knots(flown.scenario.grid, rate or RATE)
         samples = sample(flown, times)
         with replacing(path) as file:
@@ -33,13 +33,13 @@ class Csv(Format):
 
 
 class Json(Format):
-    """A document with scenario, units and states at every knot, and at a rate if there is one."""
+    """Document with scenario, units and states at every knot, and at a rate if one is given."""
 
     name = "json"
     endings = (".json",)
 
     def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
-        """One document, which `load` reads as the same plan."""
+        """Write one document, which `load` reads as the same plan."""
         with replacing(path) as file:
             write_document(file, flown, rate)
         return exported(flown, path, [path], "scenario and states")

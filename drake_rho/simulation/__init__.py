@@ -1,1 +1,1 @@
-"""Flying it: winds to fly in, the worst of them among them."""
+"""Simulation of flights in wind, with feedback and replanning; worst-case winds and attacks."""

@@ -1,9 +1,9 @@
-"""The wind that brings a plan's vehicles closest to what they keep clear of, and a flight in it.
+"""Wind that leaves a plan the least clearance from its constraints, and a flight in that wind.
 
 At a time t the error of a vehicle is anywhere in a ball of radius ρ(t), and distances from convex
-shapes change by no more than a vehicle moves. So no wind leaves less clearance than that of the
-plan less ρ(t), or less 2 ρ(t) between two vehicles; and the wind that is worst in the direction of
-the nearest surface leaves just that, as long as that surface stays the nearest on the way.
+shapes change by no more than a vehicle moves. So no wind leaves less clearance than the plan's
+less ρ(t), or less 2 ρ(t) between two vehicles. The worst wind in the direction of the nearest
+surface attains this bound, as long as the same surface stays nearest during the displacement.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from drake_rho.simulation.closed_loop import adopted, fly_plan
 from drake_rho.simulation.winds import WindOverTime
 from drake_rho.simulation.worst_case import WorstCase, worst_case
 from drake_rho.verification.boxes import check_position_box
-from drake_rho.verification.course import Course
 from drake_rho.verification.obstacles import check_obstacle
 from drake_rho.verification.report import PRECISION, Column
 from drake_rho.verification.separation import check_separation
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
 
 TREATMENT = {
@@ -62,15 +62,15 @@ class AimedWind(WindOverTime):
     worst: WorstCase
     """the worst case along x"""
     directions: FloatArray
-    """unit vectors, or 0 for a vehicle that is left alone, shape (N, 3)"""
+    """unit vectors, or 0 for a vehicle without wind, shape (N, 3)"""
 
     def over(self, times: FloatArray, vehicles: int) -> FloatArray:
-        """The wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
+        """Return the wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
         return np.asarray(self.worst.over(times, vehicles)[..., :1] * self.directions)
 
     @property
     def switching_times(self) -> FloatArray:
-        """When it changes, on the scenario's clock [s], shape (S,)."""
+        """Times at which the wind changes, on the scenario's clock [s], shape (S,)."""
         return self.worst.switching_times
 
     @property
@@ -86,138 +86,144 @@ class AimedWind(WindOverTime):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Attack(metaclass=Described):
-    """What the worst wind does to a plan."""
+    """Effect of the worst wind on a plan."""
 
     constraint: str
-    """what is come closest to: an obstacle, the separation, or the position box"""
+    """constraint with the least clearance: an obstacle, the separation, or the position box"""
     vehicles: tuple[str, ...]
-    """whose clearance it is: one vehicle, or two"""
+    """names of the one or two vehicles with this clearance"""
     time: float
-    """when, on the scenario's clock [s]"""
+    """time of the least clearance on the scenario's clock [s]"""
     planned: float
-    """clearance of the plan then, above what is to be kept [m]"""
+    """clearance of the plan at this time, beyond the required distance [m]"""
     bound: float
-    """the least that any wind and errors can leave at any time, negative if that breaks it [m]"""
+    """least clearance that any wind and estimation errors can leave at any time [m]; negative if
+    they can violate the constraint"""
     clearance: float
-    """what was left of it in the flight at this time [m]"""
+    """clearance that was left in the flight at this time [m]"""
     wind: AimedWind
-    """which wind, with the errors of the estimate that belong to it"""
+    """worst wind, with the estimation errors that belong to it"""
     simulation: Simulation
-    """the flight in it"""
+    """flight in this wind"""
 
     def __repr__(self) -> str:
-        """As in '<Attack: v1 is left 0.01 m of 0.2 m beyond what is kept, obstacle 1 at 6.4 s>'."""
-        who = " and ".join(self.vehicles)
-        left = f"{self.clearance:.3g} m of {self.planned:.3g} m beyond what is kept"
-        return f"<Attack: {who} is left {left}, {self.constraint} at {clock_time(self.time, 4)}>"
+        """Return a text like '<Attack: v1 keeps 0.01 m of 0.2 m, obstacle 1 at 6.4 s>'."""
+        who, verb = " and ".join(self.vehicles), "keep" if len(self.vehicles) > 1 else "keeps"
+        left = f"{self.clearance:.3g} m of {self.planned:.3g} m"
+        where = f"{self.constraint} at {clock_time(self.time, 4)}"
+        return f"<Attack: {who} {verb} {left} beyond the required distance, {where}>"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Kept:
-    """What one vehicle, or two, keep clear of."""
+class _Clearance:
+    """Clearance of one vehicle, or of two, from one constraint."""
 
     name: str
     vehicles: tuple[int, ...]
     clearance: Callable[[FloatArray, FloatArray], FloatArray]
-    """of positions (V, T, 3) [m] at times (T,) [s], shape (T,) [m]"""
+    """function of positions (V, T, 3) [m] and times (T,) [s] to clearances (T,) [m]"""
     inward: Callable[[FloatArray, FloatArray], FloatArray]
-    """unit vectors in which vehicles have least clearance, (V, 1, 3) and (1,) to (V, 3)"""
+    """function of a position (V, 1, 3) and a time (1,) to the unit vectors (V, 3) along which the
+    vehicles' clearance falls fastest"""
 
 
 @checked
 def attack(scenario: Scenario, plan: Plan) -> Attack:
-    """Look for the wind in which a plan keeps least clearance, and fly it in that wind.
+    """Find the wind that leaves a plan the least clearance, and fly the plan in it.
 
-    The plan is held by the scenario's feedback from its start to its end, without new windows.
+    The plan is tracked by the scenario's feedback from its start to its end, without replanning.
 
     Args:
-        scenario: how strong wind is, how vehicles are held, and what they keep clear of.
-        plan: for the same vehicles and grid; it need not have been made for any disturbance.
+        scenario: scenario with the strength of the wind, the feedback and the constraints.
+        plan: plan for the same vehicles and grid; it need not have been made for a disturbance.
 
     Returns:
-        The constraint with the least clearance, over all obstacles (those included that are not
-        known yet), pairs and sides of position boxes. At all times, or at the knots where the
-        scenario asks for no more.
+        The attack on the constraint with the least clearance, over all obstacles (including those
+        that are not known yet), pairs and sides of position boxes. Clearances are taken at all
+        times, or at the knots if the scenario requires no more.
 
     Raises:
-        ValueError: the scenario has no disturbance, is under way, or has nothing to keep clear of;
-            or the plan is for other vehicles or another grid.
+        ValueError: the scenario has no disturbance, is a window of a flight under way, or has no
+            obstacles, separation or position box; or the plan is for other vehicles or another
+            grid.
 
     Examples:
         >>> scenario = rho.load_scenario("courier")
         >>> rho.attack(scenario, rho.plan(scenario)).clearance > 0.0
         True
     """
-    around = scenario.disturbance
-    if around is None or around.tracking is not None:
-        expected = "one that says how strong wind is, in a scenario that is not under way"
-        raise ValueError(f"scenario.disturbance: got {around}, expected {expected}")
+    disturbance = scenario.disturbance
+    if disturbance is None or disturbance.tracking is not None:
+        expected = "one with the strength of the wind, in a scenario that is not under way"
+        raise ValueError(f"scenario.disturbance: got {disturbance}, expected {expected}")
     plan = adopted(scenario, plan)
     tightest = _tightest_of_all(scenario, plan)
     if tightest is None:
-        expected = "obstacles, a separation or position boxes, to come close to"
+        expected = "obstacles, a separation or position boxes"
         raise ValueError(f"scenario: got nothing to keep clear of, expected {expected}")
-    time, kept = tightest.time, tightest.kept
-    who, now = list(kept.vehicles), np.array([time])
+    time, own = tightest.time, tightest.own
+    who, now = list(own.vehicles), np.array([time])
     at = plan.motion().at("position", now - scenario.grid.start)[who]
     directions = np.zeros((len(scenario.vehicles), 3))
-    directions[who] = kept.inward(at, now)
+    directions[who] = own.inward(at, now)
     wind = AimedWind(worst_case(scenario, [1, 0, 0], time), locked(directions))
     simulation = fly_plan(scenario, plan, wind=wind)
     m = int(np.argmin(np.abs(simulation.times - time)))
-    left = kept.clearance(simulation.positions[m, who][:, None], now)
+    left = own.clearance(simulation.positions[m, who][:, None], now)
     names = tuple(scenario.vehicles[i].name for i in who)
-    planned = float(kept.clearance(at, now)[0])
-    return Attack(kept.name, names, time, planned, tightest.bound, float(left[0]), wind, simulation)
+    planned = float(own.clearance(at, now)[0])
+    return Attack(own.name, names, time, planned, tightest.bound, float(left[0]), wind, simulation)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Tightest:
-    """Where there is least clearance less radii."""
+    """Least clearance less error radii."""
 
     bound: float
-    """no clearance less radius is below it [m]"""
+    """lower bound of the clearance less error radii [m]"""
     time: float
-    """on the scenario's clock [s]"""
-    kept: _Kept
-    """what is come closest to"""
+    """time of the least clearance on the scenario's clock [s]"""
+    own: _Clearance
+    """vehicles and constraint with the least clearance"""
 
 
 def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
-    """Return what has the least clearance less radii, as the judge finds it; None without any.
+    """Return the least clearance less error radii, as the verifier finds it; None without any.
 
-    The judge misses no smaller one by more than the part `PRECISION` of the tolerance.
+    The verifier misses smaller values by the fraction `PRECISION` of the tolerance at most.
     """
-    course = Course.of(scenario, plan.motion(), Tubes.around(plan))
+    trajectory = PiecewiseTrajectory.of(scenario, plan.motion(), Tubes.of(plan))
     found: _Tightest | None = None
-    for column, kept_by in _judged(course):
+    for column, clearance_of in _checks(trajectory):
         if column.always != scenario.between_knots:
             continue
         bounds = -np.asarray(column.excess) - PRECISION * column.tolerances
         i = int(np.argmin(bounds))
         if np.isfinite(bounds[i]) and (found is None or bounds[i] < found.bound):
-            found = _Tightest(float(bounds[i]), float(column.times[i]), kept_by(i))
+            found = _Tightest(float(bounds[i]), float(column.times[i]), clearance_of(i))
     return found
 
 
-def _judged(course: Course) -> Iterator[tuple[Column, Callable[[int], _Kept]]]:
-    """Yield the judge's columns, and what is kept clear of in the row of a vehicle."""
-    scenario = course.scenario
+def _checks(
+    trajectory: PiecewiseTrajectory,
+) -> Iterator[tuple[Column, Callable[[int], _Clearance]]]:
+    """Yield the verifier's columns, each with a function of a vehicle's index to its clearance."""
+    scenario = trajectory.scenario
     for number in range(1, len(scenario.bodies) + 1):
-        for column in check_obstacle(course, number):
+        for column in check_obstacle(trajectory, number):
             yield column, partial(_from_obstacle, scenario, number)
-    for column in check_separation(course, far=np.inf):
-        assert column.partners is not None  # noqa: S101  # of a separation there always are
+    for column in check_separation(trajectory, far=np.inf):
+        assert column.partners is not None  # noqa: S101  # a separation has them
         yield column, partial(_from_each_other, scenario, column.partners)
     if (bounds := scenario.fleet.bounds("position")) is not None:
-        for column in check_position_box(course):
+        for column in check_position_box(trajectory):
             yield column, partial(_within, bounds)
 
 
-def _from_obstacle(scenario: Scenario, number: int, i: int) -> _Kept:
+def _from_obstacle(scenario: Scenario, number: int, i: int) -> _Clearance:
     obstacle = scenario.bodies[number - 1]
     margin = float(scenario.fleet.radii[i]) + obstacle.deviation
-    return _Kept(
+    return _Clearance(
         scenario.obstacle_name(number),
         (i,),
         lambda p, times: obstacle.distances(p[0], times) - margin,
@@ -225,27 +231,27 @@ def _from_obstacle(scenario: Scenario, number: int, i: int) -> _Kept:
     )
 
 
-def _from_each_other(scenario: Scenario, partners: IntArray, i: int) -> _Kept:
-    assert scenario.separation is not None  # noqa: S101  # asked before
+def _from_each_other(scenario: Scenario, partners: IntArray, i: int) -> _Clearance:
+    assert scenario.separation is not None  # noqa: S101  # callers check this
     shape, (i, j) = scenario.separation.shape, sorted((i, int(partners[i])))
 
     def inward(p: FloatArray, times: FloatArray) -> FloatArray:
         n = shape.outward(p[0] - p[1])
         return np.concatenate([-n, n])
 
-    return _Kept("separation", (i, j), lambda p, _: shape.signed_distance(p[0] - p[1]), inward)
+    return _Clearance("separation", (i, j), lambda p, _: shape.signed_distance(p[0] - p[1]), inward)
 
 
-def _within(bounds: Bounds, i: int) -> _Kept:
+def _within(bounds: Bounds, i: int) -> _Clearance:
     lower, upper = bounds.lower[i], bounds.upper[i]
     sides = np.concatenate([np.eye(3), -np.eye(3)])  # outwards
 
-    def rooms(p: FloatArray) -> FloatArray:
+    def distances(p: FloatArray) -> FloatArray:
         return np.concatenate([upper - p[0], p[0] - lower], axis=1)
 
-    return _Kept(
+    return _Clearance(
         "position box",
         (i,),
-        lambda p, _: np.asarray(rooms(p).min(axis=1)),
-        lambda p, _: sides[np.argmin(rooms(p), axis=1)],
+        lambda p, _: np.asarray(distances(p).min(axis=1)),
+        lambda p, _: sides[np.argmin(distances(p), axis=1)],
     )

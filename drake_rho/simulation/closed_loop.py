@@ -1,4 +1,4 @@
-"""Flying without a diagram: the exact motion of point masses, for thousands of flights."""
+"""Exact closed-loop simulation of point masses without a Drake diagram, for many flights."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from drake_rho.simulation import winds
 from drake_rho.simulation.estimates import EstimationErrors
 from drake_rho.simulation.feedback import Feedback
 from drake_rho.simulation.timeline import Timeline
-from drake_rho.simulation.winds import Wind, blown
+from drake_rho.simulation.winds import Wind, checked_wind
 
 
 @dataclasses.dataclass(frozen=True)
 class OnePlan:
-    """A horizon of one window: a plan that is tracked from the start to the end."""
+    """Horizon of a single window: one plan tracked from its start to its end."""
 
     plan: Plan
 
     @property
     def scenario(self) -> Scenario:
-        """That of the plan."""
+        """Scenario of the plan."""
         return self.plan.scenario
 
     @property
     def knots(self) -> range:
-        """The first."""
+        """Knots at which windows start: the first only."""
         return range(1)
 
     @property
     def flight(self) -> Flight:
-        """The plan as a flight of one window."""
+        """Flight with the plan as its only window."""
         return Flight(self.plan, (Window(0, self.plan, self.plan),))
 
     def step(self, states: FloatArray, time: float) -> Window:
-        """The only window."""
+        """Return the only window."""
         return self.flight.windows[0]
 
 
@@ -56,12 +56,12 @@ def fly(
     wind: Wind | None = None,
     rng: np.random.Generator | None = None,
 ) -> Simulation:
-    """What `rho.simulate` does for point masses, without Drake's simulator, and so faster.
+    """Simulate point masses as `rho.simulate` does, but faster, without Drake's simulator.
 
     Raises:
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
-        ValueError: an argument makes no sense.
+        ValueError: an argument is invalid.
     """
     horizon = RecedingHorizon(
         scenario, replan_every=replan_every, planner=planner, fallback=fallback
@@ -76,32 +76,32 @@ def fly_plan(
     wind: Wind | None = None,
     rng: np.random.Generator | None = None,
 ) -> Simulation:
-    """Fly one plan in wind, held to it by the scenario's feedback, without planning again.
+    """Fly one plan in wind with the scenario's feedback, without replanning.
 
     Args:
-        scenario: whose disturbance and feedback there is.
-        plan: for the same vehicles and grid, but maybe for another disturbance.
-        wind: none if not given.
-        rng: where errors of the estimate come from; without it there are none, unless the wind
-            brings them.
+        scenario: scenario with the disturbance and the feedback.
+        plan: plan for the same vehicles and grid, possibly made for another disturbance.
+        wind: wind to fly in; none if not given.
+        rng: source of random estimation errors; without it there are none, unless the wind brings
+            its own.
 
     Raises:
-        ValueError: the plan is for other vehicles or another grid, or the wind makes no sense.
+        ValueError: the plan is for other vehicles or another grid, or the wind is invalid.
     """
     return flown(Feedback(OnePlan(adopted(scenario, plan))), wind, rng)
 
 
 def adopted(scenario: Scenario, plan: Plan) -> Plan:
-    """A plan as one of a scenario for the same vehicles and grid.
+    """Return a plan as a plan of another scenario with the same vehicles and grid.
 
     Raises:
-        ValueError: they are others.
+        ValueError: the scenario has another number of vehicles or another grid.
     """
-    asked = plan.scenario
-    if asked.grid != scenario.grid or len(asked.vehicles) != len(scenario.vehicles):
+    own = plan.scenario
+    if own.grid != scenario.grid or len(own.vehicles) != len(scenario.vehicles):
         expected = f"one for {len(scenario.vehicles)} vehicles on {scenario.grid}"
         raise ValueError(
-            f"plan: got one for {len(asked.vehicles)} on {asked.grid}, expected {expected}"
+            f"plan: got one for {len(own.vehicles)} on {own.grid}, expected {expected}"
         )
     return Plan(scenario, plan.positions, plan.velocities, plan.accelerations, plan.statistics)
 
@@ -110,15 +110,15 @@ def flown(feedback: Feedback, wind: Wind | None, rng: np.random.Generator | None
     """Fly point masses with a feedback, once.
 
     Raises:
-        ValueError: the wind makes no sense, or `rng` is no generator.
+        ValueError: the wind is invalid, or `rng` is not a generator.
     """
     wind = winds.none() if wind is None else wind
     scenario = feedback.scenario
     timeline = Timeline.of(scenario, wind)
     errors = EstimationErrors.of(scenario, wind, rng)
     states = np.empty((len(timeline.times), len(feedback.starts), 6))
-    blowing, commands = np.empty((2, len(states), len(feedback.starts), 3))
-    blowing[:] = _known_before(wind, timeline, len(feedback.starts))
+    acting, commands = np.empty((2, len(states), len(feedback.starts), 3))
+    acting[:] = _known_before(wind, timeline, len(feedback.starts))
     states[0] = feedback.starts
     memory = feedback.start
     for j in range(feedback.samples):
@@ -126,21 +126,21 @@ def flown(feedback: Feedback, wind: Wind | None, rng: np.random.Generator | None
         memory = feedback.next(memory, j, errors.added_to(j, states[first]))
         commands[first:last] = memory.commands[-1]
         here = slice(first, last + 1)
-        _move(wind, timeline, here, states[here], blowing[here], memory.commands[-1])
-    blowing[-1], commands[-1] = blowing[-2], commands[-2]
+        _move(wind, timeline, here, states[here], acting[here], memory.commands[-1])
+    acting[-1], commands[-1] = acting[-2], commands[-2]
     return Simulation(
         feedback.horizon.flight,
         timeline.times,
         states[..., :3],
         states[..., 3:],
-        blowing,
+        acting,
         commands,
         elapsed=timeline.elapsed,
     )
 
 
 def _known_before(wind: Wind, timeline: Timeline, vehicles: int) -> FloatArray:
-    """A wind at all times [m/s²], shape (M, N, 3), NaN where it depends on what is flown."""
+    """Return a wind at all times [m/s²], shape (M, N, 3); NaN if it depends on the states."""
     shape = (len(timeline.times), vehicles, 3)
     if not hasattr(wind, "over"):
         return np.full(shape, np.nan)
@@ -155,18 +155,18 @@ def _move(
     timeline: Timeline,
     here: slice,
     states: FloatArray,
-    blowing: FloatArray,
+    acting: FloatArray,
     command: FloatArray,
 ) -> None:
-    """Fill in what follows from the first of some states with one command, step by step."""
+    """Fill in the states, and the wind, that follow from the first state under one command."""
     steps = np.diff(timeline.elapsed[here])[:, None, None]
     p, v = states[..., :3], states[..., 3:]
-    if np.isnan(blowing[0, 0, 0]):
+    if np.isnan(acting[0, 0, 0]):
         for k, (h,) in enumerate(steps[:, 0]):
-            blowing[k] = blown(wind, float(timeline.times[here][k]), p[k], v[k])
-            a = command + blowing[k]
+            acting[k] = checked_wind(wind, float(timeline.times[here][k]), p[k], v[k])
+            a = command + acting[k]
             p[k + 1], v[k + 1] = p[k] + h * (v[k] + h / 2.0 * a), v[k] + h * a
         return
-    a = command + blowing[:-1]
+    a = command + acting[:-1]
     v[1:] = v[0] + np.cumsum(steps * a, axis=0)
     p[1:] = p[0] + np.cumsum(steps * (v[:-1] + steps / 2.0 * a), axis=0)

@@ -1,4 +1,4 @@
-"""The diagram of a flight: horizon, plant and wind as Drake systems, flown and recorded."""
+"""Simulation of a flight as a Drake diagram of controller, plant, wind and estimator."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from drake_rho.simulation.timeline import Timeline
 from drake_rho.simulation.winds import Wind
 
 _PLANTS = {None: "point mass", "quadrotor": "quadrotor"}
-"""What can be flown, and what it is called in records."""
+"""Name of each plant in records."""
 
 
 def simulated(
@@ -31,11 +31,11 @@ def simulated(
     plant: Literal["quadrotor"] | None,
     rng: np.random.Generator | None,
 ) -> Simulation:
-    """Fly a horizon in a wind; arguments as for `simulate`.
+    """Fly a receding horizon in wind; arguments as for `simulate`.
 
     Raises:
-        InfeasibleError: the first window has no plan; it raises what the horizon does.
-        ValueError: the wind or `rng` makes no sense.
+        InfeasibleError: the first window has no plan; other errors of the horizon are passed on.
+        ValueError: the wind or `rng` is invalid.
     """
     scenario = horizon.scenario
     timeline = Timeline.of(scenario, wind, np.inf if plant is None else LONGEST)
@@ -52,20 +52,20 @@ def simulated(
     ]
     count = len(scenario.vehicles)
     states = np.empty((len(timeline.times), count, 6))
-    blowing, commands = np.empty((2, len(states), count, 3))
+    acting, commands = np.empty((2, len(states), count, 3))
     states[0] = ports[0][0].Eval(ports[0][1]).reshape(count, 6)
     for m, time in enumerate(timeline.elapsed[1:].tolist(), start=1):
         simulator.AdvanceTo(time)
-        states[m], blowing[m - 1], commands[m - 1] = (
+        states[m], acting[m - 1], commands[m - 1] = (
             port.Eval(context).reshape(count, -1) for port, context in ports
         )
-    blowing[-1], commands[-1] = blowing[-2], commands[-2]
+    acting[-1], commands[-1] = acting[-2], commands[-2]
     return Simulation(
         controller.flight,
         timeline.times,
         states[..., :3],
         states[..., 3:],
-        blowing,
+        acting,
         commands,
         _PLANTS[plant],
         timeline.elapsed,
@@ -79,7 +79,7 @@ def _simulator(
     estimator: Estimator,
     timeline: Timeline,
 ) -> Simulator:
-    """The diagram, ready to fly: true states -> estimates -> commands -> true states."""
+    """Return a simulator of the loop from true states to estimates, commands and true states."""
     builder = DiagramBuilder()
     for system in (plant, controller, source, estimator):
         builder.AddSystem(system)

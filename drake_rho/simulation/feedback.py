@@ -1,12 +1,12 @@
-"""The sampled feedback that holds vehicles to the nominal of a receding horizon.
+"""Sampled feedback that tracks the nominal motion of a receding horizon.
 
-At sample j the command is a(t) + u_j: a is the nominal acceleration and
+At sample j the command is a(t) + u_j, where a is the nominal acceleration and
 
     u_j = -k_p (p_est - p_nom) - k_v (v_est - v_nom)     of sample j - d,
 
-0 for the first d samples after the plan that is tracked began, as in `docs/flight.md`. Written once
-for the loop without a diagram and for the one in Drake's systems: memory and estimate in, memory
-out.
+and u_j = 0 for the first d samples after the tracked plan began, as in `docs/flight.md`. The
+feedback maps its memory and an estimate to a new memory; the simulation without a diagram and the
+Drake system share it.
 """
 
 from __future__ import annotations
@@ -25,85 +25,86 @@ from drake_rho.scenario.records import Scenario
 
 
 class Horizon(Protocol):
-    """What gives the windows: `rho.RecedingHorizon`, or what keeps one plan."""
+    """Interface of planners of windows: `rho.RecedingHorizon`, or a single plan."""
 
     @property
     def scenario(self) -> Scenario:
-        """What is flown."""
+        """Scenario of the flight."""
         ...
 
     @property
     def knots(self) -> Sequence[int]:
-        """The knots at which windows start, counted from 0."""
+        """Knots at which windows start, counted from 0."""
         ...
 
     @property
     def flight(self) -> Flight:
-        """The windows so far."""
+        """Windows so far, as a flight."""
         ...
 
     def step(self, states: FloatArray, time: float) -> Window:
-        """The window flown from a knot on, at a time on the scenario's clock [s].
+        """Return the window that is flown from a knot on.
 
         Args:
             states: estimated positions [m] and velocities [m/s], shape (N, 6).
-            time: of the knot [s].
+            time: time of the knot on the scenario's clock [s].
         """
         ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Memory:
-    """What the feedback knows from one sample to the next; never written to."""
+    """State of the feedback between two samples; immutable."""
 
     window: Window
-    """in force"""
+    """current window"""
     since: int
-    """the sample with which the plan that is tracked began"""
+    """sample at which the tracked plan began"""
     estimates: tuple[FloatArray, ...] = ()
-    """estimated states (N, 6), the latest last, one more of them than the delay has samples"""
+    """latest estimated states (N, 6), the newest last: one more than the delay in samples"""
     errors: tuple[FloatArray, ...] = ()
-    """each of them less the plan that was in force then"""
+    """estimates minus the states of the plan that was tracked at their time, (N, 6) each"""
     commands: tuple[FloatArray, ...] = ()
-    """accelerations commanded (N, 3) [m/s²], the latest last"""
+    """latest commanded accelerations (N, 3) [m/s²], the newest last"""
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Itself: for Drake, whose contexts copy the state that they keep."""
+        """Return the memory itself, since Drake's contexts copy their state."""
         return self
 
 
 class Feedback:
-    """The commands of one flight, from sample to sample.
+    """Commands of one flight, sample by sample.
 
-    Plans the first window at once, from the scenario's starts: where it has no plan, that is told
+    The constructor plans the first window from the scenario's starts, so a missing plan is reported
     before anything flies.
 
     Raises:
-        InfeasibleError: the first window has no solution; it raises what the horizon does.
+        InfeasibleError: the first window has no plan; other errors of the horizon are passed on.
     """
 
     def __init__(self, horizon: Horizon) -> None:
         scenario = horizon.scenario
-        around = scenario.disturbance or Disturbance(0.0)
+        disturbance = scenario.disturbance or Disturbance(0.0)
         self.scenario, self.horizon = scenario, horizon
-        self.sample = around.sample(scenario.grid)
-        self.samples = around.samples(scenario.grid)
+        self.sample = disturbance.sample(scenario.grid)
+        self.samples = disturbance.samples(scenario.grid)
         self._times = scenario.grid.times
-        self._delay = around.delay
-        self._per_step = around.samples_per_step(scenario.grid.step)
+        self._delay = disturbance.delay
+        self._per_step = disturbance.samples_per_step(scenario.grid.step)
         self._knots = frozenset(horizon.knots)
         self._gains = np.array(error_tube(scenario).gains)
         self.starts = scenario.fleet.start_states
         self.start = Memory(horizon.step(self.starts, scenario.grid.start), 0)
 
     def next(self, memory: Memory, j: int, estimate: FloatArray) -> Memory:
-        """What is known and commanded from sample j on, until the next.
+        """Return the memory after sample j, with the command until the next sample.
 
         Args:
-            memory: of the sample before, or `start`.
+            memory: memory of the sample before, or `start`.
             j: number of the sample, from 0.
-            estimate: of the states now, positions and velocities, shape (N, 6). A row that is not
-                all finite is a vehicle that was not seen: it is taken to be as planned.
+            estimate: estimated positions and velocities at the sample, shape (N, 6). A row with a
+                value that is not finite is a vehicle that was not observed: it is assumed to be as
+                planned.
         """
         d = self._delay
         seen = np.isfinite(estimate).all(axis=1, keepdims=True)
@@ -119,16 +120,16 @@ class Feedback:
         error = np.where(seen, estimate - np.concatenate([p, v], axis=1), 0.0)
         errors = (*memory.errors, error)[-(d + 1) :]
         command = a
-        if j - since >= d:  # the oldest error is then one from the plan that is tracked
+        if j - since >= d:  # the oldest error then refers to the tracked plan
             k_p, k_v = self._gains
             command = a - k_p * errors[0][:, :3] - k_v * errors[0][:, 3:]
         commands = (*memory.commands, command)[-max(d, 1) :]
         return Memory(window, since, estimates, errors, commands)
 
     def nominal(self, window: Window, elapsed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Planned positions, velocities, accelerations, (N, 3) each, at a time since the start [s].
+        """Return planned positions, velocities and accelerations at a time since the start [s].
 
-        After the last knot the plan goes on with the velocity it ends with.
+        They have shape (N, 3) each. After the last knot the final velocity is kept.
         """
         plan, h = window.plan, self.scenario.grid.step
         s = elapsed - h * window.first_knot
@@ -142,16 +143,16 @@ class Feedback:
         return plan.positions[:, k] + s * (v + s / 2.0 * a), v + s * a, a
 
     def _tracked_since(self, window: Window) -> int:
-        """The sample with which the plan that a window tracks began."""
-        around, grid = window.plan.scenario.disturbance, window.plan.scenario.grid
-        tracking = None if around is None else around.tracking
+        """Return the sample at which the plan that a window tracks began."""
+        disturbance, grid = window.plan.scenario.disturbance, window.plan.scenario.grid
+        tracking = None if disturbance is None else disturbance.tracking
         since = grid.start if tracking is None else tracking.since
         return round((since - self.scenario.grid.start) / self.sample)
 
     def _predicted(
         self, j: int, estimates: tuple[FloatArray, ...], commands: tuple[FloatArray, ...]
     ) -> FloatArray:
-        """The states at sample j, of the estimate d samples ago and the commands given since."""
+        """Return states at sample j, from the estimate of d samples ago and the commands since."""
         d, h = min(self._delay, j), self.sample
         states = estimates[0] if j >= self._delay else self.starts
         p, v = states[:, :3], states[:, 3:]

@@ -1,4 +1,4 @@
-"""Drake's quadrotors, each with a controller that turns accelerations into rotor inputs."""
+"""Drake's quadrotors, each with a controller that maps commanded accelerations to rotor inputs."""
 
 from __future__ import annotations
 
@@ -26,16 +26,17 @@ LONGEST = 1e-3
 """Longest time between two updates of a quadrotor's controller [s]: it runs at 1 kHz or faster."""
 
 _BANDWIDTH, _DAMPING = 40.0, 1.0
-"""Natural frequency [rad/s] and damping of the attitude: some 0.1 s to settle."""
+"""Natural frequency [rad/s] and damping ratio of the attitude loop, which settles in about 0.1 s.
+"""
 
 
 class AttitudeController(LeafSystem):
-    """Thrust and attitude of a quadrotor from the acceleration that it is to have.
+    """Controller of a quadrotor's thrust and attitude for a commanded acceleration.
 
     By differential flatness the thrust vector is m (a + g e_z); its direction is the body's z axis
-    and the yaw is 0. The attitude is held by the geometric controller on SO(3) of Lee, Leok and
-    McClamroch (2010), without feed-forward of rates, as the commanded acceleration has no
-    derivative. Rotors do not pull: inputs are at least 0.
+    and the yaw is 0. The attitude is tracked by the geometric controller on SO(3) of Lee, Leok and
+    McClamroch (2010), without feed-forward of rates, because the commanded acceleration has no
+    derivative. Rotors cannot pull, so inputs are at least 0.
 
     Ports: inputs `acceleration` (3) and `state` (12, of a `QuadrotorPlant`); output `rotors` (4),
     updated at each step of the simulator.
@@ -66,7 +67,7 @@ class AttitudeController(LeafSystem):
         return EventStatus.Succeeded()
 
     def rotors(self, state: FloatArray, acceleration: FloatArray) -> FloatArray:
-        """The rotor inputs (4,) for a state (12,) and an acceleration to have [m/s²], (3,)."""
+        """Return rotor inputs (4,) for a state (12,) and a commanded acceleration [m/s²], (3,)."""
         roll_pitch_yaw = RollPitchYaw(state[3:6])
         R = roll_pitch_yaw.ToRotationMatrix().matrix()
         rates = R.T @ roll_pitch_yaw.CalcAngularVelocityInParentFromRpyDt(state[9:12])
@@ -81,22 +82,22 @@ class AttitudeController(LeafSystem):
 
 
 def _upright_along(thrust: FloatArray) -> FloatArray:
-    """The rotation (3, 3) whose z axis is that of a thrust, with a yaw of 0: x has no part of y."""
+    """Return the rotation (3, 3) with z axis along a thrust and zero yaw: x has no y component."""
     length = math.sqrt(thrust @ thrust)
-    z = thrust / length if length > 0.0 else np.array([0.0, 0.0, 1.0])  # in free fall, any
+    z = thrust / length if length > 0.0 else np.array([0.0, 0.0, 1.0])  # arbitrary in free fall
     upright = math.hypot(z[0], z[2])
     x = np.array([z[2], 0.0, -z[0]]) / upright if upright > 1e-9 else np.array([1.0, 0.0, 0.0])
     return np.array([x, _cross(z, x), z]).T
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The product of two vectors; numpy's takes twenty times as long."""
+    """Return the cross product of two vectors; numpy's takes twenty times as long."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
 class _FromOrigin(LeafSystem):
-    """Positions and velocities of quadrotors that begin at rest in the origin, (12N) to (6N)."""
+    """Map from states of quadrotors (12N) to their positions and velocities (6N)."""
 
     def __init__(self, count: int) -> None:
         super().__init__()
@@ -109,11 +110,11 @@ class _FromOrigin(LeafSystem):
 
 
 def quadrotors(scenario: Scenario) -> Diagram:
-    """One quadrotor for each vehicle, with the ports of a `WindyPointMass`.
+    """Return a diagram with a quadrotor for each vehicle and the ports of a `WindyPointMass`.
 
-    `QuadrotorPlant` has no port for wind and no drag, so that its accelerations do not depend on
-    where it is and how fast: what starts and wind add to its motion is integrated beside it and
-    added, exactly. They hover when the flight begins.
+    `QuadrotorPlant` has no wind port and no drag, so its accelerations do not depend on its
+    position and velocity. Quadrotors therefore begin hovering at rest in the origin, and the motion
+    due to initial states and wind is integrated separately and added, which is exact.
     """
     builder, count = DiagramBuilder(), len(scenario.vehicles)
     commands = builder.AddSystem(Demultiplexer(3 * count, 3))
@@ -126,7 +127,7 @@ def quadrotors(scenario: Scenario) -> Diagram:
         builder.Connect(controller.get_output_port(), plant.get_input_port(0))
         builder.Connect(plant.get_output_port(0), plants.get_input_port(i))
     flown = builder.AddSystem(_FromOrigin(count))
-    drift = builder.AddSystem(WindyPointMass(scenario))  # starts and wind, and no acceleration
+    drift = builder.AddSystem(WindyPointMass(scenario))  # initial states and wind only
     total = builder.AddSystem(Adder(2, 6 * count))
     builder.Connect(plants.get_output_port(), flown.get_input_port())
     builder.Connect(flown.get_output_port(), total.get_input_port(0))

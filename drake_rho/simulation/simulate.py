@@ -1,4 +1,4 @@
-"""`simulate`: a scenario flown with a receding horizon in wind, in Drake's simulator."""
+"""`simulate`: closed-loop simulation of a receding horizon in wind, in Drake's simulator."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ def simulate(
     """Fly a scenario with a receding horizon and feedback in wind, in Drake's simulator.
 
     Args:
-        scenario: what is asked; without a `disturbance` there is no feedback between windows.
-        replan_every: the steps flown of each window.
-        planner: plans one window.
-        fallback: plans a window for which `planner` has no solution.
-        wind: of `rho.winds`, `rho.worst_case`, or a function of time [s], positions [m] and
+        scenario: scenario to fly; without a `disturbance` there is no feedback between windows.
+        replan_every: number of steps flown of each window.
+        planner: planner of a window.
+        fallback: planner of a window for which `planner` finds no plan.
+        wind: a wind of `rho.winds`, `rho.worst_case`, or a function of time [s], positions [m] and
             velocities [m/s], (N, 3) each, to accelerations [m/s²], (N, 3); none if not given.
         plant: point masses if not given; `"quadrotor"` for Drake's `QuadrotorPlant`, each with a
             controller of thrust and attitude.
-        rng: where errors of the estimate come from; without it there are none, unless the wind
-            brings its own.
-        progress: called with a few words when a window begins, as 'window 3 of 10'.
+        rng: source of random estimation errors; without it there are none, unless the wind brings
+            its own.
+        progress: called with a short text when a window begins, as 'window 3 of 10'.
 
     Returns:
-        The true motion, with everything that it came of. Equal arguments and equally seeded
-        generators give equal motions, bit by bit.
+        The true motion, with windows, winds and commands. Equal arguments and equally seeded
+        generators give bit-equal motions.
 
     Raises:
         InfeasibleError: the first window has no plan.
         SolverError: the solvers fail numerically in the first window.
-        ValueError: an argument makes no sense.
+        ValueError: an argument is invalid.
 
     Examples:
         >>> scenario = rho.load_scenario("courier")

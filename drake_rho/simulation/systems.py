@@ -1,8 +1,8 @@
-"""Drake systems: the receding horizon as a controller, a point mass in wind, winds, estimates.
+"""Drake systems: controller with a receding horizon, point masses in wind, winds, and an estimator.
 
 A diagram's clock is 0 at the scenario's first knot, whatever `grid.start` is; plans, winds and
-obstacles are asked on the scenario's clock. `states` are positions [m] and velocities [m/s], six
-numbers for each vehicle in turn; accelerations three for each vehicle in turn.
+obstacles use the scenario's clock. `states` are positions [m] and velocities [m/s], six numbers for
+each vehicle in turn; accelerations are three numbers for each vehicle in turn.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.estimates import EstimationErrors
 from drake_rho.simulation.feedback import Feedback, Horizon, Memory
 from drake_rho.simulation.timeline import Timeline
-from drake_rho.simulation.winds import Wind, blown
+from drake_rho.simulation.winds import Wind, checked_wind
 
 _EARLY = 1e-9
-"""Part of a sample by which a time may be short of it and still count as that sample."""
+"""Fraction of a sample by which a time may precede the sample and still count as it."""
 
 
 class RecedingHorizonController(LeafSystem):
-    """Holds vehicles to the plans of a receding horizon, in a diagram of any kind.
+    """Feedback controller that tracks the plans of a receding horizon, for any Drake diagram.
 
-    The first window is planned when the controller is made, from the scenario's starts; in a
-    simulation it never raises. Its state, the window in force and what the feedback remembers, is
-    abstract, and is updated at every sample of the feedback; windows begin at such samples. A
-    horizon flies once, and so does its controller.
+    The first window is planned from the scenario's starts when the controller is made; during a
+    simulation the controller never raises. Its abstract state consists of the current window and
+    the feedback's memory and is updated at every sample of the feedback; windows begin at such
+    samples. A horizon, and so its controller, can be used for one flight only.
 
-    Ports: input `states` (6N), as estimated; outputs `nominal` (9N: position, velocity and
-    acceleration planned for now, of each vehicle in turn) and `command` (3N: the acceleration with
-    feedback, constant between samples where the plan's is).
+    Ports: input `states` (6N), the estimated states; outputs `nominal` (9N: current planned
+    position, velocity and acceleration of each vehicle in turn) and `command` (3N: acceleration
+    with feedback, constant between samples where the plan's is).
 
     Args:
-        horizon: a `rho.RecedingHorizon` that has not begun, or a scenario for one of its own.
+        horizon: a `rho.RecedingHorizon` that has not begun, or a scenario, for which one is made.
 
     Raises:
         InfeasibleError: the first window has no plan.
@@ -73,12 +73,12 @@ class RecedingHorizonController(LeafSystem):
 
     @property
     def flight(self) -> Flight:
-        """The windows so far."""
+        """Windows so far, as a flight."""
         return self._feedback.horizon.flight
 
     def _begin(self, context: Context, state: State) -> EventStatus:
         if len(self.flight.windows) > 1:
-            raise ValueError("controller: got a second flight, expected a new horizon for it")
+            raise ValueError("controller: got a second flight, expected one flight per controller")
         return EventStatus.DidNothing()
 
     def _update(self, context: Context, state: State) -> EventStatus:
@@ -107,12 +107,12 @@ class RecedingHorizonController(LeafSystem):
 class WindyPointMass(LeafSystem):
     """Point masses, p'' = acceleration + wind, that begin at a scenario's starts.
 
-    The state is continuous. Between two events of a diagram both inputs are constant, if they come
-    from the systems here, so that the motion is quadratic in time: every integrator of Drake of
-    order two or more is then exact to rounding, whatever its steps.
+    The state is continuous. If both inputs come from the systems of this module, they are constant
+    between two events of a diagram, so the motion is quadratic in time there. Every integrator of
+    Drake of order two or more is then exact to rounding, whatever its steps.
 
-    Ports: inputs `acceleration` and `wind` (3N each), of which either may be left out and counts as
-    0; output `states` (6N).
+    Ports: inputs `acceleration` and `wind` (3N each), each 0 if not connected; output `states`
+    (6N).
     """
 
     @checked
@@ -130,7 +130,7 @@ class WindyPointMass(LeafSystem):
     def DoCalcTimeDerivatives(  # noqa: N802  # Drake's name
         self, context: Context, derivatives: ContinuousState
     ) -> None:
-        """Velocities, and the accelerations that act."""
+        """Set the derivatives: velocities, and the sum of the accelerations."""
         v = context.get_continuous_state_vector().CopyToVector()
         v = v[len(v) // 2 :]
         given = (port.Eval(context) for port in self._inputs if port.HasValue(context))
@@ -143,15 +143,15 @@ class WindyPointMass(LeafSystem):
 
 
 class WindSource(LeafSystem):
-    """A wind, asked at the beginning of each step of the simulator and held over the step.
+    """Wind evaluated at the beginning of each step of the simulator and held over the step.
 
     Ports: input `states` (6N), for winds that depend on them; output `wind` (3N).
 
     Args:
-        scenario: which vehicles, and the clock.
-        wind: what blows.
-        timeline: whose times are asked for, so that rounding of Drake's clock does not matter; if
-            not given, the clock's.
+        scenario: scenario with the vehicles and the clock.
+        wind: wind to evaluate.
+        timeline: times at which to evaluate the wind, so that rounding of Drake's clock does not
+            matter; if not given, the clock's times are used.
     """
 
     @checked
@@ -169,15 +169,15 @@ class WindSource(LeafSystem):
         if self._timeline is not None:
             time = self._timeline.nearest(elapsed)
         states = self._states.Eval(context).reshape(-1, 6)
-        found = blown(self._wind, time, states[:, :3], states[:, 3:])
+        found = checked_wind(self._wind, time, states[:, :3], states[:, 3:])
         discrete.set_value(found.reshape(-1))
         return EventStatus.Succeeded()
 
 
 class Estimator(LeafSystem):
-    """Adds errors of the estimate to true states.
+    """Estimator that adds the estimation errors of the current sample to true states.
 
-    Ports: input and output `states` (6N); with the errors of the sample that is going on.
+    Ports: input and output `states` (6N).
     """
 
     @checked

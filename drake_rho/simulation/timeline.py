@@ -1,4 +1,4 @@
-"""The times of a simulation: samples of the feedback, parts of them, and whatever changes."""
+"""Times of a simulation: feedback samples, their subdivisions, and instants of change."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.winds import Wind
 
 _PARTS = 10
-"""Fewest steps of a simulation in a sample of the feedback."""
+"""Smallest number of simulation steps in a sample of the feedback."""
 
 _SAME = 1e-9
-"""Part of a sample by which two times may differ and be the same."""
+"""Fraction of a sample by which two times may differ and still count as equal."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timeline:
-    """When a simulation steps. A sample is δ; where nothing disturbs, it is the grid's step."""
+    """Times of a simulation's steps. A sample lasts δ: without a disturbance, the grid's step."""
 
     elapsed: FloatArray
-    """since the first knot [s], shape (M,); sample j is exactly j times δ"""
+    """times since the first knot [s], shape (M,); sample j is at exactly j times δ"""
     times: FloatArray
-    """the same on the scenario's clock [s]; knots are exactly those of the grid"""
+    """these times on the scenario's clock [s]; knots are exactly those of the grid"""
     samples: IntArray
-    """where among the times each sample begins, and the last one ends, shape (J + 1,)"""
+    """indices of the times at which samples begin, and at which the last ends, shape (J + 1,)"""
 
     @classmethod
     def of(cls, scenario: Scenario, wind: Wind, longest: float = np.inf) -> Timeline:
-        """The times for a flight.
+        """Return the times for a flight.
 
         Args:
-            scenario: whose samples, knots, and corners of obstacles' tracks are times.
-            wind: whose `switching_times`, if it has such, are times too.
-            longest: no step is longer than this [s].
+            scenario: scenario with samples, knots, and corners of obstacles' tracks.
+            wind: wind; its `switching_times`, if it has any, are included.
+            longest: longest step [s].
         """
-        grid, around = scenario.grid, scenario.disturbance or Disturbance(0.0)
-        sample, count = around.sample(grid), around.samples(grid)
+        grid, disturbance = scenario.grid, scenario.disturbance or Disturbance(0.0)
+        sample, count = disturbance.sample(grid), disturbance.samples(grid)
         parts = max(_PARTS, int(np.ceil(sample / longest * (1.0 - _SAME))))
         begins = sample * np.arange(count + 1)
         regular = (begins[:-1, None] + sample / parts * np.arange(parts)).reshape(-1)
@@ -48,13 +48,13 @@ class Timeline:
         elapsed = np.union1d(regular, _between(_changes(scenario, wind), regular, apart))
         samples = np.searchsorted(elapsed, begins)
         times = grid.start + elapsed
-        times[samples[:: around.samples_per_step(grid.step)]] = grid.times
+        times[samples[:: disturbance.samples_per_step(grid.step)]] = grid.times
         return cls(locked(elapsed), locked(times), samples)
 
     def nearest(self, elapsed: float) -> float:
-        """The clock's time [s] of the step that begins at a time since the first knot [s].
+        """Return the clock time [s] of the latest step that begins at or before an elapsed time.
 
-        The latest step, if none begins there; rounding does not matter.
+        The elapsed time is since the first knot [s]; rounding errors in it do not matter.
         """
         early = _SAME * self.elapsed[self.samples[1]]
         k = int(np.searchsorted(self.elapsed, elapsed + early, side="right")) - 1
@@ -62,16 +62,16 @@ class Timeline:
 
 
 def _changes(scenario: Scenario, wind: Wind) -> FloatArray:
-    """Times since the first knot at which wind or an obstacle's velocity changes at once [s]."""
+    """Return times since the first knot at which the wind or an obstacle's velocity jumps [s]."""
     given = [np.ravel(np.asarray(getattr(wind, "switching_times", ()), dtype=np.float64))]
     given += [obstacle.corners for obstacle in scenario.bodies]
     return np.asarray(np.concatenate(given) - scenario.grid.start)
 
 
 def _between(more: FloatArray, regular: FloatArray, apart: float) -> FloatArray:
-    """Return those times that are `apart` or more from the regular ones and from each other."""
+    """Return the times that are more than `apart` from regular times and from each other."""
     more = np.unique(more)
     more = more[np.diff(more, prepend=-np.inf) > apart]
     after = np.clip(np.searchsorted(regular, more), 1, len(regular) - 1)
     near = np.minimum(more - regular[after - 1], regular[after] - more)
-    return np.asarray(more[near > apart])  # negative outside the flight
+    return np.asarray(more[near > apart])  # `near` is negative outside the flight

@@ -1,12 +1,13 @@
-"""Winds: accelerations that nobody has planned, never above the W of a scenario.
+"""Winds: disturbance accelerations, never above the bound W of a scenario.
 
 Each is a callable (time [s], positions (N, 3), velocities (N, 3)) -> accelerations [m/s²] (N, 3),
-with times on the scenario's clock. The one that is worst is `rho.worst_case`. A simulation asks it
-at the beginning of each of its steps and holds it over the step.
+with times on the scenario's clock. `rho.worst_case` is the worst of them. A simulation evaluates
+a wind at the beginning of each of its steps and holds it over the step.
 
-A wind may also have `over(times, vehicles)`, if it does not depend on the states: its values at
-many times at once, which is faster; `switching_times`, if it changes at once: a simulation steps
-there; `position_errors` and `velocity_errors`, if errors of the estimate belong to it.
+A wind may also have these attributes. `over(times, vehicles)`, if the wind does not depend on the
+states, returns its values at many times at once, which is faster. `switching_times`, if the wind
+jumps, are times at which a simulation makes a step. `position_errors` and `velocity_errors` are
+estimation errors that belong to the wind.
 """
 
 from __future__ import annotations
@@ -24,50 +25,50 @@ from drake_rho.scenario.fields import FloatArray, locked
 from drake_rho.scenario.records import Scenario
 
 Wind = Callable[[float, FloatArray, FloatArray], FloatArray]
-"""Time [s], positions and velocities of all vehicles to accelerations [m/s²], (N, 3) each."""
+"""Function of time [s], positions and velocities to accelerations [m/s²], (N, 3) each."""
 
 _PER_CORRELATION = 20
-"""Values of coloured noise in the time in which it forgets; between them it is linear."""
+"""Number of values of coloured noise per correlation time; between them it is linear."""
 
 
 class WindOverTime(ABC):
-    """A wind that does not depend on the states, and so can be had at many times at once."""
+    """Wind that does not depend on the states and can be evaluated at many times at once."""
 
     @abstractmethod
     def over(self, times: FloatArray, vehicles: int) -> FloatArray:
-        """The wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
+        """Return the wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
 
     def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-        """The wind at one time, shape (N, 3)."""
+        """Return the wind at one time, shape (N, 3)."""
         wind: FloatArray = self.over(np.array([time]), len(positions))[0]
         return wind
 
 
 def none() -> Wind:
-    """No wind."""
+    """Return no wind."""
     return _Constant(locked(np.zeros(3)))
 
 
 @checked
 def constant(scenario: Scenario, direction: npt.ArrayLike) -> Wind:
-    """The strongest wind of a scenario in one direction, all the time.
+    """Return a constant wind: the strongest of a scenario in one direction, at all times.
 
     Raises:
-        ValueError: the scenario has no disturbance, or the direction no length; from the others
-            too.
+        ValueError: the scenario has no disturbance, or the direction has length 0. The other
+            functions of this module raise this too.
     """
     return _Constant(locked(_strongest(scenario) * unit(direction)))
 
 
 @checked
 def gust(scenario: Scenario, direction: npt.ArrayLike, *, begin: float, duration: float) -> Wind:
-    """A gust that rises to the strongest wind and falls again, as one minus a cosine.
+    """Return a gust that rises to the strongest wind and falls again, as one minus a cosine.
 
     Args:
-        scenario: how strong it may be.
-        direction: in which it blows, of any length above 0, shape (3,).
-        begin: on the scenario's clock [s].
-        duration: of the whole gust [s].
+        scenario: scenario with the bound of the wind.
+        direction: direction of the wind, of any length above 0, shape (3,).
+        begin: beginning of the gust on the scenario's clock [s].
+        duration: duration of the whole gust [s].
     """
     if not duration > 0.0:
         raise ValueError(f"duration: got {duration}, expected a time above 0 in seconds")
@@ -82,15 +83,16 @@ def coloured_noise(
     correlation: float = 1.0,
     intensity: float = 0.5,
 ) -> Wind:
-    """Noise with the spectrum of Dryden's longitudinal gusts, of its own for each vehicle and axis.
+    """Return noise with the spectrum of Dryden's longitudinal gusts.
 
-    A Gauss-Markov process, 1 / (1 + (τ ω)²), clipped to the strongest wind where it is above.
+    Each vehicle and axis has an independent Gauss-Markov process with the spectrum
+    1 / (1 + (τ ω)²); winds above the scenario's strongest are scaled down to it.
 
     Args:
-        scenario: how strong it may be, which vehicles, and for how long.
-        rng: where randomness comes from.
-        correlation: τ, the time in which it forgets [s].
-        intensity: standard deviation of each axis before clipping, as a part of the strongest.
+        scenario: scenario with the bound of the wind, the vehicles and the duration.
+        rng: source of randomness.
+        correlation: correlation time τ [s].
+        intensity: standard deviation of each axis before clipping, relative to the strongest wind.
     """
     for field, value in (("correlation", correlation), ("intensity", intensity)):
         if not 0.0 < value < np.inf:
@@ -112,7 +114,7 @@ def coloured_noise(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Constant(WindOverTime):
-    """The same wind at all times and on all vehicles."""
+    """Constant wind, equal for all vehicles."""
 
     wind: FloatArray
 
@@ -122,7 +124,7 @@ class _Constant(WindOverTime):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Gust(WindOverTime):
-    """One minus a cosine, half of it, times a wind."""
+    """Gust of the shape (1 - cos) / 2 times the strongest wind."""
 
     strongest: FloatArray
     begin: float
@@ -136,7 +138,7 @@ class _Gust(WindOverTime):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Sampled(WindOverTime):
-    """Wind that is linear between values at equal distances, and keeps its last one."""
+    """Wind that is linear between values at equal time intervals, and constant after the last."""
 
     start: float
     every: float
@@ -149,31 +151,33 @@ class _Sampled(WindOverTime):
         return np.asarray((1.0 - part) * self.values[k] + part * self.values[k + 1])
 
 
-def blown(wind: Wind, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-    """What a wind says at one time [m/s²], shape (N, 3), if it makes sense.
+def checked_wind(
+    wind: Wind, time: float, positions: FloatArray, velocities: FloatArray
+) -> FloatArray:
+    """Return a wind at one time [m/s²], shape (N, 3), after checking it.
 
     Raises:
-        ValueError: it has another shape, or numbers that are not finite.
+        ValueError: the wind has another shape, or values that are not finite.
     """
     found = np.asarray(wind(time, positions, velocities), dtype=np.float64)
     if found.shape != positions.shape or not np.isfinite(found).all():
-        said = f"shape {found.shape}" if found.shape != positions.shape else f"{found.tolist()}"
+        got = f"shape {found.shape}" if found.shape != positions.shape else f"{found.tolist()}"
         expected = f"finite accelerations of shape {positions.shape}"
-        raise ValueError(f"wind: got {said} at {time:g} s, expected {expected}")
+        raise ValueError(f"wind: got {got} at {time:g} s, expected {expected}")
     return found
 
 
 def _strongest(scenario: Scenario) -> float:
-    """W [m/s²]."""
+    """Return W, the strongest wind of a scenario [m/s²]."""
     if scenario.disturbance is None:
         raise ValueError(
-            "scenario.disturbance: got None, expected one that says how strong wind is"
+            "scenario.disturbance: got None, expected one with the strength of the wind"
         )
     return scenario.disturbance.acceleration
 
 
 def unit(direction: npt.ArrayLike) -> FloatArray:
-    """The direction with length 1, shape (3,)."""
+    """Return the direction scaled to length 1, shape (3,)."""
     d = np.asarray(direction, dtype=np.float64)
     if d.shape != (3,) or not 0.0 < float(np.linalg.norm(d)) < np.inf:
         raise ValueError(f"direction: got {direction!r}, expected three numbers, not all 0")

@@ -1,4 +1,4 @@
-"""The wind and the errors of the estimate that take an error to the bound of its ball."""
+"""Worst case: wind and estimation errors that drive a vehicle's error to the tube's radius."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.winds import WindOverTime, unit
 
 _EARLY = 1e-9
-"""Part of a sample by which a time may be short of a switch and still count as after it."""
+"""Fraction of a sample by which a time may precede a switching time and still count as it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WorstCase(WindOverTime, metaclass=Described):
-    """What drives every vehicle to the largest error in one direction at one time: a wind.
+    """Wind that drives every vehicle to the largest error in one direction at one time.
 
-    A callable like the others of `drake_rho.simulation.winds`, constant between its switching
-    times. The radius is reached together with the errors of the estimate and the first error only,
-    which stand beside it.
+    It is a callable like those of `drake_rho.simulation.winds`, constant between its switching
+    times. The tube's radius is reached only together with the estimation errors and the error at
+    the first knot given here.
     """
 
     radius: float
-    """the error that is reached, in m, m/s or m/s²"""
+    """error that is reached, in m, m/s or m/s²"""
     switching_times: FloatArray
-    """when the wind changes, on the scenario's clock [s], shape (S,)"""
+    """times at which the wind changes, on the scenario's clock [s], shape (S,)"""
     accelerations: FloatArray
-    """the wind from each switching time on [m/s²], shape (S, 3); none before the first"""
+    """wind from each switching time on [m/s²], shape (S, 3); no wind before the first"""
     position_errors: FloatArray
     """errors of the estimated position at every sample of the feedback [m], shape (J, 3)"""
     velocity_errors: FloatArray
@@ -51,17 +51,17 @@ class WorstCase(WindOverTime, metaclass=Described):
     first_velocity: FloatArray
     """error of the velocity at the first knot [m/s], shape (3,)"""
     early: float
-    """how much before a switching time still counts as it, for rounded times [s]"""
+    """amount by which a time may precede a switching time and still count as it [s]"""
 
     def __repr__(self) -> str:
-        """As in '<WorstCase: an error of 0.2413, winds from 0 s to 6 s>': arrays are many."""
+        """Return a short text, as '<WorstCase: an error of 0.2413, winds from 0 s to 6 s>'."""
         first, last = self.switching_times[[0, -1]]
         return (
             f"<WorstCase: an error of {self.radius:.4g}, winds from {first:.4g} s to {last:.4g} s>"
         )
 
     def over(self, times: FloatArray, vehicles: int) -> FloatArray:
-        """The wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
+        """Return the wind at times on the scenario's clock [s], in m/s², shape (M, N, 3)."""
         k = np.searchsorted(self.switching_times, times + self.early, side="right")
         winds = np.concatenate([np.zeros((1, 3)), self.accelerations])[k]
         return np.broadcast_to(winds[:, None], (len(times), vehicles, 3))
@@ -76,17 +76,17 @@ def worst_case(
     *,
     tube: ErrorTube | None = None,
 ) -> WorstCase:
-    """What takes a quantity of the error to its radius, in a direction at a time.
+    """Return the wind and errors that drive a quantity's error to its radius at a given time.
 
     Args:
-        scenario: what is asked, with a disturbance.
-        direction: of the error, of any length above 0, shape (3,).
-        time: on the scenario's clock [s].
-        quantity: position, velocity, or acceleration (of the feedback that acts then).
-        tube: whose gains and first errors they are; that of `error_tube(scenario)` if not given.
+        scenario: scenario with a disturbance.
+        direction: direction of the error, of any length above 0, shape (3,).
+        time: time on the scenario's clock [s].
+        quantity: position, velocity, or acceleration (that of the feedback at this time).
+        tube: tube with the gains and the initial errors; `error_tube(scenario)` if not given.
 
     Raises:
-        ValueError: the direction has no length, the time is outside the flight, or the quantity is
+        ValueError: the direction has length 0, the time is outside the flight, or the quantity is
             none of the three.
     """
     if quantity not in ("position", "velocity", "acceleration"):
@@ -95,18 +95,18 @@ def worst_case(
     tube = error_tube(scenario) if tube is None else tube
     j, part = tube.located([time])
     x = tube.responses.at(quantity, part)[0]
-    ages = int(j[0]) - np.arange(tube.samples)  # how many samples ago each sample began
-    begins, signs = _switches(x, ages, part[0], blows_now=quantity != "acceleration")
+    ages = int(j[0]) - np.arange(tube.samples)  # number of samples since each sample began
+    begins, signs = _switches(x, ages, part[0], acts_now=quantity != "acceleration")
     errors = np.sign(_at_ages(x[[POSITION_ERROR, VELOCITY_ERROR]], ages))
     first = np.sign(_at_ages(x[[POSITION, VELOCITY]], j))[:, 0]
-    around = tube.disturbance
+    disturbance = tube.disturbance
     radius = getattr(tube, quantity)(time)
     return WorstCase(
         float(radius),
         locked(tube.grid.start + tube.sample * begins),
-        locked(around.acceleration * np.multiply.outer(signs, d)),
-        locked(around.position_error * np.multiply.outer(errors[0], d)),
-        locked(around.velocity_error * np.multiply.outer(errors[1], d)),
+        locked(disturbance.acceleration * np.multiply.outer(signs, d)),
+        locked(disturbance.position_error * np.multiply.outer(errors[0], d)),
+        locked(disturbance.velocity_error * np.multiply.outer(errors[1], d)),
         locked(tube.initial[0] * first[0] * d),
         locked(tube.initial[1] * first[1] * d),
         max(_EARLY * tube.sample, tube.grid.rounding),
@@ -114,18 +114,18 @@ def worst_case(
 
 
 def _at_ages(x: FloatArray, ages: IntArray) -> FloatArray:
-    """Responses to causes of so many samples ago, 0 to those that are to come or have decayed."""
+    """Return responses to inputs of given ages in samples; 0 for future or decayed ones."""
     known = (ages >= 0) & (ages < x.shape[-1])
     return np.asarray(np.where(known, x[..., np.where(known, ages, 0)], 0.0))
 
 
 def _switches(
-    x: FloatArray, ages: IntArray, part: float, *, blows_now: bool
+    x: FloatArray, ages: IntArray, part: float, *, acts_now: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Times in samples from which on the wind has a sign, and these signs.
+    """Return the times, in samples, from which the wind has each sign, and these signs.
 
-    In an earlier sample the response is linear, and changes its sign once or never; wind of the
-    sample itself has a positive one until the time that is looked at.
+    Within an earlier sample the response is linear and changes its sign at most once. The response
+    to wind in the current sample is positive until the time considered.
     """
     first, last = _at_ages(x[WIND_AT_BEGIN], ages), _at_ages(x[WIND_AT_END], ages)
     changes = np.sign(first) * np.sign(last) < 0.0
@@ -135,8 +135,8 @@ def _switches(
     begins.append(here + first[here] / (first[here] - last[here]))
     signs.append(np.sign(last[here]))
     (now,) = np.flatnonzero(ages == 0)
-    signs[0][now] = float(blows_now)
-    begins.append(np.array([now + part]))  # and then none
+    signs[0][now] = float(acts_now)
+    begins.append(np.array([now + part]))  # no wind from then on
     signs.append(np.zeros(1))
     order = np.argsort(np.concatenate(begins), kind="stable")
     times, values = np.concatenate(begins)[order], np.concatenate(signs)[order]

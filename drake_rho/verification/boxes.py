@@ -1,7 +1,7 @@
-"""Boxes (4) to (7), judged at the knots, and for positions at every instant.
+"""Box constraints (4) to (7), verified at the knots and, for positions, at every instant.
 
-What errors take is taken off a box on every side: of positions and velocities the radius at the
-time, of accelerations that of the feedback. Jerk is that of the plan alone.
+A box is tightened on every side by the error radius: for positions and velocities the radius at the
+time, for accelerations the radius of the feedback. The jerk is that of the plan, without errors.
 """
 
 from __future__ import annotations
@@ -16,40 +16,40 @@ from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.records import Quantity, Scenario
 from drake_rho.verification.between_samples import greatest_velocity
 from drake_rho.verification.continuous_time import lowest_over_time
-from drake_rho.verification.course import Course
 from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, UNITS, Column
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
-def check_position_box(course: Course) -> Iterator[Column]:
-    """Judge the box of positions, if there is one: at the knots, and at every instant."""
-    scenario, box = course.scenario, course.scenario.fleet.bounds("position")
+def check_position_box(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
+    """Verify the position box, if there is one, at the knots and at every instant."""
+    scenario, box = trajectory.scenario, trajectory.scenario.fleet.bounds("position")
     if box is None:
         return
-    values, errors = course.positions[:, course.knots], course.errors(course.knots)
-    found = _extremes_at(course.times[course.knots], values, errors)
+    values, errors = trajectory.positions[:, trajectory.knots], trajectory.errors(trajectory.knots)
+    found = _extremes_at(trajectory.times[trajectory.knots], values, errors)
     yield _check_box(scenario, "position", AT_KNOTS, box, found)
-    always = _extremes_at_all_times(course, box)
+    always = _extremes_at_all_times(trajectory, box)
     yield _check_box(scenario, "position", AT_ALL_TIMES, box, always)
 
 
-def check_boxes(course: Course, jerks: FloatArray) -> Iterator[Column]:
-    """The checks of every box that the scenario has.
+def check_boxes(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[Column]:
+    """Verify every box that the scenario has.
 
     Args:
-        course: what is judged.
-        jerks: of the plan, at the knots that begin a step [m/s³], shape (N, K-1, 3).
+        trajectory: the trajectory to verify.
+        jerks: jerks of the plan at the knots that begin a step [m/s³], shape (N, K-1, 3).
     """
-    scenario, bounds = course.scenario, course.scenario.fleet.bounds
-    position = list(check_position_box(course))
+    scenario, bounds = trajectory.scenario, trajectory.scenario.fleet.bounds
+    position = list(check_position_box(trajectory))
     yield from position[:1]
     if (box := bounds("velocity")) is not None:
-        yield _check_box(scenario, "velocity", AT_KNOTS, box, _extremes_of_velocity(course))
+        yield _check_box(scenario, "velocity", AT_KNOTS, box, _extremes_of_velocity(trajectory))
     if (box := bounds("acceleration")) is not None:
-        times, errors = course.times[:-1], course.feedback
-        found = _extremes_at(times, course.commands, errors)
+        times, errors = trajectory.times[:-1], trajectory.feedback
+        found = _extremes_at(times, trajectory.commands, errors)
         yield _check_box(scenario, "acceleration", AT_KNOTS, box, found)
     if (box := bounds("jerk")) is not None:
-        # the first jerk has no limit where no acceleration is given before
+        # the first jerk is unlimited where the acceleration before the first knot is not given
         skipped = np.isnan(scenario.fleet.accelerations_before[:, 0])
         times = scenario.grid.times[:-1]
         found = _extremes_at(times, jerks, np.zeros(len(times)), skipped)
@@ -59,22 +59,22 @@ def check_boxes(course: Course, jerks: FloatArray) -> Iterator[Column]:
 
 @dataclasses.dataclass(frozen=True)
 class _Extremes:
-    """Least and greatest value on each axis, errors counted, arrays of shape (N, 2, 3)."""
+    """Least and greatest value on each axis, error radii included; arrays of shape (N, 2, 3)."""
 
     times: FloatArray
     """on the scenario's clock [s]"""
     values: FloatArray
-    """without the errors, in the quantity's unit"""
+    """values at these times without the error radii, in the quantity's unit"""
     errors: FloatArray
-    """radii then, in the quantity's unit"""
+    """error radii at these times, in the quantity's unit"""
 
 
 def _extremes_at(
     times: FloatArray, values: FloatArray, errors: FloatArray, skipped: BoolArray | None = None
 ) -> _Extremes:
-    """Extremes of values at times (M,), shape (N, M, 3), with errors of radii (M,) around them.
+    """Return the extremes of values (N, M, 3) at times (M,), widened by error radii (M,).
 
-    Where a vehicle is among those `skipped`, (N,), its first value is not looked at.
+    The first value of a vehicle marked in `skipped`, shape (N,), is ignored.
     """
     low, high = np.array(values), np.array(values)
     if skipped is not None:
@@ -89,32 +89,37 @@ def _extremes_at(
     return _Extremes(times[k], np.stack(both, axis=1), errors[k])
 
 
-def _extremes_of_velocity(course: Course) -> _Extremes:
-    """Extremes at the instants; with errors around velocities, those at any time."""
-    if course.tubes is None:
-        return _extremes_at(course.times, course.velocities, np.zeros(len(course.times)))
+def _extremes_of_velocity(trajectory: PiecewiseTrajectory) -> _Extremes:
+    """Return the extremes of the velocity: at the instants or, with errors, at any time."""
+    if trajectory.tubes is None:
+        return _extremes_at(
+            trajectory.times, trajectory.velocities, np.zeros(len(trajectory.times))
+        )
     signs = np.array([-1.0, 1.0])[:, None]
-    found = greatest_velocity(course, lambda v: signs * v[..., None, :])
+    found = greatest_velocity(trajectory, lambda v: signs * v[..., None, :])
     return _Extremes(found.times, signs * found.values, found.errors)
 
 
-def _extremes_at_all_times(course: Course, bounds: Bounds) -> _Extremes:
-    """Extremes of positions: the least of x, y, z and of -x, -y, -z, as distances from a wall."""
+def _extremes_at_all_times(trajectory: PiecewiseTrajectory, bounds: Bounds) -> _Extremes:
+    """Return the extremes of the position over all times.
+
+    They are the least values of x, y, z and of -x, -y, -z, found like distances from a wall.
+    """
     signs = np.array([1.0, -1.0])[:, None, None, None]
-    states = (course.positions, course.velocities, course.accelerations)
+    states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
     p, v, a = (signs * np.moveaxis(each, 1, 2)[:, None, ..., None] for each in states)
     precision, shape = PRECISION * bounds.tolerances[:, None], p.shape[:3]
-    around = course.around(np.tile(np.arange(a.shape[3]), int(np.prod(shape))))
-    steps = course.steps_of(p, v, a)
-    least = lowest_over_time(steps, shape, lambda x: x[..., 0], precision, around)
-    times = course.scenario.grid.start + course.moments(least.steps, least.moments)
+    error_radii = trajectory.error_radii(np.tile(np.arange(a.shape[3]), int(np.prod(shape))))
+    steps = trajectory.steps_of(p, v, a)
+    least = lowest_over_time(steps, shape, lambda x: x[..., 0], precision, error_radii)
+    times = trajectory.scenario.grid.start + trajectory.moments(least.steps, least.moments)
     return _Extremes(times, signs[..., 0, 0] * (least.values + least.radii), least.radii)
 
 
 def _check_box(
     scenario: Scenario, quantity: Quantity, when: str, bounds: Bounds, extremes: _Extremes
 ) -> Column:
-    """One box: the side that is most exceeded, or closest to it, of each vehicle."""
+    """Return the check of one box: for each vehicle its most violated, or else closest, side."""
     values = extremes.values
     errors = extremes.errors
     lower = np.where(errors[:, 0] > 0.0, bounds.lower + errors[:, 0], bounds.lower)
@@ -122,7 +127,7 @@ def _check_box(
     excess = np.stack([lower - values[:, 0], values[:, 1] - upper], axis=1)
     side, axis = _worst_side(excess, bounds.tolerances[:, None])
     i = np.arange(len(values))
-    nothing = values[:, 0, 0] > values[:, 1, 0]  # all knots were skipped
+    no_value = values[:, 0, 0] > values[:, 1, 0]  # every knot was skipped
     at = f" {when}" if quantity == "position" else ""
     return Column(
         kind=quantity,
@@ -137,25 +142,24 @@ def _check_box(
         unit=UNITS[quantity],
         asked=when == AT_KNOTS or scenario.between_knots,
         always=when == AT_ALL_TIMES,
-        due=np.isfinite(bounds.lower[:, 0]) & ~nothing,
+        due=np.isfinite(bounds.lower[:, 0]) & ~no_value,
     )
 
 
 def _worst_side(excess: FloatArray, tolerances: FloatArray) -> tuple[IntArray, IntArray]:
-    """Side and axis of the largest excess; a side that is broken comes before one that holds.
+    """Return side and axis of the largest excess; violated sides precede those that hold.
 
-    Tolerances differ from axis to axis, so among sides that are broken it is the one that is most
-    tolerances beyond.
+    Tolerances differ from axis to axis, so violated sides are compared by excess over tolerance.
 
     Args:
-        excess: shape (N, 2, 3).
-        tolerances: broadcast to it.
+        excess: value beyond the limit, shape (N, 2, 3).
+        tolerances: array that broadcasts to `excess`.
 
     Returns:
         Indices, each of shape (N,).
     """
     excess = np.where(np.isnan(excess), np.inf, excess)
-    broken = np.any(excess > tolerances, axis=(1, 2), keepdims=True)
-    order = np.where(broken, excess / tolerances, excess).reshape(len(excess), -1)
+    violated = np.any(excess > tolerances, axis=(1, 2), keepdims=True)
+    order = np.where(violated, excess / tolerances, excess).reshape(len(excess), -1)
     side, axis = np.unravel_index(np.argmax(order, axis=1), excess.shape[1:])
     return side, axis

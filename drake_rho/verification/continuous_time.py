@@ -1,25 +1,24 @@
-"""The least value over time of a convex distance, by branch and bound.
+"""Least value over time of a convex distance, by branch and bound.
 
-`verify` judges with this between the knots. It shares nothing with the planner, which solves for
-the closest approach: here a distance is only sampled, what may lie between the samples is bounded
-from below, and pieces of time that may hide a smaller value are split and sampled again.
+`verify` uses this between the knots. It shares nothing with the planner, which solves for the
+closest approach: here a distance is only sampled, its values between the samples are bounded from
+below, and intervals of time that may hide a smaller value are split and sampled again.
 
 The bound. In a step the position x(u) is quadratic in time u, with a constant second derivative a.
-Let d be a distance that is convex and changes by no more than the way moved, as the signed distance
-of any convex shape does. Then d(x(u)) + norm(a) u²/2 is convex in u, and a convex function is
-above the line through two of its samples, outside the two. So between samples a time w apart, d
-is above two lines:
+Let d be a distance that is convex and 1-Lipschitz, as the signed distance from any convex shape is.
+Then d(x(u)) + norm(a) u²/2 is convex in u, and outside two of its samples a convex function is
+above the line through them. So between samples a time w apart, d is above two lines:
 
-- from the left sample, falling by norm(a) w² more than d does in the piece of time before, and
-- from the right sample, falling, backwards in time, by norm(a) w² more than d does in the piece
-  after; but neither by more than the way that can be made in w at the greatest speed.
+- a line from the left sample that falls by norm(a) w² more than d does in the interval before, and
+- a line from the right sample that falls, backwards in time, by norm(a) w² more than d does in the
+  interval after. Neither falls by more than the distance covered in w at the greatest speed.
 
-The bound is where they meet. It is short of the least value in proportion to w², so that a few
+The bound is where the lines meet. It falls short of the least value in proportion to w², so a few
 splits reach any precision, also where a motion touches a shape.
 
-Where a ball of errors is around the position (`drake_rho.verification.tubes`), what is looked for
-is the least value of the distance less its radius r(t). Between two samples r is above the line
-through its values by κ w²/8 at most. So that line is taken off the two lines of d, and κ w²/8 off
+Where a ball of errors surrounds the position (`drake_rho.verification.tubes`), the least value of
+the distance less the ball's radius r(t) is sought. Between two samples r is above the line through
+its values by κ w²/8 at most. So that line is subtracted from the two lines of d, and κ w²/8 from
 the bound.
 """
 
@@ -35,50 +34,49 @@ import numpy.typing as npt
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.verification.steps import Steps
-from drake_rho.verification.tubes import Around
+from drake_rho.verification.tubes import ErrorRadii
 
 Distance = Callable[[FloatArray], FloatArray]
-"""A function of positions, shape (..., D), with values of shape (...) [m]: convex, and changing by
-no more than the way from one position to another."""
+"""Convex and 1-Lipschitz function of positions, shape (..., D), with values of shape (...) [m]."""
 
 _PARTS = 4
-"""Parts that a piece of time is split into."""
+"""Number of parts that an interval of time is split into."""
 
 _LEVELS = 20
-"""Bound on the splits: a part is then 1e-12 of a step, which is where rounding begins."""
+"""Largest number of successive splits: a part is then 1e-12 of a step, where rounding begins."""
 
 _BLOCK = 1 << 15
-"""Pieces of time sampled at once, so that what they take of memory is bounded."""
+"""Number of intervals of time sampled at once, which bounds the memory."""
 
 _ROUNDING = 1e-14
-"""Relative to the numbers in it, an upper bound of the rounding error of a distance."""
+"""Upper bound of a distance's rounding error, relative to the numbers it is computed from."""
 
 
 @dataclasses.dataclass
 class Least:
-    """The least values found, one for each owner of steps; NaN where they cannot be computed."""
+    """Least value found for each owner of steps; NaN where it cannot be computed."""
 
     values: FloatArray
     """[m], shape (N,)"""
     steps: IntArray
-    """in which step, shape (N,); -1 where none was as low as the value it began with"""
+    """index of the step of the least value, shape (N,); -1 where none is below the initial value"""
     moments: FloatArray
-    """when in this step, from 0 to 1, shape (N,)"""
+    """time within this step, from 0 to 1, shape (N,)"""
     widths: FloatArray
-    """part of a step between the samples there, shape (N,)"""
+    """time between the samples there, as a fraction of the step, shape (N,)"""
 
     @classmethod
     def unknown(cls, values: FloatArray) -> Self:
-        """Nothing is found yet; only what is below `values`, shape (N,), is looked for."""
+        """Return the initial state of a search for what is below `values`, shape (N,)."""
         count = len(values)
         return cls(np.array(values), np.full(count, -1), np.zeros(count), np.ones(count))
 
     def offer(
         self, owners: IntArray, values: FloatArray, steps: IntArray, u: FloatArray, width: float
     ) -> None:
-        """Keep of each owner's values the least, and of equal ones the first; arrays (P,)."""
+        """Keep each owner's least value, the first of equal ones; arrays of shape (P,)."""
         better = np.flatnonzero(values < self.values[owners])
-        order = better[np.argsort(values[better], kind="stable")[::-1]]  # the last one stays
+        order = better[np.argsort(values[better], kind="stable")[::-1]]  # the least is last, stays
         who = owners[order]
         self.values[who], self.steps[who] = values[order], steps[order]
         self.moments[who], self.widths[who] = u[order], width
@@ -86,12 +84,12 @@ class Least:
 
 @dataclasses.dataclass
 class AnyLower(Least):
-    """Whether there is a lower value, for each owner: the first that is found ends its search."""
+    """Search for any lower value: the first one found ends an owner's search."""
 
     def offer(
         self, owners: IntArray, values: FloatArray, steps: IntArray, u: FloatArray, width: float
     ) -> None:
-        """Keep where a lower value is, and look for none that is lower still."""
+        """Keep a lower value of each owner and stop its search."""
         super().offer(owners, values, steps, u, width)
         self.values[self.steps >= 0] = -np.inf
 
@@ -102,23 +100,24 @@ def least_over_time(
     distance: Distance,
     precision: FloatArray,
     least: Least,
-    around: Around | None = None,
+    error_radii: ErrorRadii | None = None,
 ) -> Least:
-    """Each owner's least distance in all of its steps, less the radii of errors if there are some.
+    """Return each owner's least distance over all of its steps, less the error radii if any.
 
     Args:
         steps: M steps.
-        owners: whose a step is, shape (M, 1), or (M, 2) where it belongs to two.
-        distance: of positions.
-        precision: by how much a smaller value may be missed [m], shape (M,), where rounding does
-            not hide more.
-        least: values that smaller ones are looked for; changed into the answer.
-        around: the errors around positions, whose radii are taken off distances; none if not given.
+        owners: index of the owner of each step, shape (M, 1), or (M, 2) if it belongs to two.
+        distance: distance as a function of positions.
+        precision: amount by which a smaller value may be missed [m], shape (M,), unless rounding
+            hides more.
+        least: initial values; only smaller ones are sought. Changed in place into the answer.
+        error_radii: radii of the errors around positions, which are subtracted from distances; no
+            errors if not given.
 
     Returns:
-        `least`: values that are attained, below which there is nothing but by the precision.
+        `least`, with values that are attained and exceed the true minimum by `precision` at most.
     """
-    search = _Search(steps, owners, distance, precision, least, around)
+    search = _Search(steps, owners, distance, precision, least, error_radii)
     which, start, width = np.arange(len(steps.p)), np.zeros(len(steps.p)), 1.0
     for parts in (1, *[_PARTS] * _LEVELS):
         if len(which) == 0:
@@ -133,50 +132,52 @@ def least_over_time(
 
 @dataclasses.dataclass(frozen=True)
 class _Search:
-    """What is searched, as in `least_over_time`."""
+    """Arguments of `least_over_time`, with the steps of the branch and bound as methods."""
 
     steps: Steps
     owners: IntArray
     distance: Distance
     precision: FloatArray
     least: Least
-    around: Around | None
+    error_radii: ErrorRadii | None
 
     def split(
         self, which: IntArray, start: FloatArray, width: float, parts: int
     ) -> tuple[IntArray, FloatArray]:
-        """Sample pieces of the steps `which` at equal times, and tell which parts stay open.
+        """Sample intervals at equal times and return the parts that may hide a smaller value.
 
         Args:
-            which: steps, shape (P,).
-            start: when in its step each piece begins, shape (P,).
-            width: of the parts.
-            parts: of each piece.
+            which: index of the step of each interval, shape (P,).
+            start: time within the step at which each interval begins, shape (P,).
+            width: length of a part, as a fraction of a step.
+            parts: number of parts of each interval.
 
         Returns:
-            Steps and beginnings of the parts that may hide a smaller value.
+            Step and beginning of each part that stays open.
         """
         steps, owners, values = self.steps, self.owners[which], self.least.values
         u = start[:, None] + width * np.arange(parts + 1)
         d = self.distance(steps.at(which, u))
-        reach, bend = width * steps.speeds[which], width**2 * steps.bends[which]
-        if self.around is None:
+        reach, bend = width * steps.speeds[which], width**2 * steps.acceleration_norms[which]
+        if self.error_radii is None:
             bounds = _lower_bounds(d, reach, bend)
         else:
-            radii = self.around.radii(which, u)
+            radii = self.error_radii.radii(which, u)
             bounds = _lower_bounds(d, reach, bend, radii)
-            bounds -= width**2 * self.around.bends[which, None] / 8.0
+            bounds -= width**2 * self.error_radii.curvatures[which, None] / 8.0
             d = d - radii
         _offer_samples(self.least, owners, d, which, u, width)
         overflow = ~(np.isfinite(d).all(axis=1) & np.isfinite(bounds).all(axis=1))
-        values[owners[overflow]] = np.nan  # below which nothing is looked for
-        slack = self.precision[which] + _ROUNDING * (steps.sizes[which] + np.abs(d).max(axis=1))
+        values[owners[overflow]] = np.nan  # ends the search of these owners
+        slack = self.precision[which] + _ROUNDING * (
+            steps.coordinate_bounds[which] + np.abs(d).max(axis=1)
+        )
         sought = np.fmax.reduce(values[owners], axis=1) - slack
         piece, part = np.nonzero(bounds < sought[:, None])
         return which[piece], u[piece, part]
 
     def interpolate(self) -> None:
-        """Offer the lowest point of the parabola through each least sample and its neighbours."""
+        """Refine each least sample by the minimum of a parabola through it and its neighbours."""
         least = self.least
         found = np.flatnonzero(least.steps >= 0)
         if len(found) == 0:
@@ -191,17 +192,17 @@ class _Search:
         least.offer(found, self._values(which, u)[:, 0], which, u[:, 0], 0.0)
 
     def _values(self, which: IntArray, u: FloatArray) -> FloatArray:
-        """What is to be least, in the steps `which` at moments u, shape (P, S)."""
+        """Return distances less error radii in the steps `which` at moments u, shape (P, S)."""
         values = self.distance(self.steps.at(which, u))
-        if self.around is None:
+        if self.error_radii is None:
             return values
-        return values - self.around.radii(which, np.clip(u, 0.0, 1.0))
+        return values - self.error_radii.radii(which, np.clip(u, 0.0, 1.0))
 
 
 def _offer_samples(
     least: Least, owners: IntArray, d: FloatArray, which: IntArray, u: FloatArray, width: float
 ) -> None:
-    """The least of each piece's samples d, shape (P, S), is offered to its owners."""
+    """Offer the least of each interval's samples d, shape (P, S), to the interval's owners."""
     each, best = np.arange(len(d)), np.argmin(d, axis=1)
     for owner in owners.T:
         least.offer(owner, d[each, best], which, u[each, best], width)
@@ -210,13 +211,14 @@ def _offer_samples(
 def _lower_bounds(
     d: FloatArray, reach: FloatArray, bend: FloatArray, radii: FloatArray | None = None
 ) -> FloatArray:
-    """Lower bounds of a distance between neighbouring samples; see the top of this module.
+    """Return lower bounds of a distance between neighbouring samples; see the module's docstring.
 
     Args:
-        d: samples at equal distances in time [m], shape (P, S + 1).
-        reach: the way that can be made between two [m], shape (P,).
-        bend: norm of the acceleration times their distance in time squared [m], shape (P,).
-        radii: what is taken off the samples, and between them on straight lines [m], as d.
+        d: samples of the distance at equal time intervals w [m], shape (P, S + 1).
+        reach: greatest distance covered in w [m], shape (P,).
+        bend: norm of the acceleration times w² [m], shape (P,).
+        radii: radii subtracted from the samples and, linearly interpolated, between them [m], of
+            the shape of d.
 
     Returns:
         Bounds [m], shape (P, S).
@@ -235,19 +237,16 @@ def _lower_bounds(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Lowest:
-    """When each of several motions is closest to something, all that errors take being taken off.
-
-    Arrays of any one shape.
-    """
+    """Least distance less error radius of each of several motions; arrays of one common shape."""
 
     steps: IntArray
-    """in which step"""
+    """index of the step in which it is attained"""
     moments: FloatArray
-    """when in this step, from 0 to 1"""
+    """time within this step, from 0 to 1"""
     values: FloatArray
-    """the distance then, less the radius [m]"""
+    """distance less the error radius at that time [m]"""
     radii: FloatArray
-    """of the errors then [m]"""
+    """error radius at that time [m]"""
 
 
 def lowest_over_time(
@@ -255,28 +254,28 @@ def lowest_over_time(
     shape: tuple[int, ...],
     distance: Distance,
     precision: npt.ArrayLike,
-    around: Around | None = None,
+    error_radii: ErrorRadii | None = None,
 ) -> Lowest:
-    """The least distance of each of several motions, and when.
+    """Return the least distance of each of several motions, and when it is attained.
 
     Args:
-        steps: of the motions, one motion after another, as many of each.
-        shape: of the motions.
-        distance: of positions.
-        precision: see `least_over_time` [m]; broadcasts to `shape`.
-        around: errors around the positions.
+        steps: steps of the motions, one motion after another, equally many of each.
+        shape: shape of the array of motions.
+        distance: distance as a function of positions.
+        precision: precision as in `least_over_time` [m]; broadcasts to `shape`.
+        error_radii: radii of the errors around positions; no errors if not given.
 
     Returns:
-        Arrays of this shape.
+        Arrays of shape `shape`.
     """
     motions = math.prod(shape)
     count = len(steps.p) // motions
     owners = np.repeat(np.arange(motions), count)
     each = np.repeat(np.broadcast_to(precision, shape).ravel(), count)
     unknown = Least.unknown(np.full(motions, np.inf))
-    least = least_over_time(steps, owners[:, None], distance, each, unknown, around)
+    least = least_over_time(steps, owners[:, None], distance, each, unknown, error_radii)
     which, radii = np.maximum(least.steps, 0), np.zeros(motions)
-    if around is not None:
-        radii = around.radii(which, least.moments[:, None])[:, 0]
+    if error_radii is not None:
+        radii = error_radii.radii(which, least.moments[:, None])[:, 0]
     values = (each.reshape(shape) for each in (least.moments, least.values, radii))
     return Lowest((which % count).reshape(shape), *values)

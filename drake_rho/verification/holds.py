@@ -1,8 +1,8 @@
-"""Whether a plan holds, for those who ask in every window of a receding horizon.
+"""Fast verification of a plan, for every window of a receding horizon.
 
-The verdict is `verify`'s, on everything that is known when the plan begins. Quick sufficient
-conditions settle most plans in a tenth of the time: quantities at the knots, bounds between them,
-and the greatest radii of errors in each step. What these leave open is judged as `verify` does it.
+The verdict is that of `verify`, on everything that is known when the plan begins. Quick sufficient
+conditions decide most plans in a tenth of the time: quantities at the knots, bounds between them,
+and the greatest error radii in each step. Constraints that these leave open are verified in full.
 """
 
 from __future__ import annotations
@@ -21,34 +21,34 @@ from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.parts import GRAVITY, Quantity
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.boxes import check_boxes
-from drake_rho.verification.closest_pairs import from_ellipsoid
+from drake_rho.verification.closest_pairs import ellipsoid_distance
 from drake_rho.verification.continuous_time import AnyLower, least_over_time
-from drake_rho.verification.course import Course
 from drake_rho.verification.kinds import refuse_unknown
 from drake_rho.verification.norms import check_norms
-from drake_rho.verification.obstacles import check_obstacle, seen_from
+from drake_rho.verification.obstacles import check_obstacle, relative_to
 from drake_rho.verification.report import PRECISION, Check, Column
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.states import check_planned
 from drake_rho.verification.steps import Steps
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
 from drake_rho.verification.waypoints import check_waypoints
 
 _ALL_PAIRS = 100
-"""Vehicles up to which every pair is looked at."""
+"""Largest number of vehicles for which the quick condition visits every pair."""
 
 
 def first_violation(plan: Plan, obstacles: Iterable[int] | None = None) -> Check | None:
-    """Return the worst that a plan breaks of the first constraint that it breaks; None if it holds.
+    """Return the worst violation of the first constraint that a plan violates; None if it holds.
 
     Args:
-        plan: what is judged by what is known when it begins, with all of its tube.
-        obstacles: numbers of the only constraints that are looked at, if given.
+        plan: plan to verify with its error tube, by what is known when it begins.
+        obstacles: numbers of obstacles; if given, only these constraints are verified.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is told as no number
+    with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
         refuse_unknown(plan.scenario)
-        judged = _Judged.of(plan)
-        for is_kept, columns in judged.kinds(obstacles):
+        check = _PlanCheck.of(plan)
+        for is_kept, columns in check.kinds(obstacles):
             if not is_kept():
                 for column in columns():
                     if not column.holds:
@@ -57,48 +57,48 @@ def first_violation(plan: Plan, obstacles: Iterable[int] | None = None) -> Check
 
 
 def _worst(column: Column, scenario: Scenario) -> Check:
-    """Return the check of a column that is furthest from being held."""
+    """Return the check with the largest excess of those that do not hold."""
     names = [vehicle.name for vehicle in scenario.vehicles]
     checks = [each for each in column.checks(names) if each is not None and not each.holds]
     return max(checks, key=lambda each: np.nan_to_num(each.excess, nan=np.inf))
 
 
 Kind = tuple[Callable[[], bool], Callable[[], Iterator[Column]]]
-"""A quick sufficient test of a kind of constraints, and the full judgement for when it fails."""
+"""Quick sufficient condition of a kind of constraints, and the full check for when it fails."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Judged:
-    """A plan as it is judged, with upper bounds of the radii of errors in each step."""
+class _PlanCheck:
+    """A plan's trajectory with upper bounds of the error radii in each step."""
 
     plan: Plan
-    course: Course
+    trajectory: PiecewiseTrajectory
     radii: Greatest
-    """in each step, arrays of shape (K-1,)"""
+    """greatest error radii in each step, arrays of shape (K-1,)"""
 
     @classmethod
-    def of(cls, plan: Plan) -> _Judged:
+    def of(cls, plan: Plan) -> _PlanCheck:
         scenario, grid = plan.scenario, plan.scenario.grid
         motion = Motion.from_starts(scenario.fleet, plan.accelerations, grid.step)
-        course = Course.of(scenario, motion, Tubes.around(plan))
+        trajectory = PiecewiseTrajectory.of(scenario, motion, Tubes.of(plan))
         nothing = np.zeros(grid.knots - 1)
         radii = Greatest(nothing, nothing, nothing, np.zeros(grid.knots))
         if scenario.disturbance is not None:
             tube = tube_of(scenario)
             first = round((grid.start - tube.grid.start) / grid.step)
             radii = tube.over_steps(first, grid.knots - 1)
-        return cls(plan, course, radii)
+        return cls(plan, trajectory, radii)
 
     def kinds(self, obstacles: Iterable[int] | None) -> Iterator[Kind]:
-        """Yield all kinds of constraints, or only those of some obstacles."""
-        course, scenario = self.course, self.course.scenario
+        """Yield all kinds of constraints, or only those of the given obstacles."""
+        trajectory, scenario = self.trajectory, self.trajectory.scenario
         if obstacles is None:
-            yield self._states_are_right, lambda: check_planned(self.plan, course)
+            yield self._states_are_right, lambda: check_planned(self.plan, trajectory)
             jerks = self.plan.motion().jerks()
-            yield (lambda: self._boxes_are_kept(jerks)), lambda: check_boxes(course, jerks)
-            yield (lambda: self._norms_are_kept(jerks)), lambda: check_norms(course, jerks)
-            yield (lambda: not scenario.fleet.waypoints), lambda: check_waypoints(course)
-            yield self._all_keep_apart, lambda: check_separation(course)
+            yield (lambda: self._boxes_are_kept(jerks)), lambda: check_boxes(trajectory, jerks)
+            yield (lambda: self._norms_are_kept(jerks)), lambda: check_norms(trajectory, jerks)
+            yield (lambda: not scenario.fleet.waypoints), lambda: check_waypoints(trajectory)
+            yield self._all_keep_apart, lambda: check_separation(trajectory)
             obstacles = [number for number, _ in scenario.known]
         for number in obstacles:
             yield from self._obstacle(number)
@@ -106,15 +106,15 @@ class _Judged:
     def _obstacle(self, number: int) -> Iterator[Kind]:
         yield (
             lambda: self._obstacle_is_avoided(number),
-            lambda: check_obstacle(self.course, number),
+            lambda: check_obstacle(self.trajectory, number),
         )
 
     def _states_are_right(self) -> bool:
-        """Return whether states are those that are flown, and the last ones the goals."""
-        plan, course, fleet = self.plan, self.course, self.course.scenario.fleet
+        """Return whether the plan's states follow from its accelerations and end at the goals."""
+        plan, trajectory, fleet = self.plan, self.trajectory, self.trajectory.scenario.fleet
         pairs: tuple[tuple[Quantity, FloatArray, FloatArray, FloatArray], ...] = (
-            ("position", plan.positions, course.positions, fleet.goal_positions),
-            ("velocity", plan.velocities, course.velocities, fleet.goal_velocities),
+            ("position", plan.positions, trajectory.positions, fleet.goal_positions),
+            ("velocity", plan.velocities, trajectory.velocities, fleet.goal_velocities),
         )
         for quantity, own, flown, goals in pairs:
             off = np.maximum(
@@ -125,17 +125,17 @@ class _Judged:
         return True
 
     def _boxes_are_kept(self, jerks: FloatArray) -> bool:
-        bounds, course = self.course.scenario.fleet.bounds, self.course
+        bounds, trajectory = self.trajectory.scenario.fleet.bounds, self.trajectory
         p, v, a, h = (
-            course.positions,
-            course.velocities,
-            course.accelerations,
-            course.scenario.grid.step,
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.accelerations,
+            trajectory.scenario.grid.step,
         )
         if bounds("position") is not None:
             low = high = p
             radii = self.radii.ends
-            if course.scenario.between_knots:
+            if trajectory.scenario.between_knots:
                 with np.errstate(divide="ignore"):
                     s = np.clip(np.nan_to_num(-v[:, :-1] / a, nan=0.0), 0.0, h)
                 turns = p[:, :-1] + s * (v[:, :-1] + s / 2.0 * a)
@@ -159,23 +159,27 @@ class _Judged:
     def _inside(
         self, quantity: Quantity, low: FloatArray, high: FloatArray, radii: FloatArray
     ) -> bool:
-        """Return whether extremes, shape (N, M, 3), are in a box by radii, shape (M,)."""
-        box = self.course.scenario.fleet.bounds(quantity)
-        assert box is not None  # noqa: S101  # asked before
-        room = radii[:, None] - box.tolerances[:, None]
-        kept = (low >= box.lower[:, None] + room) & (high <= box.upper[:, None] - room)
-        return bool(kept.all())
+        """Return whether extremes (N, M, 3) are inside a box tightened by error radii (M,)."""
+        box = self.trajectory.scenario.fleet.bounds(quantity)
+        assert box is not None  # noqa: S101  # callers check this
+        tightening = radii[:, None] - box.tolerances[:, None]
+        lower, upper = box.lower[:, None] + tightening, box.upper[:, None] - tightening
+        return bool(((low >= lower) & (high <= upper)).all())
 
     def _norms_are_kept(self, jerks: FloatArray) -> bool:
-        limits, course, radii = self.course.scenario.fleet.norms, self.course, self.radii
+        limits, trajectory, radii = (
+            self.trajectory.scenario.fleet.norms,
+            self.trajectory,
+            self.radii,
+        )
         if "max_tilt" in limits:
             return False
         upright = np.array([0.0, 0.0, GRAVITY])
         vectors = {
-            "max_speed": (course.velocities, np.maximum(*_beside(radii.velocity))),
-            "max_acceleration": (course.commands, radii.acceleration),
+            "max_speed": (trajectory.velocities, np.maximum(*_beside(radii.velocity))),
+            "max_acceleration": (trajectory.commands, radii.acceleration),
             "max_jerk": (jerks, np.zeros(jerks.shape[1])),
-            "max_thrust": (course.commands + upright, radii.acceleration),
+            "max_thrust": (trajectory.commands + upright, radii.acceleration),
         }
         for norm, limit in limits.items():
             values, errors = vectors[norm]
@@ -185,20 +189,22 @@ class _Judged:
         return True
 
     def _obstacle_is_avoided(self, number: int) -> bool:
-        scenario, fleet = self.course.scenario, self.course.scenario.fleet
+        scenario, fleet = self.trajectory.scenario, self.trajectory.scenario.fleet
         obstacle = scenario.bodies_in_flight[number - 1]
         shape, tolerances = obstacle.shape, fleet.obstacle_tolerances(obstacle.shape)
-        kept = (fleet.radii + obstacle.deviation - tolerances)[:, None]
+        required = (fleet.radii + obstacle.deviation - tolerances)[:, None]
         if not scenario.between_knots:
-            x = self.course.positions - obstacle.centers(self.course.elapsed)
-            apart = shape.signed_distance(x) >= kept + self.radii.ends
-            active = obstacle.is_active(self.course.elapsed, scenario.grid.rounding)
+            x = self.trajectory.positions - obstacle.centers(self.trajectory.elapsed)
+            apart = shape.signed_distance(x) >= required + self.radii.ends
+            active = obstacle.is_active(self.trajectory.elapsed, scenario.grid.rounding)
             return bool(apart[:, active].all())
-        seen, radii = seen_from(self.course, obstacle), self.radii.position
-        if len(seen.course.durations) > len(radii):  # cut at corners of its track
-            steps = np.searchsorted(scenario.grid.elapsed, seen.course.elapsed, side="right") - 1
+        seen, radii = relative_to(self.trajectory, obstacle), self.radii.position
+        if len(seen.trajectory.durations) > len(radii):  # cut at corners of its track
+            steps = (
+                np.searchsorted(scenario.grid.elapsed, seen.trajectory.elapsed, side="right") - 1
+            )
             radii = radii[steps[:-1]]
-        least = kept + radii
+        least = required + radii
         low = ~(seen.lowest_at_least(shape, least) >= least)
         owners, pieces = np.nonzero(low & seen.active_pieces)
         some, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
@@ -206,37 +212,38 @@ class _Judged:
         return not _is_below(some, shape.signed_distance, asked, precision[owners]).any()
 
     def _all_keep_apart(self) -> bool:
-        """Return whether pairs are apart, by what both errors take.
+        """Return whether all pairs keep their separation plus both vehicles' error radii.
 
-        First where their separation is a ball; in steps that leave it open, as it is measured.
+        The distance is first bounded in the scaled space, where the separation is a ball. In steps
+        that this leaves open, it is measured as `verify` does.
         """
-        scenario, course = self.course.scenario, self.course
+        scenario, trajectory = self.trajectory.scenario, self.trajectory
         separation, count = scenario.separation, len(scenario.vehicles)
         if separation is None or count < 2:
             return True
         if count > _ALL_PAIRS:
             return False
         one, other = np.array(list(combinations(range(count), 2))).T
-        states = course.positions, course.velocities, course.accelerations
+        states = trajectory.positions, trajectory.velocities, trajectory.accelerations
         relative = [each[one] - each[other] for each in states]
         scaled = [separation.scaled(each) for each in relative]
         distances = np.sqrt(np.einsum("nki,nki->nk", scaled[0], scaled[0]))
-        around, wide = separation.distance - separation.tolerance, separation.shape.scales.max()
+        required, scale = separation.distance - separation.tolerance, separation.shape.scales.max()
         if not scenario.between_knots:
-            return bool((distances >= around + 2.0 * wide * self.radii.ends).all())
-        errors, steps = 2.0 * self.radii.position, course.steps_of(*scaled)
-        ways = steps.speeds.reshape(len(one), -1)
-        lowest = (distances[:, :-1] + distances[:, 1:] - ways) / 2.0
-        pairs, k = np.nonzero(~(lowest >= around + wide * errors))
+            return bool((distances >= required + 2.0 * scale * self.radii.ends).all())
+        errors, steps = 2.0 * self.radii.position, trajectory.steps_of(*scaled)
+        lengths = steps.speeds.reshape(len(one), -1)
+        lowest = (distances[:, :-1] + distances[:, 1:] - lengths) / 2.0
+        pairs, k = np.nonzero(~(lowest >= required + scale * errors))
         which, precision = pairs * len(errors) + k, PRECISION * separation.tolerance
-        least = (around + wide * errors)[k]
+        least = (required + scale * errors)[k]
         close = _is_below(steps.select(which), _length, least, np.full(len(k), precision))
         if separation.is_round or scenario.disturbance is None:
             return not close.any()
-        which, least = which[close], (around + errors)[k[close]]
+        which, least = which[close], (required + errors)[k[close]]
         some, distance = (
-            course.steps_of(*relative).select(which),
-            partial(from_ellipsoid, separation),
+            trajectory.steps_of(*relative).select(which),
+            partial(ellipsoid_distance, separation),
         )
         return not _is_below(some, distance, least, np.full(len(least), precision)).any()
 
@@ -252,15 +259,15 @@ def _is_below(
     least: FloatArray,
     precision: FloatArray,
 ) -> BoolArray:
-    """Return in which of some steps a distance is ever below what it is to be, shape (M,)."""
+    """Return in which steps a distance falls below the least allowed, shape (M,)."""
     if len(least) == 0:
         return np.zeros(0, dtype=bool)
     owners = np.arange(len(least))[:, None]
-    lower = AnyLower.unknown(least + precision)  # of which the search may miss the precision
+    lower = AnyLower.unknown(least + precision)  # the search may miss as much as the precision
     found = least_over_time(steps, owners, distance, precision, lower)
     return np.asarray((found.steps >= 0) | np.isnan(found.values))
 
 
 def _beside(steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what is in the step before each knot, and in the one after it."""
+    """Return, for each knot, the value of the step before it and of the step after it."""
     return np.append(steps[:1], steps), np.append(steps, steps[-1:])

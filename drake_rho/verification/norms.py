@@ -1,7 +1,7 @@
 """Limits on norms, verified at the knots, which are enough for every instant.
 
 The velocity is linear in a step, so its norm, which is convex, is largest at a knot; accelerations
-and jerks are constant in a step, and with them thrust and tilt. With errors around velocities it is
+and jerks are constant in a step, and with them thrust and tilt. With errors error_radii velocities it is
 largest at a sample of the feedback.
 """
 
@@ -15,74 +15,77 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.norms import NormLimit
 from drake_rho.scenario.parts import GRAVITY
 from drake_rho.verification.between_samples import Greatest, greatest_velocity
-from drake_rho.verification.course import Course
 from drake_rho.verification.report import UNITS, Column
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
-def check_norms(course: Course, jerks: FloatArray) -> Iterator[Column]:
+def check_norms(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[Column]:
     """Yield the check of every limit on a norm that the scenario has.
 
     Args:
-        course: of all vehicles.
+        trajectory: of all vehicles.
         jerks: of the plan, at the knots that begin a step [m/s³], shape (N, K-1, 3).
     """
-    limits, times, errors = course.scenario.fleet.norms, course.times, course.feedback
-    thrusts = course.commands + np.array([0.0, 0.0, GRAVITY])
+    limits, times, errors = trajectory.scenario.fleet.norms, trajectory.times, trajectory.feedback
+    thrusts = trajectory.commands + np.array([0.0, 0.0, GRAVITY])
     if "max_speed" in limits:
-        yield _check_norm(limits["max_speed"], _greatest_speed(course), UNITS["velocity"])
+        yield _check_norm(limits["max_speed"], _greatest_speed(trajectory), UNITS["velocity"])
     unit = UNITS["acceleration"]
     if "max_acceleration" in limits:
-        found = _greatest_norm(times, course.commands, errors)
+        found = _greatest_norm(times, trajectory.commands, errors)
         yield _check_norm(limits["max_acceleration"], found, unit)
     if "max_jerk" in limits:
         # the first jerk has no limit where no acceleration is given before
-        skipped = np.isnan(course.scenario.fleet.accelerations_before[:, 0])
+        skipped = np.isnan(trajectory.scenario.fleet.accelerations_before[:, 0])
         limited = np.array(jerks)
         limited[skipped, 0] = 0.0
-        begins = course.scenario.grid.times[:-1]
+        begins = trajectory.scenario.grid.times[:-1]
         found = _greatest_norm(begins, limited, np.zeros(len(begins)))
         yield _check_norm(limits["max_jerk"], found, UNITS["jerk"])
     if "max_thrust" in limits:
         yield _check_norm(limits["max_thrust"], _greatest_norm(times, thrusts, errors), unit)
-    if "max_tilt" in limits and course.tubes is None:
+    if "max_tilt" in limits and trajectory.tubes is None:
         yield _check_tilt(limits["max_tilt"], times, thrusts)
     elif "max_tilt" in limits:
         yield _check_inside_cone(limits["max_tilt"], times, thrusts, errors)
 
 
-def _greatest_speed(course: Course) -> Greatest:
-    if course.tubes is None:
-        return _greatest_norm(course.times, course.velocities, np.zeros(len(course.times)))
-    return greatest_velocity(course, lambda v: np.linalg.norm(v, axis=-1))
+def _greatest_speed(trajectory: PiecewiseTrajectory) -> Greatest:
+    if trajectory.tubes is None:
+        return _greatest_norm(
+            trajectory.times, trajectory.velocities, np.zeros(len(trajectory.times))
+        )
+    return greatest_velocity(trajectory, lambda v: np.linalg.norm(v, axis=-1))
 
 
 def _greatest_norm(times: FloatArray, vectors: FloatArray, errors: FloatArray) -> Greatest:
-    """When norms of vectors, shape (N, M, 3), with errors of radii (M,), are greatest."""
+    """Return the maximum over times (M,) of norms of vectors (N, M, 3) plus error radii (M,)."""
     norms = np.linalg.norm(vectors, axis=2)
-    k = np.argmax(norms + errors, axis=1)  # the first value that is no number, if there is one
+    k = np.argmax(norms + errors, axis=1)  # the first NaN, if there is one
     return Greatest(times[k], _pick(norms, k), errors[k])
 
 
 def _check_norm(limit: NormLimit, found: Greatest, unit: str) -> Column:
-    """The largest norm of each vehicle."""
+    """Return the check of the largest norm of each vehicle."""
     tolerances = limit.sets.tolerances
     most = np.where(found.errors > 0.0, limit.most - found.errors, limit.most)
     return _column(limit, found, most, tolerances, unit)
 
 
 def _check_tilt(limit: NormLimit, times: FloatArray, thrusts: FloatArray) -> Column:
-    """The largest angle of each vehicle's thrusts, shape (N, M, 3), to the upright.
+    """Return the check of the largest tilt of each vehicle's thrusts, shape (N, M, 3).
 
-    The tolerance is one of accelerations, so as an angle it grows as the thrust falls, and no angle
-    is one of no thrust. Where a limit is broken, the angle that is most tolerances beyond is told.
+    The tolerance is that of an acceleration. As an angle it grows as the thrust falls; it is π at
+    most, since zero thrust has no direction. Where the limit is violated, the check is of the angle
+    with the largest excess over tolerance.
     """
     angles = np.arctan2(np.linalg.norm(thrusts[..., :2], axis=2), thrusts[..., 2])
     sizes = np.linalg.norm(thrusts, axis=2)
     least = limit.sets.tolerances[:, None] / np.pi
-    tolerances = limit.sets.tolerances[:, None] / np.maximum(sizes, least)  # of pi at most
+    tolerances = limit.sets.tolerances[:, None] / np.maximum(sizes, least)  # π at most
     excess = angles - limit.most[:, None]
-    broken = np.any(excess > tolerances, axis=1, keepdims=True)
-    k = np.argmax(np.where(broken, excess / tolerances, angles), axis=1)
+    violated = np.any(excess > tolerances, axis=1, keepdims=True)
+    k = np.argmax(np.where(violated, excess / tolerances, angles), axis=1)
     found = Greatest(times[k], _pick(angles, k), np.zeros(len(k)))
     return _column(limit, found, limit.most, _pick(tolerances, k), "rad")
 
@@ -90,11 +93,11 @@ def _check_tilt(limit: NormLimit, times: FloatArray, thrusts: FloatArray) -> Col
 def _check_inside_cone(
     limit: NormLimit, times: FloatArray, thrusts: FloatArray, errors: FloatArray
 ) -> Column:
-    """How close each vehicle's thrusts, shape (N, M, 3), come to leaving the cone of its tilts.
+    """Return the check of how close each vehicle's thrusts (N, M, 3) come to leaving the tilt cone.
 
-    A ball around a thrust is inside the cone where its middle is, and further from the surface than
-    its radius. So what is told is that distance, an acceleration: as an angle the same error is
-    larger the less thrust there is.
+    A ball of errors around a thrust is inside the cone if its centre is inside and further from the
+    surface than the ball's radius. So the value checked is the distance from the surface, an
+    acceleration: as an angle the same error would grow as the thrust falls.
     """
     angle = np.minimum(limit.most, np.pi)[:, None]
     level, up = np.linalg.norm(thrusts[..., :2], axis=2), thrusts[..., 2]
@@ -137,6 +140,6 @@ def _column(
 
 
 def _pick(values: FloatArray, k: IntArray) -> FloatArray:
-    """The k[i]-th of each row i."""
+    """Return the k[i]-th value of each row i."""
     picked: FloatArray = np.take_along_axis(values, k[:, None], axis=1)[:, 0]
     return picked

@@ -1,8 +1,8 @@
-"""Obstacles (8) of every shape, at rest or moving, judged at the knots and at every instant.
+"""Obstacles (8) of every shape, at rest or moving, verified at the knots and at every instant.
 
-A vehicle's clearance is the signed distance of its position from the shape, where that is at the
-time, less what errors are around it then. Seen from an obstacle a vehicle's motion is quadratic
-between two instants, and where a track has a corner between them, up to it and from it on.
+A vehicle's clearance is the signed distance of its position from the shape at that time, less the
+error radius. Relative to an obstacle, a vehicle's motion is quadratic in time between two instants;
+where the obstacle's track has a corner between them, the interval is cut there.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.verification.continuous_time import Least, least_over_time
-from drake_rho.verification.course import Course
 from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.steps import Steps
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
-def check_obstacles(course: Course) -> Iterator[Column]:
-    """Judge the vehicles' distances from every obstacle."""
-    for number in range(1, len(course.scenario.bodies) + 1):
-        yield from check_obstacle(course, number)
+def check_obstacles(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
+    """Verify the vehicles' distances from every obstacle."""
+    for number in range(1, len(trajectory.scenario.bodies) + 1):
+        yield from check_obstacle(trajectory, number)
 
 
-def check_obstacle(course: Course, number: int) -> Iterator[Column]:
-    """Judge distances from one obstacle: from when it is known and, apart from these, before.
+def check_obstacle(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Column]:
+    """Verify distances from one obstacle: after and, in checks of their own, before it is known.
 
     Args:
-        course: what is judged.
-        number: of the obstacle, from 1.
+        trajectory: the trajectory to verify.
+        number: number of the obstacle, from 1.
     """
-    scenario, start = course.scenario, course.scenario.grid.start
+    scenario, start = trajectory.scenario, trajectory.scenario.grid.start
     obstacle, name = scenario.bodies_in_flight[number - 1], scenario.obstacle_name(number)
     late = number not in {number for number, _ in scenario.known}
     since = obstacle.known_from if late else 0.0
-    seen = seen_from(course, obstacle, since)
-    kept = scenario.fleet.radii + obstacle.deviation
+    seen = relative_to(trajectory, obstacle, since)
+    required = scenario.fleet.radii + obstacle.deviation
     for known in (True, False) if late else (True,):
         both = seen.closest(obstacle.shape, since, known=known)
         for part, found in zip((AT_KNOTS, AT_ALL_TIMES), both, strict=True):
-            limits = np.where(found.errors > 0.0, kept + found.errors, kept)
+            limits = np.where(found.errors > 0.0, required + found.errors, required)
             yield Column(
                 kind="obstacles",
                 constraint=name if known else f"{name} before it is known",
@@ -63,21 +63,21 @@ def check_obstacle(course: Course, number: int) -> Iterator[Column]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Closest:
-    """When vehicles are closest to an obstacle, errors counted; arrays of shape (N,)."""
+    """Least clearance of each vehicle from an obstacle, with errors; arrays of shape (N,)."""
 
     times: FloatArray
-    """since the first knot [s]"""
+    """time of the least clearance since the first knot [s]"""
     clearances: FloatArray
-    """signed distances without the errors [m]"""
+    """signed distance at that time, without the error radius [m]"""
     errors: FloatArray
-    """radii then [m]"""
+    """error radius at that time [m]"""
 
 
 @dataclasses.dataclass(frozen=True)
-class Seen:
-    """Motions as an obstacle sees them: less its own, in pieces of time in which it is constant."""
+class RelativeMotion:
+    """Motions relative to an obstacle, in pieces of time in which its velocity is constant."""
 
-    course: Course
+    trajectory: PiecewiseTrajectory
     """with pieces that are cut where the obstacle's track has corners"""
     obstacle: Obstacle
     """on a clock that is 0 at the first knot"""
@@ -85,16 +85,17 @@ class Seen:
     """time by which a knot may be early, or late, and still count as one at which the obstacle is
     known, or avoided [s]"""
     positions: FloatArray
-    """of the vehicles at the instants, from the middle of the obstacle [m], shape (N, J + 1, 3)"""
+    """positions of the vehicles relative to the obstacle's centre [m], shape (N, J + 1, 3)"""
     pieces: Steps
-    """vehicle by vehicle, J of each"""
+    """relative motions in the pieces, vehicle by vehicle, J of each"""
 
     def lowest_at_least(self, shape: Shape, enough: FloatArray) -> FloatArray:
         """Return lower bounds of distances from the shape in the pieces [m], shape (N, J).
 
         Args:
-            shape: of the obstacle.
-            enough: where distances from its bounding box show as much, they do [m], as the answer.
+            shape: shape of the obstacle.
+            enough: distances that suffice [m], of the answer's shape. For vehicles whose distances
+                from the bounding box reach them, no closer bound is computed.
         """
         outside = _outside_of_box(self.positions, shape.extent)
         lowest = self._between(outside)
@@ -107,109 +108,116 @@ class Seen:
     @property
     def active_pieces(self) -> BoolArray:
         """Whether the obstacle is avoided in each piece, shape (J,)."""
-        elapsed = self.course.elapsed
+        elapsed = self.trajectory.elapsed
         return self.obstacle.is_active((elapsed[:-1] + elapsed[1:]) / 2.0)
 
     def _between(self, distances: FloatArray) -> FloatArray:
-        """Return where two slopes meet, from distances at the instants, shape (N, J)."""
-        ways = self.pieces.speeds.reshape(len(distances), -1)
-        lowest: FloatArray = (distances[:, :-1] + distances[:, 1:] - ways) / 2.0
+        """Return lower bounds between the instants from distances at them [m], shape (N, J).
+
+        In a piece a distance changes no faster than at the greatest speed.
+        """
+        lengths = self.pieces.speeds.reshape(len(distances), -1)
+        lowest: FloatArray = (distances[:, :-1] + distances[:, 1:] - lengths) / 2.0
         return lowest
 
     def closest(self, shape: Shape, since: float, *, known: bool) -> tuple[_Closest, _Closest]:
-        """When each vehicle is closest to the shape: at knots, and at all times.
+        """Return the least clearances from the shape: at the knots, and at all times.
 
-        Nothing is measured exactly where the distance from the bounding box shows that another
-        instant is closer.
+        The exact distance is not computed where the distance from the bounding box shows that
+        another instant is closer.
 
         Args:
-            shape: of the obstacle.
-            since: when it is known, since the first knot [s].
-            known: whether the time from then on is looked at, or the time before.
+            shape: shape of the obstacle.
+            since: time at which the obstacle becomes known, since the first knot [s].
+            known: whether to consider the time from then on, or the time before.
         """
-        course, instants = self.course, self.course.elapsed
+        trajectory, instants = self.trajectory, self.trajectory.elapsed
         outside = _outside_of_box(self.positions, shape.extent)
         later = instants >= since - self.tolerance
         active = self.obstacle.is_active(instants, self.tolerance)
-        judged = course.knots & (later if known else ~later) & active
+        knots = trajectory.knots & (later if known else ~later) & active
         count = len(self.positions)
         times, values, off = np.zeros(count), np.full(count, np.inf), np.zeros(count)
-        if judged.any():
-            x, errors = self.positions[:, judged], course.errors(judged)
-            k, values = _least_at(shape, x, outside[:, judged] - errors, errors)
-            times, off = instants[judged][k], errors[k]
+        if knots.any():
+            x, errors = self.positions[:, knots], trajectory.errors(knots)
+            k, values = _least_at(shape, x, outside[:, knots] - errors, errors)
+            times, off = instants[knots][k], errors[k]
         at_knots = _Closest(times, values + off, off)
 
         during = (instants[:-1] >= since) == known
         during &= self.active_pieces
-        lowest = self._between(outside) - course.errors_over
+        lowest = self._between(outside) - trajectory.errors_over
         owners, piece = np.nonzero(~(lowest >= values[:, None]) & during)  # what is no number too
-        around = course.around(piece)
+        error_radii = trajectory.error_radii(piece)
         least = least_over_time(
             self.pieces.select(owners * len(during) + piece),
             owners[:, None],
             shape.signed_distance,
-            PRECISION * course.scenario.fleet.obstacle_tolerances(shape)[owners],
+            PRECISION * trajectory.scenario.fleet.obstacle_tolerances(shape)[owners],
             Least.unknown(values),
-            around,
+            error_radii,
         )
         found = np.flatnonzero(least.steps >= 0)
         always, off, at = np.array(times), np.array(off), least.steps[found]
-        always[found] = course.moments(piece[at], least.moments[found])
-        if around is not None:
-            off[found] = around.radii(at, least.moments[found, None])[:, 0]
+        always[found] = trajectory.moments(piece[at], least.moments[found])
+        if error_radii is not None:
+            off[found] = error_radii.radii(at, least.moments[found, None])[:, 0]
         return at_knots, _Closest(always, least.values + off, off)
 
 
-def seen_from(course: Course, obstacle: Obstacle, since: float = 0.0) -> Seen:
-    """Return the motions of a scenario's vehicles as an obstacle sees them.
+def relative_to(
+    trajectory: PiecewiseTrajectory, obstacle: Obstacle, since: float = 0.0
+) -> RelativeMotion:
+    """Return the motions of all vehicles relative to an obstacle.
 
     Args:
-        course: what is judged.
-        obstacle: on a clock that is 0 at the first knot.
-        since: a time at which pieces end and begin too [s].
+        trajectory: the trajectory to verify.
+        obstacle: obstacle on a clock that is 0 at the first knot.
+        since: a further time at which pieces are cut [s].
     """
-    tolerance = course.scenario.grid.rounding
-    course = course.cut(np.append(obstacle.corners, since))
-    centers = obstacle.centers(course.elapsed)
-    positions = course.positions - centers
-    width = course.durations[:, None]
-    ways = width * course.velocities[:, :-1] - np.diff(centers, axis=0)
-    pieces = (positions[:, :-1], ways, width**2 * course.accelerations)
+    tolerance = trajectory.scenario.grid.rounding
+    trajectory = trajectory.cut(np.append(obstacle.corners, since))
+    centers = obstacle.centers(trajectory.elapsed)
+    positions = trajectory.positions - centers
+    width = trajectory.durations[:, None]
+    velocities = width * trajectory.velocities[:, :-1] - np.diff(centers, axis=0)
+    pieces = (positions[:, :-1], velocities, width**2 * trajectory.accelerations)
     steps = Steps(*(each.reshape(-1, 3) for each in pieces))
-    return Seen(course, obstacle, tolerance, positions, steps)
+    return RelativeMotion(trajectory, obstacle, tolerance, positions, steps)
 
 
 def _least_at(
     shape: Shape, x: FloatArray, at_least: FloatArray, errors: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """At which of its positions each vehicle is closest to a shape, and the signed distance there.
+    """Return the index of each vehicle's closest position to a shape, and its distance there.
 
     Args:
-        shape: what it is close to.
-        x: positions from its centre [m], shape (N, M, 3).
-        at_least: a lower bound of the distance of each, less the errors [m], shape (N, M).
-        errors: what is taken off distances [m], shape (M,).
+        shape: shape of the obstacle.
+        x: positions relative to its centre [m], shape (N, M, 3).
+        at_least: lower bounds of the distances less the error radii [m], shape (N, M).
+        errors: error radii, which are subtracted from distances [m], shape (M,).
 
     Returns:
-        Indices, and distances less errors [m], each of shape (N,).
+        Indices, and signed distances less the error radii [m], each of shape (N,).
     """
     vehicles, likely = np.arange(len(x)), np.argmin(at_least, axis=1)
     distances = np.full(at_least.shape, np.inf)
     near = shape.signed_distance(x[vehicles, likely]) - errors[likely]
     distances[vehicles, likely] = near
-    perhaps = ~(at_least >= near[:, None])  # what is no number too
+    perhaps = ~(at_least >= near[:, None])  # true for NaN as well
     distances[perhaps] = shape.signed_distance(x[perhaps]) - errors[np.nonzero(perhaps)[1]]
     k = np.argmin(distances, axis=1)
     return k, distances[vehicles, k]
 
 
 def _outside_of_box(x: FloatArray, extent: FloatArray) -> FloatArray:
-    """Signed distances from a box around the origin, which those from what is in it exceed [m].
+    """Return signed distances from a box around the origin [m].
+
+    They are lower bounds of the signed distances from any set inside the box.
 
     Args:
         x: positions [m], shape (..., 3).
-        extent: half its sides [m], shape (3,); may be infinite.
+        extent: half the sides of the box [m], shape (3,); may be infinite.
     """
     beyond = np.abs(x) - extent
     outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))

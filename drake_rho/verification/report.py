@@ -1,4 +1,4 @@
-"""What `verify` found: a check for each vehicle and constraint, and the report of all of them."""
+"""Result of `verify`: a check for each vehicle and constraint, and the report of all checks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Quantity, Scenario
 
 AT_KNOTS, AT_ALL_TIMES = "at knots", "at all times"
-"""The instants at which a constraint is judged, as the parts of checks say it."""
+"""Instants at which a constraint is verified, as named in `Check.part`."""
 
 UNITS: dict[Quantity, str] = {
     "position": "m",
@@ -22,46 +22,50 @@ UNITS: dict[Quantity, str] = {
     "acceleration": "m/s²",
     "jerk": "m/s³",
 }
-"""SI units of what a box can bound."""
+"""SI units of the quantities that a box can bound."""
 
 PRECISION = 0.01
-"""Part of a tolerance to which the worst instants between the knots are found."""
+"""Precision of the worst values between the knots, as a fraction of a constraint's tolerance."""
 
 _LONGEST = 12
-"""Violations, or obstacles, that a printed report shows."""
+"""Largest number of violations, or of obstacles, that a printed report shows."""
+
+_EXCESS = "excess: how far a value is beyond its limit; negative if it is within"
+"""Explanation of a column, printed below the table."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Check(metaclass=Described):
-    """How one vehicle keeps one constraint, at the instant where it does so worst."""
+    """Check of one constraint of one vehicle, at the instant where it is worst."""
 
     vehicle: str
-    """name"""
+    """name of the vehicle"""
     constraint: str
-    """name: dynamics, goal, position box, velocity box, acceleration box, jerk box, maximum speed,
-    maximum acceleration, maximum thrust, maximum tilt, waypoint 1, …, obstacle 1,
-    obstacle 2 (intruder), …,
-    separation"""
+    """name of the constraint: dynamics, goal, position box, velocity box, acceleration box,
+    jerk box, maximum speed, maximum acceleration, maximum thrust, maximum tilt, waypoint 1, …,
+    obstacle 1, obstacle 2 (intruder), …, separation"""
     part: str = ""
-    """which side of a box, or which quantity of dynamics and goal; empty if there is but one"""
+    """side of a box, quantity of dynamics and goal, or partner and instants; empty if the
+    constraint has one part only"""
     time: float
-    """on the scenario's clock [s]"""
+    """time on the scenario's clock [s]"""
     value: float
-    """what the plan does, in `unit`; of an obstacle the signed distance, negative inside"""
+    """value of the plan, in `unit`; for an obstacle the signed distance, negative inside"""
     limit: float
-    """what the constraint allows, in `unit`, less what errors take; of an obstacle the vehicle's
-    radius, how far the obstacle may be from its track, and what errors take"""
+    """bound on the value, in `unit`, tightened by the error radius; for an obstacle the sum of the
+    vehicle's radius, the deviation of the obstacle's track, and the error radius"""
     excess: float
-    """by how much the value is beyond the limit, in `unit`; negative on the right side of it"""
+    """amount by which the value is beyond the limit, in `unit`; negative where the constraint holds
+    with a margin"""
     tolerance: float
-    """excess that is put down to rounding, in `unit`: `TOLERANCE` of the constraint's scale"""
+    """excess that is attributed to rounding, in `unit`: `TOLERANCE` times the constraint's scale"""
     errors: float = 0.0
-    """how much of the limit is for errors: how far the vehicle, or each of a pair, may be off its
-    plan, both together, in `unit`; 0 where nothing disturbs it"""
+    """part of the limit that is reserved for errors, in `unit`: how far the vehicle may be from its
+    plan, or the sum for both vehicles of a pair; 0 without a disturbance"""
     unit: str
-    """SI unit of the numbers"""
+    """SI unit of value, limit, excess, tolerance and errors"""
     asked: bool = True
-    """whether the scenario asks for it; what it does not ask for is told, not judged"""
+    """whether the scenario requires the constraint; others are reported but do not count"""
 
     @property
     def what(self) -> str:
@@ -70,13 +74,13 @@ class Check(metaclass=Described):
 
     @property
     def holds(self) -> bool:
-        """Whether the constraint is met; never with a value that is not a number."""
+        """True if the excess is within the tolerance; False if it is NaN."""
         return self.excess <= self.tolerance
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Column:
-    """One check of every vehicle: what `Check` has, as arrays of shape (N,)."""
+    """One check of every vehicle: the fields of `Check` as arrays of shape (N,)."""
 
     kind: str  # of the requirement that is checked, one of `KINDS`
     constraint: str
@@ -88,26 +92,26 @@ class Column:
     tolerances: FloatArray
     unit: str
     asked: bool = True
-    always: bool = False  # whether it is about every instant, where there is one about knots too
-    partners: IntArray | None = None  # index of the other vehicle, where it is about two
-    errors: FloatArray | None = None  # None for none
+    always: bool = False  # whether it covers every instant, if another column covers the knots
+    partners: IntArray | None = None  # index of the other vehicle of each pair
+    errors: FloatArray | None = None  # None without errors
     due: BoolArray | None = None  # which vehicles have this constraint; None for all
 
     @property
     def holds(self) -> bool:
-        """Whether all vehicles keep it that have it, or it is not asked for."""
-        kept = self.excess <= self.tolerances
+        """True if no vehicle violates the constraint, or if the scenario does not require it."""
+        met = self.excess <= self.tolerances
         if self.due is not None:
-            kept = kept | ~self.due
-        return not self.asked or bool(kept.all())
+            met = met | ~self.due
+        return not self.asked or bool(met.all())
 
     def checks(self, names: Sequence[str]) -> Iterator[Check | None]:
-        """The check of each vehicle; None where it does not have the constraint."""
+        """Yield the check of each vehicle; None for a vehicle without this constraint."""
         errors = np.zeros(len(names)) if self.errors is None else self.errors
         numbers = (self.times, self.values, self.limits, self.excess, self.tolerances, errors)
         rows = zip(*(each.tolist() for each in numbers), strict=True)
         due = [True] * len(names) if self.due is None else self.due.tolist()
-        for has_it, name, part, (time, value, limit, excess, tolerance, off) in zip(
+        for has_it, name, part, (time, value, limit, excess, tolerance, error) in zip(
             due, names, self.parts, rows, strict=True
         ):
             if not has_it:
@@ -122,7 +126,7 @@ class Column:
                 limit=limit,
                 excess=excess,
                 tolerance=tolerance,
-                errors=off,
+                errors=error,
                 unit=self.unit,
                 asked=self.asked,
             )
@@ -130,46 +134,47 @@ class Column:
 
 @dataclasses.dataclass(frozen=True)
 class Printed:
-    """What a printed report consists of."""
+    """Contents of a printed report."""
 
     title: str
-    """what holds"""
+    """first line: the scenario's name and the verdict"""
     rows: tuple[Check, ...]
-    """those that are shown"""
+    """checks shown as rows of the table"""
     below: tuple[str, ...]
-    """further lines"""
+    """lines below the table"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Report(metaclass=Described):
-    """What `verify` found; prints as a short table."""
+    """Result of `verify`; prints as a short table."""
 
     scenario: Scenario
-    """what was asked"""
+    """scenario whose constraints were verified"""
     checks: tuple[Check, ...]
-    """the worst of each constraint for each vehicle"""
+    """worst check of each constraint for each vehicle"""
     sightings: tuple[Sighting, ...] = ()
-    """of a flight: the obstacles that became known under way, and whether they were avoided"""
+    """obstacles that became known during a flight, and whether they were avoided"""
     notes: tuple[str, ...] = ()
-    """what else is to be known: what disturbance is borne, and what was judged in its place"""
+    """further remarks, one line each: the disturbance allowed for, the windows and errors of a
+    simulation, tracks that end before the flight"""
 
     @property
     def ok(self) -> bool:
-        """Whether every constraint holds."""
+        """True if every required constraint holds."""
         return all(check.holds for check in self.checks if check.asked)
 
     @property
     def violations(self) -> tuple[Check, ...]:
-        """The checks that do not hold, the worst first.
+        """Checks that do not hold, the worst first.
 
-        Their units differ, so they are ordered by excess over tolerance, which has none.
+        Their units differ, so they are ordered by excess over tolerance, which is dimensionless.
         """
-        broken = (check for check in self.checks if check.asked and not check.holds)
-        return tuple(sorted(broken, key=_tolerances_beyond, reverse=True))
+        violated = (check for check in self.checks if check.asked and not check.holds)
+        return tuple(sorted(violated, key=_relative_excess, reverse=True))
 
     @property
     def tightest(self) -> tuple[Check, ...]:
-        """Of each constraint the check of the vehicle that is closest to breaking it."""
+        """Check of the vehicle that is closest to violating it, for each constraint."""
         tightest: dict[tuple[str, str, bool], Check] = {}
         for check in self.checks:
             before = tightest.get(_kind(check))
@@ -182,7 +187,7 @@ class Report(metaclass=Described):
         return "\n".join([_table(printed.title, printed.rows), *printed.below])
 
     def printed(self) -> Printed:
-        """What a printed report consists of."""
+        """Return the contents of a printed report."""
         name, violations = self.scenario.name, self.violations
         if not violations:
             several = len(self.scenario.vehicles) > 1
@@ -190,14 +195,14 @@ class Report(metaclass=Described):
             rows, more = self._without_far_obstacles(list(self.tightest))
             rest = [f"… and {more} more obstacles, further away"] if more > 0 else []
             title = f"{name}: all constraints hold{which}"
-            return Printed(title, tuple(rows), (*rest, *self._notes()))
-        title = f"{name}: {len(violations)} of {len(self.checks)} checks broken"
+            return Printed(title, tuple(rows), (*rest, _EXCESS, *self._notes()))
+        title = f"{name}: {len(violations)} of {len(self.checks)} checks violated"
         more = len(violations) - _LONGEST
         rest = [f"… and {more} more"] if more > 0 else []
-        return Printed(title, violations[:_LONGEST], (*rest, *self._notes()))
+        return Printed(title, violations[:_LONGEST], (*rest, _EXCESS, *self._notes()))
 
     def _without_far_obstacles(self, rows: list[Check]) -> tuple[list[Check], int]:
-        """The rows but for those of the furthest obstacles, and how many these are."""
+        """Return the rows without those of the furthest obstacles, and how many were left out."""
         numbers = range(1, len(self.scenario.obstacles) + 1)
         closest = {self.scenario.obstacle_name(number): -np.inf for number in numbers}
         for check in rows:
@@ -207,7 +212,7 @@ class Report(metaclass=Described):
         return [check for check in rows if check.constraint not in far], len(far)
 
     def _notes(self) -> list[str]:
-        """Lines on what was seen late, and on what is judged with an estimate."""
+        """Return lines on obstacles that became known late or whose deviation is estimated."""
         notes = [
             f"{each.obstacle} became known at {clock_time(each.time)}{_outcome(each)}"
             for each in self.sightings
@@ -219,51 +224,51 @@ class Report(metaclass=Described):
         ]
         if estimated:
             notes.append(
-                f"estimated from samples: how far from its track is {', '.join(estimated)}"
+                f"estimated from samples: the deviation from the track of {', '.join(estimated)}"
             )
         return [*notes, *self.notes]
 
 
 def _outcome(sighting: Sighting) -> str:
-    """Return what came of a sighting, as the end of a sentence."""
+    """Return the outcome of a sighting, as the end of a sentence."""
     if not sighting.planned_for:
-        kept = "all the same what was flown keeps out of it" if sighting.avoided else "not avoided"
-        return f", after the last window began, so that no plan knew of it: {kept}"
+        outcome = "the flight avoids it nevertheless" if sighting.avoided else "not avoided"
+        return f", after the last window began, so that no plan takes it into account: {outcome}"
     if sighting.avoided:
         return " and was avoided"
-    return " and was not avoided: too late for any plan that was found"
+    return " and was not avoided: no plan was found in time"
 
 
 def _kind(check: Check) -> tuple[str, str, bool]:
-    """What is told in one line of a table; the excess of all checks of a kind has one unit."""
+    """Return the kind of a check: one row of a table, whose excesses have one unit."""
     return check.constraint, check.unit, check.part.endswith(AT_ALL_TIMES)
 
 
 def _excess(check: Check) -> float:
-    """For comparing checks of one kind; what is no number is worst."""
+    """Return the excess, for comparing checks of one kind; NaN is the worst."""
     return np.inf if np.isnan(check.excess) else check.excess
 
 
-def _tolerances_beyond(check: Check) -> float:
-    """For comparing checks of any kind."""
+def _relative_excess(check: Check) -> float:
+    """Return the excess over the tolerance, for comparing checks of any kind."""
     return _excess(check) / check.tolerance
 
 
 def verdict(check: Check) -> str:
-    """Whether a check holds, in a word or a few."""
+    """Return in a word or two whether a check holds."""
     if not check.asked:
-        return "not asked for"
-    return "holds" if check.holds else "BROKEN"
+        return "not required"
+    return "holds" if check.holds else "VIOLATED"
 
 
 def _table(title: str, rows: Sequence[Check]) -> str:
-    """Rows under a title; with a column of what is for errors where something is."""
-    wide = max([35, *(len(check.what) for check in rows)])
+    """Return rows under a title, with a column for the error radii if any is positive."""
+    width = max([35, *(len(check.what) for check in rows)])
     errors = any(check.errors > 0.0 for check in rows)
-    form = f"{{:<12}} {{:<{wide}}} {{:>9}} {{:>12}} {{:>12}} "
+    form = f"{{:<12}} {{:<{width}}} {{:>9}} {{:>12}} {{:>12}} "
     form += ("{:>11} " if errors else "") + "{:>11} {:<4}  {}"
     heads = ("vehicle", "constraint", "time [s]", "value", "limit", "for errors", "excess", "", "")
-    lines = [title, form.format(*_without_errors(heads, errors))]
+    lines = [title, form.format(*_cells(heads, errors))]
     for check in rows:
         cells = (
             check.vehicle,
@@ -276,9 +281,10 @@ def _table(title: str, rows: Sequence[Check]) -> str:
             check.unit,
             verdict(check),
         )
-        lines.append(form.format(*_without_errors(cells, errors)))
+        lines.append(form.format(*_cells(cells, errors)))
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _without_errors(cells: tuple[str, ...], kept: bool) -> tuple[str, ...]:
-    return cells if kept else cells[:5] + cells[6:]
+def _cells(cells: tuple[str, ...], errors: bool) -> tuple[str, ...]:
+    """Return a row's cells, without that of the errors if there are none."""
+    return cells if errors else cells[:5] + cells[6:]

@@ -1,4 +1,4 @@
-"""The separation of every two vehicles, judged at the knots and at every instant."""
+"""Separation of every two vehicles, verified at the knots and at every instant."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.verification.closest_pairs import FAR, closest_at_all_times, closest_at_knots
-from drake_rho.verification.course import Course
 from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
-def check_separation(course: Course, far: float = FAR) -> Iterator[Column]:
-    """Judge every vehicle's distance from the one that comes closest, at knots and every instant.
+def check_separation(trajectory: PiecewiseTrajectory, far: float = FAR) -> Iterator[Column]:
+    """Verify each vehicle's distance from its closest other vehicle, at knots and all times.
 
-    The distance is that of the separation, with z divided by its downwash. Where errors are around
-    positions it is the separation and how far beyond its ellipsoid the other one is: what errors
-    take are metres in every direction.
+    The distance is that of the separation constraint: z is divided by the downwash factor. With
+    position errors it is the separation plus the signed distance of the other vehicle from the
+    separation's ellipsoid, because an error radius is the same in every direction.
 
     Args:
-        course: what is judged.
-        far: in separations, as in `closest_at_all_times`.
+        trajectory: the trajectory to verify.
+        far: cut-off distance in separations, as in `closest_at_all_times`.
     """
-    scenario = course.scenario
+    scenario = trajectory.scenario
     separation = scenario.separation
     if separation is None or len(scenario.vehicles) < 2:
         return
-    knots = closest_at_knots(course, separation)
+    knots = closest_at_knots(trajectory, separation)
     precision = PRECISION * separation.tolerance
-    always = closest_at_all_times(course, separation, knots, precision, far)
+    always = closest_at_all_times(trajectory, separation, knots, precision, far)
     for part, found in ((AT_KNOTS, knots), (AT_ALL_TIMES, always)):
         names = [scenario.vehicles[partner].name for partner in found.partners]
         limits = separation.distance + found.errors

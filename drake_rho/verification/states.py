@@ -1,4 +1,4 @@
-"""The states that a plan says, and its goals."""
+"""Verification of recorded states against the dynamics (1)-(2), and of goals (3)."""
 
 from __future__ import annotations
 
@@ -9,43 +9,50 @@ import numpy as np
 from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import TOLERANCE, Quantity, Scenario
-from drake_rho.verification.course import Course
 from drake_rho.verification.report import UNITS, Column
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
-def check_planned(plan: Plan, course: Course) -> Iterator[Column]:
-    """(1)-(2): a plan's own positions and velocities are those that are flown; and (3): its goals.
+def check_planned(plan: Plan, trajectory: PiecewiseTrajectory) -> Iterator[Column]:
+    """Verify that a plan's states obey the dynamics (1)-(2) and reach the goals (3).
 
     The first knot is the start by construction.
     """
-    yield from check_flown(course, plan.positions, plan.velocities)
-    yield from check_goal(course, (0.0, 0.0))
+    yield from check_flown(trajectory, plan.positions, plan.velocities)
+    yield from check_goal(trajectory, (0.0, 0.0))
 
 
-def check_flown(course: Course, positions: FloatArray, velocities: FloatArray) -> Iterator[Column]:
-    """Positions and velocities at the instants, (N, J + 1, 3), are those of the course."""
+def check_flown(
+    trajectory: PiecewiseTrajectory, positions: FloatArray, velocities: FloatArray
+) -> Iterator[Column]:
+    """Verify that positions and velocities (N, J + 1, 3) are those of the trajectory."""
     pairs: tuple[tuple[Quantity, FloatArray, FloatArray], ...] = (
-        ("position", positions, course.positions),
-        ("velocity", velocities, course.velocities),
+        ("position", positions, trajectory.positions),
+        ("velocity", velocities, trajectory.velocities),
     )
     for quantity, own, flown in pairs:
         differences = np.linalg.norm(own - flown, axis=2)
         k = np.argmax(differences, axis=1)
         largest = np.take_along_axis(differences, k[:, None], axis=1)[:, 0]
-        yield _difference(course.scenario, "dynamics", quantity, course.times[k], largest, 0.0)
+        yield _difference(
+            trajectory.scenario, "dynamics", quantity, trajectory.times[k], largest, 0.0
+        )
 
 
-def check_goal(course: Course, within: tuple[float, float]) -> Iterator[Column]:
-    """The last state is the goal, or as near to it as errors are large [m, m/s]."""
-    fleet, errors = course.scenario.fleet, dict(zip(("position", "velocity"), within, strict=True))
+def check_goal(trajectory: PiecewiseTrajectory, within: tuple[float, float]) -> Iterator[Column]:
+    """Verify that the last state is within the given distances [m, m/s] of the goal."""
+    fleet, errors = (
+        trajectory.scenario.fleet,
+        dict(zip(("position", "velocity"), within, strict=True)),
+    )
     pairs: tuple[tuple[Quantity, FloatArray, FloatArray], ...] = (
-        ("position", course.positions[:, -1], fleet.goal_positions),
-        ("velocity", course.velocities[:, -1], fleet.goal_velocities),
+        ("position", trajectory.positions[:, -1], fleet.goal_positions),
+        ("velocity", trajectory.velocities[:, -1], fleet.goal_velocities),
     )
     for quantity, reached, wanted in pairs:
         missed = np.linalg.norm(reached - wanted, axis=1)
-        times = np.full(len(missed), course.scenario.grid.end)
-        yield _difference(course.scenario, "goal", quantity, times, missed, errors[quantity])
+        times = np.full(len(missed), trajectory.scenario.grid.end)
+        yield _difference(trajectory.scenario, "goal", quantity, times, missed, errors[quantity])
 
 
 def _difference(
@@ -56,7 +63,7 @@ def _difference(
     values: FloatArray,
     most: float,
 ) -> Column:
-    """Checks of something that should be zero, or as small as an error."""
+    """Return the checks of differences that should not exceed `most`."""
     limits = np.full(len(values), most)
     return Column(
         kind="goals" if constraint == "goal" else "dynamics",

@@ -1,4 +1,4 @@
-"""Steps of motions, as the judge of the time between the knots looks at them."""
+"""Steps of motions in normalised time, for the verification between the knots."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Steps:
 
     @classmethod
     def of(cls, step: float | FloatArray, p: FloatArray, v: FloatArray, a: FloatArray) -> Self:
-        """The steps of motions, one motion after another.
+        """Return the steps of motions, one motion after another.
 
         Args:
             step: h, or the duration of each step, shape (K-1, 1) [s].
@@ -36,11 +36,11 @@ class Steps:
         return cls(*(array.reshape(-1, array.shape[-1]) for array in each))
 
     def select(self, which: IntArray) -> Steps:
-        """Some of the steps, by their indices."""
+        """Return the steps with the given indices."""
         return Steps(self.p[which], self.v[which], self.a[which])
 
     def at(self, which: IntArray, u: FloatArray) -> FloatArray:
-        """Positions in the steps `which`, shape (P,), at moments u, shape (P, S): (P, S, D)."""
+        """Return positions (P, S, D) in the steps `which`, shape (P,), at moments u, (P, S)."""
         p, v, a = (array[which, None] for array in (self.p, self.v, self.a))
         u = u[..., None]
         positions: FloatArray = p + u * (v + u / 2 * a)
@@ -48,19 +48,19 @@ class Steps:
 
     @cached_property
     def speeds(self) -> FloatArray:
-        """The greatest speed in each step, which is at one of its ends [m per step], shape (M,)."""
+        """Greatest speed in each step, attained at one of its ends [m per step], shape (M,)."""
         ends = np.linalg.norm(np.stack([self.v, self.v + self.a]), axis=2)
         speeds: FloatArray = ends.max(axis=0)
         return speeds
 
     @cached_property
-    def bends(self) -> FloatArray:
+    def acceleration_norms(self) -> FloatArray:
         """Norm of the acceleration in each step [m per step²], shape (M,)."""
-        bends: FloatArray = np.linalg.norm(self.a, axis=1)
-        return bends
+        acceleration_norms: FloatArray = np.linalg.norm(self.a, axis=1)
+        return acceleration_norms
 
     @cached_property
-    def sizes(self) -> FloatArray:
-        """No coordinate in the step is larger, but for its sign [m], shape (M,)."""
-        sizes: FloatArray = np.abs(self.p).max(axis=1, initial=0.0) + self.speeds
-        return sizes
+    def coordinate_bounds(self) -> FloatArray:
+        """Upper bound of the coordinates' absolute values in each step [m], shape (M,)."""
+        coordinate_bounds: FloatArray = np.abs(self.p).max(axis=1, initial=0.0) + self.speeds
+        return coordinate_bounds

@@ -1,14 +1,15 @@
-"""The error tubes around what is flown, as the judge asks for them: exactly, at every time.
+"""Error tubes around plans, flights and simulations, exact at every time.
 
 The planner's margins are constant in each step (`drake_rho.planning.constraints.margins`); the
-judge uses none of them. It needs of a tube its radii at single times, which are exact, and two of
-its properties (`docs/flight.md`):
+verifier uses none of them. It uses a tube's radii at single times, which are exact, and two
+properties of the tube (`docs/flight.md`):
 
-- the radius of the velocity is convex in every sample of the feedback, and that of the feedback
-  constant, so that both are largest at the ends of samples;
-- ρ_p(t) + κ t²/2 is convex in a sample with κ = ρ_u there. It is across samples too, with κ the
-  largest ρ_u of them: every response is smooth there, so that what bends it is added up. Between
-  two times w apart ρ_p is thus above the line through its values by κ w²/8 at most.
+- the velocity's radius is convex in every sample of the feedback, and the feedback's radius is
+  constant there, so both are largest at the ends of samples;
+- ρ_p(t) + κ t²/2 is convex in a sample, with κ = ρ_u there. It is convex across samples too, with κ
+  the largest ρ_u of them, because every response is continuously differentiable between samples and
+  the second derivatives add up. So between two times w apart, ρ_p is above the line through its
+  values by κ w²/8 at most.
 """
 
 from __future__ import annotations
@@ -27,19 +28,20 @@ from drake_rho.scenario.parts import Quantity
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tubes:
-    """Tubes that follow one another, each in force until the next one is.
+    """Sequence of tubes, each valid until the next one begins.
 
-    Where one follows another, errors are in the balls of both, around one plan each: constraints
-    are kept there with the greater radius of the two.
+    At the time where one tube follows another, the errors from the one plan are in the one ball and
+    the errors from the other plan in the other: constraints are checked there with the greater of
+    the two radii.
     """
 
     tubes: tuple[ErrorTube, ...]
     begins: FloatArray
-    """from when on each is in force, on the scenario's clock [s], rising, shape (T,)"""
+    """time from which each tube is valid, on the scenario's clock [s], increasing, shape (T,)"""
 
     @classmethod
-    def around(cls, flown: Plan | Flight) -> Self | None:
-        """The tubes around a plan, or around what is flown of each window; None without one."""
+    def of(cls, flown: Plan | Flight) -> Self | None:
+        """Return the tube of a plan or those of a flight's windows; None without a disturbance."""
         if flown.scenario.disturbance is None:
             return None
         if isinstance(flown, Plan):
@@ -51,19 +53,20 @@ class Tubes:
 
     @property
     def last(self) -> ErrorTube:
-        """The tube at the end."""
+        """Tube at the end of the flight."""
         return self.tubes[-1]
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
-        """Radii at times on the scenario's clock, in the quantity's unit, shape (M,)."""
-        return np.maximum(*(self._of(quantity, self._number(times, way), times) for way in (1, -1)))
+        """Return radii at times on the scenario's clock, in the quantity's unit, shape (M,)."""
+        radii = (self._of(quantity, self._number(times, side), times) for side in (1, -1))
+        return np.maximum(*radii)
 
     def position_in(self, times: FloatArray, begins: FloatArray, ends: FloatArray) -> FloatArray:
-        """ρ_p [m] at times in pieces of time that have one tube, all of them of one shape."""
+        """Return ρ_p [m] at times in intervals that have one tube each; arrays of one shape."""
         return self._of("position", self._number((begins + ends) / 2.0), times)
 
     def over(self, quantity: Quantity, begins: FloatArray, ends: FloatArray) -> FloatArray:
-        """No radius is greater in pieces of time that have one tube each, shape (M,).
+        """Return the greatest radii over intervals that have one tube each, shape (M,).
 
         Exact for velocity and feedback (acceleration), at most 1 % too large for positions.
         """
@@ -74,10 +77,13 @@ class Tubes:
             greatest[here] = over(begins[here], ends[here])
         return greatest
 
-    def _number(self, times: FloatArray, way: int = 1) -> IntArray:
-        """Which tube is in force; where one follows another, the later one, or the earlier one."""
+    def _number(self, times: FloatArray, side: int = 1) -> IntArray:
+        """Return the index of the tube valid at each time.
+
+        Where one tube follows another, it is the later one for `side` 1, the earlier one for -1.
+        """
         near = self.tubes[0].grid.rounding
-        places = np.searchsorted(self.begins, times + way * near, side="right") - 1
+        places = np.searchsorted(self.begins, times + side * near, side="right") - 1
         return np.asarray(np.clip(places, 0, len(self.tubes) - 1))
 
     def _of(self, quantity: Quantity, numbers: IntArray, times: FloatArray) -> FloatArray:
@@ -89,27 +95,27 @@ class Tubes:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Around:
-    """How large the ball of errors is around positions in steps, for `least_over_time`."""
+class ErrorRadii:
+    """Radii of the balls of errors around positions in steps, for `least_over_time`."""
 
     radii: Callable[[IntArray, FloatArray], FloatArray]
-    """[m], shape (P, S), in steps, shape (P,), at parts of them that have passed, shape (P, S)"""
-    bends: FloatArray
-    """how much faster a radius grows less slowly, at most [m per step²], shape (M,)"""
+    """function of steps, shape (P,), and fractions of them, shape (P, S): radii [m], (P, S)"""
+    curvatures: FloatArray
+    """κ in each step: the radius plus κ u²/2 is convex in u [m per step²], shape (M,)"""
 
     @classmethod
     def of(cls, tubes: Tubes, begins: FloatArray, durations: FloatArray, times: float) -> Self:
-        """The balls of steps in time.
+        """Return the error radii in steps.
 
         Args:
-            tubes: of one vehicle.
-            begins: of each step on the scenario's clock [s], shape (M,).
-            durations: of each step [s], shape (M,).
-            times: how many of the balls count: one, or those of both vehicles of a pair.
+            tubes: tubes of one vehicle.
+            begins: beginning of each step on the scenario's clock [s], shape (M,).
+            durations: duration of each step [s], shape (M,).
+            times: factor on the radii: 1 for one vehicle, 2 for both vehicles of a pair.
         """
         different, which = np.unique(np.stack([begins, durations]), axis=1, return_inverse=True)
         begin, duration = different
-        bends = tubes.over("acceleration", begin, begin + duration) * duration**2
+        curvatures = tubes.over("acceleration", begin, begin + duration) * duration**2
 
         def radii(steps: IntArray, u: FloatArray) -> FloatArray:
             first, lasts = begins[steps, None], durations[steps, None]
@@ -117,4 +123,4 @@ class Around:
             ends = (np.broadcast_to(each, shape) for each in (first, first + lasts))
             return times * tubes.position_in(first + u * lasts, *ends)
 
-        return cls(radii, times * bends[which.reshape(-1)])
+        return cls(radii, times * curvatures[which.reshape(-1)])

@@ -1,4 +1,4 @@
-"""Waypoints, judged at their times."""
+"""Verification of waypoints at their times."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.verification.course import Course
 from drake_rho.verification.report import Column
+from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 
-def check_waypoints(course: Course) -> Iterator[Column]:
-    """The distance of every vehicle from each of its waypoints, at the waypoint's time."""
-    scenario = course.scenario
+def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
+    """Verify the distance of every vehicle from each of its waypoints at the waypoint's time."""
+    scenario = trajectory.scenario
     vehicles = np.arange(len(scenario.vehicles))
     scale = scenario.fleet.scale("position")
     for number, waypoints in enumerate(scenario.fleet.waypoints, start=1):
         due = waypoints.due
         times = np.where(due, waypoints.times, scenario.grid.start)
-        positions = course.each_at(vehicles, times)
+        positions = trajectory.each_at(vehicles, times)
         distances = np.linalg.norm(positions - waypoints.positions, axis=1)
         errors = np.zeros(len(vehicles))
-        if course.tubes is not None:
-            errors = np.where(due, course.tubes.at("position", times), 0.0)
+        if trajectory.tubes is not None:
+            errors = np.where(due, trajectory.tubes.at("position", times), 0.0)
         within = np.where(errors > 0.0, waypoints.within - errors, waypoints.within)
         yield Column(
             kind="waypoints",

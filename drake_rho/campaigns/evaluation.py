@@ -1,4 +1,4 @@
-"""What a run found, judged by `verify`: of a simulation, how its vehicles truly moved."""
+"""Evaluation of a run's plan, flight or simulation by `verify`."""
 
 from __future__ import annotations
 
@@ -13,30 +13,31 @@ from drake_rho.verification.verify import verify
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Judgement:
-    """How good something flown is."""
+class Evaluation:
+    """Measures of a plan, flight or simulation."""
 
-    broken: str = ""
-    """the constraint that is broken most; empty if all hold"""
+    violated: str = ""
+    """constraint with the worst violation; empty if all hold"""
     cost: float
-    """f (13) [m²/s⁴]"""
+    """cost f (13) [m²/s⁴]"""
     obstacle_clearance: float | None = None
-    """how much further from every obstacle than asked, at the least [m]; negative if too close;
+    """least distance from an obstacle beyond the required distance [m]; negative if too close;
     None without obstacles"""
     separation_clearance: float | None = None
-    """how much further from each other than asked, at the least [m]; None if not asked"""
+    """least distance between vehicles beyond the required separation [m]; negative if too close;
+    None without a separation"""
     tube_share: float | None = None
-    """the largest error of the position over the radius of its tube then; None if nothing
-    disturbs"""
+    """largest ratio of position error to tube radius; None for a plan or a flight, or without a
+    disturbance"""
     programs: int
-    """quadratic programs that were solved"""
+    """number of quadratic programs solved"""
 
 
-def judge(flown: Plan | Flight | Simulation) -> Judgement:
-    """Judge a plan, the whole of a flight, or the true motion of a simulation, by `verify`."""
+def evaluate(flown: Plan | Flight | Simulation) -> Evaluation:
+    """Evaluate a plan, a flight as flown, or the true motion of a simulation."""
     report, simulation = verify(flown), flown if isinstance(flown, Simulation) else None
-    return Judgement(
-        broken=_worst(report),
+    return Evaluation(
+        violated=_worst(report),
         cost=flown.flight.cost if isinstance(flown, Simulation) else flown.cost,
         obstacle_clearance=_least(report, "obstacle "),
         separation_clearance=_least(report, "separation"),
@@ -51,7 +52,7 @@ def _worst(report: Report) -> str:
 
 
 def _least(report: Report, constraint: str) -> float | None:
-    """The least clearance of the checks of a constraint that are asked for [m]."""
+    """Return the least clearance over the required checks of a constraint [m]."""
     excess = [
         check.excess
         for check in report.checks
@@ -61,9 +62,9 @@ def _least(report: Report, constraint: str) -> float | None:
 
 
 def _share_of_tube(simulation: Simulation) -> float | None:
-    """The largest error of the position over the radius of its tube then; None without a tube."""
+    """Return the largest ratio of position error to tube radius; None without a tube."""
     if simulation.scenario.disturbance is None:
         return None
     errors, radii = simulation.errors().max(axis=1), simulation.radii()
-    wide = radii > 0.0
-    return float(np.max(errors[wide] / radii[wide], initial=0.0))
+    positive = radii > 0.0
+    return float(np.max(errors[positive] / radii[positive], initial=0.0))

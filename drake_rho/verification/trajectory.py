@@ -1,4 +1,4 @@
-"""What is judged: motions of all vehicles between instants, and the errors around them."""
+"""Piecewise trajectories: the motions of all vehicles and the error tubes around them."""
 
 from __future__ import annotations
 
@@ -11,39 +11,41 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.steps import Steps
-from drake_rho.verification.tubes import Around, Tubes
+from drake_rho.verification.tubes import ErrorRadii, Tubes
 
 _INSTANT = 1e-9
-"""Part of the shortest piece by which a time may be short of an instant and still be in the piece
-that begins there."""
+"""Fraction of the shortest piece by which a time may precede an instant and still belong to the
+piece that begins there."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Course:
-    """Motions whose accelerations are constant in pieces of time, the same for all vehicles."""
+class PiecewiseTrajectory:
+    """Motions with constant accelerations in J pieces of time, the same for all vehicles."""
 
     scenario: Scenario
-    """what was asked"""
+    """scenario whose constraints are verified"""
     elapsed: FloatArray
-    """instants between which pieces are, since the first knot [s], shape (J + 1,)"""
+    """instants at which pieces begin and end, since the first knot [s], shape (J + 1,)"""
     durations: FloatArray
-    """of the pieces [s], shape (J,)"""
+    """durations of the pieces [s], shape (J,)"""
     knots: BoolArray
     """which instants are knots, shape (J + 1,)"""
     positions: FloatArray
-    """at the instants [m], shape (N, J + 1, 3)"""
+    """positions at the instants [m], shape (N, J + 1, 3)"""
     velocities: FloatArray
-    """at the instants [m/s], shape (N, J + 1, 3)"""
+    """velocities at the instants [m/s], shape (N, J + 1, 3)"""
     accelerations: FloatArray
-    """in the pieces [m/s²], shape (N, J, 3)"""
+    """accelerations in the pieces [m/s²], shape (N, J, 3)"""
     commands: FloatArray
-    """accelerations that were asked for, on which the limits are [m/s²], shape (N, J, 3)"""
+    """commanded accelerations, to which the limits apply [m/s²], shape (N, J, 3)"""
     tubes: Tubes | None = None
-    """in which vehicles are anywhere around these motions; None if they are just there"""
+    """error tubes around these motions; None if vehicles follow them exactly"""
 
     @classmethod
-    def of(cls, scenario: Scenario, motion: Motion, tubes: Tubes | None = None) -> Course:
-        """The course of a motion on a scenario's grid: pieces are its steps."""
+    def of(
+        cls, scenario: Scenario, motion: Motion, tubes: Tubes | None = None
+    ) -> PiecewiseTrajectory:
+        """Return the trajectory of a motion on a scenario's grid, whose steps are the pieces."""
         grid = scenario.grid
         return cls(
             scenario,
@@ -59,20 +61,26 @@ class Course:
 
     @cached_property
     def times(self) -> FloatArray:
-        """The instants on the scenario's clock [s], shape (J + 1,)."""
+        """Instants on the scenario's clock [s], shape (J + 1,)."""
         return np.asarray(self.scenario.grid.start + self.elapsed)
 
     @property
     def steps(self) -> Steps:
-        """All pieces, vehicle by vehicle."""
+        """Pieces of all vehicles, vehicle by vehicle."""
         return self.steps_of(self.positions, self.velocities, self.accelerations)
 
     def steps_of(self, p: FloatArray, v: FloatArray, a: FloatArray) -> Steps:
-        """Pieces of what moves in them: arrays of shape (..., J + 1, D), or (..., J, D) for a."""
+        """Return the pieces of other motions on the same instants.
+
+        Args:
+            p: positions at the instants, shape (..., J + 1, D).
+            v: velocities at the instants, shape (..., J + 1, D).
+            a: accelerations in the pieces, shape (..., J, D).
+        """
         return Steps.of(self.durations[:, None], p, v, a)
 
     def each_at(self, vehicles: IntArray, times: FloatArray) -> FloatArray:
-        """Positions of one vehicle at each time on the scenario's clock [m]: (M,) gives (M, 3)."""
+        """Return the position of one vehicle at each of M times on the scenario's clock, (M, 3)."""
         times = times - self.scenario.grid.start
         near = _INSTANT * self.durations.min()
         k = np.searchsorted(self.elapsed, times + near, side="right") - 1
@@ -82,8 +90,8 @@ class Course:
         velocities = v + s * self.accelerations[vehicles, k]
         return np.asarray(self.positions[vehicles, k] + s / 2 * (v + velocities))
 
-    def cut(self, times: FloatArray) -> Course:
-        """This course with pieces that end at some times too, since the first knot [s]."""
+    def cut(self, times: FloatArray) -> PiecewiseTrajectory:
+        """Return this trajectory with its pieces cut at times since the first knot [s]."""
         times = times[(times > 0.0) & (times < self.elapsed[-1])]
         if len(times) == 0:
             return self
@@ -94,7 +102,7 @@ class Course:
         s = (instants - self.elapsed[k])[:, None]
         p, v, a = self.positions[:, k], self.velocities[:, k], self.accelerations[:, k]
         velocities = v + s * a
-        return Course(
+        return PiecewiseTrajectory(
             self.scenario,
             instants,
             np.diff(instants),
@@ -107,36 +115,36 @@ class Course:
         )
 
     def moments(self, pieces: IntArray, parts: FloatArray) -> FloatArray:
-        """Times since the first knot [s], of parts of pieces that have passed, of one shape."""
+        """Return times since the first knot [s] from pieces and fractions of them, of one shape."""
         return np.asarray(self.elapsed[pieces] + parts * self.durations[pieces])
 
     def errors(self, instants: BoolArray | None = None) -> FloatArray:
-        """ρ_p at the instants, or at some of them [m], shape (J + 1,); zero without tubes."""
+        """Return ρ_p at all instants, (J + 1,), or at those selected [m]; zero without tubes."""
         times = self.times if instants is None else self.times[instants]
         return np.zeros(len(times)) if self.tubes is None else self.tubes.at("position", times)
 
     @cached_property
     def errors_over(self) -> FloatArray:
-        """No ρ_p in the pieces is greater [m], shape (J,); zero without tubes."""
+        """Upper bound of ρ_p in each piece [m], shape (J,); zero without tubes."""
         if self.tubes is None:
             return np.zeros(len(self.durations))
         return self.tubes.over("position", self.times[:-1], self.times[1:])
 
     @cached_property
     def feedback(self) -> FloatArray:
-        """ρ_u, the most that a feedback may be in the pieces [m/s²], shape (J,)."""
+        """Largest feedback ρ_u in each piece [m/s²], shape (J,); zero without tubes."""
         if self.tubes is None:
             return np.zeros(len(self.durations))
         return self.tubes.over("acceleration", self.times[:-1], self.times[1:])
 
-    def around(self, pieces: IntArray, vehicles: float = 1.0) -> Around | None:
-        """The balls of errors around positions in pieces, any number of times; None without them.
+    def error_radii(self, pieces: IntArray, vehicles: float = 1.0) -> ErrorRadii | None:
+        """Return the error radii of positions in pieces; None without tubes.
 
         Args:
-            pieces: shape (M,).
-            vehicles: the errors of how many count at once: of one, or of both of a pair.
+            pieces: indices of pieces, with repetitions allowed, shape (M,).
+            vehicles: number of vehicles whose radii are added: 1, or 2 for a pair.
         """
         if self.tubes is None:
             return None
         begins, durations = self.times[:-1][pieces], self.durations[pieces]
-        return Around.of(self.tubes, begins, durations, vehicles)
+        return ErrorRadii.of(self.tubes, begins, durations, vehicles)

@@ -1,4 +1,4 @@
-"""Winds as a study gives them, which become winds of `drake_rho.simulation.winds` in each run."""
+"""Wind models of studies, from which each run makes a wind of `drake_rho.simulation.winds`."""
 
 from __future__ import annotations
 
@@ -14,68 +14,68 @@ from drake_rho.simulation import winds
 from drake_rho.simulation.winds import Wind
 
 
-class Blowing(ABC):
-    """What makes the wind of one run."""
+class WindModel(ABC):
+    """Model of the wind, from which the wind of each run is made."""
 
     @abstractmethod
     def over(self, scenario: Scenario, rng: np.random.Generator) -> Wind:
-        """A wind as strong as the scenario's disturbance says."""
+        """Return the wind of one run, as strong as the scenario's disturbance allows."""
 
 
 @record
-class ConstantWind(Blowing):
-    """The strongest wind of the scenario in one direction."""
+class ConstantWind(WindModel):
+    """Constant wind: the strongest of the scenario in one direction."""
 
     wind: Literal["constant"]
-    """its name"""
+    """name of the model"""
     direction: Vector | None = None
-    """of any length; drawn for every run if not given"""
+    """direction, of any length above 0; drawn for every run if not given"""
 
     def over(self, scenario: Scenario, rng: np.random.Generator) -> Wind:
-        """The wind of one run."""
+        """Return the wind of one run."""
         return winds.constant(scenario, _direction(self.direction, rng))
 
 
 @record
-class Gust(Blowing):
-    """A gust that rises to the strongest wind and falls again."""
+class Gust(WindModel):
+    """Gust that rises to the strongest wind and falls again."""
 
     wind: Literal["gust"]
-    """its name"""
+    """name of the model"""
     duration: Positive
-    """of the whole gust [s]"""
+    """duration of the whole gust [s]"""
     direction: Vector | None = None
-    """of any length; drawn for every run if not given"""
+    """direction, of any length above 0; drawn for every run if not given"""
     begin: Finite | None = None
-    """on the scenario's clock [s]; drawn evenly over the flight if not given"""
+    """beginning on the scenario's clock [s]; drawn uniformly over the flight if not given"""
 
     def over(self, scenario: Scenario, rng: np.random.Generator) -> Wind:
-        """The wind of one run."""
+        """Return the wind of one run."""
         direction, grid = _direction(self.direction, rng), scenario.grid
         begin = float(rng.uniform(grid.start, grid.end)) if self.begin is None else self.begin
         return winds.gust(scenario, direction, begin=begin, duration=self.duration)
 
 
 @record
-class ColouredNoise(Blowing):
-    """Gusts of their own for every vehicle and axis, with Dryden's spectrum."""
+class ColouredNoise(WindModel):
+    """Noise with Dryden's spectrum, independent for every vehicle and axis."""
 
     wind: Literal["coloured_noise"]
-    """its name"""
+    """name of the model"""
     correlation: Positive = 1.0
-    """τ, the time in which it forgets [s]"""
+    """correlation time τ [s]"""
     intensity: Positive = 0.5
-    """standard deviation of each axis as a part of the strongest wind"""
+    """standard deviation of each axis, relative to the strongest wind"""
 
     def over(self, scenario: Scenario, rng: np.random.Generator) -> Wind:
-        """The wind of one run."""
+        """Return the wind of one run."""
         return winds.coloured_noise(
             scenario, rng, correlation=self.correlation, intensity=self.intensity
         )
 
 
 AnyWind = Annotated[ConstantWind | Gust | ColouredNoise, Field(discriminator="wind")]
-"""One of the winds, told apart by its name."""
+"""One of the wind models, distinguished by its name."""
 
 
 def _direction(given: FloatArray | None, rng: np.random.Generator) -> FloatArray:
