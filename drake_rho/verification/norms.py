@@ -1,8 +1,8 @@
-"""Limits on norms, verified at the knots, which are enough for every instant.
+"""Limits on norms, verified at the knots, which suffices for every instant.
 
-The velocity is linear in a step, so its norm, which is convex, is largest at a knot; accelerations
-and jerks are constant in a step, and with them thrust and tilt. With errors error_radii velocities it is
-largest at a sample of the feedback.
+The velocity is linear in a step, so its norm, which is convex, is largest at a knot. Accelerations,
+jerks, thrust and tilt are constant in a step. With velocity errors the largest speed occurs at a
+sample of the feedback.
 """
 
 from __future__ import annotations
