@@ -175,7 +175,7 @@ def test_what_is_unknown_or_malformed_is_refused_by_name(
     [
         (lambda text: text[:-1], "malformed JSON"),
         (lambda text: text.replace("]}]", "], }]", 1), "line 1 column"),
-        (lambda text: text.replace('"cid": 7', '"cid": 7, "cid": 8', 1), "this name once"),
+        (lambda text: text.replace('"cid": 7', '"cid": 7, "cid": 8', 1), "this name only once"),
         (lambda _: "", "malformed JSON"),
         (lambda _: "5", "an object"),
         (lambda _: "[" * 100_000, "malformed JSON"),
@@ -239,7 +239,7 @@ def test_vehicles_keep_the_radius_of_their_type_from_a_world(tmp_path: Path) -> 
         ("0,0,1e13,1,1,1", ": line 1", "of at most 1e+12"),
         ("0,0,1,1,1,1\n0,0,1,1,0,1", ": line 2", "three sides above 0"),
         ("0,0,1,1,-1,1", ": line 1", "three sides above 0"),
-        ("0,0,1,1,1,1e-9", ": line 1", "what is flat has no inside"),
+        ("0,0,1,1,1,1e-9", ": line 1", "a flat shape has no interior"),
     ],
 )
 def test_a_malformed_world_is_refused_by_line(

@@ -312,9 +312,7 @@ def _pairs_of(few: IntArray, points: FloatArray, tree: cKDTree, radius: float) -
     near = tree_of_few.sparse_distance_matrix(tree, radius, output_type="ndarray")
     one, other = few[near["i"]], near["j"]
     keys = np.minimum(one, other) * len(points) + np.maximum(one, other)
-    keys = np.unique(
-        keys[one != other]
-    )  # a point also finds itself, two of the few find a pair twice
+    keys = np.unique(keys[one != other])  # each point finds itself, and two of the few each other
     pairs: IntArray = np.stack(np.divmod(keys, len(points)), axis=1)
     return pairs
 

@@ -83,9 +83,7 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
         k = np.minimum(step_at(times, h), count - 1)
         a = motion.accelerations[:, k]
     durations: FloatArray = np.diff(times, append=h * count)
-    middles = (
-        times + durations / 2.0
-    )  # away from corners, where rounding could select another piece
+    middles = times + durations / 2.0  # away from corners, which rounding could shift
     p, v = p - obstacle.centers(times), v - obstacle.velocities(middles)
     w = durations[:, None]  # a coordinate that turns round moves at most as far as v/2 does in w
     moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)

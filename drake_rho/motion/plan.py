@@ -238,7 +238,7 @@ class Window(metaclass=Described):
     not_avoided: tuple[int, ...] = ()
     """numbers of the obstacles, from 1, that its plan does not avoid"""
     kept: bool = False
-    """whether its plan is the rest of the previous one, which still satisfies all constraints in
+    """true if its plan is the rest of the previous one, which still satisfies all constraints in
     its old tube"""
     off_tube: tuple[str, ...] = ()
     """names of the vehicles that deviated from the previous plan by more than its tube and the
@@ -277,9 +277,9 @@ class Sighting:
     """start of the first window that takes it into account, on the scenario's clock [s]; the time
     at which it became known if there is no such window"""
     avoided: bool
-    """whether the plans of all windows from then on avoid it"""
+    """true if the plans of all windows from then on avoid it"""
     planned_for: bool = True
-    """whether there is such a window: no plan takes into account an obstacle that became known
+    """true if there is such a window: no plan takes into account an obstacle that became known
     after the last window had begun"""
 
 

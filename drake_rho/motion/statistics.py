@@ -50,9 +50,9 @@ class Statistics(metaclass=Described):
     linearisations: int = 0
     """number of references around which (8) was linearised"""
     converged: bool = True
-    """whether an iterative planner stopped because the cost fell by less than `tolerance`"""
+    """true unless an iterative planner stopped before the cost fell by less than `tolerance`"""
     cut: bool = False
-    """whether a time limit or Ctrl-C stopped the planner before it converged"""
+    """true if a time limit or Ctrl-C stopped the planner before it converged"""
     last_fall: float | None = None
     """relative decrease of the cost in the last linearisation; None without iterations"""
     tolerance: float | None = None

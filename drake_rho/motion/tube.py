@@ -121,7 +121,7 @@ class ErrorTube(metaclass=Described):
         with np.errstate(over="ignore", invalid="ignore"):  # checked below
             responses = Responses.of(scaled, self.disturbance.delay, self.samples)
         if not np.all(np.isfinite(responses.values)):
-            raise ValueError(f"gains: got {self.gains}, expected some with which errors decay")
+            raise ValueError(f"gains: got {self.gains}, expected gains with which errors decay")
         return responses
 
     def position(self, times: npt.ArrayLike) -> FloatArray:
@@ -216,7 +216,7 @@ class ErrorTube(metaclass=Described):
         passed = self._passed(ends)
         if np.any(ends < begins):
             i = int(np.argmax(ends < begins))
-            raise ValueError(f"ends: got {ends[i]} for {begins[i]}, expected no earlier time")
+            raise ValueError(f"ends: got {ends[i]}, expected no time before {begins[i]}")
         last = np.maximum(np.ceil(passed - self._slack).astype(np.int64) - 1, first)
         b = _part(passed - last)
         return Pieces(first, a, last, np.where(first == last, np.maximum(a, b), b))
@@ -333,7 +333,7 @@ def largest_disturbance(
     if not position >= 0.0:
         raise ValueError(f"position: got {position}, expected a radius of at least 0 in m")
     if scenario.disturbance is None:
-        raise ValueError("scenario.disturbance: got None, expected one to take the feedback from")
+        raise ValueError("scenario.disturbance: got None, expected one, which has the feedback")
     if scenario.disturbance.tracking is not None:
         tube = error_tube(scenario, None if initial == (0.0, 0.0) else initial)
         loop = _loop(scenario, tube)._replace(limit=np.inf)

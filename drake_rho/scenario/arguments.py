@@ -37,7 +37,7 @@ class _Kind(NamedTuple):
     name: str
     """name of the kind in error messages"""
     has: Callable[[object], bool]
-    """whether a value is of this kind"""
+    """predicate that is true for values of this kind"""
     type: type | None = None
     """class all of whose instances are of this kind; None if `has` must decide"""
 
@@ -103,7 +103,7 @@ def kinds_of(function: Callable[..., object]) -> dict[str, tuple[_Kind, ...]]:
 
 @functools.cache
 def _types_of(function: Callable[..., object]) -> dict[str, tuple[type, ...]]:
-    """Return, for each of these arguments, the classes all of whose instances are accepted."""
+    """Return the classes whose instances are all accepted, by the argument's name."""
     return {
         name: tuple(kind.type for kind in kinds if kind.type is not None)
         for name, kinds in kinds_of(function).items()

@@ -69,7 +69,7 @@ def load_scenario(source: str | Path) -> Scenario:
 
 @checked
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
-    """Write `scenario` as YAML, whole or not at all.
+    """Write a scenario as YAML. The file is written completely or not at all.
 
     Raises:
         OSError: the file cannot be written.

@@ -89,7 +89,7 @@ class Track:
     deviation: Margin = 0.0
     """largest distance of the true position from the polyline [m], added to required distances"""
     deviation_is_estimated: bool = False
-    """whether the deviation is an estimate from samples rather than a bound"""
+    """true if the deviation is an estimate from samples rather than a bound"""
     after: Literal["rests", "goes_on"] | None = None
     """motion after the last time: at rest, or with the velocity of the last piece; if not given,
     at rest is assumed, which a report notes where the flight is longer"""
@@ -114,7 +114,7 @@ class Track:
             expected = f"one for each of the {len(self.times)} times, not {len(self.positions)}"
             raise ScenarioError("positions", self.positions.tolist(), expected)
         if self.after == "goes_on" and len(self.times) < 2:
-            raise ScenarioError("after", self.after, "two times or more, between which it moves")
+            raise ScenarioError("after", self.after, "at least two times, which define its motion")
         return self
 
     @property

@@ -85,8 +85,8 @@ class Scenario:
     separation: Separation | None = None
     """least distance of every pair of vehicles at all times; none is required if not given"""
     between_knots: bool = True
-    """whether obstacles, separation and position boxes must hold at every instant, or at the
-    knots only"""
+    """true if obstacles, separation and position boxes constrain every instant, false if only the
+    knots"""
     disturbance: Disturbance | None = None
     """wind, estimation errors, and the feedback that counteracts them; none if not given"""
 

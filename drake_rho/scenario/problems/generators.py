@@ -21,7 +21,7 @@ from drake_rho.scenario.records import (
 )
 
 TRIES = 10_000
-"""Number of random positions tried for a vehicle or an obstacle before the generator gives up."""
+"""Number of random positions tried for a vehicle or an obstacle before generation fails."""
 
 
 @checked

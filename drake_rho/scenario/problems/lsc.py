@@ -160,7 +160,7 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     names: set[str] = set()
     for name, value in pairs:
         if name in names:
-            raise ScenarioError(name, value, "this name once")
+            raise ScenarioError(name, value, "this name only once")
         names.add(name)
     return dict(pairs)
 

@@ -83,7 +83,7 @@ class Shape(abc.ABC):
         """
         if self.extent.min() < max(THINNEST * self.size, np.finfo(float).tiny):
             sides = Words(f"sides of {(2.0 * self.extent).tolist()} m")
-            expected = f"none below {THINNEST:g} of the greatest: what is flat has no inside"
+            expected = f"none below {THINNEST:g} of the greatest: a flat shape has no interior"
             raise ScenarioError("", sides, expected)
 
 
