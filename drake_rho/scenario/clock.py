@@ -12,7 +12,7 @@ def clock_time(time: float, digits: int = 6) -> str:
 
 
 def clock_number(time: float, digits: int = 6) -> str:
-    """Return a time [s] as text: `digits` significant ones, milliseconds from 1e5 s on."""
+    """Return a time [s] as text: `digits` significant digits; to the millisecond from 1e5 s on."""
     if abs(time) < _FAR:
         return f"{time:.{digits}g}"
     return f"{time:.3f}".rstrip("0").rstrip(".")

@@ -30,9 +30,7 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 LARGEST = 1e12
-"""Largest magnitude of any number in a record, in SI units.
-
-It is far beyond any flight, and its square does not overflow."""
+"""Largest magnitude of any number in a record [SI]: far beyond any flight, and safe to square."""
 
 
 def _no_truth_value(value: object) -> object:
@@ -80,7 +78,7 @@ Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printa
 
 
 def locked(values: npt.ArrayLike) -> FloatArray:
-    """Return `values` as a read-only array: a copy, unless it is one that owns its data."""
+    """Return `values` as a read-only array, copied unless it already is one that owns its data."""
     array = np.asarray(values, dtype=np.float64)
     if array is values and array.base is None and not array.flags.writeable:
         return array
