@@ -78,7 +78,7 @@ def test_a_wall_without_a_gap_has_no_way_and_it_is_said_where_one_was_looked_for
     limits = rho.Limits(position=rho.Box([-1.0, 0.0, 1.0], [21.0, 2.0, 3.0]), velocity=box(4.0))
     scenario = _through_the_middle(limits=limits)
     with pytest.raises(
-        rho.InfeasibleError, match=r"no way was found on a grid of 0\.\d+ m"
+        rho.InfeasibleError, match=r"no path was found on a grid of 0\.\d+ m"
     ) as caught:
         rho.plan_scp(scenario)
     assert caught.value.about_linearisation
@@ -193,7 +193,7 @@ def test_a_maze_is_passed() -> None:
 
 
 def test_a_vehicle_too_large_for_the_maze_has_no_way() -> None:
-    with pytest.raises(rho.InfeasibleError, match="no way was found"):
+    with pytest.raises(rho.InfeasibleError, match="no path was found"):
         rho.plan(_maze(0.65))
 
 

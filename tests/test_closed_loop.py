@@ -296,7 +296,7 @@ def test_what_makes_no_sense_is_refused_by_name() -> None:
             method("jerk")
     with pytest.raises(ValueError, match=r"^wind: got shape"):
         dataclasses.replace(simulation, wind=simulation.wind[1:])
-    with pytest.raises(ValueError, match=r"^positions: got numbers that are not finite"):
+    with pytest.raises(ValueError, match=r"^positions: got values that are not finite"):
         dataclasses.replace(simulation, positions=np.full_like(simulation.positions, np.inf))
     with pytest.raises(ValueError, match=r"^times: got"):
         dataclasses.replace(simulation, times=simulation.times[::-1])

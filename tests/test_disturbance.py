@@ -98,7 +98,7 @@ def test_the_schema_has_units() -> None:
         "feedback_every": "[s]",
         "delay": "samples",
         "share": "part",
-        "tracking": "since when",
+        "tracking": "a plan under way",
     }
     tracking = {"since": "[s]", "gains": "[1/s²]", "position": "[m]", "velocity": "[m/s]"}
     for kind, expected in (("Disturbance", units), ("Tracking", tracking)):

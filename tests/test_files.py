@@ -165,7 +165,7 @@ def test_an_ending_of_another_format_is_refused(name: str, tmp_path: Path) -> No
 
 def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
     plan = rho.Plan.from_accelerations(single(), np.full((1, 16, 3), 1.1e12))
-    with pytest.raises(ValueError, match=r"plan\.positions has values that are no numbers up to"):
+    with pytest.raises(ValueError, match=r"plan\.positions has values that are not numbers up to"):
         rho.save(plan, tmp_path / "far.npz")
     assert not list(tmp_path.iterdir())
 

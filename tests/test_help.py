@@ -55,7 +55,7 @@ def test_completion_shows_fields_and_methods_only() -> None:
 
 def test_the_schema_describes_a_record_without_fields_and_examples() -> None:
     kinds = rho.scenario_schema()["$defs"]
-    first = "The knots k = 1..K of a flight and the step h between them."
+    first = "Time grid of a flight: knots k = 1..K with the step h between them."
     assert kinds["Grid"]["description"] == first
     assert inspect.cleandoc(vars(rho.Grid)["__doc__"]).startswith(first)
     for word in ("Attributes:", "Examples:", ">>>"):

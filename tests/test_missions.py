@@ -153,7 +153,7 @@ def test_an_agent_may_have_its_own_downwash_and_no_number(tmp_path: Path) -> Non
         (("obstacles",), [BOX | {"dimensions": [1, 0, 1]}], "obstacles[0].dimensions[1]", "great"),
         (("obstacles",), [BOX | {"dimensions": [1, 1e-9, 1]}], "obstacles[0].dimensions", "flat"),
         (("obstacles",), [{"pose": [0, 0, 1]}], "obstacles[0].type", "nothing"),
-        (("obstacles",), [{"type": "spin", "speed": 1}], "obstacles[0].type", "what moves"),
+        (("obstacles",), [{"type": "spin", "speed": 1}], "obstacles[0].type", "moving types"),
         (("obstacles",), [{"type": ["static"]}], "obstacles[0].type", "static, a box at rest"),
         (("obstacles",), [5], "obstacles[0]", "an object"),
         (("obstacles",), [BOX | {"pose": [1, -0.7, 1]}], "agents[1].start", "at least 0.15 m from"),
@@ -173,13 +173,13 @@ def test_what_is_unknown_or_malformed_is_refused_by_name(
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (lambda text: text[:-1], "broken JSON"),
+        (lambda text: text[:-1], "malformed JSON"),
         (lambda text: text.replace("]}]", "], }]", 1), "line 1 column"),
-        (lambda text: text.replace('"cid": 7', '"cid": 7, "cid": 8', 1), "this name once"),
-        (lambda _: "", "broken JSON"),
+        (lambda text: text.replace('"cid": 7', '"cid": 7, "cid": 8', 1), "this name only once"),
+        (lambda _: "", "malformed JSON"),
         (lambda _: "5", "an object"),
-        (lambda _: "[" * 100_000, "broken JSON"),
-        (lambda _: "{" + " " * 10 + "# a comment\n}", "broken JSON"),
+        (lambda _: "[" * 100_000, "malformed JSON"),
+        (lambda _: "{" + " " * 10 + "# a comment\n}", "malformed JSON"),
     ],
 )
 def test_what_is_no_json_is_refused(
@@ -239,7 +239,7 @@ def test_vehicles_keep_the_radius_of_their_type_from_a_world(tmp_path: Path) -> 
         ("0,0,1e13,1,1,1", ": line 1", "of at most 1e+12"),
         ("0,0,1,1,1,1\n0,0,1,1,0,1", ": line 2", "three sides above 0"),
         ("0,0,1,1,-1,1", ": line 1", "three sides above 0"),
-        ("0,0,1,1,1,1e-9", ": line 1", "what is flat has no inside"),
+        ("0,0,1,1,1,1e-9", ": line 1", "a flat shape has no interior"),
     ],
 )
 def test_a_malformed_world_is_refused_by_line(

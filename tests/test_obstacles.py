@@ -181,7 +181,7 @@ def test_an_obstacle_is_where_its_motion_puts_it(kind: str) -> None:
             "track.max_acceleration",
             "at least 0",
         ),
-        (lambda: rho.Obstacle(rho.Box([0, 0, 0], [1, 1, 0])), "obstacle.shape", "no inside"),
+        (lambda: rho.Obstacle(rho.Box([0, 0, 0], [1, 1, 0])), "obstacle.shape", "no interior"),
         (lambda: rho.Obstacle(rho.Ellipsoid([0, 0, 0], [1, 1, 1e-5])), "obstacle.shape", "flat"),
         (lambda: rho.Obstacle(rho.Cylinder([0, 0, 0], 1.0, 1e-5)), "obstacle.shape", "flat"),
         (lambda: rho.Obstacle(rho.Cylinder([0, 0, 0], 1e-5, 1.0)), "obstacle.shape", "flat"),
@@ -201,7 +201,7 @@ def test_an_obstacle_is_where_its_motion_puts_it(kind: str) -> None:
         (lambda: rho.Cylinder([0, 0, 0], 1.0, axis=as_any("w")), "cylinder.axis", "'x', 'y' or"),
         (lambda: rho.Ellipsoid([0, 0, 0], [1, 0, 1]), "ellipsoid.semi_axes", "above 0"),
         (lambda: rho.Polytope([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), "polytope.vertices", "four"),
-        (lambda: rho.Polytope([[0, 0, 0]] * 5), "polytope.vertices", "no inside"),
+        (lambda: rho.Polytope([[0, 0, 0]] * 5), "polytope.vertices", "no interior"),
         (
             lambda: rho.Polytope([[0, 0, 0], [1, 0, 1], [0, 1, 1], [1, 1, 2]]),
             "polytope.vertices",
@@ -229,8 +229,8 @@ def test_an_obstacle_is_where_its_motion_puts_it(kind: str) -> None:
         *[
             (lambda obstacle=obstacle: single(obstacles=(BALL, obstacle)), field, words)
             for obstacle, field, words in (
-                (rho.Box([5, 5, 5], [6, 6, 5]), "scenario.obstacles[1]", "no inside"),
-                (rho.Cylinder([5, 5, 5], 1.0, 1e-5), "scenario.obstacles[1]", "no inside"),
+                (rho.Box([5, 5, 5], [6, 6, 5]), "scenario.obstacles[1]", "no interior"),
+                (rho.Cylinder([5, 5, 5], 1.0, 1e-5), "scenario.obstacles[1]", "no interior"),
                 (rho.Obstacle(BALL, known_from=8.1), "scenario.obstacles[1].known_from", "8 s"),
             )
         ],
@@ -378,8 +378,8 @@ def test_keys_tell_which_shape_it_is(obstacle: str, shape: Any) -> None:
         ("{center: [5, 5, 5], radius: 1, velocity: [1, 0, 0]}", "", "beside velocity"),
         ("{colour: red}", ".colour", "no field of this name"),
         ("5", "", "a mapping"),
-        ("{shape: {lower: [5, 5, 5], upper: [6, 6, 5]}}", ".shape", "no inside"),
-        ("{lower: [5, 5, 5], upper: [6, 6, 5]}", "", "no inside"),
+        ("{shape: {lower: [5, 5, 5], upper: [6, 6, 5]}}", ".shape", "no interior"),
+        ("{lower: [5, 5, 5], upper: [6, 6, 5]}", "", "no interior"),
     ],
 )
 def test_a_mistyped_obstacle_is_told_with_what_was_meant(

@@ -163,7 +163,7 @@ def test_what_is_no_scenario_is_refused(text: str) -> None:
 
 @pytest.mark.parametrize("brackets", ["[", "{", "{? ", "- "])
 def test_yaml_too_deep_is_refused_in_words(brackets: str) -> None:
-    with pytest.raises(rho.ScenarioError, match="expected YAML that is less deep"):
+    with pytest.raises(rho.ScenarioError, match="expected YAML that is less deeply nested"):
         scenario_from_yaml(brackets * 20_000)
 
 

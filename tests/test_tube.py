@@ -234,7 +234,7 @@ def test_gains_that_make_no_sense_are_refused() -> None:
     scenario = scenario_of(rho.Disturbance(1.0), rho.Grid(0.5, 2000))
     with pytest.raises(ValueError, match="gains: got"):
         rho.error_tube(scenario, gains=(np.nan, 0.0))
-    with pytest.raises(ValueError, match="expected some with which errors decay"):
+    with pytest.raises(ValueError, match="expected gains with which errors decay"):
         rho.error_tube(scenario, gains=(1.0, 50.0)).position(1.0)
 
 

@@ -1,1 +1,1 @@
-"""What a flight is: its dynamics, and records of what was planned and flown."""
+"""Motions of vehicles: dynamics, and records of planned and flown trajectories."""

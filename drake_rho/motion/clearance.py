@@ -1,11 +1,11 @@
 """Exact distances and extremes in continuous time, without sampling.
 
 In every step a relative motion is quadratic in time, so its squared length is a quartic and the
-derivative of that a cubic. A cubic is monotone between the roots of its own derivative, which are
-those of a quadratic: in each of these at most three pieces of a step its root, if there is one, is
-found to the last digit by Newton's steps, and by bisection where these lead outside. Everything is
-vectorised. Which pairs of vehicles come close is asked of k-d trees, never of all pairs; their
-distance is measured where their separation is a sphere, with z divided by its downwash.
+derivative of that a cubic. A cubic is monotone between the roots of its own derivative, which is
+quadratic. In each of these at most three intervals of a step, Newton's iteration, safeguarded by
+bisection, finds the root, if there is one, to the last digit. Everything is vectorised. K-d trees
+find the close pairs of vehicles without visiting all pairs; distances are measured in coordinates
+with z divided by the downwash, in which the separation is a sphere.
 """
 
 from __future__ import annotations
@@ -26,72 +26,71 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 _STEPS = 60
-"""Bound on the steps to a root; bisections alone would be past the last digit of a double."""
+"""Bound on the iterations of root finding; bisection alone reaches the last digit of a double."""
 
 _FEW = 4
-"""How many times as many as are asked for there have to be before a tree of those few pays."""
+"""Least ratio of all points to the selected ones from which a tree of the selected ones pays."""
 
 _HANDFUL = 32
-"""Points up to which all pairs are looked at: trees would take longer."""
+"""Number of points up to which all pairs are visited, which is faster than trees."""
 
 _MANY = 40_000
-"""About how many points are looked at in one go, so that what is computed of them stays in caches,
-and others are side by side with them."""
+"""Approximate number of points per chunk: its data fit into caches, and chunks run in parallel."""
 
 _INSTANTS = 3
-"""Instants for which one tree is searched: trees of fewer take longer, and with more there are more
-pairs to look at."""
+"""Number of instants that share one tree: with fewer, building trees takes longer; with more, there
+are more candidate pairs."""
 
 _LAST_DIGIT = 1e-15
-"""Relative change of a root below which it is found."""
+"""Relative change of a root at which the iteration has converged."""
 
 
 @dataclasses.dataclass(frozen=True)
 class CloseApproaches:
-    """Instants at which a vehicle is close to another, or to a point."""
+    """Instants at which a vehicle is close to another vehicle or to a point."""
 
     one: IntArray
     """index of the vehicle, shape (M,)"""
     other: IntArray
-    """index of the other, which is larger; the vehicle's own for a point, shape (M,)"""
+    """larger index of the other vehicle; the vehicle's own index for a point, shape (M,)"""
     times: FloatArray
-    """when, since the first knot [s], shape (M,)"""
+    """times since the first knot [s], shape (M,)"""
     distances: FloatArray
-    """how close [m], shape (M,)"""
+    """distances [m], shape (M,)"""
 
     def __len__(self) -> int:
-        """M."""
+        """Return the number of instants, M."""
         return len(self.times)
 
     @classmethod
     def joined(cls, parts: Sequence[CloseApproaches]) -> CloseApproaches:
-        """Some of them, then others."""
+        """Concatenate close approaches in the given order."""
         arrays = zip(*((p.one, p.other, p.times, p.distances) for p in parts), strict=True)
         return cls(*map(np.concatenate, arrays))
 
     def select(self, which: BoolArray | IntArray | slice) -> CloseApproaches:
-        """Only some of them."""
+        """Return a selection of the close approaches."""
         return CloseApproaches(
             self.one[which], self.other[which], self.times[which], self.distances[which]
         )
 
     def and_also(self, more: CloseApproaches) -> CloseApproaches:
-        """These and others, pair by pair and in the order of time; equal instants once."""
+        """Return the union of both, sorted by pair and then by time, without duplicate instants."""
         every = CloseApproaches.joined([self, more])
         every = every.select(np.lexsort((every.times, every.other, every.one)))
-        again = np.diff(every.one, prepend=-1) == 0
-        again &= np.diff(every.other, prepend=-1) == 0
-        again &= np.abs(np.diff(every.times, prepend=-1.0)) <= 1e-9 * (1.0 + every.times)
-        return every.select(~again)
+        duplicate = np.diff(every.one, prepend=-1) == 0
+        duplicate &= np.diff(every.other, prepend=-1) == 0
+        duplicate &= np.abs(np.diff(every.times, prepend=-1.0)) <= 1e-9 * (1.0 + every.times)
+        return every.select(~duplicate)
 
 
 _NOBODY = np.zeros(0, dtype=np.int64)
 NONE = CloseApproaches(_NOBODY, _NOBODY, np.zeros(0), np.zeros(0))
-"""Where nobody is close."""
+"""No close approaches."""
 
 
 def closest_approach(motion: Motion, center: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The exact least distance of a motion from a point, in every step.
+    """Return the exact least distance of a motion from a point, in every step.
 
     Args:
         motion: of one vehicle or several.
@@ -110,15 +109,20 @@ def closest_approach(motion: Motion, center: FloatArray) -> tuple[FloatArray, Fl
 def close_pairs(
     motion: Motion, separation: Separation, within: float, *, of: IntArray | None = None
 ) -> CloseApproaches:
-    """Closest approaches of vehicles below a distance, in each step, pair by pair.
+    """Return the closest approach of each pair in each step, if it is below a distance.
 
-    A pair is looked at in a step if it is close enough in the middle of it to get there.
+    The minimum is computed only for pairs that are close enough at the middle of a step to come
+    within the distance during the step.
 
     Args:
         motion: of several vehicles, arrays of shape (N, ..., 3).
-        separation: how distances are measured.
+        separation: ellipsoid that defines the distance.
         within: the distance [m].
-        of: vehicles of which each pair has one or two, rising indices; all if not given.
+        of: increasing indices of vehicles; only pairs with one or two of them are considered. All
+            pairs if not given.
+
+    Returns:
+        Close approaches, sorted by pair and then by time.
     """
     h = motion.step
 
@@ -127,49 +131,58 @@ def close_pairs(
         p, v, a = (np.ascontiguousarray(separation.scaled(each[:, steps])) for each in quantities)
         middle, reach = p + h / 2 * (v + h / 4 * a), _reach(h, v, a)
         one, other, k = _pairs_at(middle, within, reach, of)
-        # of their common way nothing is lost or gained: it leaves fewer, and minima take long
-        apart, v_apart, a_apart = (_apart(each, one, other, k) for each in (middle, v, a))
-        near = _lengths(apart) - _reach(h, v_apart, a_apart) < within
+        # bounds by the relative motion leave fewer pairs: computing minima is expensive
+        x, w, b = (_relative(each, one, other, k) for each in (middle, v, a))
+        near = _lengths(x) - _reach(h, w, b) < within
         one, other, k = one[near], other[near], k[near]
-        relative = _apart(p, one, other, k), v_apart[near], a_apart[near]
+        relative = _relative(p, one, other, k), w[near], b[near]
         return _closest_below(within, h, one, other, steps.start + k, *relative)
 
-    return _side_by_side(found, *motion.accelerations.shape[:2])
+    return _in_chunks(found, *motion.accelerations.shape[:2])
 
 
 def close_pairs_at_knots(
     motion: Motion, separation: Separation, within: float, *, of: IntArray | None = None
 ) -> CloseApproaches:
-    """Vehicles closer than a distance at the knots, pair by pair; arguments as for all instants."""
+    """Return pairs of vehicles closer than a distance at the knots; see `close_pairs`."""
 
     def found(knots: slice) -> CloseApproaches:
         p = np.ascontiguousarray(separation.scaled(motion.positions[:, knots]))
         one, other, k = _pairs_at(p, within, np.zeros(p.shape[:2]), of)
         times: FloatArray = (knots.start + k) * np.float64(motion.step)
-        return CloseApproaches(one, other, times, _lengths(_apart(p, one, other, k)))
+        return CloseApproaches(one, other, times, _lengths(_relative(p, one, other, k)))
 
-    return _side_by_side(found, *motion.positions.shape[:2])
+    return _in_chunks(found, *motion.positions.shape[:2])
 
 
-def _side_by_side(
+def _in_chunks(
     found: Callable[[slice], CloseApproaches], count: int, instants: int
 ) -> CloseApproaches:
-    """What is found of so many vehicles in each stretch of so many instants, pair by pair."""
+    """Evaluate a function of instants chunk by chunk, in threads if there are several chunks.
+
+    Args:
+        found: returns the close approaches in a slice of the instants, in the order of time.
+        count: of vehicles.
+        instants: number of all instants.
+
+    Returns:
+        All close approaches, sorted by pair and then by time.
+    """
     size = _INSTANTS * max(1, _MANY // (_INSTANTS * count))
-    stretches = [slice(first, min(first + size, instants)) for first in range(0, instants, size)]
-    each_of = threads().map if len(stretches) > 1 else map
-    every = CloseApproaches.joined(list(each_of(found, stretches)))
-    order = np.argsort(every.one * count + every.other, kind="stable")  # which keeps that of time
+    chunks = [slice(first, min(first + size, instants)) for first in range(0, instants, size)]
+    each_of = threads().map if len(chunks) > 1 else map
+    every = CloseApproaches.joined(list(each_of(found, chunks)))
+    order = np.argsort(every.one * count + every.other, kind="stable")  # keeps the order of time
     return every.select(order)
 
 
-def _apart(vectors: FloatArray, one: IntArray, other: IntArray, k: IntArray) -> FloatArray:
-    """Differences of two vehicles' vectors at some instants, shape (M, 3)."""
+def _relative(vectors: FloatArray, one: IntArray, other: IntArray, k: IntArray) -> FloatArray:
+    """Return differences of two vehicles' vectors at some instants, shape (M, 3)."""
     return vectors_of(vectors, one, k) - vectors_of(vectors, other, k)
 
 
 def _reach(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
-    """How far motions get in a step from where they are in the middle of it."""
+    """Return bounds on the distance of motions in a step from their positions in its middle."""
     reach = _lengths(v + step / 2 * a)
     reach += step / 4 * _lengths(a)
     reach *= step / 2
@@ -177,7 +190,7 @@ def _reach(step: float, v: FloatArray, a: FloatArray) -> FloatArray:
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:
-    """Of vectors (..., 3): their norms, three times as fast as by the function for any norm."""
+    """Return the norms of vectors (..., 3), three times as fast as `np.linalg.norm`."""
     lengths: FloatArray = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
     return lengths
 
@@ -190,7 +203,7 @@ def _closest_below(
     k: IntArray,
     *relative: FloatArray,
 ) -> CloseApproaches:
-    """The closest approaches below a distance among relative motions in some steps."""
+    """Return the closest approaches below a distance among relative motions in some steps."""
     p, v, a = relative
     if len(k) == 0:
         return CloseApproaches(one, other, np.zeros(0), np.zeros(0))
@@ -202,66 +215,75 @@ def _closest_below(
 def _pairs_at(
     points: FloatArray, within: float, reach: FloatArray, of: IntArray | None
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Pairs of points (N, T, 3) closer than a distance and the reach of both, at T instants.
+    """Return pairs of points closer than a distance plus the reach of both, at T instants.
 
     Args:
-        points: where everyone is.
-        within: how close.
-        reach: how much closer each may come, shape (N, T).
-        of: indices of points of which each pair has one or two; all if not given.
+        points: positions of all vehicles, shape (N, T, 3).
+        within: the distance.
+        reach: distance that each point may move, shape (N, T).
+        of: indices of points; only pairs with one or two of them are returned. All pairs if not
+            given.
 
     Returns:
-        Indices, rising, of the two, and of the instant: of each pair in the order of time.
+        Indices of both points, the smaller first, and of the instant, each pair in time order.
     """
     if len(points) <= _HANDFUL:
-        return _of_all_pairs(points, within, reach, of)
-    some = of if of is not None and _FEW * len(of) < len(points) else None
+        return _pairs_by_enumeration(points, within, reach, of)
+    few = of if of is not None and _FEW * len(of) < len(points) else None
 
     every = list[IntArray]()
     for first in range(0, points.shape[1], _INSTANTS):
-        own = slice(first, first + _INSTANTS)
-        every.append(_pairs_during(points[:, own], within, reach[:, own], some))
+        chunk = slice(first, first + _INSTANTS)
+        every.append(_pairs_during(points[:, chunk], within, reach[:, chunk], few))
         every[-1][2] += first
     one, other, instants = np.concatenate(every, axis=1)
-    if of is not None and some is None:
-        asked = np.isin(np.arange(len(points)), of)
-        wanted = asked[one] | asked[other]
-        one, other, instants = one[wanted], other[wanted], instants[wanted]
+    if of is not None and few is None:
+        selected = np.isin(np.arange(len(points)), of)
+        required = selected[one] | selected[other]
+        one, other, instants = one[required], other[required], instants[required]
     return one, other, instants
 
 
-def _of_all_pairs(
+def _pairs_by_enumeration(
     points: FloatArray, within: float, reach: FloatArray, of: IntArray | None
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """`_pairs_at` without trees."""
+    """Return `_pairs_at` by visiting all pairs, without trees."""
     one, other = np.triu_indices(len(points), 1)
     if of is not None:
-        asked = np.isin(np.arange(len(points)), of)
-        wanted = asked[one] | asked[other]
-        one, other = one[wanted], other[wanted]
-    apart = points.take(one, axis=0) - points.take(other, axis=0)
-    close = np.vecdot(apart, apart) <= (within + reach[one] + reach[other]) ** 2
+        selected = np.isin(np.arange(len(points)), of)
+        required = selected[one] | selected[other]
+        one, other = one[required], other[required]
+    x = points.take(one, axis=0) - points.take(other, axis=0)
+    close = np.vecdot(x, x) <= (within + reach[one] + reach[other]) ** 2
     which, instants = np.nonzero(close)
     return one[which], other[which], instants
 
 
 def _pairs_during(
-    points: FloatArray, within: float, reach: FloatArray, some: IntArray | None
+    points: FloatArray, within: float, reach: FloatArray, few: IntArray | None
 ) -> IntArray:
-    """`_pairs_at` for a few instants, those of `some` if given; pairs and instants, shape (3, M).
+    """Return `_pairs_at` for a few instants, as pairs and instants, shape (3, M).
 
-    One tree is searched for all of them, in the middle of which pairs are as much further apart as
-    both get from where they are then. Where that is far, each instant has its own.
+    One tree of the points at the middle instant is searched for all instants, with a radius larger
+    by how far both points move until the other instants. If they move far, each instant has its
+    own tree.
+
+    Args:
+        points: shape (N, T, 3) with few instants T.
+        within: the distance.
+        reach: distance that each point may move, shape (N, T).
+        few: indices of few points; only pairs with one or two of them are returned. All pairs if
+            None.
     """
-    from scipy.spatial import cKDTree  # slow to load, so only where needed
+    from scipy.spatial import cKDTree  # imported here: slow to load
 
     count = points.shape[1]
     middle = points[:, count // 2]
-    ways = points - middle[:, None]
-    away = np.sqrt(np.vecdot(ways, ways).max(axis=1))
+    moved = points - middle[:, None]
+    away = np.sqrt(np.vecdot(moved, moved).max(axis=1))
     if count > 1 and float(away.max()) > within:
         each = [
-            _pairs_during(points[:, k : k + 1], within, reach[:, k : k + 1], some)
+            _pairs_during(points[:, k : k + 1], within, reach[:, k : k + 1], few)
             for k in range(count)
         ]
         for k, found in enumerate(each):
@@ -269,28 +291,28 @@ def _pairs_during(
         return np.concatenate(each, axis=1)
     away += reach.max(axis=1)
     tree = cKDTree(middle, balanced_tree=False, compact_nodes=False)
-    furthest = within + 2.0 * float(away.max())
-    if some is None:
-        pairs: IntArray = tree.query_pairs(furthest, output_type="ndarray")
+    radius = within + 2.0 * float(away.max())
+    if few is None:
+        pairs: IntArray = tree.query_pairs(radius, output_type="ndarray")
     else:
-        pairs = _pairs_of(some, middle, tree, furthest)
+        pairs = _pairs_of(few, middle, tree, radius)
     one, other = pairs.T
-    apart = middle.take(one, axis=0) - middle.take(other, axis=0)
-    near = np.vecdot(apart, apart) <= (within + away[one] + away[other]) ** 2
+    x = middle.take(one, axis=0) - middle.take(other, axis=0)
+    near = np.vecdot(x, x) <= (within + away[one] + away[other]) ** 2
     one, other = one[near], other[near]
-    apart = points.take(one, axis=0) - points.take(other, axis=0)
-    close = np.vecdot(apart, apart) <= (within + reach[one] + reach[other]) ** 2
+    x = points.take(one, axis=0) - points.take(other, axis=0)
+    close = np.vecdot(x, x) <= (within + reach[one] + reach[other]) ** 2
     which, instants = np.nonzero(close)
     return np.stack([one[which], other[which], instants])
 
 
-def _pairs_of(some: IntArray, points: FloatArray, tree: cKDTree, radius: float) -> IntArray:
-    """Pairs, in rising order, of which one or two are among some of the points, shape (M, 2)."""
-    own = type(tree)(points[some], balanced_tree=False, compact_nodes=False)
-    near = own.sparse_distance_matrix(tree, radius, output_type="ndarray")
-    one, other = some[near["i"]], near["j"]
+def _pairs_of(few: IntArray, points: FloatArray, tree: cKDTree, radius: float) -> IntArray:
+    """Return pairs with one or two of a few points, smaller index first, sorted, shape (M, 2)."""
+    tree_of_few = type(tree)(points[few], balanced_tree=False, compact_nodes=False)
+    near = tree_of_few.sparse_distance_matrix(tree, radius, output_type="ndarray")
+    one, other = few[near["i"]], near["j"]
     keys = np.minimum(one, other) * len(points) + np.maximum(one, other)
-    keys = np.unique(keys[one != other])  # each is found next to itself, and two of the some twice
+    keys = np.unique(keys[one != other])  # each point finds itself, and two of the few each other
     pairs: IntArray = np.stack(np.divmod(keys, len(points)), axis=1)
     return pairs
 
@@ -298,7 +320,14 @@ def _pairs_of(some: IntArray, points: FloatArray, tree: cKDTree, radius: float) 
 def nearest_moments(
     p: FloatArray, v: FloatArray, a: FloatArray, h: float | FloatArray
 ) -> FloatArray:
-    """When in [0, h] the length of p + s v + s²/2 a is least; vectors (..., 3), h (...) or one."""
+    """Return the s in [0, h] at which the length of p + s v + s²/2 a is least, shape (...).
+
+    Args:
+        p: relative positions [m], shape (..., 3).
+        v: relative velocities [m/s], shape (..., 3).
+        a: relative accelerations [m/s²], shape (..., 3).
+        h: durations [s], shape (...), or one for all.
+    """
 
     def dot(one: FloatArray, other: FloatArray) -> FloatArray:
         product: FloatArray = np.einsum("...i,...i->...", one, other)
@@ -324,10 +353,10 @@ def nearest_moments(
 def _quadratic_roots(
     c0: FloatArray, c1: FloatArray, c2: FloatArray, h: float | FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Real roots of c0 + c1 s + c2 s², clipped to [0, h] and in order; 0 where there are none."""
+    """Return the real roots of c0 + c1 s + c2 s², sorted and clipped to [0, h]; 0 without any."""
     discriminant = c1 * c1 - 4 * c2 * c0
     root = np.sqrt(np.maximum(discriminant, 0.0))
-    q = -0.5 * (c1 + np.where(c1 < 0, -root, root))  # without cancellation
+    q = -0.5 * (c1 + np.where(c1 < 0, -root, root))  # this form avoids cancellation
     with np.errstate(divide="ignore", invalid="ignore"):
         one, other = q / c2, c0 / q
     real = discriminant > 0
@@ -340,7 +369,7 @@ def _quadratic_roots(
 def _rising_root(
     coefficients: tuple[FloatArray, ...], low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """The point between `low` and `high` where a cubic rises through zero, else `low`."""
+    """Return the point between `low` and `high` where a cubic rises through zero, or `low`."""
     c0, c1, c2, c3 = coefficients
     rises = (c0 + low * (c1 + low * (c2 + low * c3)) < 0) & (
         c0 + high * (c1 + high * (c2 + high * c3)) > 0
@@ -355,7 +384,7 @@ def _rising_root(
         low, high = np.where(value < 0, s, low), np.where(value < 0, high, s)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = s - value / (c1 + s * (2 * c2 + s * 3 * c3))
-        inside = (newton > low) & (newton < high)  # never with a NaN
+        inside = (newton > low) & (newton < high)  # false for NaN
         following = np.where(inside, newton, (low + high) / 2)
         moved = np.abs(following - s) > _LAST_DIGIT * high
         s = following
@@ -366,14 +395,14 @@ def _rising_root(
 
 
 def turning_points(motion: Motion) -> tuple[FloatArray, FloatArray]:
-    """The extremes of each coordinate between the knots, where it turns round inside a step.
+    """Return the extremes of each coordinate between the knots.
 
     Args:
         motion: of one vehicle or several.
 
     Returns:
-        Times [s] and positions [m], shape (..., K-1, 3), one for each axis; where an axis does
-        not turn inside a step, the beginning of the step stands for it.
+        Times since the first knot [s] and positions [m], shape (..., K-1, 3), one per step and
+        axis; those of the beginning of the step where a coordinate has no extreme inside.
     """
     h, v, a = motion.step, motion.velocities[..., :-1, :], motion.accelerations
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -384,15 +413,16 @@ def turning_points(motion: Motion) -> tuple[FloatArray, FloatArray]:
 
 
 def closest_over_time(motion: Motion, separation: Separation, *, per_step: int) -> CloseApproaches:
-    """The closest two of all vehicles over time, in the order of time.
+    """Return the closest pair of all vehicles over time, in the order of time.
 
-    There is one at each of `per_step` instants of every step, and one, exact, where two
-    come closer than at all of these: the least distance of a step is that of one of them.
+    The result has an entry at each of `per_step` instants of every step. A step in which vehicles
+    come closer between these instants has one more, exact entry, so that the least distance of
+    every step is that of an entry.
 
     Args:
         motion: of several vehicles, arrays of shape (N, ..., 3), N >= 2.
-        separation: by which distances are measured.
-        per_step: instants in a step, at least 1, the first at its knot.
+        separation: ellipsoid that defines the distance.
+        per_step: number of instants in a step, at least 1, the first at its knot.
     """
     h, steps = motion.step, motion.accelerations.shape[1]
     times = h / per_step * np.arange(steps * per_step + 1)
@@ -414,12 +444,12 @@ def closest_over_time(motion: Motion, separation: Separation, *, per_step: int) 
 
 
 def _closest_two(points: FloatArray, time: float) -> tuple[int, int, float, float]:
-    """Indices of the closest two of several points, rising; `time`; and their distance."""
-    from scipy.spatial import cKDTree  # slow to load, so only where needed
+    """Return the indices of the closest two points, the smaller first; `time`; their distance."""
+    from scipy.spatial import cKDTree  # imported here: slow to load
 
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
     distances, neighbours = tree.query(points, k=2)
     one = int(np.argmin(distances[:, 1]))
-    # of two points in the same place either may come first
+    # where two points coincide, either may be the first neighbour
     other = int(neighbours[one, int(neighbours[one, 0] == one)])
     return min(one, other), max(one, other), time, float(distances[one, 1])

@@ -1,4 +1,4 @@
-"""Motions as JSON documents: scenario, units, and the states of every vehicle."""
+"""JSON documents of motions: scenario, units, and the states of every vehicle."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _DOCUMENT = TypeAdapter(_Document)
 def write_document(
     file: IO[bytes], flown: Plan | Flight | Simulation, rate: float | None = None
 ) -> None:
-    """Write the states at every knot and, if there is a rate [1/s], at that rate as well."""
+    """Write the states at every knot and, if a rate is given [1/s], at that rate as well."""
     times, knots = with_knots(flown.scenario.grid, rate)
     samples = sample(flown, times)
     content = {
@@ -73,20 +73,20 @@ def write_document(
     text = io.TextIOWrapper(file, "utf-8", newline="\n")
     json.dump(content, text, ensure_ascii=False, allow_nan=False)
     text.write("\n")
-    text.detach()  # writes what is left, and leaves the file open
+    text.detach()  # flushes the buffer and leaves the file open
 
 
 def is_document(text: str) -> bool:
-    """Whether text begins like JSON that may be one of these documents."""
+    """Return whether text begins like a JSON object, which may be such a document."""
     return text.lstrip().startswith("{")
 
 
 def read_document(text: str) -> Plan:
-    """The plan that a document holds, exactly: what a flight has flown, without its windows.
+    """Return the plan of a document, with exact numbers; for a flight, its flown plan.
 
     Raises:
-        ValueError: the document is damaged, or holds the true motion of a simulation, which is no
-            plan.
+        ValueError: the document is damaged, or contains the true motion of a simulation, which is
+            not a plan.
     """
     try:
         document = _DOCUMENT.validate_json(text, strict=True)
@@ -94,14 +94,15 @@ def read_document(text: str) -> Plan:
         first = error.errors(include_url=False, include_context=False)[0]
         raise ValueError(f"{'.'.join(map(str, first['loc'])) or 'JSON'}: {first['msg']}") from None
     if document.format != _PLAN:
-        raise ValueError("the true motion of a simulation, expected a plan: it can be kept as .npz")
+        expected = "expected a plan: simulations can be saved as .npz"
+        raise ValueError(f"the true motion of a simulation, {expected}")
     scenario = scenario_from_json(json.dumps(document.scenario))
     names = [vehicle.name for vehicle in scenario.vehicles]
     if [vehicle.name for vehicle in document.vehicles] != names or document.units != UNITS:
-        raise ValueError("vehicles are not those of the scenario, or units not those of drake_rho")
+        raise ValueError("vehicles differ from those of the scenario, or units from drake_rho's")
     knots = np.array(document.knots)
     if not np.array_equal(np.array(document.times)[knots], scenario.grid.times):
-        raise ValueError("knots are not those of the scenario")
+        raise ValueError("knots differ from those of the scenario")
     p, v, a = (
         np.array([getattr(vehicle, part) for vehicle in document.vehicles])[:, knots]
         for part in ("positions", "velocities", "accelerations")

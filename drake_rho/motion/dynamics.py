@@ -1,7 +1,7 @@
-"""The point mass with piecewise-constant acceleration: equations (1)-(2) and (10)-(11).
+"""Dynamics of a point mass with piecewise constant acceleration: (1)-(2) and (10)-(11).
 
-Between two knots the acceleration a[k] is constant, so (1)-(2) hold for a part of a step too:
-everything here is exact at any time, not only at the knots.
+The acceleration a[k] is constant between two knots, so (1)-(2) also hold for a part of a step:
+all results of this module are exact at any time, not only at the knots.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 def acceleration_before(start: State) -> FloatArray:
-    """The acceleration given just before the first knot [m/s²], shape (3,); NaN if it is free."""
+    """Return the acceleration just before the first knot [m/s²], shape (3,); NaN if not given."""
     return np.full(3, np.nan) if start.acceleration is None else start.acceleration
 
 
 def roll_out(
     position: FloatArray, velocity: FloatArray, accelerations: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Fly `accelerations` from a given state, by (1) and (2).
+    """Integrate accelerations from a given state by (1) and (2).
 
     Args:
         position: p[1] [m], shape (..., 3).
@@ -49,15 +49,15 @@ def roll_out(
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """The motion of one vehicle, or of several at once (leading axes of every array).
+    """Motion of one vehicle, or of several (leading axes of every array).
 
     Attributes:
         step: h [s].
         positions: at the knots [m], shape (..., K, 3).
         velocities: at the knots [m/s], shape (..., K, 3).
         accelerations: in the steps [m/s²], shape (..., K-1, 3).
-        before: acceleration just before the first knot [m/s²], shape (..., 3); NaN where the first
-            acceleration is free of it, so that the first knot has no jerk.
+        before: acceleration just before the first knot [m/s²], shape (..., 3); NaN where it is not
+            given, so that the first knot has no jerk.
     """
 
     step: float
@@ -68,33 +68,38 @@ class Motion:
 
     @classmethod
     def from_start(cls, start: State, accelerations: FloatArray, step: float) -> Self:
-        """The motion of one vehicle that flies `accelerations`, shape (K-1, 3), from `start`."""
+        """Return the motion of one vehicle from `start` with `accelerations`, shape (K-1, 3)."""
         p, v = roll_out(start.position, start.velocity, accelerations, step)
         return cls(step, p, v, accelerations, acceleration_before(start))
 
     @classmethod
     def from_starts(cls, fleet: Fleet, accelerations: FloatArray, step: float) -> Self:
-        """The motions of a scenario's vehicles that fly `accelerations`, shape (N, K-1, 3)."""
+        """Return the motions of a fleet from its starts with `accelerations`, (N, K-1, 3)."""
         p, v = roll_out(fleet.start_positions, fleet.start_velocities, accelerations, step)
         return cls(step, p, v, accelerations, fleet.accelerations_before)
 
     def with_accelerations(self, accelerations: FloatArray) -> Motion:
-        """The motions that fly other accelerations from the same starts."""
+        """Return the motions with other accelerations from the same starts."""
         p, v = self.positions[..., 0, :], self.velocities[..., 0, :]
         p, v = roll_out(p, v, accelerations, self.step)
         return Motion(self.step, p, v, accelerations, self.before)
 
     def with_some(self, vehicles: IntArray, accelerations: FloatArray) -> Motion:
-        """Motions in which some of the vehicles fly other accelerations."""
+        """Return the motions with other accelerations of some vehicles.
+
+        Args:
+            vehicles: increasing indices, shape (P,).
+            accelerations: of these vehicles [m/s²], shape (P, K-1, 3).
+        """
         if len(vehicles) == len(self.accelerations):
             return self.with_accelerations(accelerations)
         return self.with_parts([(vehicles, accelerations)])
 
     def with_parts(self, parts: Iterable[tuple[IntArray, FloatArray]]) -> Motion:
-        """Motions in which the vehicles of each part fly other accelerations.
+        """Return the motions with other accelerations of the vehicles in each part.
 
         Args:
-            parts: vehicles, shape (P,), and what they fly [m/s²], shape (P, K-1, 3).
+            parts: vehicles, shape (P,), and their accelerations [m/s²], shape (P, K-1, 3).
         """
         p, v, a = map(np.array, (self.positions, self.velocities, self.accelerations))
         for vehicles, accelerations in parts:
@@ -104,9 +109,10 @@ class Motion:
         return Motion(self.step, p, v, a, self.before)
 
     def finer(self, pieces: int) -> Motion:
-        """Return the same motions with each step cut into equal pieces.
+        """Return the same motions with each step divided into equal pieces.
 
-        Its jerks are not those of the motion: they are at the beginnings of whole steps only.
+        The jerks of the result differ from those of the motion, since accelerations change only at
+        the beginnings of whole steps.
         """
         if pieces == 1:
             return self
@@ -125,7 +131,7 @@ class Motion:
         return Motion(self.step / pieces, positions, velocities, repeated, self.before)
 
     def of(self, vehicles: IntArray | slice) -> Motion:
-        """The motions of some of the vehicles."""
+        """Return the motions of some of the vehicles."""
         return Motion(
             self.step,
             self.positions[vehicles],
@@ -135,14 +141,14 @@ class Motion:
         )
 
     def at(self, quantity: Quantity, times: npt.ArrayLike) -> FloatArray:
-        """Exact position [m], velocity [m/s], acceleration [m/s²] or jerk [m/s³] at `times` [s].
+        """Return the exact position [m], velocity [m/s], acceleration [m/s²] or jerk [m/s³].
 
-        Times outside the flight follow its first or last step. Acceleration and jerk are those of
-        the step that a time lies in; at a knot, of the step that begins there.
+        The first or last step is extrapolated to times outside the flight. Acceleration and jerk
+        are those of the step that contains a time; at a knot, of the step that begins there.
 
         Args:
-            quantity: which of the four.
-            times: since the first knot, shape (M,) or a single one.
+            quantity: one of the four.
+            times: since the first knot [s], shape (M,) or a single one.
 
         Returns:
             Values of shape (..., M, 3).
@@ -154,7 +160,7 @@ class Motion:
         return self._at(quantity, times, lambda array, k: array[..., k, :])
 
     def each_at(self, quantity: Quantity, vehicles: IntArray, times: FloatArray) -> FloatArray:
-        """`at` for one vehicle at each time: arrays of shape (M,) give values (M, 3)."""
+        """Return `at` of one vehicle at each time: indices and times (M,) give values (M, 3)."""
         return self._at(quantity, times, lambda array, k: vectors_of(array, vehicles, k))
 
     def _at(
@@ -170,7 +176,7 @@ class Motion:
         if quantity in ("acceleration", "jerk"):
             return pick(self.accelerations if quantity == "acceleration" else self.jerks(), k)
         s = (times - k * self.step)[:, None]
-        if quantity == "position" and not s.any():  # at knots, as most are
+        if quantity == "position" and not s.any():  # all times are knots, the most frequent case
             return pick(self.positions, k)
         v, a = pick(self.velocities, k), pick(self.accelerations, k)
         velocities: FloatArray = v + s * a
@@ -180,7 +186,7 @@ class Motion:
         return positions
 
     def values(self, quantity: Quantity) -> FloatArray:
-        """A quantity at the knots, (..., K, 3), or in the steps that they begin, (..., K-1, 3)."""
+        """Return a quantity at the knots, (..., K, 3), or in the steps, (..., K-1, 3)."""
         if quantity == "jerk":
             return self.jerks()
         return {
@@ -190,19 +196,19 @@ class Motion:
         }[quantity]
 
     def jerks(self) -> FloatArray:
-        """j[k] (7) at the knots that begin a step [m/s³], shape (..., K-1, 3)."""
+        """Return j[k] (7) at the knots at which a step begins [m/s³], shape (..., K-1, 3)."""
         a = self.accelerations
         before = np.where(np.isnan(self.before), a[..., 0, :], self.before)
         return np.diff(a, axis=-2, prepend=before[..., None, :]) / self.step
 
 
 def vectors_of(array: FloatArray, vehicles: IntArray, k: IntArray) -> FloatArray:
-    """The vectors array[vehicles, k], shape (M, 3), five times as fast as by that where M is large.
+    """Return array[vehicles, k], shape (M, 3), but five times as fast where M is large.
 
     Args:
-        array: vectors of vehicles, shape (N, K, 3).
-        vehicles: whose, shape (M,).
-        k: which of theirs, none below 0, shape (M,).
+        array: K vectors of every vehicle, shape (N, K, 3).
+        vehicles: indices of vehicles, shape (M,).
+        k: indices of vectors, none below 0, shape (M,).
     """
     if not array.flags.c_contiguous:
         return array[vehicles, k]
@@ -211,22 +217,23 @@ def vectors_of(array: FloatArray, vehicles: IntArray, k: IntArray) -> FloatArray
 
 
 ORDERS: dict[Quantity, int] = {"position": 2, "velocity": 1, "acceleration": 0}
-"""How often each quantity integrates the acceleration."""
+"""Number of integrations from the acceleration to each quantity."""
 
 _KNOT = 1e-9
-"""Part of a step by which a time may be short of a knot and still count as that knot."""
+"""Part of a step by which a time may precede a knot and still count as that knot."""
 
 
 def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
-    """What one unit of each acceleration adds to a quantity, (10) and (11) at any time.
+    """Return the response of a quantity to one unit of each acceleration, (10)-(11) at any time.
 
-    With s the time since step j began and s+ its positive part, a unit of a[j] adds
-    (s+^m - (s - h)+^m) / m! to the position (m = 2), the velocity (m = 1) and, right-continuous,
-    the acceleration (m = 0); to the jerk (7) the difference of two accelerations, a step apart,
-    over h. What the state at the first knot and the acceleration before it add is not in it.
+    With the time s since the beginning of step j and its positive part s+, a unit of a[j] adds
+    (s+^m - (s - h)+^m) / m! to the position (m = 2), the velocity (m = 1) and, continuous from the
+    right, the acceleration (m = 0). Its contribution to the jerk (7) is the difference of two
+    accelerations, a step apart, over h. Contributions of the state at the first knot and of the
+    acceleration before it are not included.
 
     Args:
-        quantity: which of the four.
+        quantity: position, velocity, acceleration or jerk.
         step: h [s].
         knots: K.
         times: since the first knot [s], shape (M,).
@@ -243,32 +250,32 @@ def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) 
     if m == 0:
         acted: FloatArray = ((s >= -_KNOT * h) & (s < h - _KNOT * h)).astype(np.float64)
         return acted
-    acted = np.minimum(np.maximum(s, 0.0), h)  # for how long: s+ - (s - h)+
+    acted = np.minimum(np.maximum(s, 0.0), h)  # time during which a[j] has acted: s+ - (s - h)+
     if m == 1:
         return acted
-    position: FloatArray = s  # in place, as rows may be many
+    position: FloatArray = s  # in place, since there may be many rows
     position -= acted / 2.0
-    position *= acted  # the same formula, without cancellation
+    position *= acted  # equal to the formula above, but without cancellation
     return position
 
 
 def sparse_response(quantity: Quantity, step: float, knots: int, times: FloatArray) -> csr_array:
-    """`response` as a sparse array: rows of acceleration and jerk have one or two entries."""
-    from scipy.sparse import csr_array  # slow to load, so only where needed
+    """Return `response` as a sparse array; acceleration and jerk have one or two entries a row."""
+    from scipy.sparse import csr_array  # imported here: slow to load
 
     if quantity not in ("acceleration", "jerk"):
         return csr_array(response(quantity, step, knots, times))
     count, k = len(times), step_at(times, step)
-    entries, places = [np.ones(count)], [np.stack([np.arange(count), k])]
+    entries, indices = [np.ones(count)], [np.stack([np.arange(count), k])]
     if quantity == "jerk":
         inner = np.flatnonzero(k > 0)
         entries = [entries[0] / step, np.full(len(inner), -1.0 / step)]
-        places.append(np.stack([inner, k[inner] - 1]))
-    where = np.concatenate(places, axis=1)
+        indices.append(np.stack([inner, k[inner] - 1]))
+    where = np.concatenate(indices, axis=1)
     return csr_array((np.concatenate(entries), tuple(where)), shape=(count, knots - 1))
 
 
 def step_at(times: FloatArray, step: float) -> IntArray:
-    """The number of the step, from 0, that each time lies in or begins; not clipped."""
+    """Return the number of the step, from 0, that contains or begins at each time; not clipped."""
     k: IntArray = np.floor(times / step + _KNOT).astype(np.int64)
     return k

@@ -1,6 +1,7 @@
-"""Plans, flights, simulations in `.npz` files, with scenarios inside; read without pickle.
+"""Files of plans, flights and simulations in `.npz` format, with their scenarios, without pickle.
 
-`load` reads documents and tables of states as well, by what is in a file and not by its ending.
+`load` also reads documents and tables of states; it recognises a file by its content, not its
+ending.
 """
 
 from __future__ import annotations
@@ -27,41 +28,41 @@ from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_
 from drake_rho.scenario.records import Scenario
 
 ENDINGS = (".npz",)
-"""Of the files that hold a plan, a flight or a simulation."""
+"""Endings of files that contain a plan, a flight or a simulation."""
 
 _PLAN, _FLIGHT, _SIMULATION = (f"drake_rho {kind} 1" for kind in ("plan", "flight", "simulation"))
 _ARRAYS = ("positions", "velocities", "accelerations")
 _KINDS = ("plan", "reference")
 _Numbers = tuple[Annotated[int, Field(ge=1)], ...]
-_NOTED: dict[str, TypeAdapter[Any]] = {
+_WINDOW_FIELDS: dict[str, TypeAdapter[Any]] = {
     "learned": TypeAdapter(list[_Numbers]),
     "not_avoided": TypeAdapter(list[_Numbers]),
     "kept": TypeAdapter(list[Annotated[bool, Field(strict=True)]]),
     "off_tube": TypeAdapter(list[tuple[str, ...]]),
     "unseen": TypeAdapter(list[tuple[str, ...]]),
 }
-"""What else is told of windows, newer than the format of flights: files may lack it."""
+"""Fields of windows that are newer than the format of flights: older files do not have them."""
 
-_FLOWN = ("times", "positions", "velocities", "wind", "commands")
+_SIMULATED = ("times", "positions", "velocities", "wind", "commands")
 _ELAPSED = "simulation.elapsed"
 _STATISTICS = TypeAdapter(Statistics)
 _PARTS = ("scenario", "statistics", *_ARRAYS)
 
 
 class PlanFileError(DrakeRhoError, ValueError):
-    """A file is not a plan, a flight or a simulation, or is damaged."""
+    """Error for a file that is not a plan, a flight or a simulation, or is damaged."""
 
 
 @checked
 def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
-    """Write a plan, a flight or a simulation, whole or not at all.
+    """Write a plan, a flight or a simulation. The file is written completely or not at all.
 
     Args:
-        planned: what to keep.
-        path: of the file, used as it is; its ending is `.npz`, or it has none.
+        planned: the plan, flight or simulation.
+        path: of the file, used unchanged; its ending is `.npz`, or it has none.
 
     Raises:
-        ValueError: the ending is that of another format, or a number is beyond any flight.
+        ValueError: the ending is that of another format, or a number is too large to be read again.
         OSError: the file cannot be written.
 
     Examples:
@@ -76,7 +77,7 @@ def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
         )
     content: dict[str, Any]
     if isinstance(planned, Simulation):
-        content = {"format": _SIMULATION} | _pack_flight(planned.flight) | _pack_flown(planned)
+        content = {"format": _SIMULATION} | _pack_flight(planned.flight) | _pack_simulation(planned)
     elif isinstance(planned, Flight):
         content = {"format": _FLIGHT} | _pack_flight(planned)
     else:
@@ -87,21 +88,21 @@ def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
 
 @checked
 def load(path: str | Path, scenario: Scenario | None = None) -> Plan | Flight | Simulation:
-    """Read what `save` has written, or a plan that `export` has written as JSON or CSV.
+    """Read a file written by `save`, or a plan that `export` has written as JSON or CSV.
 
     Args:
-        path: of the file, of any name.
-        scenario: of a table in CSV, which has none inside; the other files have their own.
+        path: of the file, with any name.
+        scenario: scenario of a CSV table, which does not contain it; other files contain theirs.
 
     Raises:
-        PlanFileError: there is no such file, or it is none of these, or it is damaged; or it is a
-            table without every knot of the scenario, or without a scenario.
-        ValueError: a scenario is given for a file that has its own.
+        PlanFileError: the file does not exist, is of another kind or is damaged; or it is a table
+            that lacks a knot of the scenario, or for which no scenario is given.
+        ValueError: a scenario is given for a file that contains its own.
     """
     try:
         with open(path, "rb") as file:
             if zipfile.is_zipfile(file):
-                _refuse(scenario, path)
+                _check_no_scenario(scenario, path)
                 file.seek(0)
                 with np.load(file, allow_pickle=False) as content:
                     return _unpack_all(path, content)
@@ -111,31 +112,31 @@ def load(path: str | Path, scenario: Scenario | None = None) -> Plan | Flight | 
         raise PlanFileError(f"{path}: {error.strerror or 'not readable'}") from None
     except (PlanFileError, _ScenarioGivenError):
         raise
-    except Exception as error:  # a damaged archive can make its readers raise almost anything
+    except Exception as error:  # readers of damaged archives may raise almost anything
         reason = str(error).replace("'", "") or type(error).__name__
         raise PlanFileError(f"{path}: not a plan or flight, or damaged: {reason}") from None
 
 
 class _ScenarioGivenError(ValueError):
-    """A scenario is given for a file that has its own."""
+    """Error for a scenario given for a file that contains its own."""
 
 
-def _refuse(scenario: Scenario | None, path: str | Path) -> None:
+def _check_no_scenario(scenario: Scenario | None, path: str | Path) -> None:
     if scenario is not None:
         expected = f"none: {path} has a scenario of its own"
         raise _ScenarioGivenError(f"scenario: got {scenario.name!r}, expected {expected}")
 
 
 def _read_text(path: str | Path, content: bytes, scenario: Scenario | None) -> Plan:
-    """The plan in a document, or in a table of its states."""
-    text = content.decode("utf-8-sig", errors="replace")  # other programs may add the mark
+    """Return the plan in a document or in a table of states."""
+    text = content.decode("utf-8-sig", errors="replace")  # other programs may add a byte order mark
     if is_document(text):
-        _refuse(scenario, path)
+        _check_no_scenario(scenario, path)
         return read_document(text)
     if scenario is not None:
         return read_table(text, scenario)
     if is_table(text):
-        expected = "expected the scenario that it is of, as load(path, scenario=...)"
+        expected = "expected its scenario, as in load(path, scenario=...)"
         raise PlanFileError(f"{path}: a table of states without a scenario, {expected}")
     raise PlanFileError(f"{path}: not a plan or flight of drake_rho, or damaged")
 
@@ -150,16 +151,16 @@ def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | F
     optional = {"format"}
     if form != _PLAN:
         expected |= {"first_knots", "infeasible"}
-        optional |= set(_NOTED)
+        optional |= set(_WINDOW_FIELDS)
     if form == _SIMULATION:
-        expected |= {"plant", *(f"simulation.{name}" for name in _FLOWN)}
+        expected |= {"plant", *(f"simulation.{name}" for name in _SIMULATED)}
         optional |= {_ELAPSED}
     if set(content) - optional != expected:
-        raise ValueError("parts are missing or do not belong")
+        raise ValueError("arrays are missing or do not belong to the format")
     if form == _PLAN:
         return _unpack("plan", content)
     flight = _unpack_flight(content, first_knots)
-    return flight if form == _FLIGHT else _unpack_flown(flight, content)
+    return flight if form == _FLIGHT else _unpack_simulation(flight, content)
 
 
 def _pack_flight(flight: Flight) -> dict[str, Any]:
@@ -167,10 +168,10 @@ def _pack_flight(flight: Flight) -> dict[str, Any]:
     content = _pack("plan", flight.plan)
     content["first_knots"] = [window.first_knot for window in windows]
     content["infeasible"] = [window.infeasible for window in windows]
-    for name in _NOTED:
-        told = [getattr(window, name) for window in windows]
-        if name != "unseen" or any(told):
-            content[name] = json.dumps(told)
+    for name in _WINDOW_FIELDS:
+        values = [getattr(window, name) for window in windows]
+        if name != "unseen" or any(values):
+            content[name] = json.dumps(values)
     for number, window in enumerate(windows):
         content |= _pack(f"window{number}.plan", window.plan)
         content |= _pack(f"window{number}.reference", window.reference)
@@ -178,14 +179,16 @@ def _pack_flight(flight: Flight) -> dict[str, Any]:
 
 
 def _unpack_flight(content: Mapping[str, np.ndarray], first_knots: list[int]) -> Flight:
-    noted = [_noted(name, content, len(first_knots)) for name in _NOTED if name in content]
+    fields = [
+        _window_field(name, content, len(first_knots)) for name in _WINDOW_FIELDS if name in content
+    ]
     windows = tuple(
         Window(
             first_knot,
             _unpack(f"window{number}.plan", content),
             _unpack(f"window{number}.reference", content),
             reason,
-            **dict(each[number] for each in noted),
+            **dict(each[number] for each in fields),
         )
         for number, (first_knot, reason) in enumerate(
             zip(first_knots, content["infeasible"].tolist(), strict=True)
@@ -196,24 +199,26 @@ def _unpack_flight(content: Mapping[str, np.ndarray], first_knots: list[int]) ->
     return Flight(plan, windows)
 
 
-def _noted(name: str, content: Mapping[str, np.ndarray], windows: int) -> list[tuple[str, Any]]:
-    """What is noted of each window, with its name."""
-    told = _NOTED[name].validate_json(str(content[name]))
-    if len(told) != windows:
-        raise ValueError(f"{name} is not told of every window")
-    return [(name, each) for each in told]
+def _window_field(
+    name: str, content: Mapping[str, np.ndarray], windows: int
+) -> list[tuple[str, Any]]:
+    """Return the name and the value of a field for every window."""
+    values = _WINDOW_FIELDS[name].validate_json(str(content[name]))
+    if len(values) != windows:
+        raise ValueError(f"{name} has {len(values)} values, expected one for each window")
+    return [(name, each) for each in values]
 
 
-def _pack_flown(simulation: Simulation) -> dict[str, Any]:
-    arrays = {f"simulation.{name}": getattr(simulation, name) for name in _FLOWN}
+def _pack_simulation(simulation: Simulation) -> dict[str, Any]:
+    arrays = {f"simulation.{name}": getattr(simulation, name) for name in _SIMULATED}
     if not np.array_equal(np.asarray(simulation.elapsed), simulation.times - simulation.times[0]):
-        arrays[_ELAPSED] = simulation.elapsed  # a clock far from 0 is rounded
+        arrays[_ELAPSED] = simulation.elapsed  # times on a clock far from 0 are rounded
     _check_numbers("simulation", arrays)
     return {"plant": simulation.plant, **arrays}
 
 
-def _unpack_flown(flight: Flight, content: Mapping[str, np.ndarray]) -> Simulation:
-    arrays = {name: content[f"simulation.{name}"] for name in _FLOWN}
+def _unpack_simulation(flight: Flight, content: Mapping[str, np.ndarray]) -> Simulation:
+    arrays = {name: content[f"simulation.{name}"] for name in _SIMULATED}
     if _ELAPSED in content:
         arrays["elapsed"] = content[_ELAPSED]
     _check_numbers("simulation", arrays)
@@ -223,9 +228,9 @@ def _unpack_flown(flight: Flight, content: Mapping[str, np.ndarray]) -> Simulati
 def _check_windows(plan: Plan, windows: tuple[Window, ...]) -> None:
     knots = plan.scenario.grid.knots
     starts = [window.first_knot for window in windows]
-    rising = all(early < late for early, late in pairwise([-1, *starts, knots - 1]))
-    if not rising or starts[:1] != [0] or not all(isinstance(start, int) for start in starts):
-        raise ValueError("the windows do not make up the flight")
+    increasing = all(early < late for early, late in pairwise([-1, *starts, knots - 1]))
+    if not increasing or starts[:1] != [0] or not all(isinstance(start, int) for start in starts):
+        raise ValueError("the windows do not cover the flight in order")
     for window in windows:
         if {window.plan.scenario.grid.knots, window.reference.scenario.grid.knots} != {
             knots - window.first_knot
@@ -246,7 +251,7 @@ def _unpack(prefix: str, content: Mapping[str, np.ndarray]) -> Plan:
     arrays = {name: content[f"{prefix}.{name}"] for name in _ARRAYS}
     _check_numbers(prefix, arrays)
     statistics = _STATISTICS.validate_json(str(content[f"{prefix}.statistics"]), strict=True)
-    under_way = prefix != "plan"  # what a window begins with, no one has chosen
+    under_way = prefix != "plan"  # the initial state of a window is given by the flight
     scenario = scenario_from_json(str(content[f"{prefix}.scenario"]), under_way=under_way)
     positions, velocities, accelerations = (arrays[name] for name in _ARRAYS)
     return Plan(scenario, positions, velocities, accelerations, statistics)
@@ -254,5 +259,5 @@ def _unpack(prefix: str, content: Mapping[str, np.ndarray]) -> Plan:
 
 def _check_numbers(prefix: str, arrays: Mapping[str, np.ndarray]) -> None:
     for name, array in arrays.items():
-        if array.dtype != np.float64 or not np.all(np.abs(array) <= LARGEST):  # never with a NaN
-            raise ValueError(f"{prefix}.{name} has values that are no numbers up to {LARGEST:g}")
+        if array.dtype != np.float64 or not np.all(np.abs(array) <= LARGEST):  # also true for NaN
+            raise ValueError(f"{prefix}.{name} has values that are not numbers up to {LARGEST:g}")

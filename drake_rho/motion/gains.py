@@ -1,4 +1,4 @@
-"""The feedback's two gains, found by search: in the units of `drake_rho.motion.sampled_loop`."""
+"""Search for the feedback's two gains, in the units of `drake_rho.motion.sampled_loop`."""
 
 from __future__ import annotations
 
@@ -13,51 +13,53 @@ from drake_rho.motion.sampled_loop import Responses, is_stable
 from drake_rho.scenario.fields import FloatArray
 
 _PARTS = np.linspace(0.0, 1.0, 9)
-"""Where in a sample positions are looked at."""
+"""Parts of a sample at which radii of the position are evaluated."""
 
 _FINE_PARTS = np.linspace(0.0, 1.0, 33)
-"""The same for a bound."""
+"""Parts of a sample at which radii of the position are evaluated for a bound."""
 
 _BEGIN = np.zeros(1)
-"""The part of a sample at which a feedback is looked at that is constant in it."""
+"""Part of a sample at which the feedback, constant in the sample, is evaluated."""
 
 _COARSE, _CLOSE = 0.04, 1e-4
-"""Parts of a wind by which it is made smaller until its own gains bear it, first and at last."""
+"""Relative accuracies of the largest tolerable wind: of the first search, and of bisection."""
 
-_PARTS_BORNE = (1.0, *np.arange(1.0 - _COARSE, 0.0, -_COARSE).tolist())
-"""Parts of a wind that are tried one after the other until its own gains bear it."""
+_WIND_PARTS = (1.0, *np.arange(1.0 - _COARSE, 0.0, -_COARSE).tolist())
+"""Parts of a wind that are tried in this order until one is tolerable with its best gains."""
 
 _BANDWIDTHS = 12
 _FASTEST = 1.5
 _DAMPINGS = np.array([0.4, 0.6, 0.85, 1.2, 1.7, 3.0, 8.0])
-"""Where the search begins: bandwidths ω times the sample, up to the fastest, and dampings ζ."""
+"""Grid from which the search starts: number of bandwidths ω (times the sample), the fastest of
+them, and damping ratios ζ."""
 
 _TIE = 1e-3
-"""Weight of what decides between gains whose largest radii are all but equal."""
+"""Weight of secondary criteria, which decide between gains with almost equal largest radii."""
 
 _SEARCHES, _EVALUATIONS = 3, 40
-"""How often the simplex is made anew, so that it does not die at a bound, and its evaluations."""
+"""Number of simplex searches, as each may collapse at a bound, and evaluations in each of them."""
 
 
 class Loop(NamedTuple):
-    """What the gains are for."""
+    """Feedback loop for which gains are optimised."""
 
     delay: int
-    """d, in samples"""
+    """delay d, in samples"""
     samples: int
-    """of the flight"""
+    """number of samples in the flight"""
     sizes: tuple[float, float, float, float, float]
-    """of wind, position errors, velocity errors, and position and velocity at first [m/s²]"""
+    """sizes of wind, position and velocity estimation errors, initial position and velocity errors
+    [m/s²]"""
     limit: float
-    """the largest norm that the feedback may have [m/s²]; infinite for no limit"""
+    """largest norm of the feedback [m/s²]; infinite for no limit"""
 
 
 @lru_cache(maxsize=256)
 def best_gains(loop: Loop) -> tuple[float, float]:
-    """The gains for which the largest radius of the position is least, the feedback in its limit.
+    """Return the gains that minimise the largest radius of the position with feedback in its limit.
 
-    Where many gains have the same largest radius, as when an error at first is the largest, the
-    radius at the end decides, and the weaker feedback.
+    If many gains have the same largest radius, for example where the initial error is the largest,
+    those with a smaller final radius and weaker feedback are preferred.
     """
     sizes = np.array(loop.sizes)
 
@@ -70,87 +72,90 @@ def best_gains(loop: Loop) -> tuple[float, float]:
         return float(np.log(radii.max() + _TIE * radii[-1, -1]) + _TIE * weak)
 
     if not Responses.of((0.0, 0.0), loop.delay, loop.samples).radii("position", [1.0], sizes).any():
-        return 0.0, 0.0  # there is nothing to correct
+        return 0.0, 0.0  # there is no error
     return _search(cost, loop.delay, loop.samples)[0]
 
 
 @lru_cache(maxsize=256)
 def largest_wind(loop: Loop, radius: float) -> float:
-    """Return the largest wind [m/s²] for which a position stays within a radius, and feedback too.
+    """Return the largest wind [m/s²] that keeps the position's radius and feedback within limits.
 
-    That is so with the gains that `best_gains` has for this wind, at every instant. Between two
-    parts of a sample that are w apart, the radius is above the larger one of those at both by
-    κ w²/8 at most, κ being that of the feedback (`drake_rho.motion.radii`).
+    The limits hold at every instant with the gains of `best_gains` for this wind. Between two
+    parts of a sample that are w apart, the radius exceeds the larger of those at both by at most
+    κ w²/8, where κ is the radius of the feedback (`drake_rho.motion.radii`).
 
     Args:
-        loop: what the gains are for, with errors as they are; its wind is not looked at.
-        radius: of the position, in m/s² times the squared sample.
+        loop: the feedback loop with its estimation errors; its wind is ignored.
+        radius: largest radius of the position, in m/s² times the squared sample.
 
     Returns:
-        The wind, infinite where the radius is; 0 where the errors alone are too large.
+        The wind; infinite for an infinite radius, and 0 where the errors alone are too large.
     """
     if not np.isfinite(radius):
         return np.inf
 
     def cost(responses: Responses) -> float:
-        most = borne(loop, responses, radius)
+        most = tolerable_wind(loop, responses, radius)
         return -float(np.log(most)) if most > 0.0 else np.inf
 
-    def is_borne(wind: float) -> bool:
+    def is_tolerable(wind: float) -> bool:
         gains = best_gains(loop._replace(sizes=(wind, *loop.sizes[1:])))
-        return wind <= borne(loop, Responses.of(gains, loop.delay, loop.samples), radius)
+        return wind <= tolerable_wind(loop, Responses.of(gains, loop.delay, loop.samples), radius)
 
-    # the gains for the least peak are found by a search of their own, and may bear a little less
+    # `best_gains` results from another search, and its gains may tolerate slightly less wind
     wind = float(np.exp(-_search(cost, loop.delay, loop.samples)[1]))
-    part = next((part for part in _PARTS_BORNE if is_borne(part * wind)), 0.0)
+    part = next((part for part in _WIND_PARTS if is_tolerable(part * wind)), 0.0)
     if part == 1.0:
         return wind
     low, high = part * wind, min(1.0, part + _COARSE) * wind
     while high - low > _CLOSE * wind:
         middle = (low + high) / 2.0
-        low, high = (middle, high) if is_borne(middle) else (low, middle)
+        low, high = (middle, high) if is_tolerable(middle) else (low, middle)
     return low
 
 
-def borne(loop: Loop, responses: Responses, radius: float) -> float:
-    """Return the largest wind that given gains bear, 0 where the errors are too much [m/s²]."""
+def tolerable_wind(loop: Loop, responses: Responses, radius: float) -> float:
+    """Return the largest tolerable wind for given gains [m/s²]; 0 if errors alone are too large."""
     unit, errors = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, *loop.sizes[1:]])
     above = (_FINE_PARTS[1] - _FINE_PARTS[0]) ** 2 / 8.0
-    taken, needed = (
+    by_wind, by_errors = (
         responses.radii("position", _FINE_PARTS, sizes)
         + above * responses.radii("acceleration", _BEGIN, sizes)
         for sizes in (unit, errors)
     )
-    pairs = [(taken, radius - needed)]
+    pairs = [(by_wind, radius - by_errors)]
     if np.isfinite(loop.limit):
-        taken, needed = (responses.radii("acceleration", _BEGIN, each) for each in (unit, errors))
-        pairs.append((taken, loop.limit - needed))
+        by_wind, by_errors = (
+            responses.radii("acceleration", _BEGIN, each) for each in (unit, errors)
+        )
+        pairs.append((by_wind, loop.limit - by_errors))
     most = np.inf
-    for taken, left in pairs:
+    for by_wind, left in pairs:
         if left.min() < 0.0:
             return 0.0
-        at_all = taken > 0.0
-        most = min(most, float(np.min(left[at_all] / taken[at_all], initial=np.inf)))
+        affected = by_wind > 0.0
+        most = min(most, float(np.min(left[affected] / by_wind[affected], initial=np.inf)))
     return most
 
 
 def _search(
     cost: Callable[[Responses], float], delay: int, samples: int
 ) -> tuple[tuple[float, float], float]:
-    """The gains of least cost, and that cost; no feedback where nothing else has a finite one.
+    """Return the gains of least cost, and that cost; no feedback unless others cost less.
 
-    From the best of a coarse grid, by Nelder and Mead's simplex. The optimum is often at a bound of
-    what is allowed, where the cost is infinite: there a simplex flattens, so it is made anew.
+    The Nelder-Mead simplex search starts from the best point of a coarse grid. It is restarted,
+    because the optimum is often at the bound of the feasible region, outside which the cost is
+    infinite and where a simplex collapses.
     """
-    from scipy.optimize import minimize  # slow to load, so only where needed
+    from scipy.optimize import minimize  # imported here: slow to load
 
-    def cost_at(place: FloatArray) -> float:
-        gains = _gains(place)
+    def cost_at(logarithms: FloatArray) -> float:
+        gains = _gains(logarithms)
         if not is_stable(gains, delay):
             return np.inf
         return cost(Responses.of(gains, delay, samples))
 
-    slowest = 0.3 / samples  # feedback that comes to nothing within the flight
+    slowest = 0.3 / samples  # feedback that has almost no effect within the flight
     bandwidths = np.linspace(np.log(slowest), np.log(_FASTEST), _BANDWIDTHS)
     starts = [np.array(each) for each in product(bandwidths, np.log(_DAMPINGS))]
     best, least = min(((x, cost_at(x)) for x in starts), key=lambda each: each[1])
@@ -164,10 +169,10 @@ def _search(
     return (_gains(best), least) if least < without else ((0.0, 0.0), without)
 
 
-def _gains(place: FloatArray) -> tuple[float, float]:
-    """α = ω², β = 2 ζ ω + ω² / 2 of the logarithms of ω and ζ.
+def _gains(logarithms: FloatArray) -> tuple[float, float]:
+    """Return the gains α = ω² and β = 2 ζ ω + ω² / 2 for the logarithms of ω and ζ.
 
     Without delay, feedback is stable for ζ > 0 and β < 2; ω = 1 and ζ = 1/2 are deadbeat.
     """
-    omega, zeta = np.exp(np.clip(place, -50.0, 5.0))
+    omega, zeta = np.exp(np.clip(logarithms, -50.0, 5.0))
     return float(omega**2), float(2.0 * zeta * omega + omega**2 / 2.0)

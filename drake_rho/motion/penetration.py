@@ -1,13 +1,14 @@
-"""Where motions are deepest inside a convex shape, at rest or moving, without sampling.
+"""Deepest instants of motions inside a convex shape, at rest or moving, by branch and bound.
 
-On a piece of time in which the relative motion x(s) is quadratic, with acceleration a, the signed
-distance d from a convex shape makes d(x(s)) - norm(a)/2 (s - s0) (s1 - s) convex in s. It equals d
-at the ends s0 and s1, is below it between, and above its own tangents there: where these meet is a
-lower bound of d, short of its least value in proportion to the square of the time between. Pieces
-whose bound is too high are dropped, the others are split. (A step by the distance alone,
-conservative advancement, stalls where a motion touches a shape.)
+On a piece of time from s0 to s1 the relative motion x(s) is quadratic with acceleration a. With the
+signed distance d from a convex shape, the function d(x(s)) - norm(a)/2 (s - s0) (s1 - s) is convex
+in s. It equals d at the ends, is below d between them, and lies above its own tangents at the ends,
+which therefore meet at a lower bound of d. The gap of this bound is proportional to the square of
+the piece's duration. Pieces whose bound is too high are dropped, the others are split. (A step by
+the distance alone, conservative advancement, stalls where a motion touches a shape.)
 
-A ball has a closed form (`drake_rho.motion.clearance`).
+The result is not sampled, but exact to a precision. A ball has a closed form
+(`drake_rho.motion.clearance`).
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.quadrics import Sphere
 
 _PARTS = 8
-"""Parts that a piece is split into."""
+"""Number of parts into which a piece is split."""
 
 _SPLITS = 18
-"""Bound on the splits of a piece: past the last digit of a double."""
+"""Bound on the successive splits of a piece, beyond the last digit of a double."""
 
 _PRECISION = 1e-3
-"""Depth in tolerances to which the deepest instant is found."""
+"""Precision of the greatest depth, as a part of the tolerance."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,23 +42,23 @@ class Pieces:
     owners: IntArray
     """index of the vehicle, shape (M,)"""
     times: FloatArray
-    """when a piece begins, since the first knot [s], shape (M,)"""
+    """beginning of each piece since the first knot [s], shape (M,)"""
     durations: FloatArray
-    """[s], shape (M,)"""
+    """durations [s], shape (M,)"""
     p: FloatArray
-    """from the shape's centre [m], shape (M, 3)"""
+    """positions relative to the shape's centre [m], shape (M, 3)"""
     v: FloatArray
-    """[m/s], shape (M, 3)"""
+    """relative velocities [m/s], shape (M, 3)"""
     a: FloatArray
-    """[m/s²], shape (M, 3)"""
+    """relative accelerations [m/s²], shape (M, 3)"""
 
     def at(self, s: FloatArray) -> FloatArray:
-        """Positions at s, shape (M,), after the beginning of each piece [m], shape (M, 3)."""
+        """Return positions [m], shape (M, 3), at times s [s] since each piece's beginning, (M,)."""
         positions: FloatArray = self.p + s[:, None] * (self.v + s[:, None] / 2 * self.a)
         return positions
 
     def select(self, which: BoolArray | IntArray) -> Pieces:
-        """Some of the pieces."""
+        """Return a selection of the pieces."""
         fields = (getattr(self, field.name) for field in dataclasses.fields(self))
         return Pieces(*(field[which] for field in fields))
 
@@ -67,8 +68,8 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
 
     Args:
         motion: of several vehicles, arrays of shape (N, ..., 3).
-        obstacle: on a clock that is 0 at the first knot; its corners cut steps into pieces.
-        within: of how close, for each vehicle [m], shape (N,).
+        obstacle: on a clock that is 0 at the first knot; its corners split steps into pieces.
+        within: the distance that counts as close, for each vehicle [m], shape (N,).
     """
     h, count = motion.step, motion.accelerations.shape[1]
     times: FloatArray = np.float64(h) * np.arange(count)
@@ -81,11 +82,11 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
         k = np.minimum(step_at(times, h), count - 1)
         a = motion.accelerations[:, k]
     durations: FloatArray = np.diff(times, append=h * count)
-    middles = times + durations / 2.0  # where no rounding tells one side of a corner for the other
+    middles = times + durations / 2.0  # away from corners, which rounding could shift
     p, v = p - obstacle.centers(times), v - obstacle.velocities(middles)
-    w = durations[:, None]  # an axis that turns round gets no further than v/2 would in all of w
-    ways = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
-    reach = obstacle.shape.extent + within[:, None, None] + ways
+    w = durations[:, None]  # a coordinate that turns round moves at most as far as v/2 does in w
+    moved = w * np.maximum(np.abs(v + w / 2 * a), np.abs(v) / 2)
+    reach = obstacle.shape.extent + within[:, None, None] + moved
     near = np.all(np.abs(p) < reach, axis=2)
     if obstacle.active is not None:
         near &= obstacle.is_active(middles)
@@ -96,17 +97,17 @@ def pieces_near(motion: Motion, obstacle: Obstacle, within: FloatArray) -> Piece
 def deepest(
     shape: Shape, pieces: Pieces, below: FloatArray, tolerances: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Where pieces come below a signed distance from a shape, and when each is lowest.
+    """Return the pieces that come below a signed distance from a shape, with their lowest instants.
 
     Args:
         shape: the shape.
         pieces: M pieces.
-        below: the signed distance for each [m], shape (M,).
-        tolerances: by which a shape may be entered; the deepest instant is found to a thousandth
-            of them [m], shape (M,).
+        below: signed distance of each piece [m], shape (M,).
+        tolerances: accepted depth in the shape [m], shape (M,); the depth of the instants returned
+            is exact to a thousandth of it.
 
     Returns:
-        Indices of pieces that do, shape (D,), and times since the first knot [s], shape (D,).
+        Indices of these pieces, shape (D,), and times since the first knot [s], shape (D,).
     """
     if len(pieces.owners) == 0:
         return np.zeros(0, dtype=int), np.zeros(0)
@@ -118,7 +119,7 @@ def deepest(
 def _deepest(
     shape: Shape, pieces: Pieces, below: FloatArray, tolerances: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Pieces, and times after their beginnings, by bounds and splits."""
+    """Return pieces, and times since their beginnings, by branch and bound."""
     search = _Search(shape, pieces, below, _PRECISION * tolerances)
     return search.run()
 
@@ -127,20 +128,20 @@ def _deepest(
 def _(
     shape: Sphere, pieces: Pieces, below: FloatArray, tolerances: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """In closed form."""
+    """Return pieces, and times since their beginnings, in closed form."""
     s = nearest_moments(pieces.p, pieces.v, pieces.a, pieces.durations)
     inside = np.flatnonzero(shape.signed_distance(pieces.at(s)) < below)
     return inside, s[inside]
 
 
 class _Search:
-    """The lowest instant of each piece, by bounds from tangents.
+    """Branch-and-bound search for the lowest instant of each piece, with bounds from tangents.
 
     Args:
         shape: the shape.
         pieces: M pieces.
-        below: only what is lower is looked for [m], shape (M,).
-        precision: by how much the lowest may be missed [m], shape (M,).
+        below: signed distances below which instants are searched [m], shape (M,).
+        precision: accepted error of the least distances [m], shape (M,).
     """
 
     def __init__(
@@ -148,17 +149,17 @@ class _Search:
     ) -> None:
         self._shape, self._pieces = shape, pieces
         self._below, self._precision = below, precision
-        self._bends = np.linalg.norm(pieces.a, axis=1)
+        self._curvatures = np.linalg.norm(pieces.a, axis=1)
         self.lowest = np.full(len(below), np.inf)
         self.moments = np.zeros(len(below))
 
     def run(self) -> tuple[IntArray, FloatArray]:
-        """Pieces that come below, and when they are lowest."""
+        """Return the pieces that come below the given distance, and their lowest instants."""
         which = np.arange(len(self._below))
         low, high = np.zeros(len(which)), np.array(self._pieces.durations)
         at_low, at_high = self._sample(which, low), self._sample(which, high)
         for _ in range(_SPLITS):
-            least = _bounds(high - low, at_low, at_high, self._bends[which])
+            least = _bounds(high - low, at_low, at_high, self._curvatures[which])
             sought = np.minimum(self._below[which], self.lowest[which] - self._precision[which])
             open_ = np.flatnonzero(least < sought)
             if len(open_) == 0:
@@ -177,22 +178,29 @@ class _Search:
         return found, self.moments[found]
 
     def _sample(self, which: IntArray, s: FloatArray) -> FloatArray:
-        """Signed distances and their slopes at times in pieces, shape (2, P)."""
+        """Return signed distances and their slopes at times in pieces, shape (2, P)."""
         pieces = self._pieces.select(which)
         d, n = self._shape.measured(pieces.at(s))
         slope = np.einsum("pi,pi->p", n, pieces.v + s[:, None] * pieces.a)
-        order = np.argsort(-d, kind="stable")  # of several in a piece the lowest comes last
+        order = np.argsort(-d, kind="stable")  # the lowest instant of a piece is assigned last
         order = order[d[order] < self.lowest[which[order]]]
         self.lowest[which[order]], self.moments[which[order]] = d[order], s[order]
         return np.stack([d, slope])
 
 
 def _bounds(
-    width: FloatArray, at_low: FloatArray, at_high: FloatArray, bends: FloatArray
+    width: FloatArray, at_low: FloatArray, at_high: FloatArray, curvatures: FloatArray
 ) -> FloatArray:
-    """Lower bounds between two instants: where the tangents from both meet; arrays (P,)."""
-    falls = np.minimum(at_low[1] - bends / 2 * width, 0.0)
-    climbs = np.maximum(at_high[1] + bends / 2 * width, 0.0)
+    """Return lower bounds of the distance between two instants, where the tangents meet, (P,).
+
+    Args:
+        width: time between the instants [s], shape (P,).
+        at_low: signed distances and their slopes at the first instants, shape (2, P).
+        at_high: those at the second instants, shape (2, P).
+        curvatures: norms of the accelerations [m/s²], shape (P,).
+    """
+    falls = np.minimum(at_low[1] - curvatures / 2 * width, 0.0)
+    climbs = np.maximum(at_high[1] + curvatures / 2 * width, 0.0)
     steep = climbs - falls
     meet = (climbs * width - at_high[0] + at_low[0]) / np.where(steep > 0.0, steep, 1.0)
     meet = np.clip(np.where(steep > 0.0, meet, 0.0), 0.0, width)

@@ -1,4 +1,4 @@
-"""Records of what was planned and flown: `Plan`, `Window`, `Flight`."""
+"""Records of planned and flown trajectories: `Plan`, `Window`, `Flight`."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from pydrake.trajectories import PiecewisePolynomial
 
 
-def told(scenario: Scenario) -> str:
-    """A scenario in a few words."""
+def summary(scenario: Scenario) -> str:
+    """Return a scenario's name and its numbers of vehicles and knots."""
     count = len(scenario.vehicles)
     vehicles = "1 vehicle" if count == 1 else f"{count} vehicles"
     return f"{scenario.name}: {vehicles}, {scenario.grid.knots} knots"
@@ -29,11 +29,11 @@ def told(scenario: Scenario) -> str:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan(metaclass=Described):
-    """One trajectory for every vehicle of a scenario.
+    """Trajectories of all vehicles of a scenario.
 
     Raises:
-        ValueError: an array has another shape than the scenario asks for, or a value that is no
-            finite number.
+        ValueError: an array has a shape that does not match the scenario, or a value that is not
+            finite.
 
     Examples:
         >>> plan = rho.plan(rho.load_scenario("paper"))
@@ -44,7 +44,7 @@ class Plan(metaclass=Described):
     """
 
     scenario: Scenario
-    """what was asked"""
+    """the planned scenario"""
     positions: FloatArray
     """p[k] at the knots [m], shape (N, K, 3)"""
     velocities: FloatArray
@@ -52,13 +52,13 @@ class Plan(metaclass=Described):
     accelerations: FloatArray
     """a[k] from knot k to knot k+1 [m/s²], shape (N, K-1, 3)"""
     statistics: Statistics = dataclasses.field(default_factory=Statistics)
-    """what it took"""
+    """statistics of planning"""
     reference: Plan | None = None
-    """the motion around which obstacles were linearised to find it; None if there was none"""
+    """motion around which obstacles were linearised; None if there was none"""
 
     def __post_init__(self) -> None:
         vehicles, knots = len(self.scenario.vehicles), self.scenario.grid.knots
-        # accelerations first: the others follow from them, and so would a number that is none
+        # accelerations are checked first: the others follow from them, and so does a NaN
         shapes = {"accelerations": knots - 1, "positions": knots, "velocities": knots}
         for name, length in shapes.items():
             array = locked(getattr(self, name))
@@ -73,16 +73,16 @@ class Plan(metaclass=Described):
             object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
-        """As in '<Plan of paper: 4 vehicles, 50 knots, cost 16741.4 m²/s⁴>': arrays are many."""
-        return f"<Plan of {told(self.scenario)}, cost {self.cost:.6g} m²/s⁴>"
+        """Return '<Plan of paper: 4 vehicles, 50 knots, cost 16741.4 m²/s⁴>', without arrays."""
+        return f"<Plan of {summary(self.scenario)}, cost {self.cost:.6g} m²/s⁴>"
 
     @classmethod
     @checked
     def from_accelerations(
         cls, scenario: Scenario, accelerations: FloatArray, statistics: Statistics | None = None
     ) -> Self:
-        """The plan that flies `accelerations` [m/s²], shape (N, K-1, 3), from the starts."""
-        with np.errstate(over="ignore", invalid="ignore"):  # the plan refuses what comes of it
+        """Return the plan from the starts with `accelerations` [m/s²], shape (N, K-1, 3)."""
+        with np.errstate(over="ignore", invalid="ignore"):  # the plan checks for finite values
             motion = Motion.from_starts(scenario.fleet, accelerations, scenario.grid.step)
         return cls.from_motion(scenario, motion, statistics)
 
@@ -90,39 +90,39 @@ class Plan(metaclass=Described):
     def from_motion(
         cls, scenario: Scenario, motion: Motion, statistics: Statistics | None = None
     ) -> Self:
-        """The plan that flies a motion of a scenario's vehicles, arrays of shape (N, ..., 3)."""
+        """Return the plan with a motion of a scenario's vehicles, arrays of shape (N, ..., 3)."""
         p, v, a = motion.positions, motion.velocities, motion.accelerations
         return cls(scenario, p, v, a, statistics or Statistics())
 
     def with_statistics(self, statistics: Statistics) -> Plan:
-        """This plan with another account of what it took."""
+        """Return the plan with other statistics."""
         return unchecked(self, statistics=statistics)
 
     def lasting(self, seconds: float) -> Plan:
-        """Return this plan as one that took another wall time [s]."""
+        """Return the plan with another wall time of planning [s]."""
         return self.with_statistics(unchecked(self.statistics, seconds=seconds))
 
     def found_around(self, reference: Plan) -> Plan:
-        """This plan with its reference, of which only the motion is kept."""
+        """Return the plan with its reference, of which only the motion is stored."""
         motion = unchecked(reference, reference=None, statistics=Statistics())
         return unchecked(self, reference=motion)
 
     @property
     def times(self) -> FloatArray:
-        """Time of every knot [s], shape (K,)."""
+        """Times of the knots on the scenario's clock [s], shape (K,)."""
         return self.scenario.grid.times
 
     @property
     def cost(self) -> float:
-        """The performance index f (13) [m²/s⁴]: the sum of squared accelerations."""
+        """Performance index f (13), the sum of squared accelerations [m²/s⁴]."""
         return float(np.sum(self.accelerations**2))
 
     def states(self, knot: int) -> FloatArray:
-        """Positions [m] and velocities [m/s] side by side at a knot from 0, shape (N, 6)."""
+        """Return positions [m] and velocities [m/s] at a knot counted from 0, shape (N, 6)."""
         return np.concatenate([self.positions[:, knot], self.velocities[:, knot]], axis=1)
 
     def only(self, vehicles: IntArray) -> Plan:
-        """The plan of some of the vehicles, by their indices, as one of its own."""
+        """Return the plan of some of the vehicles, given by their indices."""
         return Plan(
             self.scenario.of_vehicles(vehicles.tolist()),
             self.positions[vehicles],
@@ -131,7 +131,7 @@ class Plan(metaclass=Described):
         )
 
     def motion(self) -> Motion:
-        """The motion of all vehicles, to be asked at any time; arrays of shape (N, ..., 3)."""
+        """Return the motion of all vehicles, with values at any time; arrays (N, ..., 3)."""
         return Motion(
             self.scenario.grid.step,
             self.positions,
@@ -141,7 +141,7 @@ class Plan(metaclass=Described):
         )
 
     def motions(self) -> list[Motion]:
-        """The motion of each vehicle alone."""
+        """Return a motion for each vehicle."""
         whole = self.motion()
         return [
             Motion(whole.step, *each)
@@ -151,7 +151,7 @@ class Plan(metaclass=Described):
         ]
 
     def trajectory(self, name: str) -> PiecewisePolynomial:
-        """The path of the vehicle called `name`, exact at every time, as Drake's own type.
+        """Return the trajectory of the vehicle called `name` as Drake's type, exact at all times.
 
         Raises:
             ValueError: there is no such vehicle.
@@ -170,12 +170,13 @@ class Plan(metaclass=Described):
         return PiecewisePolynomial(pieces, self.times)
 
     def remainder(self, knot: int) -> Scenario:
-        """The scenario that is left at `knot` (counted from 0): same goals, same arrival time.
+        """Return the scenario of the rest of the flight from `knot`, counted from 0.
 
-        The start is the state of the plan there, with the acceleration flown until then.
+        Goals and arrival time remain. The start is the planned state at the knot, with the
+        acceleration of the step before it.
 
         Raises:
-            ValueError: `knot` is none at which a step begins.
+            ValueError: no step begins at `knot`.
         """
         if not 0 <= knot < self.scenario.grid.knots - 1:
             expected = f"0 to {self.scenario.grid.knots - 2}"
@@ -184,16 +185,16 @@ class Plan(metaclass=Described):
             return self.scenario
         return self.scenario.from_states(
             self.scenario.grid.from_knot(knot),
-            self._kept("position", self.positions[:, knot]),
-            self._kept("velocity", self.velocities[:, knot]),
-            self._kept("acceleration", self.accelerations[:, knot - 1]),
+            self._without_rounding("position", self.positions[:, knot]),
+            self._without_rounding("velocity", self.velocities[:, knot]),
+            self._without_rounding("acceleration", self.accelerations[:, knot - 1]),
             tube_of(self.scenario).tracking if self.scenario.disturbance else None,
         )
 
-    def _kept(self, quantity: Quantity, values: FloatArray) -> FloatArray:
-        """Values of all vehicles; rounding does not put them outside limits that they keep to.
+    def _without_rounding(self, quantity: Quantity, values: FloatArray) -> FloatArray:
+        """Return the vehicles' values, projected to their limits where within the tolerance.
 
-        What is further outside, in a plan that breaks limits, stays where it is.
+        A value that violates a limit by more remains unchanged.
         """
         fleet = self.scenario.fleet
         if (bounds := fleet.bounds(quantity)) is not None:
@@ -202,12 +203,12 @@ class Plan(metaclass=Described):
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
                 excess = limit.sets.excess(np.arange(len(values)), values)
-                held = excess <= limit.sets.tolerances
-                values = np.where(held[:, None], limit.sets.nearest(values), values)
+                satisfied = excess <= limit.sets.tolerances
+                values = np.where(satisfied[:, None], limit.sets.nearest(values), values)
         return values
 
     def tail(self, knot: int) -> Plan:
-        """What is left of the plan from `knot` (counted from 0) on, as a plan of its own."""
+        """Return the rest of the plan from `knot`, counted from 0, as a separate plan."""
         return unchecked(
             self,
             scenario=self.remainder(knot),
@@ -221,45 +222,46 @@ class Plan(metaclass=Described):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Window(metaclass=Described):
-    """One prediction of a receding horizon: the whole rest of the flight, seen from one knot."""
+    """One prediction of a receding horizon: the whole rest of the flight, planned at one knot."""
 
     first_knot: int
-    """where it starts, counted from 0"""
+    """first knot of the window, counted from 0"""
     plan: Plan
     """the whole prediction, up to the goal"""
     reference: Plan
-    """the motion around which obstacles were linearised"""
+    """motion around which obstacles were linearised"""
     infeasible: str = ""
-    """empty, or why the window had no plan of its own; `plan` is then the previous one's tail, or
-    where that does not avoid what is known now, the plan that comes least too close"""
+    """empty, or the reason why no new plan was found; `plan` is then the tail of the previous plan
+    or, if that violates constraints known by now, a plan of minimum violation"""
     learned: tuple[int, ...] = ()
-    """numbers of the obstacles, from 1, that this window is the first to know of"""
+    """numbers of the obstacles, from 1, that became known with this window"""
     not_avoided: tuple[int, ...] = ()
-    """numbers of the obstacles that its plan does not keep out of"""
+    """numbers of the obstacles, from 1, that its plan does not avoid"""
     kept: bool = False
-    """whether its plan is the previous one's rest, which still holds, in the tube that it had"""
+    """true if its plan is the rest of the previous one, which still satisfies all constraints in
+    its old tube"""
     off_tube: tuple[str, ...] = ()
-    """names of the vehicles that were further from the previous plan than its tube reaches and
-    estimates err, so that they are disturbed more than the scenario says"""
+    """names of the vehicles that deviated from the previous plan by more than its tube and the
+    estimation errors allow, and so were disturbed more than the scenario states"""
     unseen: tuple[str, ...] = ()
-    """names of the vehicles that were not seen when it was planned, and were predicted"""
+    """names of the vehicles whose states were not measured but predicted"""
 
     def __repr__(self) -> str:
-        """As in '<Window from knot 6: a new plan, cost 12.5 m²/s⁴>'."""
-        kind = "a new plan" if not self.infeasible else "what breaks least"
+        """Return a short text, such as '<Window from knot 6: a new plan, cost 12.5 m²/s⁴>'."""
+        kind = "a new plan" if not self.infeasible else "a plan of minimum violation"
         kind = "the rest of the previous plan" if self.kept else kind
         return f"<Window from knot {self.first_knot + 1}: {kind}, cost {self.plan.cost:.6g} m²/s⁴>"
 
     @property
     def statistics(self) -> Statistics:
-        """What it took, the reference included; `seconds` is the wall time of the whole window."""
+        """Statistics with those of the reference; `seconds` is the whole window's wall time."""
         own = self.plan.statistics
         if self.reference is self.plan:
             return own
         return dataclasses.replace(self.reference.statistics + own, seconds=own.seconds)
 
     def lasting(self, seconds: float) -> Window:
-        """Return this window as one that took another wall time [s], the reference included."""
+        """Return the window with another wall time [s], which includes that of the reference."""
         plan = self.plan.lasting(seconds)
         reference = plan if self.reference is self.plan else self.reference
         return unchecked(self, plan=plan, reference=reference)
@@ -267,48 +269,49 @@ class Window(metaclass=Described):
 
 @dataclasses.dataclass(frozen=True)
 class Sighting:
-    """When a flight learned of an obstacle, and what came of it."""
+    """Obstacle that became known during a flight, and whether it was avoided."""
 
     obstacle: str
-    """what it is called"""
+    """name of the obstacle in reports"""
     time: float
-    """start of the first window that knew of it, on the scenario's clock [s]; without a window,
-    when it became known"""
+    """start of the first window that takes it into account, on the scenario's clock [s]; the time
+    at which it became known if there is no such window"""
     avoided: bool
-    """whether all windows from then on had a plan that keeps out of it"""
+    """true if the plans of all windows from then on avoid it"""
     planned_for: bool = True
-    """whether there was such a window: what is known after the last one has begun is in no plan"""
+    """true if there is such a window: no plan takes into account an obstacle that became known
+    after the last window had begun"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Flight(metaclass=Described):
-    """What a receding horizon has flown."""
+    """Flight of a scenario with a receding horizon."""
 
     plan: Plan
-    """the whole flight as flown"""
+    """the flown trajectories"""
     windows: tuple[Window, ...]
-    """the predictions it was flown by, in their order"""
+    """predictions of which the flight consists, in the order of time"""
 
     def __repr__(self) -> str:
-        """As in '<Flight of paper: 4 vehicles, 50 knots, 10 windows, cost 17027.2 m²/s⁴>'."""
-        asked, windows = told(self.scenario), len(self.windows)
-        return f"<Flight of {asked}, {windows} windows, cost {self.cost:.6g} m²/s⁴>"
+        """Return '<Flight of paper: 4 vehicles, 50 knots, 10 windows, cost 17027.2 m²/s⁴>'."""
+        scenario, windows = summary(self.scenario), len(self.windows)
+        return f"<Flight of {scenario}, {windows} windows, cost {self.cost:.6g} m²/s⁴>"
 
     @property
     def scenario(self) -> Scenario:
-        """What was asked."""
+        """The flown scenario."""
         return self.plan.scenario
 
     @property
     def cost(self) -> float:
-        """The performance index (13) of what was flown [m²/s⁴]."""
+        """Performance index (13) of the flown trajectories [m²/s⁴]."""
         return self.plan.cost
 
     @property
     def sightings(self) -> tuple[Sighting, ...]:
-        """The obstacles that became known under way, in the order of time."""
+        """Obstacles that became known during the flight, in the order of time."""
         missed = {number for window in self.windows for number in window.not_avoided}
-        seen = [
+        planned_for = [
             Sighting(
                 self.scenario.obstacle_name(number),
                 window.plan.scenario.grid.start,
@@ -317,11 +320,11 @@ class Flight(metaclass=Described):
             for window in self.windows
             for number in window.learned
         ]
-        return (*seen, *self._unplanned)
+        return (*planned_for, *self._unplanned)
 
     @property
     def _unplanned(self) -> list[Sighting]:
-        """The obstacles that became known after the last window began, in the order of time."""
+        """Obstacles that became known after the last window had begun, in the order of time."""
         last = self.windows[-1].plan if self.windows else self.plan
         known = {number for number, _ in last.scenario.known}
         late = [
@@ -335,9 +338,9 @@ class Flight(metaclass=Described):
 
     @property
     def statistics(self) -> Statistics:
-        """What all windows took together."""
+        """Planning statistics of all windows together."""
         return self.plan.statistics
 
     def lasting(self, seconds: float) -> Flight:
-        """Return this flight as one whose planning took another wall time [s]."""
+        """Return the flight with another wall time of planning [s]."""
         return dataclasses.replace(self, plan=self.plan.lasting(seconds))

@@ -1,4 +1,4 @@
-"""States of what was planned or flown at times: what tables and documents are made of."""
+"""States of planned or flown motions at sample times, as written to tables and documents."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
 from drake_rho.scenario.records import Grid
 
 RATES = (0.0, 1000.0)
-"""Samples a second that can be asked for: above the first, at most the second, as clocks of
-autopilots and of shows count milliseconds."""
+"""Range of sample rates [1/s], from above the first to the second inclusive: clocks of autopilots
+and of drone shows count milliseconds."""
 _SAME = 1e-9
-"""Part of a step by which a time may be off a knot and be that knot."""
+"""Part of a step by which a time may differ from a knot and still count as that knot."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -24,15 +24,15 @@ class Samples:
     """States of N vehicles at M times."""
 
     names: tuple[str, ...]
-    """of the vehicles"""
+    """names of the vehicles"""
     times: FloatArray
-    """on the scenario's clock, rising [s], shape (M,)"""
+    """times on the scenario's clock, increasing [s], shape (M,)"""
     positions: FloatArray
-    """[m], shape (N, M, 3)"""
+    """positions [m], shape (N, M, 3)"""
     velocities: FloatArray
-    """[m/s], shape (N, M, 3)"""
+    """velocities [m/s], shape (N, M, 3)"""
     accelerations: FloatArray
-    """from each time on, none at the end of the flight [m/s²], shape (N, M, 3)"""
+    """accelerations that begin at each time, 0 at the end of the flight [m/s²], shape (N, M, 3)"""
 
     @property
     def states(self) -> FloatArray:
@@ -40,17 +40,17 @@ class Samples:
         return np.concatenate([self.positions, self.velocities, self.accelerations], axis=-1)
 
     def by_vehicle(self) -> Iterator[tuple[str, FloatArray]]:
-        """The name of each vehicle, and its states, shape (M, 9)."""
+        """Iterate over the vehicles' names and states, each of shape (M, 9)."""
         yield from zip(self.names, self.states, strict=True)
 
 
 def check_rate(rate: float | None) -> None:
-    """See that a motion can be sampled so often; None is any format's own rate.
+    """Check a sample rate [1/s]; None stands for a format's own rate.
 
     Raises:
-        ValueError: it cannot.
+        ValueError: the rate is outside `RATES`.
     """
-    if rate is not None and not RATES[0] < rate <= RATES[1]:  # nor with a NaN
+    if rate is not None and not RATES[0] < rate <= RATES[1]:  # also true for NaN
         expected = f"above {RATES[0]:g} and up to {RATES[1]:g} samples a second"
         raise ValueError(f"rate: got {rate:g}, expected {expected}")
 
@@ -58,12 +58,12 @@ def check_rate(rate: float | None) -> None:
 def sample(flown: Plan | Flight | Simulation, elapsed: FloatArray) -> Samples:
     """Return the states at some times since the first knot [s], shape (M,).
 
-    At a knot they are those of the plan to the last digit; from the last one on they stay what they
-    are there, without acceleration. Of a flight they are those of what was flown, of a simulation
-    those of the true motion.
+    States at knots equal those of the plan to the last digit. From the last knot on, positions and
+    velocities remain constant and accelerations are zero. For a flight, the states are those of
+    the flown plan; for a simulation, those of the true motion.
 
     Raises:
-        ValueError: a number is beyond any flight, and would be refused when it is read again.
+        ValueError: a number is so large that it would be rejected when read again.
     """
     scenario = flown.scenario
     known = np.minimum(elapsed, scenario.grid.elapsed[-1])
@@ -96,17 +96,17 @@ def _true(flown: Simulation, elapsed: FloatArray) -> tuple[FloatArray, ...]:
 
 
 def evenly(grid: Grid, rate: float) -> FloatArray:
-    """Times since the first knot at a rate [1/s], and the end: [s], shape (M,)."""
+    """Return times since the first knot at a rate [1/s], followed by the end [s], shape (M,)."""
     count = int(grid.duration * rate * (1.0 + _SAME))
     times = np.arange(count + 1) / rate
     return np.append(times[times < grid.elapsed[-1] - _SAME * grid.step], grid.elapsed[-1])
 
 
 def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
-    """Every knot, and if there is a rate [1/s], times at that rate between them.
+    """Return the times of all knots and, if a rate is given [1/s], times at that rate as well.
 
     Returns:
-        Times since the first knot [s], shape (M,), and which of them are the knots, shape (K,).
+        Times since the first knot [s], shape (M,), and the indices of the knots, shape (K,).
     """
     knots = grid.elapsed
     if rate is None:
@@ -118,10 +118,14 @@ def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
 
 
 def knots_among(grid: Grid, times: FloatArray) -> IntArray:
-    """Which of rising times on the scenario's clock [s], shape (M,), are the knots.
+    """Return the indices of the knots, shape (K,), among times on the scenario's clock.
+
+    Args:
+        grid: of the scenario.
+        times: increasing [s], shape (M,).
 
     Raises:
-        ValueError: a knot is not among them.
+        ValueError: a knot is not among the times.
     """
     if len(times) == 0:
         raise ValueError(f"no time, expected every knot, the first at {grid.start:g} s")

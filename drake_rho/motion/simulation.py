@@ -1,4 +1,4 @@
-"""The record of a flight in wind: where the vehicles truly were, and what was commanded."""
+"""Record of a simulated flight in wind: true states, wind and commands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.plan import Flight, told
+from drake_rho.motion.plan import Flight, summary
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import ErrorTube, error_tube, tube_of
 from drake_rho.scenario.described import Described
@@ -19,45 +19,47 @@ from drake_rho.scenario.records import Scenario
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Simulation(metaclass=Described):
-    """What came of a scenario when it was flown with a receding horizon and feedback.
+    """Simulated flight of a scenario with a receding horizon and feedback.
 
-    Between two times the command and the wind are constant, so that the motion of a point mass is
+    Command and wind are constant from each time to the next, so the motion of a point mass is
     known at every instant: its acceleration is the sum of both.
 
     Raises:
-        ValueError: the times do not rise, or an array has another shape than they and the scenario
-            ask for, or a value that is no finite number.
+        ValueError: the times do not increase, or an array has a shape that does not match the times
+            and the scenario, or a value that is not finite.
     """
 
     flight: Flight
-    """the windows, which are what was to be flown; `flight.plan` repeats their accelerations from
-    the start, so that it is what was flown only where there was no wind"""
+    """planned windows; `flight.plan` integrates their accelerations from the start, and so is the
+    flown motion only where there was no wind"""
     times: FloatArray
-    """on the scenario's clock, from its first knot to its last [s], shape (M,)"""
+    """times on the scenario's clock, from its first knot to its last [s], shape (M,)"""
     positions: FloatArray
     """true positions [m], shape (M, N, 3)"""
     velocities: FloatArray
     """true velocities [m/s], shape (M, N, 3)"""
     wind: FloatArray
-    """from each time to the next, the last one repeated [m/s²], shape (M, N, 3)"""
+    """acceleration by wind from each time to the next, the last one repeated [m/s²], shape
+    (M, N, 3)"""
     commands: FloatArray
-    """accelerations commanded, planned and feedback together, from each time to the next, the last
-    one repeated [m/s²], shape (M, N, 3)"""
+    """commanded accelerations, the sum of planned ones and feedback, from each time to the next,
+    the last one repeated [m/s²], shape (M, N, 3)"""
     plant: str = "point mass"
-    """what was flown: a point mass, or the name of a plant that follows the commands less well"""
+    """simulated plant: a point mass, or the name of one that follows the commands less exactly"""
     elapsed: FloatArray | None = None
-    """times since the first knot [s], shape (M,): exact, where a clock far from 0 rounds `times`;
-    taken from these if not given"""
+    """times since the first knot [s], shape (M,), exact even if a clock far from 0 rounds `times`;
+    computed from these if not given"""
 
     def __post_init__(self) -> None:
         times = locked(self.times)
         if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0.0):
-            raise ValueError(f"times: got shape {times.shape}, expected two or more rising times")
+            expected_times = "two or more increasing times"
+            raise ValueError(f"times: got shape {times.shape}, expected {expected_times}")
         object.__setattr__(self, "times", times)
         elapsed = locked(times - times[0] if self.elapsed is None else self.elapsed)
         if elapsed.shape != times.shape or not np.all(np.diff(elapsed) > 0.0):
-            rising = f"rising times of shape {times.shape}"
-            raise ValueError(f"elapsed: got shape {elapsed.shape}, expected {rising}")
+            increasing = f"increasing times of shape {times.shape}"
+            raise ValueError(f"elapsed: got shape {elapsed.shape}, expected {increasing}")
         object.__setattr__(self, "elapsed", elapsed)
         expected = (len(times), len(self.scenario.vehicles), 3)
         for name in ("positions", "velocities", "wind", "commands"):
@@ -65,52 +67,52 @@ class Simulation(metaclass=Described):
             if array.shape != expected:
                 raise ValueError(f"{name}: got shape {array.shape}, expected {expected}")
             if not np.isfinite(array).all():
-                raise ValueError(f"{name}: got numbers that are not finite, expected finite ones")
+                raise ValueError(f"{name}: got values that are not finite, expected finite ones")
             object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
-        """As in '<Simulation of courier: 1 vehicle, 41 knots; point mass, 2003 times>'."""
-        return f"<Simulation of {told(self.scenario)}; {self.plant}, {len(self.times)} times>"
+        """Return '<Simulation of courier: 1 vehicle, 41 knots; point mass, 2003 times>'."""
+        return f"<Simulation of {summary(self.scenario)}; {self.plant}, {len(self.times)} times>"
 
     @property
     def scenario(self) -> Scenario:
-        """What was asked."""
+        """The flown scenario."""
         return self.flight.scenario
 
     @property
     def statistics(self) -> Statistics:
-        """What planning took in all windows together."""
+        """Planning statistics of all windows together."""
         return self.flight.statistics
 
     @cached_property
     def tube(self) -> ErrorTube:
-        """Around a plan that is flown from the start to the end, without a new window."""
+        """Error tube around a plan that is flown from start to end, without a new window."""
         return error_tube(self.scenario)
 
     @cached_property
     def accelerations(self) -> FloatArray:
-        """True accelerations, the mean from each time to the next [m/s²], shape (M-1, N, 3)."""
+        """True mean accelerations from each time to the next [m/s²], shape (M-1, N, 3)."""
         passed = np.diff(self._since_start)[:, None, None]
         return locked(np.diff(self.velocities, axis=0) / passed)
 
     @cached_property
     def tracking_difference(self) -> FloatArray:
-        """By how much each plant did not do as commanded, at most [m/s²], shape (N,).
+        """Largest deviation of each plant's acceleration from its command [m/s²], shape (N,).
 
-        The norm of true acceleration less command and wind; only rounding for a point mass. What is
-        allowed for it belongs into `disturbance.acceleration`, beside the wind.
+        It is the largest norm of true acceleration less command and wind; for a point mass it is
+        only rounding. `disturbance.acceleration` has to include it beside the wind.
         """
-        left = self.accelerations - self.commands[:-1] - self.wind[:-1]
-        return locked(np.linalg.norm(left, axis=2).max(axis=0))
+        deviations = self.accelerations - self.commands[:-1] - self.wind[:-1]
+        return locked(np.linalg.norm(deviations, axis=2).max(axis=0))
 
     def states(self, times: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """True positions [m] and velocities [m/s] at times on the scenario's clock [s].
+        """Return true positions [m] and velocities [m/s] at times on the scenario's clock [s].
 
-        Between two times of the record they follow the cubics with the positions and velocities at
-        both: exact for constant accelerations.
+        Between two recorded times the position is the cubic Hermite interpolant, which is exact
+        for constant accelerations.
 
         Args:
-            times: shape (T,), or one.
+            times: shape (T,), or a single one.
 
         Returns:
             Two arrays of shape (N, T, 3).
@@ -126,12 +128,12 @@ class Simulation(metaclass=Described):
         return np.swapaxes(found[0], 0, 1), np.swapaxes(found[1], 0, 1)
 
     def nominal(self, quantity: Quantity, times: npt.ArrayLike | None = None) -> FloatArray:
-        """What was planned then by the window in force.
+        """Return the values planned by the window in force at each time.
 
         Args:
             quantity: position [m], velocity [m/s], acceleration [m/s²] or jerk [m/s³].
-            times: on the scenario's clock [s], shape (T,), or one; those of the record if not
-                given.
+            times: on the scenario's clock [s], shape (T,), or a single one; the recorded times if
+                not given.
 
         Returns:
             Values of shape (T, N, 3).
@@ -146,9 +148,9 @@ class Simulation(metaclass=Described):
         return values
 
     def errors(self, quantity: Quantity = "position") -> FloatArray:
-        """How far the vehicles were off the plan in force, in m or m/s, shape (M, N).
+        """Return the norms of deviations from the plan in force, in m or m/s, shape (M, N).
 
-        Of the acceleration it is the feedback [m/s²].
+        The deviation of the commanded acceleration is the feedback [m/s²].
         """
         true = {
             "position": self.positions,
@@ -161,9 +163,9 @@ class Simulation(metaclass=Described):
         return np.asarray(np.linalg.norm(true[quantity] - self.nominal(quantity), axis=2))
 
     def radii(self, quantity: Quantity = "position") -> FloatArray:
-        """The most that `errors` could have been, in the same units, shape (M,).
+        """Return upper bounds of `errors`, in the same units, shape (M,).
 
-        Radii of the tube around the plan in force.
+        They are the radii of the tube around the plan in force.
         """
         if quantity not in ("position", "velocity", "acceleration"):
             expected = "position, velocity or acceleration"
@@ -176,36 +178,39 @@ class Simulation(metaclass=Described):
 
     @cached_property
     def tubes(self) -> tuple[ErrorTube, ...]:
-        """The tube around the plan of each window."""
+        """Error tubes around the plans of all windows."""
         tubes: list[ErrorTube] = []
         for window in self.flight.windows:
             tube = tube_of(window.plan.scenario)
-            again = bool(tubes) and (tube.grid, tube.initial) == (tubes[-1].grid, tubes[-1].initial)
-            tubes.append(tubes[-1] if again else tube)
+            same = bool(tubes) and (tube.grid, tube.initial) == (tubes[-1].grid, tubes[-1].initial)
+            tubes.append(tubes[-1] if same else tube)
         return tuple(tubes)
 
     def in_force(self, times: npt.ArrayLike) -> IntArray:
-        """The number, from 0, of the window that is flown at each time, shape (T,).
+        """Return the number, from 0, of the window in force at each time, shape (T,).
 
-        Where a window begins it is that one.
+        At the beginning of a window, that window is in force.
         """
         return self._window_at(self._elapsed_at(times))
 
     @property
     def _since_start(self) -> FloatArray:
-        """`elapsed`, which is there by now."""
-        assert self.elapsed is not None  # noqa: S101  # set when made
+        """The field `elapsed`, which is not None after initialisation."""
+        assert self.elapsed is not None  # noqa: S101  # set by __post_init__
         return self.elapsed
 
     def _window_at(self, elapsed: FloatArray) -> IntArray:
-        """The window in force at times since the first knot [s], shape (T,)."""
+        """Return the number of the window in force at times since the first knot [s], (T,)."""
         grid = self.scenario.grid
         knots = np.array([window.first_knot for window in self.flight.windows])
         passed = (elapsed + grid.rounding) / grid.step
         return np.asarray(np.maximum(np.searchsorted(knots, passed, side="right") - 1, 0))
 
     def _elapsed_at(self, times: npt.ArrayLike | None) -> FloatArray:
-        """Times of the clock since the first knot [s], shape (T,); those of the record for None."""
+        """Return times since the first knot [s], shape (T,), for times on the scenario's clock.
+
+        None stands for the recorded times.
+        """
         if times is None:
             return self._since_start
         return np.atleast_1d(np.asarray(times, dtype=np.float64)) - self.scenario.grid.start

@@ -1,4 +1,4 @@
-"""What it took to find a plan."""
+"""Statistics of planning: counts, times and convergence."""
 
 from __future__ import annotations
 
@@ -11,68 +11,68 @@ from drake_rho.scenario.described import Described
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Searched:
-    """Where ways among obstacles and vehicles were looked for."""
+    """Grid on which collision-free paths were searched, and their number."""
 
-    __pydantic_config__ = ConfigDict(extra="forbid")  # for reading it from files
+    __pydantic_config__ = ConfigDict(extra="forbid")  # applies when it is read from files
 
     spacing: float = 0.0
     """greatest distance of neighbours along an axis of the finest grid [m]; 0 if every grid
-    takes more memory than it may"""
+    exceeds the memory limit"""
     points: int = 0
-    """how many points it has, clear ones and others"""
+    """number of points of the grid, free and occupied ones"""
     layers: int = 0
-    """in how many moves a way was to lead to its goal; 0 where time did not matter"""
+    """number of time steps of space-time paths; 0 for paths in space only"""
     orders: int = 0
-    """in how many orders vehicles were planned, on all grids; 0 where the order did not matter"""
+    """number of priority orders tried on all grids; 0 without prioritized planning"""
     ways: int = 0
-    """how many ways were found, of all vehicles together where they were looked for together"""
+    """number of paths found; paths of vehicles planned together count as one"""
 
     def __str__(self) -> str:
-        """What was found, and on which grid."""
+        """Return a description of the result and the grid."""
         if self.points == 0:
-            return "every grid for ways would take more than `max_memory`"
+            return "every grid for paths would take more than `max_memory`"
         if self.ways == 0:
-            return f"no way was found on a grid of {self.spacing:.2g} m"
-        found = "1 way was" if self.ways == 1 else f"{self.ways} ways were"
+            return f"no path was found on a grid of {self.spacing:.2g} m"
+        found = "1 path was" if self.ways == 1 else f"{self.ways} paths were"
         return f"{found} found on a grid of {self.spacing:.2g} m and tried"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Statistics(metaclass=Described):
-    """What it took to find a plan."""
+    """Statistics of planning: counts, times and convergence."""
 
-    __pydantic_config__ = ConfigDict(extra="forbid")  # for reading it from files
+    __pydantic_config__ = ConfigDict(extra="forbid")  # applies when it is read from files
 
     programs: int = 0
-    """quadratic programs solved"""
+    """number of quadratic programs solved"""
     rows: int = 0
-    """rows added because a solution broke them"""
+    """number of rows added because a solution violated them"""
     linearisations: int = 0
-    """references around which (8) was linearised"""
+    """number of references around which (8) was linearised"""
     converged: bool = True
-    """whether an iterated planner stopped because the cost fell by less than `tolerance`"""
+    """true unless an iterative planner stopped before the cost fell by less than `tolerance`"""
     cut: bool = False
-    """whether time was up before that, by a time limit or by Ctrl-C"""
+    """true if a time limit or Ctrl-C stopped the planner before it converged"""
     last_fall: float | None = None
-    """by what part of itself the cost fell in the last linearisation; None where nothing was
-    iterated"""
+    """relative decrease of the cost in the last linearisation; None without iterations"""
     tolerance: float | None = None
-    """relative fall of the cost in one linearisation below which an iteration counts as converged;
-    None where nothing was iterated"""
+    """relative decrease of the cost in one linearisation below which an iteration has converged;
+    None without iterations"""
     steps_tried: tuple[float, ...] = ()
-    """steps h in the order tried [s], the plan's own last; empty if there was no choice"""
+    """steps h in the order tried [s], ending with that of the plan; empty without a choice"""
     solver: str = ""
     """solver of the last program"""
     solver_seconds: float = 0.0
-    """time the solvers report for themselves [s]; over 1 per second if they ran side by side"""
+    """sum of the times reported by solvers [s]; it may exceed the wall time if they ran in
+    parallel"""
     seconds: float = 0.0
-    """wall time from the call of a planner to its return [s]; of a window that of the whole step,
-    of windows that are flown as they come the sum"""
+    """wall time from a planner's call to its return [s]; for a window, that of the whole update;
+    for windows planned during a flight, their sum"""
     searched: Searched | None = None
-    """where ways were looked for, last; None if a plan was found without, or given up before"""
+    """last search for collision-free paths; None if a plan was found, or planning ended, without"""
 
     def __add__(self, other: Statistics) -> Statistics:
-        """Counts and times of both; the rest as in `other`, which came later, if it says so."""
+        """Return the sums of counts and times, and the other values of the later `other` if set."""
         return Statistics(
             programs=self.programs + other.programs,
             rows=self.rows + other.rows,

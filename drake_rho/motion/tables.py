@@ -1,4 +1,4 @@
-"""States as a table in CSV: one row for a vehicle at a time."""
+"""CSV tables of states, with one row per vehicle and time."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ COLUMNS = (
     *("vx [m/s]", "vy [m/s]", "vz [m/s]"),
     *("ax [m/s^2]", "ay [m/s^2]", "az [m/s^2]"),
 )
-"""In plain ASCII: not every program that reads tables guesses the encoding."""
+"""Column names, in plain ASCII: not every program that reads tables detects the encoding."""
 
 
 def write_rows(file: IO[bytes], rows: Iterable[Iterable[object]]) -> None:
-    """Write rows as CSV, every number with all of its digits."""
+    """Write rows as CSV, with all digits of every number."""
     text = io.TextIOWrapper(file, "utf-8", newline="")
     csv.writer(text, lineterminator="\n").writerows(rows)
-    text.detach()  # writes what is left, and leaves the file open
+    text.detach()  # flushes the buffer and leaves the file open
 
 
 def write_table(file: IO[bytes], samples: Samples) -> None:
-    """Write a header and all states, vehicle after vehicle."""
+    """Write a header and all states, vehicle by vehicle."""
     write_rows(file, [COLUMNS])
     times = samples.times.tolist()
     for name, states in samples.by_vehicle():
@@ -41,15 +41,15 @@ def write_table(file: IO[bytes], samples: Samples) -> None:
 
 
 def is_table(text: str) -> bool:
-    """Whether text begins like such a table."""
+    """Return whether text begins with the header of such a table."""
     return text.startswith(",".join(COLUMNS))
 
 
 def read_table(text: str, scenario: Scenario) -> Plan:
-    """The plan whose states a table holds, at every knot of its scenario.
+    """Return the plan whose states a table contains at every knot of its scenario.
 
     Raises:
-        ValueError: the table is another one, or a vehicle or a knot is missing in it.
+        ValueError: the columns or vehicles differ, or a vehicle or a knot is missing.
     """
     header, *lines = csv.reader(io.StringIO(text, newline=""), strict=True)
     if tuple(header) != COLUMNS:
@@ -66,10 +66,10 @@ def read_table(text: str, scenario: Scenario) -> Plan:
 
 
 def _at_knots(name: str, rows: list[list[float]], scenario: Scenario) -> FloatArray:
-    """States of a vehicle at the knots, shape (K, 9)."""
+    """Return the states of a vehicle at the knots, shape (K, 9)."""
     numbers = np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS) - 1)
-    if not np.all(np.abs(numbers) <= LARGEST):  # never with a NaN
-        raise ValueError(f"{name} has values that are no numbers up to {LARGEST:g}")
+    if not np.all(np.abs(numbers) <= LARGEST):  # also true for NaN
+        raise ValueError(f"{name} has values that are not numbers up to {LARGEST:g}")
     numbers = numbers[np.argsort(numbers[:, 0], kind="stable")]
     try:
         found = knots_among(scenario.grid, numbers[:, 0])

@@ -1,4 +1,4 @@
-"""Threads where they pay: for large pieces of work side by side, not inside small arithmetic."""
+"""Threads for large independent computations, but not inside the arithmetic of small ones."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _limited = ContextVar("limited", default=False)
 
 @contextmanager
 def one_for_arrays() -> Iterator[None]:
-    """Within it, products and factors of matrices take one thread.
+    """Limit BLAS and LAPACK to one thread within the context.
 
-    On matrices of some hundred rows the threads of BLAS wait for each other longer than they
-    work, and where a core is busy with something else a hundred times as long. Inside another such
-    block it does nothing: to set the limit takes as long as a small program.
+    For matrices of some hundred rows, threads of BLAS wait for each other longer than they work,
+    and a hundred times as long where a core is busy with something else. A nested context does
+    nothing, because setting the limit takes as long as solving a small program.
     """
     if _limited.get():
         yield
@@ -40,14 +40,14 @@ def _blas() -> ThreadpoolController:
 
 @lru_cache(maxsize=1)
 def threads() -> ThreadPoolExecutor:
-    """One for each core. Work that is given to them gives them none itself."""
+    """Return the shared pool of one thread per core. Its tasks must not submit tasks to it."""
     return ThreadPoolExecutor(cores())
 
 
 def cores() -> int:
-    """How much may be done at once: one thing a core, or what `OMP_NUM_THREADS` says.
+    """Return the number of threads to use: `OMP_NUM_THREADS`, by default the number of cores.
 
-    Clusters set it, and campaigns do in processes of which there is one for every core.
+    Clusters set this variable, and so do campaigns in their processes, one for every core.
     """
-    told = os.environ.get("OMP_NUM_THREADS", "")
-    return int(told) if told.isdecimal() and int(told) > 0 else os.cpu_count() or 1
+    value = os.environ.get("OMP_NUM_THREADS", "")
+    return int(value) if value.isdecimal() and int(value) > 0 else os.cpu_count() or 1

@@ -1,1 +1,1 @@
-"""What is asked: records of a scenario, and the files that hold them."""
+"""Planning problems: scenario records and the files that store them."""

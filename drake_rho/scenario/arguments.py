@@ -1,4 +1,4 @@
-"""Arguments of public functions: a wrong type gets one error, which names the right ones."""
+"""Type checks of public functions' arguments, with one error that names the accepted types."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ _Result = TypeVar("_Result")
 
 
 class _Kind(NamedTuple):
-    """One kind of value that an argument may be."""
+    """One kind of value that an argument accepts."""
 
     name: str
-    """in an error"""
+    """name of the kind in error messages"""
     has: Callable[[object], bool]
-    """whether a value is of this kind"""
+    """predicate that is true for values of this kind"""
     type: type | None = None
-    """all objects of it are of this kind; None if it takes a closer look"""
+    """class all of whose instances are of this kind; None if `has` must decide"""
 
 
 _NAMES = {"SolverInterface": "a Drake solver", "str": "a string"}
-"""Types that have a plainer name than their own."""
+"""Plain names of types in error messages."""
 
 
 def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Return a function that looks at the types of its arguments before anything else.
+    """Return the function with a check of its arguments' types before each call.
 
-    They are those of its annotations. A number is one of any kind: what values make sense is for
-    the function to say.
+    The accepted types are those of the annotations. Any kind of number is accepted as a number;
+    the function itself decides which values are valid.
 
     Raises (when it is called):
-        TypeError: an argument is of none of the kinds that it may be.
-        ValueError: it is a word, and none of those that it may be.
+        TypeError: an argument is of none of the accepted kinds.
+        ValueError: an argument is a string, but none of the accepted ones.
     """
     signature = inspect.signature(function)
     names = tuple(signature.parameters)
@@ -64,11 +64,11 @@ def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Re
         kinds, types_of = kinds_of(function), _types_of(function)
         for name, value in chain(zip(names, args, strict=False), kwargs.items()):
             if name not in kinds or isinstance(value, types_of[name]):
-                continue  # most of all, and windows of a flight pass here in a millisecond each
+                continue  # the common case has to be fast: a flight's windows take a millisecond
             if not any(kind.has(value) for kind in kinds[name]):
                 try:
                     signature.bind(*args, **kwargs)
-                except TypeError:  # one too many or too few, which Python says better
+                except TypeError:  # wrong number of arguments: Python's own message is better
                     break
                 raise _refusal(name, value, kinds[name])
         return function(*args, **kwargs)
@@ -77,7 +77,7 @@ def checked(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Re
 
 
 def _refusal(name: str, value: object, kinds: tuple[_Kind, ...]) -> TypeError | ValueError:
-    """Return the error for an argument that is of none of some kinds."""
+    """Return the error for an argument that is of none of the accepted kinds."""
     names = [kind.name for kind in kinds]
     expected = " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
     plain = value is None or isinstance(value, str | bool | Real)
@@ -90,7 +90,7 @@ def _refusal(name: str, value: object, kinds: tuple[_Kind, ...]) -> TypeError | 
 
 @functools.cache
 def kinds_of(function: Callable[..., object]) -> dict[str, tuple[_Kind, ...]]:
-    """Return the kinds of every argument that cannot be anything, by its name."""
+    """Return the accepted kinds of every argument that does not accept everything, by name."""
     hints = get_type_hints(function)
     hints.pop("return", None)
     kinds = {name: [_kind_of(part) for part in _parts_of(hint)] for name, hint in hints.items()}
@@ -103,7 +103,7 @@ def kinds_of(function: Callable[..., object]) -> dict[str, tuple[_Kind, ...]]:
 
 @functools.cache
 def _types_of(function: Callable[..., object]) -> dict[str, tuple[type, ...]]:
-    """Return the types whose objects are right for every such argument, whatever they are."""
+    """Return the classes whose instances are all accepted, by the argument's name."""
     return {
         name: tuple(kind.type for kind in kinds if kind.type is not None)
         for name, kinds in kinds_of(function).items()
@@ -111,8 +111,8 @@ def _types_of(function: Callable[..., object]) -> dict[str, tuple[type, ...]]:
 
 
 def _parts_of(hint: Any) -> list[Any]:
-    """Return the kinds of a union, and the words of a choice, one by one."""
-    if hint == npt.ArrayLike:  # a union of much that is no number
+    """Return the members of a union and the values of a literal type, one by one."""
+    if hint == npt.ArrayLike:  # a union with many members that are not numbers
         return [FloatArray]
     if get_origin(hint) in (Union, types.UnionType):
         return [part for each in get_args(hint) for part in _parts_of(each)]
@@ -124,7 +124,7 @@ def _parts_of(hint: Any) -> list[Any]:
 
 
 def _kind_of(hint: Any) -> _Kind | None:
-    """Return what a part of an annotation stands for; None where that is anything."""
+    """Return the kind that a part of an annotation stands for, or None if it accepts everything."""
     origin = get_origin(hint)
     if origin is Literal:
         (word,) = get_args(hint)
@@ -148,7 +148,7 @@ def _kind_of(hint: Any) -> _Kind | None:
 
 
 def _sequence_of(kinds: list[_Kind | None]) -> _Kind:
-    """Return the kind of sequences of some kinds; what is gone once it is read is not looked at."""
+    """Return the kind of sequences of some kinds. Iterators are not consumed to check elements."""
 
     def has(value: object) -> bool:
         if not isinstance(value, list | tuple) or None in kinds:
@@ -160,7 +160,7 @@ def _sequence_of(kinds: list[_Kind | None]) -> _Kind:
 
 
 def _are_numbers(value: object) -> bool:
-    """Return whether something can be read as an array of numbers."""
+    """Return whether a value can be converted to an array of numbers."""
     try:
         np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -169,10 +169,10 @@ def _are_numbers(value: object) -> bool:
 
 
 def _is_called(hint: type) -> bool:
-    """Return whether an annotation is a protocol of functions."""
+    """Return whether an annotation is a protocol of callables."""
     return _is_protocol(hint) and "__call__" in vars(hint)
 
 
 def _is_protocol(hint: type) -> bool:
-    """Return whether a class says only what others have; `typing.is_protocol` is of Python 3.13."""
+    """Return whether a class is a protocol; `typing.is_protocol` needs Python 3.13."""
     return bool(getattr(hint, "_is_protocol", False))

@@ -1,4 +1,4 @@
-"""What `help` and completion show of a record: its fields with their units, and its methods."""
+"""Records that describe themselves: `help` and completion list fields, units and methods."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drake_rho.scenario.errors import Words
 
 _Class = TypeVar("_Class")
 
-_IN_SHORT = {
+_PLAIN_NAMES = {
     "AnyObstacle": "Shape | Obstacle",
     "Count": "int",
     "Finite": "float",
@@ -28,48 +28,49 @@ _IN_SHORT = {
     "Positive": "float",
     "Vector": "x, y, z",
 }
-"""What annotations that only the package knows are called for people."""
+"""Plain names, as shown by `help`, of annotations that only this package defines."""
 
 
 class Described(ABCMeta):
-    """The type of records: they tell their fields, each by the docstring under it."""
+    """Metaclass of records, which lists each field in `help` with the docstring under it."""
 
     def __dir__(cls) -> list[str]:
-        """Names for people: nothing that a dataclass or pydantic keeps in the class."""
+        """Return the public names, without those that a dataclass or pydantic adds to the class."""
         return [name for name in super().__dir__() if not name.startswith("_")]
 
     @property
-    def __doc__(cls) -> str | None:  # of the class that is described
-        """The record's own docstring and its fields, each with its type and its unit."""
+    def __doc__(cls) -> str | None:  # of the class, not of the metaclass
+        """Docstring of the record, followed by its fields with their types and units."""
         own: str | None = vars(cls).get("__doc__")
-        if own is None or "__match_args__" not in vars(
-            cls
-        ):  # still being made: not asked by people
+        if own is None or "__match_args__" not in vars(cls):  # the class is still being created
             return own
         fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
-        said = _said_of_fields(cls)
+        descriptions = _field_descriptions(cls)
         lines = [
-            f"    {name} ({_in_short(str(field.type))}): {said[name]}"
+            f"    {name} ({_plain_annotation(str(field.type))}): {descriptions[name]}"
             for name, field in fields.items()
-            if name in said
+            if name in descriptions
         ]
         return "\n".join([inspect.cleandoc(own), "", "Attributes:", *lines]) if lines else own
 
     @__doc__.setter
-    def __doc__(cls, own: str | None) -> None:  # pydantic puts it back as it was
+    def __doc__(cls, own: str | None) -> None:  # pydantic assigns the original docstring again
         vars(type)["__doc__"].__set__(cls, own)
 
 
 def described(cls: type[_Class]) -> type[_Class]:
-    """The same class as `Described`: made again, as the type of a class cannot be changed."""
-    of_its_own = {"__dict__", "__weakref__", "__abstractmethods__", "_abc_impl"}
-    content = {name: value for name, value in vars(cls).items() if name not in of_its_own}
+    """Return a copy of a class whose metaclass is `Described`.
+
+    The class is created anew, because the metaclass of an existing class cannot be changed.
+    """
+    per_class = {"__dict__", "__weakref__", "__abstractmethods__", "_abc_impl"}
+    content = {name: value for name, value in vars(cls).items() if name not in per_class}
     made: Any = Described(cls.__name__, cls.__bases__, content)
-    return made  # type: ignore[no-any-return]  # of the same kind, by its content
+    return made  # type: ignore[no-any-return]  # it has the content of `cls`
 
 
 def signature_of(cls: Any) -> inspect.Signature:
-    """How a record is made, in short: its docstring says what the fields are."""
+    """Return the constructor's signature without annotations: the docstring lists the types."""
     parameters = []
     for field in dataclasses.fields(cls):
         default: object = inspect.Parameter.empty
@@ -82,15 +83,15 @@ def signature_of(cls: Any) -> inspect.Signature:
     return inspect.Signature(parameters)
 
 
-def _said_of_fields(cls: type) -> dict[str, str]:
-    """The docstrings under the fields of a class and its bases, each in one line."""
-    said: dict[str, str] = {}
+def _field_descriptions(cls: type) -> dict[str, str]:
+    """Return the docstrings under the fields of a class and its bases, each as one line."""
+    descriptions: dict[str, str] = {}
     for each in reversed(cls.__mro__):
         if not isinstance(each, Described):
             continue
         try:
             (node,) = ast.parse(textwrap.dedent(inspect.getsource(each))).body
-        except (OSError, TypeError):  # without a source there is nothing to read
+        except (OSError, TypeError):  # the source is not available
             continue
         body = node.body if isinstance(node, ast.ClassDef) else []
         for field, below in pairwise(body):
@@ -99,21 +100,21 @@ def _said_of_fields(cls: type) -> dict[str, str]:
                     ast.AnnAssign(target=ast.Name(id=name)),
                     ast.Expr(value=ast.Constant(value=str(text))),
                 ):
-                    said[name] = " ".join(text.split())
-    return said
+                    descriptions[name] = " ".join(text.split())
+    return descriptions
 
 
 class _Shortened(ast.NodeTransformer):
-    def visit_Name(self, node: ast.Name) -> ast.Name:  # ast's name
-        return ast.Name(_IN_SHORT.get(node.id, node.id))
+    def visit_Name(self, node: ast.Name) -> ast.Name:  # name prescribed by `ast`
+        return ast.Name(_PLAIN_NAMES.get(node.id, node.id))
 
-    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:  # ast's name
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:  # name prescribed by `ast`
         match node:
             case ast.Subscript(value=ast.Name(id="Annotated"), slice=ast.Tuple(elts=[kind, *_])):
                 return self.visit(kind)  # type: ignore[no-any-return]
         return self.generic_visit(node)
 
 
-def _in_short(annotation: str) -> str:
-    """An annotation as people read it: without bounds, and in common words."""
+def _plain_annotation(annotation: str) -> str:
+    """Return an annotation in plain names and without bounds, as `help` shows it."""
     return ast.unparse(_Shortened().visit(ast.parse(annotation, mode="eval")))

@@ -1,4 +1,4 @@
-"""What moves vehicles off their plans, and the sampled feedback that holds them near."""
+"""Disturbances that move vehicles off their plans, and the sampled feedback against them."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from drake_rho.scenario.parts import Grid
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NO_TRUTH]
 
 _MOST_IN_A_STEP, _MOST = 1000, 1_000_000
-"""Most feedback samples in a step and in a flight: what arrays over all of them have room for."""
+"""Largest numbers of feedback samples in a step and in a flight, which bound the size of arrays."""
 
 
 @record
 class Tracking:
-    """Since when a feedback has held vehicles to a plan, and how.
+    """Feedback that has tracked a plan since an earlier time.
 
-    For the windows of a receding horizon, which do not begin where everything is known exactly.
+    It describes windows of a receding horizon, whose initial states are not known exactly.
     """
 
     since: Finite
-    """time of the first knot of the plan that is tracked, on the scenario's clock [s]"""
+    """time of the first knot of the tracked plan, on the scenario's clock [s]"""
     gains: tuple[Finite, Finite]
-    """k_p [1/s²] and k_v [1/s]"""
+    """gains of the feedback, k_p [1/s²] and k_v [1/s]"""
     position: NotNegative = 0.0
-    """largest error of the position then [m]"""
+    """largest position error at that time [m]"""
     velocity: NotNegative = 0.0
-    """largest error of the velocity then [m/s]"""
+    """largest velocity error at that time [m/s]"""
 
 
 @record
 class Disturbance:
     """Unknown accelerations, errors of the estimated state, and the feedback against both.
 
-    A vehicle moves by p'' = a + u + w: a is planned, w unknown, and u the feedback, constant from
-    one sample to the next and linear in the estimated error of `delay` samples ago. At the first
-    knot vehicles are at their starts exactly; a receding horizon that is given other states there
-    takes them for estimates.
+    The motion of a vehicle is p'' = a + u + w with the planned acceleration a, the unknown one w,
+    and the feedback u. The feedback is constant from one sample to the next and linear in the
+    error estimated `delay` samples before. At the first knot, vehicles are exactly at their
+    starts; a receding horizon that is given other states there treats them as estimates.
 
     Examples:
         >>> wind = rho.Disturbance(acceleration=0.5, feedback_every=0.05)
@@ -50,8 +50,7 @@ class Disturbance:
     """
 
     acceleration: NotNegative
-    """W, the largest norm of the unknown acceleration, from wind or from errors of the model
-    [m/s²]"""
+    """W, the largest norm of the unknown acceleration, from wind or model errors [m/s²]"""
     position_error: NotNegative = 0.0
     """E_p, the largest distance of an estimated position from the true one [m]"""
     velocity_error: NotNegative = 0.0
@@ -60,31 +59,31 @@ class Disturbance:
     """time from one sample of the feedback to the next, which divides the grid's step [s]; the step
     itself if not given"""
     delay: Annotated[int, Field(ge=0, le=50), NO_TRUTH] = 0
-    """how many samples pass from an estimate to the feedback that is made of it, in samples"""
+    """number of samples from an estimate to the feedback computed from it"""
     share: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False), NO_TRUTH] = 0.5
-    """the part of the tightest acceleration limit that the feedback may take"""
+    """part of the tightest acceleration limit that is reserved for the feedback"""
     tracking: Tracking | None = None
-    """of a plan under way, since when it is tracked; if not given, from the first knot on, where
-    all vehicles are as planned, with the best gains"""
+    """feedback that already tracks a plan under way; if not given, feedback with the best gains
+    begins at the first knot, where all vehicles are exactly at their starts"""
 
     def samples_per_step(self, step: float) -> int:
-        """How many feedback samples there are in a step of the grid [s]."""
+        """Return the number of feedback samples in a step of the grid [s]."""
         return 1 if self.feedback_every is None else max(1, round(step / self.feedback_every))
 
     def samples(self, grid: Grid) -> int:
-        """How many feedback samples there are in a flight."""
+        """Return the number of feedback samples in a flight."""
         return (grid.knots - 1) * self.samples_per_step(grid.step)
 
     def sample(self, grid: Grid) -> float:
-        """The time from one feedback sample to the next on a grid [s]."""
+        """Return the time from one feedback sample to the next on a grid [s]."""
         return grid.step / self.samples_per_step(grid.step)
 
     def check(self, grid: Grid) -> None:
-        """See that the feedback fits the grid of the scenario that this is in.
+        """Check that the feedback fits the grid of its scenario.
 
         Raises:
-            ScenarioError: its samples do not divide the step, or are too many; or it tracks a plan
-                whose first knot is none of this grid, if that is continued backwards.
+            ScenarioError: its samples do not divide the step, or there are too many; or the first
+                knot of the tracked plan is no knot of the grid extended backwards in time.
         """
         if self.tracking is not None:
             steps = (grid.start - self.tracking.since) / grid.step
@@ -99,19 +98,20 @@ class Disturbance:
             raise ScenarioError("disturbance.feedback_every", self.feedback_every, expected)
 
     def first_error(self, grid: Grid) -> tuple[float, float]:
-        """How far a state estimated now may be from the true one, position [m] and velocity [m/s].
+        """Return the largest errors of the present estimate, position [m] and velocity [m/s].
 
-        With a delay the estimate is as old as that, and is brought up to now by the commands that
-        were given since: E_p + dδ E_v + W (dδ)²/2, and E_v + W dδ.
+        With a delay of d samples of length δ, the estimate is that old and is propagated to the
+        present by the commands since: E_p + dδ E_v + W (dδ)²/2, and E_v + W dδ.
         """
-        late = self.delay * self.sample(grid)
-        velocity = self.velocity_error + self.acceleration * late
-        return self.position_error + late * (self.velocity_error + velocity) / 2.0, velocity
+        age = self.delay * self.sample(grid)
+        velocity = self.velocity_error + self.acceleration * age
+        return self.position_error + age * (self.velocity_error + velocity) / 2.0, velocity
 
     def for_grid(self, grid: Grid) -> Self:
-        """This disturbance on another grid: samples are as long, or as little shorter as divides.
+        """Return the disturbance for another grid, as planners that try other steps need it.
 
-        For a planner that tries other steps. Where samples would be too many, they are longer.
+        Samples keep their length or, if that does not divide the step, are shortened as little as
+        possible. They are longer where there would be too many.
         """
         if self.feedback_every is None:
             return self
@@ -121,5 +121,5 @@ class Disturbance:
 
 
 def _most_per_step(grid: Grid) -> int:
-    """Most feedback samples that a step of a grid may have."""
+    """Return the largest number of feedback samples in a step of a grid."""
     return min(_MOST_IN_A_STEP, max(1, _MOST // (grid.knots - 1)))

@@ -1,4 +1,4 @@
-"""The package's base error and the error for a scenario that makes no sense."""
+"""The package's base error and the error for an invalid scenario."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import reprlib
 
 
 class DrakeRhoError(Exception):
-    """Base of every error that drake_rho raises on purpose."""
+    """Base class of all errors that drake_rho raises deliberately."""
 
 
 class Words(str):
-    """A value described rather than quoted: shown without quotation marks in an error."""
+    """Description of a value, shown in an error without quotation marks."""
 
     def __repr__(self) -> str:
         return str(self)
 
 
 class ScenarioError(DrakeRhoError, ValueError):
-    """A scenario, or a part of one, is not what it must be.
+    """Error for an invalid scenario, or an invalid part of one.
 
     Attributes:
-        field: path of the field, as in `vehicles[0].start.position`; empty for a whole record.
-        value: what was given.
-        expected: what was expected instead, in words.
+        field: path of the field, such as `vehicles[0].start.position`; empty for a whole record.
+        value: the value that was given.
+        expected: description of what was expected instead.
     """
 
     def __init__(self, field: str, value: object, expected: str) -> None:
@@ -37,26 +37,26 @@ class ScenarioError(DrakeRhoError, ValueError):
         return f"{where}got {shorten(self.value)}, expected {self.expected}"
 
     def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
-        """For another process, where a value that cannot get there is what is said of it."""
+        """Support pickling: a value that cannot be pickled is replaced by its description."""
         value = self.value
         try:
             pickle.dumps(value)
-        except Exception:  # what a value of any kind raises
+        except Exception:  # arbitrary values may raise anything
             value = Words(shorten(value))
         return ScenarioError, (self.field, value, self.expected)
 
     def inside(self, parent: str) -> ScenarioError:
-        """This error as seen from the record that holds this one under `parent`."""
+        """Return this error for the enclosing record, with `parent` before its field."""
         if not parent or not self.field or self.field.startswith("["):
             return ScenarioError(parent + self.field, self.value, self.expected)
         return ScenarioError(f"{parent}.{self.field}", self.value, self.expected)
 
 
 def shorten(value: object, longest: int = 80) -> str:
-    """Return a value as an error shows it, in a few words."""
+    """Return the text of a value for an error message, at most `longest` characters."""
     try:
         text = str(value) if isinstance(value, float | Words) else reprlib.repr(value)
-    except ValueError:  # an integer of more digits than Python writes
+    except ValueError:  # an integer with more digits than Python converts to text
         text = "a number of thousands of digits"
     text = " ".join(text.split())
     return text if len(text) <= longest else text[: longest - 1] + "…"

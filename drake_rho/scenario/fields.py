@@ -1,4 +1,4 @@
-"""What the records are made of: validated vectors, and the decorator that makes a record."""
+"""Building blocks of records: validated field types and the `record` decorator."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 LARGEST = 1e12
-"""Largest magnitude of any number in a record, SI: far beyond any flight, and safe to square."""
+"""Largest magnitude of any number in a record [SI]: far beyond any flight, and safe to square."""
 
 
 def _no_truth_value(value: object) -> object:
-    if isinstance(value, bool | np.bool_):  # which would pass as 0 or 1
+    if isinstance(value, bool | np.bool_):  # would be accepted as 0 or 1 otherwise
         raise ScenarioError("", value, "a number")
     return value
 
 
-def _of_some_size(value: float) -> float:
+def _in_range(value: float) -> float:
     if not 1.0 / LARGEST <= value <= LARGEST:
         raise ScenarioError("", value, f"a number between {1.0 / LARGEST:g} and {LARGEST:g}")
     return value
@@ -52,9 +52,9 @@ def _printable(text: str) -> str:
 
 
 NO_TRUTH = BeforeValidator(_no_truth_value)
-"""Of a number: it is not `True` or `False`."""
+"""Validator of numeric fields that rejects `True` and `False`."""
 
-# Bounds stand before the functions: only there does the JSON schema know them by its own names.
+# Bounds precede the validator functions: only then does the JSON schema name them by its keywords.
 Finite = Annotated[
     float,
     Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False),
@@ -65,20 +65,20 @@ Margin = Annotated[
     Field(ge=0.0, le=1e6, allow_inf_nan=False),
     NO_TRUTH,
 ]
-"""How far to keep away from something [m]."""
+"""Distance to be kept from something [m]."""
 Positive = Annotated[
     float,
     Field(gt=0.0, allow_inf_nan=False),
     NO_TRUTH,
-    AfterValidator(_of_some_size),
+    AfterValidator(_in_range),
 ]
 Count = Annotated[int, NO_TRUTH]
 Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
-"""What a person can read at a glance, and a legend has room for."""
+"""Printable name, short enough to be read at a glance and to fit into a legend."""
 
 
 def locked(values: npt.ArrayLike) -> FloatArray:
-    """`values` as an array that cannot be written to: a copy, unless it is one already."""
+    """Return `values` as a read-only array, copied unless it already is one that owns its data."""
     array = np.asarray(values, dtype=np.float64)
     if array is values and array.base is None and not array.flags.writeable:
         return array
@@ -109,7 +109,7 @@ Vector = Annotated[
     PlainValidator(_vector, json_schema_input_type=tuple[Finite, Finite, Finite]),
     PlainSerializer(np.ndarray.tolist),
 ]
-"""x, y and z as a write-locked array of shape (3,)."""
+"""x, y and z as a read-only array of shape (3,)."""
 
 
 def _points(value: object) -> FloatArray:
@@ -128,7 +128,11 @@ def _points(value: object) -> FloatArray:
 
 
 def numbers_of(value: object) -> FloatArray:
-    """`value` as a write-locked array of shape (M,)."""
+    """Return `value` as a read-only array of shape (M,).
+
+    Raises:
+        ScenarioError: it is no list of finite numbers.
+    """
     numbers = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(numbers, list | tuple) and not any(map(_nested, numbers)):
         with suppress(TypeError, ValueError, OverflowError):
@@ -139,21 +143,21 @@ def numbers_of(value: object) -> FloatArray:
 
 
 _MOST = 100_000
-"""Most positions in one list."""
+"""Largest number of positions in one list."""
 
 Points = Annotated[
     FloatArray,
     PlainValidator(_points, json_schema_input_type=list[tuple[Finite, Finite, Finite]]),
     PlainSerializer(np.ndarray.tolist),
 ]
-"""Positions as a write-locked array of shape (M, 3)."""
+"""Positions as a read-only array of shape (M, 3)."""
 
 Numbers = Annotated[
     FloatArray,
     PlainValidator(numbers_of, json_schema_input_type=list[Finite]),
     PlainSerializer(np.ndarray.tolist),
 ]
-"""Numbers as a write-locked array of shape (M,)."""
+"""Numbers as a read-only array of shape (M,)."""
 
 _Record = TypeVar("_Record")
 
@@ -162,16 +166,16 @@ _Record = TypeVar("_Record")
 def record(cls: type[_Record]) -> type[_Record]:
     """Make `cls` a frozen, validated dataclass that raises `ScenarioError` on bad input.
 
-    Fields are checked when the record is made; unknown names are refused; two records are equal
-    if all their fields are. The docstring under a field is its description in the JSON schema and
-    in `help`, which shows nothing of pydantic.
+    Fields are validated when the record is created, and unknown names are rejected. Two records
+    are equal if all their fields are equal. The docstring under a field is its description in the
+    JSON schema and in `help`, which shows nothing of pydantic.
     """
-    told = inspect.cleandoc(cls.__doc__ or "").partition("\n\nExamples:")[0]
+    description = inspect.cleandoc(cls.__doc__ or "").partition("\n\nExamples:")[0]
     config = ConfigDict(
         extra="forbid",
         arbitrary_types_allowed=True,
         use_attribute_docstrings=True,
-        json_schema_extra={"description": told},
+        json_schema_extra={"description": description},
     )
     made: Any = pydantic_dataclass(described(cls), frozen=True, eq=False, config=config)
     validate: Callable[..., None] = made.__init__
@@ -179,36 +183,37 @@ def record(cls: type[_Record]) -> type[_Record]:
     names = [field.name for field in dataclasses.fields(made)]
 
     def init(self: object, *args: object, **kwargs: object) -> None:
-        by_place = dict(zip(names, args, strict=False))
-        if len(args) > len(names) or by_place.keys() & kwargs.keys():
+        positional = dict(zip(names, args, strict=False))
+        if len(args) > len(names) or positional.keys() & kwargs.keys():
             raise TypeError(f"{made.__name__} takes these fields, each once: {', '.join(names)}")
-        try:  # every field by its name, so that a complaint names it too
-            validate(self, **by_place, **kwargs)
+        try:  # every field is passed by name, so that pydantic's errors name it too
+            validate(self, **positional, **kwargs)
             return
         except ValidationError as error:
             refusal = scenario_error(error, made, made.__name__.lower())
-        raise refusal  # out here it has no context, whose values may not get to another process
+        raise refusal  # outside of `except`: pydantic's error as context may not be picklable
 
     made.__init__ = init
     made.__signature__ = signature_of(made)
     made.__eq__ = _equal
     made.__reduce__ = _reduce
-    made.__hash__ = None  # arrays inside: equal by value, so not usable as a key
-    return made  # type: ignore[no-any-return]  # pydantic's decorator is typed as Any above
+    made.__hash__ = None  # records hold arrays and are equal by value, so they cannot be keys
+    return made  # type: ignore[no-any-return]  # `made` is declared as Any above
 
 
 def unchecked(old: _Record, **changes: object) -> _Record:
-    """Return a copy of a record with other values that are known to be valid, arrays write-locked.
+    """Return a copy of a record with other values, which are not validated.
 
-    What the record has computed of itself is not copied, as it may not hold of the copy; `changes`
-    can name what does. For states that a plan has reached: to check every one of a thousand
-    vehicles again in every window costs more than to plan it.
+    The values have to be valid and the arrays read-only. Cached properties are not copied, as they
+    may not hold for the copy; `changes` can include those that do. This function is meant for the
+    states that a plan has reached: validating each of a thousand vehicles again in every window
+    takes longer than planning it.
     """
     copy = object.__new__(type(old))
-    own, values = copy.__dict__, old.__dict__
-    for name in old.__dataclass_fields__:  # type: ignore[attr-defined]  # of every record
-        own[name] = values[name]
-    own.update(changes)
+    attributes, values = copy.__dict__, old.__dict__
+    for name in old.__dataclass_fields__:  # type: ignore[attr-defined]  # every record has it
+        attributes[name] = values[name]
+    attributes.update(changes)
     return copy
 
 
@@ -225,41 +230,41 @@ def _equal(self: Any, other: Any) -> bool:
 
 
 def _reduce(self: Any) -> tuple[Callable[..., object], tuple[object, ...]]:
-    """For copies and pickles: made anew from its fields, and so without what it has computed."""
+    """Support copying and pickling: the copy has the same fields but no cached properties."""
     return _restored, (type(self), *(getattr(self, each.name) for each in dataclasses.fields(self)))
 
 
 def _restored(kind: type, *values: object) -> object:
-    """Return a record of values that were in one, arrays write-locked again.
+    """Return the record with these field values, its arrays read-only again.
 
-    They are not checked again: what a flight leads to may be no scenario to begin with, as where a
-    vehicle is inside of what was seen too late.
+    The values are not validated again: a state reached in flight may not be a valid initial
+    scenario, for example where a vehicle is inside an obstacle that became known too late.
     """
     made: object = object.__new__(kind)
     names = (each.name for each in dataclasses.fields(kind))
-    kept = (locked(each) if isinstance(each, np.ndarray) else each for each in values)
-    made.__dict__.update(zip(names, kept, strict=True))
+    fields = (locked(each) if isinstance(each, np.ndarray) else each for each in values)
+    made.__dict__.update(zip(names, fields, strict=True))
     return made
 
 
 def scenario_error(error: ValidationError, root: type, parent: str = "") -> ScenarioError:
-    """The first of pydantic's complaints as one `ScenarioError`, unknown names before others.
+    """Return the first of pydantic's errors as a `ScenarioError`, unknown names before others.
 
     Args:
-        error: what pydantic says.
-        root: of what it says it: a record, or a model.
-        parent: what the fields are told to be inside of.
+        error: raised by pydantic.
+        root: record or model that was validated.
+        parent: path of that record, put before the field's.
     """
-    complaints = error.errors(include_url=False)
-    unknown = [one for one in complaints if one["type"] in _UNKNOWN]
-    first = (unknown or complaints)[0]
+    details = error.errors(include_url=False)
+    unknown = [one for one in details if one["type"] in _UNKNOWN]
+    first = (unknown or details)[0]
     kinds, names = _along(root, first["loc"])
     where = _path(names)
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, ScenarioError):
         return cause.inside(where).inside(parent)
-    if (told := _mistaken_tag(first, where, kinds)) is not None:
-        return told.inside(parent)
+    if (wrong_tag := _wrong_tag(first, where, kinds)) is not None:
+        return wrong_tag.inside(parent)
     if first["type"] in _UNKNOWN:
         expected = "no field of this name" + _suggestion(str(names[-1]), kinds)
         return ScenarioError(where, first["input"], expected).inside(parent)
@@ -272,30 +277,33 @@ def scenario_error(error: ValidationError, root: type, parent: str = "") -> Scen
     return ScenarioError(where, first["input"], _expectation(first["msg"])).inside(parent)
 
 
-def _mistaken_tag(complaint: Any, where: str, kinds: list[type]) -> ScenarioError | None:
-    """Return what is wrong with the field that says of which kind a record is, if that is it.
+def _wrong_tag(details: Any, where: str, kinds: list[type]) -> ScenarioError | None:
+    """Return the error for a wrong discriminator, the field that names the kind of a record.
 
     Args:
-        complaint: of pydantic.
-        where: the record.
-        kinds: what it may be.
+        details: of one of pydantic's errors.
+        where: path of the record.
+        kinds: records that are allowed there.
+
+    Returns:
+        The error, or None if pydantic's error is about something else.
     """
-    field = str(complaint.get("ctx", {}).get("discriminator", "")).strip("'")
-    if complaint["type"] not in _NO_TAG or not field.isidentifier():
+    field = str(details.get("ctx", {}).get("discriminator", "")).strip("'")
+    if details["type"] not in _NO_TAG or not field.isidentifier():
         return None
     fields = [getattr(kind, "__pydantic_fields__", {}) for kind in kinds]
     words = [word for each in fields if field in each for word in get_args(each[field].annotation)]
-    value = complaint["input"].get(field, Words("nothing"))
+    value = details["input"].get(field, Words("nothing"))
     close = get_close_matches(str(value), words, 1)
     expected = f"one of {', '.join(words)}" + "".join(f"; did you mean {each}?" for each in close)
     return ScenarioError(field, value, expected).inside(where)
 
 
 def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], list[int | str]]:
-    """The kinds of record that may hold what is at a location, and its path without their names.
+    """Return the record types possible at a location, and the path without their names.
 
-    Where a field may be one of several kinds pydantic puts the name of the kind into a location, or
-    the word by which it is told from the others.
+    Where a field allows several record types, pydantic's location also contains the name of the
+    type, or the tag that identifies it.
     """
     kinds: list[type] = [root]
     names = list[int | str]()
@@ -315,21 +323,21 @@ def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], lis
 
 
 def _words_of(kind: type) -> list[object]:
-    """Return the words by which a kind may be told from others: of fields that have one value."""
+    """Return the tags that identify a record type: values of required one-value fields."""
     fields: Any = getattr(kind, "__pydantic_fields__", {})
     words = [get_args(field.annotation) for field in fields.values() if field.is_required()]
     return [each[0] for each in words if len(each) == 1]
 
 
 def _records_in(annotation: object) -> list[type]:
-    """The records that an annotation speaks of."""
+    """Return the record types that an annotation contains."""
     if isinstance(annotation, type) and hasattr(annotation, "__pydantic_fields__"):
         return [annotation]
     return [kind for part in get_args(annotation) for kind in _records_in(part)]
 
 
 def _suggestion(name: str, kinds: list[type]) -> str:
-    """The field that a mistyped name was meant to be, as '; did you mean radius?', or nothing."""
+    """Return a hint such as '; did you mean radius?' for a mistyped name, or an empty string."""
     fields = {field for kind in kinds for field in getattr(kind, "__pydantic_fields__", {})}
     if (other := _OTHER_NAMES.get(name)) in fields:
         return f"; did you mean {other}?"
@@ -337,7 +345,7 @@ def _suggestion(name: str, kinds: list[type]) -> str:
 
 
 _OTHER_NAMES = {"max_velocity": "max_speed", "speed": "max_speed"}
-"""Names that others have for a field, where they look more like another field."""
+"""Common names of fields that are spelled more like another field."""
 
 _NO_TAG = {"union_tag_invalid", "union_tag_not_found"}
 _UNKNOWN = {"unexpected_keyword_argument", "extra_forbidden"}

@@ -1,4 +1,4 @@
-"""Scenarios in YAML, their JSON schema, and the library that comes with the package."""
+"""Scenario files in YAML, their JSON schema, and the library that comes with the package."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LIBRARY = files("drake_rho.scenario") / "library"
 
 
 def library() -> tuple[str, ...]:
-    """Names of the scenarios that come with the package.
+    """Return the names of the scenarios that come with the package.
 
     Examples:
         >>> "paper" in rho.library()
@@ -69,7 +69,7 @@ def load_scenario(source: str | Path) -> Scenario:
 
 @checked
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
-    """Write `scenario` as YAML, whole or not at all.
+    """Write a scenario as YAML. The file is written completely or not at all.
 
     Raises:
         OSError: the file cannot be written.
@@ -79,7 +79,7 @@ def save_scenario(scenario: Scenario, path: str | Path) -> None:
 
 
 def scenario_from_yaml(text: str) -> Scenario:
-    """The scenario that `text` describes.
+    """Return the scenario that YAML text describes.
 
     Raises:
         ScenarioError: the text is not YAML, or not a valid scenario.
@@ -88,10 +88,10 @@ def scenario_from_yaml(text: str) -> Scenario:
 
 
 def scenario_from_content(content: object) -> Scenario:
-    """The scenario that mappings, lists and values describe, as they stand in a file.
+    """Return the scenario described by the mappings, lists and values of a file.
 
     Raises:
-        ScenarioError: they describe no valid one.
+        ScenarioError: they do not describe a valid scenario.
     """
     try:
         return _adapter().validate_python(content)
@@ -100,48 +100,50 @@ def scenario_from_content(content: object) -> Scenario:
 
 
 def scenario_to_content(scenario: Scenario) -> dict[str, Any]:
-    """`scenario` as mappings, lists and values; every field is in it, absent ones as None."""
+    """Return a scenario as mappings, lists and values, with every field; absent ones are None."""
     content: dict[str, Any] = _adapter().dump_python(scenario, mode="json")
     return content
 
 
 def yaml_content(text: str) -> object:
-    """What YAML text holds, as mappings, lists and values.
+    """Return the content of YAML text as mappings, lists and values.
 
     Raises:
-        ScenarioError: the text is not YAML, or has a key twice.
+        ScenarioError: the text is not YAML, or repeats a key.
     """
     try:
-        # A SafeLoader, given by name because it also refuses doubled keys.
+        # `_Loader` is a SafeLoader that also rejects repeated keys.
         return yaml.load(text, Loader=_Loader)  # noqa: S506
     except RecursionError:
-        raise ScenarioError("", Words("broken YAML"), "YAML that is less deep") from None
-    except (TypeError, AttributeError, LookupError):  # as PyYAML does with `!!bool perhaps`
-        expected = "YAML whose values are of the kinds that their tags (!!) name"
-        raise ScenarioError("", Words("broken YAML"), expected) from None
+        raise ScenarioError(
+            "", Words("malformed YAML"), "YAML that is less deeply nested"
+        ) from None
+    except (TypeError, AttributeError, LookupError):  # PyYAML raises these for `!!bool perhaps`
+        expected = "YAML whose values have the types that their tags (!!) name"
+        raise ScenarioError("", Words("malformed YAML"), expected) from None
     except (yaml.YAMLError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise ScenarioError("", Words("broken YAML"), f"YAML; {reason}") from None
+        raise ScenarioError("", Words("malformed YAML"), f"YAML; {reason}") from None
 
 
 def scenario_to_yaml(scenario: Scenario) -> str:
-    """`scenario` as YAML text, in the order of the records' fields, empty ones left out."""
+    """Return a scenario as YAML text, with the fields in their order and absent ones left out."""
     content = _adapter().dump_python(scenario, mode="json", exclude_none=True)
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True)
 
 
 def scenario_to_json(scenario: Scenario) -> str:
-    """`scenario` as one line of JSON, every number exact, for keeping inside other files."""
+    """Return a scenario as one line of JSON with exact numbers, to be stored in other files."""
     return _adapter().dump_json(scenario, exclude_none=True).decode()
 
 
 def scenario_from_json(text: str, *, under_way: bool = False) -> Scenario:
-    """The scenario that `scenario_to_json` has written.
+    """Return the scenario that `scenario_to_json` has written.
 
     Args:
-        text: what it has written.
-        under_way: whether it is what was left of a flight, which may have begun too close to
-            something that was seen late.
+        text: JSON of the scenario.
+        under_way: whether the scenario is the remainder of a flight, which may begin too close to
+            an obstacle that became known late; its starts are not checked then.
 
     Raises:
         ScenarioError: the text is not JSON, or not a valid scenario.
@@ -153,18 +155,18 @@ def scenario_from_json(text: str, *, under_way: bool = False) -> Scenario:
 
 
 def scenario_schema() -> dict[str, Any]:
-    """JSON schema of a scenario file, with the units of every field."""
+    """Return the JSON schema of a scenario file, with the units of every field."""
     return _adapter().json_schema()
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[IO[bytes]]:
-    """A binary file that takes the place of `path` when the block ends without an error.
+    """Open a binary file that replaces `path` when the block ends without an error.
 
-    A link is followed, and the mode of a file that is replaced is kept.
+    Links are followed, and a replaced file's mode is kept.
 
     Raises:
-        OSError: the file cannot be written, or `path` is there and no regular file.
+        OSError: the file cannot be written, or `path` exists and is not a regular file.
     """
     path = _replaceable(path)
     with _named(path):
@@ -180,10 +182,10 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
 
 
 def check_replaceable(path: str | Path) -> None:
-    """Find out before long work whether `replacing` will be able to write its result.
+    """Check, before a long computation, that `replacing` will be able to write its result.
 
     Raises:
-        OSError: it will not.
+        OSError: it will not be able to.
     """
     path = _replaceable(path)
     with _named(path), tempfile.TemporaryFile(dir=path.parent):
@@ -192,7 +194,7 @@ def check_replaceable(path: str | Path) -> None:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Errors of a temporary file beside `path` as those of the folder that it was to be in."""
+    """Reraise errors about a temporary file beside `path` as errors about its folder."""
     try:
         yield
     except OSError as error:
@@ -200,7 +202,7 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def _replaceable(path: str | Path) -> Path:
-    """Where `path` leads, links followed: to a regular file, or to nothing yet."""
+    """Return the path of a regular file, or of a file yet to be written, with links followed."""
     with suppress(FileNotFoundError):
         if not stat.S_ISREG(os.stat(path).st_mode):
             raise OSError(errno.EINVAL, "not a regular file", str(path))
@@ -208,7 +210,7 @@ def _replaceable(path: str | Path) -> Path:
 
 
 def _umask() -> int:
-    """The process's file mode mask, which can only be read by setting it."""
+    """Return the process's file mode mask, which can only be read by setting it."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
@@ -220,7 +222,7 @@ def _adapter() -> TypeAdapter[Scenario]:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML's safe loader, which also refuses a key given twice instead of dropping the first."""
+    """YAML's safe loader, which also rejects a repeated key instead of dropping the first value."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node: yaml.MappingNode = super().compose_mapping_node(anchor)
@@ -234,11 +236,11 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Merge, keeping each key once: merges of merges would grow without end."""
+        """Merge mappings and keep each key once: nested merges would grow exponentially."""
         super().flatten_mapping(node)
         node.value = list({_name(key): (key, value) for key, value in node.value}.values())
 
 
 def _name(key: yaml.Node) -> object:
-    """What sets a key apart; fields have plain names, so other keys need not be compared."""
+    """Return the identity of a key. Only scalar keys are compared: field names are scalars."""
     return (key.tag, key.value) if isinstance(key, yaml.ScalarNode) else key

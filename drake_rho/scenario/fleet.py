@@ -1,4 +1,4 @@
-"""The vehicles of a scenario as arrays, one row each, for arithmetic on all of them at once."""
+"""Vehicles of a scenario as arrays with one row each, for vectorised arithmetic."""
 
 from __future__ import annotations
 
@@ -21,26 +21,30 @@ if TYPE_CHECKING:
     from drake_rho.scenario.obstacles import Obstacle
 
 _ROUNDINGS = 8.0
-"""Roundings of a coordinate at each knot that a tolerance has room for: twice as many as sums of
-two terms a knot can add up to."""
+"""Roundings of a coordinate, per knot, that a tolerance allows for: twice as many as accumulate in
+sums of two terms per knot."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """A box for every vehicle; where a vehicle has none, its bounds are infinite."""
+    """One box for every vehicle, with infinite bounds where a vehicle has none."""
 
     lower: FloatArray
-    """in the quantity's unit, shape (N, 3)"""
+    """lower bounds in the quantity's unit, shape (N, 3)"""
     upper: FloatArray
-    """in the quantity's unit, shape (N, 3)"""
+    """upper bounds in the quantity's unit, shape (N, 3)"""
     tolerances: FloatArray
-    """how far outside still counts as inside, in the quantity's unit, shape (N, 3)"""
+    """distance outside that still counts as inside, in the quantity's unit, shape (N, 3)"""
 
     def check(self, where: str, values: FloatArray) -> None:
-        """See that `values`, shape (N, 3), are inside; what is no number is not judged.
+        """Check that `values`, shape (N, 3), are inside the boxes; NaN is not checked.
+
+        Args:
+            where: field of a vehicle that holds the values, such as `"start.velocity"`.
+            values: one of each vehicle, in the quantity's unit.
 
         Raises:
-            ScenarioError: one is outside; `where` names it within its vehicle.
+            ScenarioError: a value is outside its box.
         """
         outside = values < self.lower - self.tolerances
         outside |= values > self.upper + self.tolerances
@@ -52,84 +56,87 @@ class Bounds:
 
 
 class Fleet:
-    """Starts, goals, scales and bounds of all vehicles, each computed when first asked for."""
+    """Starts, goals, scales and bounds of all vehicles, each computed on first use."""
 
     def __init__(
         self,
         grid: Grid,
         vehicles: Sequence[Vehicle],
         limits: Limits,
-        aside: float = 0.0,
+        separation: float = 0.0,
         bodies: Sequence[Obstacle] = (),
     ) -> None:
         self._grid, self._vehicles, self._limits = grid, vehicles, limits
-        self._aside, self._bodies = aside, bodies
-        self._whole: Fleet | None = None
+        self._separation, self._bodies = separation, bodies
+        self._whole_flight: Fleet | None = None
         self._sides: dict[Quantity, tuple[FloatArray, FloatArray] | None] = {}
         self._bounds: dict[Quantity, Bounds | None] = {}
         self._largest: dict[Norm, FloatArray] | None = None
 
     @cached_property
     def radii(self) -> FloatArray:
-        """How far the vehicles keep from obstacles [m], shape (N,)."""
+        """Required distances of the vehicles from obstacles [m], shape (N,)."""
         return np.array([vehicle.radius for vehicle in self._vehicles])
 
     @cached_property
     def start_positions(self) -> FloatArray:
-        """p[1] [m], shape (N, 3)."""
+        """Start positions p[1] [m], shape (N, 3)."""
         return np.array([vehicle.start.position for vehicle in self._vehicles])
 
     @cached_property
     def start_velocities(self) -> FloatArray:
-        """v[1] [m/s], shape (N, 3)."""
+        """Start velocities v[1] [m/s], shape (N, 3)."""
         return np.array([vehicle.start.velocity for vehicle in self._vehicles])
 
     @property
     def start_states(self) -> FloatArray:
-        """Positions p[1] [m] and velocities v[1] [m/s] side by side, shape (N, 6)."""
+        """Start positions p[1] [m] and velocities v[1] [m/s] side by side, shape (N, 6)."""
         return np.concatenate([self.start_positions, self.start_velocities], axis=1)
 
     @cached_property
     def accelerations_before(self) -> FloatArray:
-        """Accelerations just before the first knot [m/s²], shape (N, 3); NaN where free."""
+        """Accelerations just before the first knot [m/s²], shape (N, 3); NaN where not given."""
         given = [vehicle.start.acceleration for vehicle in self._vehicles]
         return np.array([np.full(3, np.nan) if each is None else each for each in given])
 
     @cached_property
     def goal_positions(self) -> FloatArray:
-        """p[K] [m], shape (N, 3)."""
+        """Goal positions p[K] [m], shape (N, 3)."""
         return np.array([vehicle.goal.position for vehicle in self._vehicles])
 
     @cached_property
     def goal_velocities(self) -> FloatArray:
-        """v[K] [m/s], shape (N, 3)."""
+        """Goal velocities v[K] [m/s], shape (N, 3)."""
         return np.array([vehicle.goal.velocity for vehicle in self._vehicles])
 
     @cached_property
     def waypoints(self) -> list[Waypoints]:
-        """The waypoints of all vehicles, number by number; none if no vehicle has any."""
+        """Waypoints of all vehicles, number by number; empty if no vehicle has any."""
         return waypoints_of(self._vehicles)
 
     @cached_property
     def lengths(self) -> FloatArray:
         """Length scale of each motion [m], for tolerances, shape (N,).
 
-        That of `ways`, but of what is left of a flight no more than that of the whole flight, so
-        that what holds for all of its windows holds for it.
+        It equals `solver_lengths`, but for the remainder of a flight it is at most that of the
+        whole flight: what holds for all windows of a flight then holds for the flight.
         """
-        return self.ways if self._whole is None else np.minimum(self.ways, self._whole.lengths)
+        lengths = self.solver_lengths
+        whole = self._whole_flight
+        return lengths if whole is None else np.minimum(lengths, whole.lengths)
 
     @cached_property
-    def ways(self) -> FloatArray:
-        """Length scale of each motion [m], for a solver's numbers, shape (N,).
+    def solver_lengths(self) -> FloatArray:
+        """Length scale of each motion [m], for scaling programs, shape (N,).
 
-        The largest of the ways that a vehicle has to make: to its goal, to its waypoints, those
-        that the given velocities and acceleration cover in the duration T, aside for others (the
-        separation) and for obstacles that move across its way. It depends on no coordinates, but
-        is never so small that their rounding shows. A vehicle that has nothing to do has 1 m.
+        It is the largest distance that a vehicle has to cover: to its goal, to its waypoints, at
+        the given velocities and acceleration during T, sideways to avoid others (the separation),
+        and sideways to avoid obstacles that move across its straight path. It does not depend on
+        the origin of coordinates, but is large enough for their rounding to be negligible. It is
+        1 m for a vehicle that has none of these.
         """
         T = self._grid.duration
-        ways = np.array(
+        distances = np.array(
             [
                 self.goal_positions - self.start_positions,
                 T * self.start_velocities,
@@ -138,45 +145,46 @@ class Fleet:
                 *(each.positions - self.start_positions for each in self.waypoints),
             ]
         )
-        lengths: FloatArray = np.sqrt(
-            np.fmax.reduce(np.vecdot(ways, ways))
-        )  # what is free is a NaN
-        lengths = np.maximum(np.maximum(lengths, self._aside), self._aside_of_obstacles())
+        # fmax ignores NaN, which stands for accelerations and waypoints that are not given
+        lengths: FloatArray = np.sqrt(np.fmax.reduce(np.vecdot(distances, distances)))
+        lengths = np.maximum(np.maximum(lengths, self._separation), self._evasion_lengths())
         lengths[lengths == 0.0] = 1.0
         coordinates = np.maximum(np.abs(self.start_positions), np.abs(self.goal_positions))
         rounding = _ROUNDINGS * self._grid.knots * np.finfo(np.float64).eps
         lengths[:] = np.maximum(lengths, rounding / TOLERANCE * coordinates.max(axis=1))
         return lengths
 
-    def _aside_of_obstacles(self) -> FloatArray:
-        """How far vehicles may have to move aside of obstacles that cross their ways [m], (N,).
+    def _evasion_lengths(self) -> FloatArray:
+        """Return how far vehicles may have to evade moving obstacles [m], shape (N,).
 
-        What an obstacle keeps free at least, and the distance kept from it, where it comes close
-        enough to a vehicle on the straight way to its goal; but no more than it moves, since a
-        vehicle that is clear of it at first can go with it. Nothing for one that stands still.
+        An obstacle counts if it comes close enough to a vehicle that moves straight to its goal.
+        The length is then the obstacle's least extent plus the required distance from it, but at
+        most the length of the obstacle's own path: a vehicle that is outside it at first can move
+        along with it. Obstacles at rest do not count.
         """
-        aside, T = np.zeros(len(self._vehicles)), self._grid.duration
+        evasion, T = np.zeros(len(self._vehicles)), self._grid.duration
         for body in self._bodies:
             if not body.is_steady:
-                kept = self.radii + body.deviation
-                met = self._nearest_to(body) <= np.linalg.norm(body.shape.extent) + kept
+                required = self.radii + body.deviation
+                met = self._closest_to(body) <= np.linalg.norm(body.shape.extent) + required
                 corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
-                places = body.centers(np.concatenate([[0.0], corners, [T]]))
-                gone = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-                most = np.minimum(body.shape.extent.min() + kept, gone)
-                aside[met] = np.maximum(aside, most)[met]
-        return aside
+                centers = body.centers(np.concatenate([[0.0], corners, [T]]))
+                moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
+                most = np.minimum(body.shape.extent.min() + required, moved)
+                evasion[met] = np.maximum(evasion, most)[met]
+        return evasion
 
-    def _nearest_to(self, body: Obstacle) -> FloatArray:
-        """How close straight ways to the goals come to the middle of an obstacle [m], (N,).
+    def _closest_to(self, body: Obstacle) -> FloatArray:
+        """Return the least distances of straight paths to the goals from an obstacle [m], (N,).
 
-        Both go straight from one corner of its track to the next.
+        Distances are measured at equal times from the obstacle's centre; the relative motion is
+        straight between the corners of its track.
         """
         T = self._grid.duration
         corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
         times = np.concatenate([[0.0], corners, [T]])
-        ways = self.goal_positions - self.start_positions
-        straight = self.start_positions[:, None] + times[:, None] / T * ways[:, None]
+        displacements = self.goal_positions - self.start_positions
+        straight = self.start_positions[:, None] + times[:, None] / T * displacements[:, None]
         x = straight - body.centers(times)
         begins, legs = x[:, :-1], np.diff(x, axis=1)
         squares = np.vecdot(legs, legs)
@@ -186,35 +194,36 @@ class Fleet:
         return distances
 
     def obstacle_tolerances(self, shape: Shape) -> FloatArray:
-        """How deep inside of an obstacle still counts as outside, for each vehicle [m], (N,).
+        """Return the depth in an obstacle that still counts as outside, per vehicle [m], (N,).
 
-        `TOLERANCE` of its size, but no more than of the motion's scale, so that a ground that is
-        made wide lets nobody in.
+        It is `TOLERANCE` times the obstacle's size or the motion's length scale, if that is less:
+        a wide box that stands for the ground has no large tolerance.
         """
         return TOLERANCE * np.minimum(shape.size, self.lengths)
 
     def scale(self, quantity: Quantity) -> FloatArray:
-        """What is large for a quantity of each motion, in its SI unit, shape (N,).
+        """Return the characteristic magnitude of a quantity in each motion, in SI units, (N,).
 
-        L, L/T, L/T² and L/(T² h) with the motion's length scale L; of what is left of a flight no
-        more than of the whole.
+        It is L, L/T, L/T² or L/(T² h) with the motion's length scale L; for the remainder of a
+        flight it is at most that of the whole flight.
         """
         h, T = self._grid.step, self._grid.duration
         powers = {"position": 1.0, "velocity": T, "acceleration": T**2, "jerk": T**2 * h}
         scale: FloatArray = self.lengths / powers[quantity]
-        return scale if self._whole is None else np.minimum(scale, self._whole.scale(quantity))
+        whole = self._whole_flight
+        return scale if whole is None else np.minimum(scale, whole.scale(quantity))
 
     @property
     def units(self) -> FloatArray:
-        """Acceleration that counts as one in programs [m/s²], shape (N,): `ways` over T²."""
-        return self.ways / self._grid.duration**2
+        """Unit of acceleration in programs [m/s²], shape (N,): `solver_lengths` over T²."""
+        return self.solver_lengths / self._grid.duration**2
 
     def bounds(self, quantity: Quantity) -> Bounds | None:
-        """The boxes of a quantity, with their tolerances; None if no vehicle has one.
+        """Return the boxes of a quantity, with their tolerances; None if no vehicle has one.
 
-        The tolerance is `TOLERANCE` of a box's side, but no more than of the motion's scale, so
-        that a side made wide to be no limit does not loosen the other, and no less than of a
-        thousandth of it, which a solver can still tell.
+        A tolerance is `TOLERANCE` times the box's side. The side is taken as at most the motion's
+        scale, so that a distant bound that stands for no limit does not loosen the opposite one,
+        and at least a thousandth of it, which a solver can still resolve.
         """
         if quantity not in self._bounds:
             self._bounds[quantity] = self._make_bounds(quantity)
@@ -232,7 +241,7 @@ class Fleet:
         return Bounds(lower, upper, TOLERANCE * width)
 
     def _make_sides(self, quantity: Quantity) -> tuple[FloatArray, FloatArray] | None:
-        """Lower and upper bounds, each of shape (N, 3)."""
+        """Return lower and upper bounds, each of shape (N, 3), or None if there are none."""
         count = len(self._vehicles)
         lower, upper = np.full((count, 3), -np.inf), np.full((count, 3), np.inf)
         common: Box | None = getattr(self._limits, quantity)
@@ -246,7 +255,7 @@ class Fleet:
 
     @cached_property
     def norms(self) -> dict[Norm, NormLimit]:
-        """The limits on norms that some vehicle has, with their tolerances, by their field."""
+        """Limits on norms, with tolerances, by field of `Limits`: those that any vehicle has."""
         if self._largest is None:
             self._largest = self._make_largest()
         limits = {}
@@ -256,7 +265,7 @@ class Fleet:
         return limits
 
     def _make_largest(self) -> dict[Norm, FloatArray]:
-        """The largest norms of all vehicles, each of shape (N,), where some vehicle has one."""
+        """Return the limits on norms, each of shape (N,), of the norms that any vehicle limits."""
         owns = [(i, each.limits) for i, each in enumerate(self._vehicles) if each.limits]
         found = {}
         for norm in NORMS:
@@ -276,14 +285,14 @@ class Fleet:
         before: FloatArray,
         bodies: Sequence[Obstacle],
     ) -> Fleet:
-        """The same vehicles with other starts, arrays of shape (N, 3), on another grid.
+        """Return the fleet with other starts, arrays of shape (N, 3), on another grid.
 
-        Obstacles are on the clock of that grid.
+        The obstacles' clocks are 0 at that grid's first knot.
         """
-        fleet = Fleet(grid, vehicles, self._limits, self._aside, bodies)
+        fleet = Fleet(grid, vehicles, self._limits, self._separation, bodies)
         fleet.start_positions, fleet.start_velocities = positions, velocities
         fleet.accelerations_before = before
-        fleet._whole = self._whole or self
+        fleet._whole_flight = self._whole_flight or self
         fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
         fleet._sides, fleet._largest = self._sides, self._largest
         return fleet

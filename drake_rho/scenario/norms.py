@@ -1,4 +1,4 @@
-"""Limits on norms, each a convex set that a quantity of every vehicle keeps in."""
+"""Limits on norms: each is a convex set that contains a quantity of every vehicle."""
 
 from __future__ import annotations
 
@@ -19,64 +19,67 @@ Norm = Literal["max_speed", "max_acceleration", "max_thrust", "max_tilt", "max_j
 
 @dataclasses.dataclass(frozen=True)
 class Kind(abc.ABC):
-    """What one field of `Limits` limits, and how."""
+    """Measure that one field of `Limits` bounds, and the sets in which it does so."""
 
     what: str
-    """what is limited, in a word: speed, acceleration, jerk, thrust, tilt"""
-    told_as: str
-    """what a value has of it, in messages of what is expected"""
+    """name of the measure: speed, acceleration, jerk, thrust or tilt"""
+    measure: str
+    """name of the measure in "a ... of at most" in error messages"""
     quantity: Quantity
-    """whose values are in the set"""
+    """quantity whose values lie in the set"""
     origin: FloatArray
-    """center or apex of the set, in the quantity's unit, shape (3,)"""
+    """centre or apex of the set, in the quantity's unit, shape (3,)"""
 
     @property
     def name(self) -> str:
-        """What the constraint is called in messages, as 'maximum speed'."""
+        """Name of the constraint in messages, such as 'maximum speed'."""
         return f"maximum {self.what}"
 
     @abc.abstractmethod
     def measured(self, values: FloatArray) -> FloatArray:
-        """What is limited of values (..., 3), in the limit's unit, shape (...)."""
+        """Return the limited measure of values (..., 3), in the limit's unit, shape (...)."""
 
     @abc.abstractmethod
     def sets(self, most: FloatArray, scale: FloatArray) -> ConvexSets:
-        """The sets of all vehicles.
+        """Return the sets of all vehicles.
 
         Args:
-            most: the limit of each vehicle, infinite where it has none, shape (N,).
-            scale: what is large for the quantity in each motion, in its unit, shape (N,).
+            most: limit of each vehicle, infinite where it has none, shape (N,).
+            scale: characteristic magnitude of the quantity in each motion, in its unit, shape (N,).
         """
 
 
 @dataclasses.dataclass(frozen=True)
 class Length(Kind):
-    """norm(value - origin)."""
+    """Measure norm(value - origin)."""
 
     def measured(self, values: FloatArray) -> FloatArray:
-        """Distances from the origin, in the quantity's unit."""
+        """Return the distances from the origin, in the quantity's unit."""
         x = values - self.origin
         lengths: FloatArray = np.sqrt(np.einsum("...i,...i->...", x, x))
         return lengths
 
     def sets(self, most: FloatArray, scale: FloatArray) -> Balls:
-        """Balls of the radii `most`."""
+        """Return balls of the radii `most`."""
         centers = np.tile(self.origin, (len(most), 1))
         return Balls(centers, tolerances_of(most, centers, scale), most)
 
 
 @dataclasses.dataclass(frozen=True)
 class Inclination(Kind):
-    """The angle of value - origin to the upright."""
+    """Angle between value - origin and the upward vertical."""
 
     def measured(self, values: FloatArray) -> FloatArray:
-        """Angles to the upright [rad], from 0 to pi."""
+        """Return the angles to the upward vertical [rad], from 0 to pi."""
         x = values - self.origin
         angles: FloatArray = np.arctan2(np.hypot(x[..., 0], x[..., 1]), x[..., 2])
         return angles
 
     def sets(self, most: FloatArray, scale: FloatArray) -> UprightCones:
-        """Cones; as wide as at the height of hovering, and as good as all space without a limit."""
+        """Return upright cones; angles of pi stand for no limit.
+
+        For its tolerance, the width of a cone is that at the thrust of hovering.
+        """
         apexes = np.tile(self.origin, (len(most), 1))
         angles = np.minimum(most, np.pi)
         widths = float(np.linalg.norm(self.origin)) * np.tan(angles)
@@ -84,7 +87,7 @@ class Inclination(Kind):
 
 
 _FREE_FALL = np.array([0.0, 0.0, -GRAVITY])
-"""The acceleration without thrust [m/s²]."""
+"""Acceleration without thrust [m/s²]."""
 
 NORMS: dict[Norm, Kind] = {
     "max_speed": Length("speed", "norm", "velocity", np.zeros(3)),
@@ -98,26 +101,30 @@ NORMS: dict[Norm, Kind] = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class NormLimit:
-    """A limit on a norm of a quantity, of every vehicle."""
+    """Limit on a norm of a quantity, for every vehicle."""
 
     field: Norm
     """the field of `Limits`"""
     kind: Kind
-    """what is limited"""
+    """limited measure"""
     most: FloatArray
-    """the limit of each vehicle, infinite where it has none, shape (N,)"""
+    """limit of each vehicle, infinite where it has none, shape (N,)"""
     sets: ConvexSets
-    """what is allowed"""
+    """sets of allowed values"""
 
     def check(self, where: str, values: FloatArray) -> None:
-        """See that `values`, shape (N, 3), are inside; what is no number is not judged.
+        """Check that `values`, shape (N, 3), satisfy the limit; NaN is not checked.
+
+        Args:
+            where: field of a vehicle that holds the values, such as `"start.velocity"`.
+            values: one of each vehicle, in the quantity's unit.
 
         Raises:
-            ScenarioError: one is outside; `where` names it within its vehicle.
+            ScenarioError: a value violates the limit.
         """
         outside = self.sets.excess(np.arange(len(values)), values) > self.sets.tolerances
         if np.any(outside):
             i = int(np.argmax(outside))
             found = float(self.kind.measured(values[i]))
-            expected = f"a {self.kind.told_as} of at most {self.most[i]:g}, not {found:.7g}"
+            expected = f"a {self.kind.measure} of at most {self.most[i]:g}, not {found:.7g}"
             raise ScenarioError(f"vehicles[{i}].{where}", values[i].tolist(), expected)

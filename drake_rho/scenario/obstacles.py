@@ -1,4 +1,4 @@
-"""Obstacles: a shape at rest or moving, known from the start or from a time on."""
+"""Obstacles: shapes at rest or moving, known from the start or from a later time."""
 
 from __future__ import annotations
 
@@ -42,14 +42,18 @@ _KINDS = {
     "Cylinder": ("height", "axis"),
     "Sphere": ("center", "radius"),
 }
-"""Keys that tell what a mapping describes; of several kinds, the first that has one of them."""
+"""Keys that identify the record that a mapping describes. If keys of several records occur, the
+first record in this order is taken."""
 
 _BETWEEN = 8
-"""Parts of each piece of a track between which its deviation from a function is measured."""
+"""Number of parts of each piece of a track at whose ends an estimated deviation is measured."""
 
 
 def _kind(value: object) -> str:
-    """The name of the record that a value is, or that a mapping describes, mistyped keys too."""
+    """Return the name of a record's type, or of the type that a mapping describes.
+
+    Mistyped keys are matched to the closest known ones.
+    """
     if not isinstance(value, Mapping):
         return type(value).__name__
     known = [key for keys in _KINDS.values() for key in keys]
@@ -65,12 +69,12 @@ AnyShape = Annotated[
     | Annotated[Polytope, Tag("Polytope")],
     Discriminator(_kind),
 ]
-"""One of the shapes, told apart by its keys."""
+"""One of the shapes, identified by its keys in a file."""
 
 
 @record
 class Track:
-    """A polyline in time, at rest before its first time and, unless it goes on, after its last.
+    """Piecewise linear motion, at rest before its first time and, by default, after its last.
 
     Examples:
         >>> circle = lambda t: np.array([np.cos(t), np.sin(t), 2.0])
@@ -80,16 +84,16 @@ class Track:
     """
 
     times: Numbers
-    """on the scenario's clock, rising [s], shape (M,), M >= 1"""
+    """times on the scenario's clock, increasing [s], shape (M,), M >= 1"""
     positions: Points
-    """of the middle of the shape's bounding box [m], shape (M, 3)"""
+    """positions of the centre of the shape's bounding box [m], shape (M, 3)"""
     deviation: Margin = 0.0
-    """how far what it stands for may be from the polyline [m]; planners keep that much further"""
+    """largest distance of the true position from the polyline [m], added to required distances"""
     deviation_is_estimated: bool = False
-    """whether the deviation is an estimate from samples, rather than a bound"""
+    """true if the deviation is an estimate from samples rather than a bound"""
     after: Literal["rests", "goes_on"] | None = None
-    """what happens after the last time: it rests, or goes on with the velocity of its last piece;
-    if not given it is taken to rest, which a report notes where the flight is longer"""
+    """motion after the last time: at rest, or with the velocity of the last piece; if not given,
+    at rest is assumed, which a report notes where the flight is longer"""
 
     if TYPE_CHECKING:
 
@@ -103,7 +107,7 @@ class Track:
         ) -> None: ...
 
     @model_validator(mode="after")
-    def _rises(self) -> Self:
+    def _is_consistent(self) -> Self:
         if len(self.times) == 0 or not np.all(np.diff(self.times) > 0.0):
             expected = "at least one time, each after the one before"
             raise ScenarioError("times", self.times.tolist(), expected)
@@ -111,16 +115,16 @@ class Track:
             expected = f"one for each of the {len(self.times)} times, not {len(self.positions)}"
             raise ScenarioError("positions", self.positions.tolist(), expected)
         if self.after == "goes_on" and len(self.times) < 2:
-            raise ScenarioError("after", self.after, "two times or more, between which it moves")
+            raise ScenarioError("after", self.after, "at least two times, which define its motion")
         return self
 
     @property
     def last_velocity(self) -> FloatArray:
-        """Of its last piece [m/s], shape (3,); zero where it has none."""
+        """Velocity of the last piece [m/s], shape (3,); zero if there is only one time."""
         if len(self.times) < 2:
             return np.zeros(3)
-        way, time = np.diff(self.positions[-2:], axis=0)[0], self.times[-1] - self.times[-2]
-        return np.asarray(way / time)
+        moved, time = np.diff(self.positions[-2:], axis=0)[0], self.times[-1] - self.times[-2]
+        return np.asarray(moved / time)
 
     @classmethod
     def sampled(
@@ -129,20 +133,21 @@ class Track:
         times: npt.ArrayLike,
         max_acceleration: float | None = None,
     ) -> Self:
-        """The track of a function of time, which is straight between samples of it.
+        """Return the track through samples of a function of time, straight between them.
 
         Args:
-            function: gives a position [m], shape (3,), for a time on the scenario's clock [s].
-            times: of the samples, rising [s], shape (M,).
-            max_acceleration: the function's [m/s²]. With it the deviation is at most its Δt² / 8;
-                without it, it is estimated at seven instants between two samples.
+            function: returns the position [m], shape (3,), at a time on the scenario's clock [s].
+            times: of the samples, increasing [s], shape (M,).
+            max_acceleration: largest acceleration of the function [m/s²]. If given, the deviation
+                is the bound max_acceleration Δt² / 8; otherwise it is estimated at seven instants
+                between each two samples.
 
         Raises:
-            ScenarioError: the times do not rise, or the function gives no positions.
+            ScenarioError: the times do not increase, or the function does not return positions.
         """
         track = cls._through(function, times)
         if max_acceleration is not None:
-            if not 0.0 <= max_acceleration <= LARGEST:  # nor with a NaN
+            if not 0.0 <= max_acceleration <= LARGEST:  # also true for NaN
                 expected = f"a number of at least 0 and at most {LARGEST:g}"
                 raise ScenarioError("track.max_acceleration", max_acceleration, expected)
             longest = float(np.max(np.diff(track.times), initial=0.0))
@@ -157,7 +162,7 @@ class Track:
 
     @classmethod
     def _through(cls, function: Callable[[float], npt.ArrayLike], times: npt.ArrayLike) -> Self:
-        """The track through a function's positions at some times."""
+        """Return the track through a function's positions at some times."""
         try:
             at = numbers_of(times)
         except ScenarioError as error:
@@ -166,7 +171,7 @@ class Track:
         return cls(at, positions)
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Positions at times on the scenario's clock [m], shape (M, 3)."""
+        """Return the positions at times on the scenario's clock [m], shape (M, 3)."""
         axes = [np.interp(times, self.times, axis) for axis in self.positions.T]
         positions = np.stack(axes, axis=-1)
         if self.after == "goes_on":
@@ -174,18 +179,18 @@ class Track:
         return positions
 
     def velocities(self, times: FloatArray) -> FloatArray:
-        """Velocities at times [m/s], shape (M, 3); at a corner, of the piece that begins there."""
+        """Return velocities at times [m/s], shape (M, 3); at a corner, that of the next piece."""
         piece = np.searchsorted(self.times, times, side="right")
-        ways = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
+        moving = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
         rest = np.zeros((1, 3))
         last = self.last_velocity[None] if self.after == "goes_on" else rest
-        velocities: FloatArray = np.concatenate([rest, ways, last])[piece]
+        velocities: FloatArray = np.concatenate([rest, moving, last])[piece]
         return velocities
 
 
 @record
 class Obstacle:
-    """A shape to keep out of, which may move and may be seen only later.
+    """Obstacle to avoid, which may move and may become known only during the flight.
 
     Examples:
         >>> intruder = rho.Obstacle(rho.Sphere([0, 0, 2], 1.0), velocity=[1, 0, 0], known_from=2.0)
@@ -194,19 +199,19 @@ class Obstacle:
     """
 
     shape: AnyShape
-    """as it stands at time 0 of the scenario's clock; with a track, its place is the track's"""
+    """shape at time 0 of the scenario's clock; a track, if given, determines its position"""
     velocity: Vector | None = None
-    """constant, from time 0 on and before [m/s]; at rest if neither this nor a track is given"""
+    """constant velocity at all times [m/s]; at rest if neither this nor a track is given"""
     track: Track | None = None
-    """where the middle of its bounding box is"""
+    """motion of the centre of its bounding box"""
     known_from: Finite = 0.0
-    """time on the scenario's clock from which planners know of it [s]: it is there all the time,
-    but what is planned at an earlier time does not avoid it; at 0 it is known from the start"""
+    """time on the scenario's clock from which planners know the obstacle [s]: it is always there,
+    but plans made earlier do not avoid it; 0 means that it is known from the start"""
     name: Name | None = None
-    """shown in figures and reports, beside its number"""
+    """name shown in figures and reports, beside its number"""
     active: tuple[Finite, Finite] | None = None
-    """first and last time on the scenario's clock at which it is avoided, both included [s], as of
-    a no-fly zone; at all times if not given"""
+    """first and last time on the scenario's clock at which vehicles avoid it, both included [s], as
+    for a temporary no-fly zone; always if not given"""
 
     if TYPE_CHECKING:
 
@@ -221,9 +226,9 @@ class Obstacle:
         ) -> None: ...
 
     @model_validator(mode="after")
-    def _moves_in_one_way(self) -> Self:
+    def _has_one_motion(self) -> Self:
         if self.velocity is not None and self.track is not None:
-            expected = "no velocity beside a track, which says where it is"
+            expected = "no velocity beside a track, which already defines the motion"
             raise ScenarioError("velocity", self.velocity.tolist(), expected)
         if self.active is not None and not self.active[0] < self.active[1]:
             expected = "a first time and a later last one"
@@ -236,7 +241,7 @@ class Obstacle:
 
     @property
     def moves(self) -> bool:
-        """Whether it is ever in motion."""
+        """True if the obstacle moves at any time."""
         if self.track is not None:
             return bool(np.any(np.diff(self.track.positions, axis=0)))
         return self.velocity is not None and bool(np.any(self.velocity))
@@ -261,14 +266,14 @@ class Obstacle:
 
     @property
     def deviation(self) -> float:
-        """How far it may be from where `centers` puts it [m]."""
+        """Largest distance of the true centre from `centers` [m]."""
         return 0.0 if self.track is None else self.track.deviation
 
     @property
     def corners(self) -> FloatArray:
-        """Times at which its velocity changes, or it begins or ends to be avoided [s], shape (M,).
+        """Times at which the velocity changes or the active interval begins or ends [s], (M,).
 
-        They are on the scenario's clock, and rise.
+        They are on the scenario's clock, in increasing order.
         """
         corners = np.zeros(0)
         if self.track is not None:
@@ -277,28 +282,29 @@ class Obstacle:
 
     @property
     def first_center(self) -> FloatArray:
-        """The middle of its bounding box at time 0 of its clock [m], shape (3,)."""
+        """Centre of the bounding box at time 0 of the obstacle's clock [m], shape (3,)."""
         center: FloatArray = self.centers(np.zeros(1))[0]
         return center
 
     def since(self, time: float) -> Self:
-        """Return this obstacle on a clock that is 0 at a time of this one [s].
+        """Return the obstacle on a clock that is 0 at `time` [s] of the present one.
 
-        Times of a flight are added up from its first knot. On a clock that begins there, sums and
-        corners are the same numbers; on one far from 0 they differ by its rounding.
+        Times in a flight are sums that begin at its first knot. On a clock that is 0 there, these
+        sums and a track's corner times are equal numbers; on a clock far from 0 they would differ
+        by its rounding.
         """
         track = self.track
         if track is not None:
             track = unchecked(track, times=locked(track.times - time))
         elif self.velocity is not None:
-            places = self.centers(time + np.array([0.0, 1.0]))
-            track = Track([0.0, 1.0], places, after="goes_on")
+            centers = self.centers(time + np.array([0.0, 1.0]))
+            track = Track([0.0, 1.0], centers, after="goes_on")
         active = self.active and (self.active[0] - time, self.active[1] - time)
         known_from = self.known_from - time
         return unchecked(self, velocity=None, track=track, known_from=known_from, active=active)
 
     def centers(self, times: FloatArray) -> FloatArray:
-        """Middles of its bounding box at times on the scenario's clock [m], shape (M, 3)."""
+        """Return the centres of the bounding box at times on the scenario's clock [m], (M, 3)."""
         if self.track is not None:
             return self.track.at(times)
         if self.velocity is not None:
@@ -309,13 +315,13 @@ class Obstacle:
         return still
 
     def distances(self, positions: FloatArray, times: FloatArray) -> FloatArray:
-        """Return distances from the surface of positions at times [m], shape (..., M).
+        """Return signed distances from the surface [m], shape (..., M).
 
-        They are negative inside, and infinite while it is not avoided.
+        They are negative inside, and infinite at times at which the obstacle is not active.
 
         Args:
             positions: [m], shape (..., M, 3).
-            times: on the scenario's clock [s], shape (M,), or one for all.
+            times: on the scenario's clock [s], shape (M,), or one for all positions.
         """
         distances = self.shape.signed_distance(positions - self.centers(times))
         if self.active is None:
@@ -323,18 +329,18 @@ class Obstacle:
         return np.where(self.is_active(times), distances, np.inf)
 
     def velocities(self, times: FloatArray) -> FloatArray:
-        """Velocities at times on the scenario's clock [m/s], shape (M, 3)."""
+        """Return the velocities at times on the scenario's clock [m/s], shape (M, 3)."""
         if self.track is not None:
             return self.track.velocities(times)
         velocity = np.zeros(3) if self.velocity is None else self.velocity
         return np.broadcast_to(velocity, (*times.shape, 3))
 
 
-def _with_its_shape(value: object) -> object:
+def _has_shape(value: object) -> object:
     if isinstance(value, Mapping) and _kind(value) == "Obstacle" and "shape" not in value:
-        own = ", ".join(str(key) for key in value if _kind({key: None}) == "Obstacle")
+        keys = ", ".join(str(key) for key in value if _kind({key: None}) == "Obstacle")
         raise ScenarioError(
-            "", dict(value), f"the shape in a mapping of its own, shape, beside {own}"
+            "", dict(value), f"the shape in a mapping of its own, shape, beside {keys}"
         )
     return value
 
@@ -347,6 +353,6 @@ AnyObstacle = Annotated[
     | Annotated[Polytope, Tag("Polytope")]
     | Annotated[Obstacle, Tag("Obstacle")],
     Discriminator(_kind),
-    BeforeValidator(_with_its_shape),
+    BeforeValidator(_has_shape),
 ]
-"""A shape at rest that is known from the start, or an `Obstacle`."""
+"""Shape at rest that is known from the start, or `Obstacle`."""

@@ -1,4 +1,4 @@
-"""The closest two of many vehicles, found without a visit to every pair."""
+"""Separation check of many vehicles at one instant, without visiting every pair."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import Separation, Vehicle
 
 
-def check_apart(
+def check_separation(
     separation: Separation, vehicles: Sequence[Vehicle], where: str, positions: FloatArray
 ) -> None:
-    """See that no two vehicles are closer than their separation, to its tolerance.
+    """Check that no two vehicles are closer than their separation, within its tolerance.
 
     Args:
-        separation: what they keep.
-        vehicles: whose names an error gives.
-        where: the field of a vehicle that holds its position, as `"start.position"`.
+        separation: required of every pair.
+        vehicles: the vehicles, whose names appear in the error.
+        where: field of a vehicle that holds the positions, such as `"start.position"`.
         positions: of the vehicles [m], shape (N, 3).
 
     Raises:
-        ScenarioError: two are; it names the closest two and how far apart they are.
+        ScenarioError: two vehicles are too close; it names the closest pair and its distance.
     """
     if len(vehicles) < 2:
         return
@@ -39,11 +39,11 @@ def check_apart(
 
 
 def _closest(points: FloatArray) -> tuple[int, int, float]:
-    """Indices, rising, and distance of the closest two of `points`, shape (N, 3), N >= 2."""
-    from scipy.spatial import cKDTree  # takes a tenth of a second to load, so only where needed
+    """Return the closest two of `points`, shape (N, 3), N >= 2: increasing indices and distance."""
+    from scipy.spatial import cKDTree  # imported here: loading it takes a tenth of a second
 
     distances, neighbours = cKDTree(points).query(points, k=2)
     one = int(np.argmin(distances[:, 1]))
-    # where points coincide, either of the two that were found may be the point itself
+    # where points coincide, either of the two neighbours may be the point itself
     other = next(int(index) for index in neighbours[one] if index != one)
     return min(one, other), max(one, other), float(distances[one, 1])

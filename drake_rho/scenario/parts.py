@@ -1,7 +1,7 @@
-"""The parts of a scenario: grid, vehicles with start and goal, limits, separation.
+"""Parts of a scenario: grid, vehicles with start and goal, limits, separation.
 
-Records are frozen and checked when made; a changed situation is a new record
-(`dataclasses.replace`). SI units throughout; symbols of the paper stand in `docs/paper.md`.
+Records are immutable and validated when created; a change makes a new record
+(`dataclasses.replace`). All units are SI; `docs/paper.md` lists the paper's symbols.
 """
 
 from __future__ import annotations
@@ -35,23 +35,24 @@ from drake_rho.scenario.shapes.polyhedra import Box
 from drake_rho.scenario.shapes.quadrics import Ellipsoid
 
 Quantity = Literal["position", "velocity", "acceleration", "jerk"]
-"""What a box can bound."""
+"""Quantities that a box can bound."""
 Airframe = Literal["aircraft", "quadrotor"]
-"""What a vehicle can be drawn as."""
+"""Airframes as which a vehicle can be drawn."""
 
 _SAME = 1e-9
-"""Part of a step by which times may differ that are meant as the same."""
+"""Part of a step by which two times may differ and still count as equal."""
 
 _ROUNDINGS = 8.0
-"""Roundings of the clock by which they may: sums of a few times, and a user's own arithmetic."""
+"""Multiple of the clock's rounding by which two times may differ and still count as equal: it
+covers sums of a few times and a user's own arithmetic."""
 
 GRAVITY = 9.81
-"""g [m/s²]: a vehicle with acceleration a has the thrust a + g e_z for each kilogram, z upwards."""
+"""g [m/s²]. A vehicle with acceleration a has the thrust a + g e_z per unit mass, z upwards."""
 
 
 @record
 class Grid:
-    """The knots k = 1..K of a flight and the step h between them.
+    """Time grid of a flight: knots k = 1..K with the step h between them.
 
     Examples:
         >>> grid = rho.Grid(step=0.5, knots=5)
@@ -62,20 +63,20 @@ class Grid:
     step: Positive
     """h, the time from one knot to the next [s]"""
     knots: Annotated[int, Field(ge=2, le=100_000), NO_TRUTH]
-    """K, the number of knots, the first and the last included"""
+    """K, the number of knots, including the first and the last"""
     start: Finite = 0.0
-    """time of the first knot on the scenario's clock, on which obstacles move [s]"""
+    """time of the first knot on the scenario's clock, to which the times of obstacles refer [s]"""
 
     @classmethod
     def lasting(cls, duration: float, *, step: float, start: float = 0.0) -> Self:
-        """The grid of a flight of `duration` [s] in steps of `step` [s] that begins at `start` [s].
+        """Return the grid of a flight of `duration` [s] with steps of `step` [s] from `start` [s].
 
         Raises:
-            ScenarioError: one is not positive, the step does not divide the duration, or there
-                would be more knots than a grid can have.
+            ScenarioError: the duration or the step is not positive, the step does not divide the
+                duration, or there would be more knots than a grid can have.
         """
         for field, value in (("duration", duration), ("step", step)):
-            if not 1.0 / LARGEST <= value <= LARGEST:  # nor with a NaN
+            if not 1.0 / LARGEST <= value <= LARGEST:  # also true for NaN
                 raise ScenarioError(field, value, "a time above 0 in seconds")
         steps = duration / step
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
@@ -84,7 +85,7 @@ class Grid:
 
     @property
     def duration(self) -> float:
-        """T = (K - 1) h [s]."""
+        """Duration T = (K - 1) h [s]."""
         return self.step * (self.knots - 1)
 
     @property
@@ -94,46 +95,46 @@ class Grid:
 
     @property
     def times(self) -> FloatArray:
-        """Time of every knot on the scenario's clock [s], shape (K,)."""
+        """Times of the knots on the scenario's clock [s], shape (K,)."""
         return locked(self.start + self.elapsed)
 
     @property
     def elapsed(self) -> FloatArray:
-        """Time of every knot since the first one [s], shape (K,)."""
+        """Times of the knots since the first one [s], shape (K,)."""
         return locked(self.step * np.arange(self.knots))
 
     @property
     def rounding(self) -> float:
-        """How far apart two times may be and still be meant as the same one [s].
+        """Largest difference of two times that count as equal [s].
 
-        A clock far from 0 is rounded: at the Unix time of today to 2.4e-7 s.
+        Times far from 0 are rounded: today's Unix time to 2.4e-7 s.
         """
         largest = max(abs(self.start), abs(self.end))
         return max(_SAME * self.step, _ROUNDINGS * sys.float_info.epsilon * largest)
 
     def from_knot(self, knot: int) -> Grid:
-        """What is left of the grid from a knot on, counted from 0."""
-        start, passed = self._begun
+        """Return the remainder of the grid from a knot on, counted from 0."""
+        start, passed = self._origin
         passed += knot
         return unchecked(
             self,
             knots=self.knots - knot,
             start=start + self.step * passed,
-            _begun=(start, passed),
+            _origin=(start, passed),
         )
 
     @cached_property
-    def _begun(self) -> tuple[float, int]:
-        """When the flight began that this grid is left of [s], and how many steps ago.
+    def _origin(self) -> tuple[float, int]:
+        """Start of the whole flight whose remainder this grid is [s], and the steps since then.
 
-        So that starts of windows are the knots of the flight, however many went before.
+        It keeps the starts of all windows bit-equal to knots of the whole flight.
         """
         return self.start, 0
 
 
 @record
 class State:
-    """Where a vehicle is and how it moves at one knot.
+    """Position, velocity and acceleration of a vehicle at one knot.
 
     Examples:
         >>> rho.State([0, 0, 1]).velocity.tolist()  # at rest
@@ -145,10 +146,10 @@ class State:
     velocity: Vector = dataclasses.field(default_factory=lambda: locked(np.zeros(3)))
     """v [m/s]; at rest if not given"""
     acceleration: Vector | None = None
-    """acceleration just before the first knot [m/s²], for the jerk limit (7) there; if not
-    given, the first acceleration is free of it. Has no meaning in a goal."""
+    """acceleration just before the first knot [m/s²], for the jerk limit (7) there; if not given,
+    that limit does not apply to the first acceleration. Not allowed in a goal."""
 
-    if TYPE_CHECKING:  # what is made of lists too is read as arrays
+    if TYPE_CHECKING:  # the constructor also accepts lists, the fields are arrays
 
         def __init__(
             self,
@@ -159,7 +160,7 @@ class State:
 
 
 def _no_degrees(value: object) -> object:
-    """Return what may be a tilt, unless it is a number of degrees."""
+    """Return the value of a tilt unless it is too large for radians, as an angle in degrees is."""
     if isinstance(value, int | float) and np.pi / 2.0 <= value:
         radians = f"; {value:g}° are {np.radians(value):.4g} rad" if value < 90.0 else ""
         raise ScenarioError("", value, f"an angle in radians, less than a right angle{radians}")
@@ -168,10 +169,11 @@ def _no_degrees(value: object) -> object:
 
 @record
 class Limits:
-    """Boxes (4) to (7) and norms that a vehicle keeps to; what is left out is no limit.
+    """Limits of a vehicle: boxes (4) to (7) and norms. A limit that is not given does not apply.
 
-    Thrust and tilt are those of a + g e_z, the acceleration that rotors have to make for the
-    vehicle to fly with a: g = 9.81 m/s² (`GRAVITY`), e_z upwards. Hovering is always allowed.
+    Thrust and tilt are those of a + g e_z, the acceleration that rotors have to produce for the
+    vehicle to fly with acceleration a, where g = 9.81 m/s² (`GRAVITY`) and e_z points upwards.
+    Hovering is always allowed.
 
     Examples:
         >>> slow = rho.Limits(max_speed=2.0)
@@ -182,11 +184,11 @@ class Limits:
     position: Box | None = None
     """the flyable volume (4) [m]"""
     velocity: Box | None = None
-    """(6) [m/s]"""
+    """bounds on the velocity (6) [m/s]"""
     acceleration: Box | None = None
-    """(5) [m/s²]"""
+    """bounds on the acceleration (5) [m/s²]"""
     jerk: Box | None = None
-    """(7), j[k] = (a[k] - a[k-1]) / h [m/s³]"""
+    """bounds on the jerk (7), j[k] = (a[k] - a[k-1]) / h [m/s³]"""
     max_speed: Positive | None = None
     """largest norm of the velocity, in any direction [m/s]"""
     max_acceleration: Positive | None = None
@@ -194,8 +196,8 @@ class Limits:
     max_thrust: (
         Annotated[float, Field(ge=GRAVITY, le=LARGEST, allow_inf_nan=False), NO_TRUTH] | None
     ) = None
-    """largest norm of a + g e_z [m/s²], the thrust for each kilogram; at least g = 9.81 m/s², which
-    it takes to hover"""
+    """largest norm of a + g e_z [m/s²], the thrust per unit mass; at least g = 9.81 m/s², the
+    thrust of hovering"""
     max_tilt: (
         Annotated[
             float,
@@ -205,13 +207,13 @@ class Limits:
         ]
         | None
     ) = None
-    """largest angle of a + g e_z to the upright [rad], less than a right angle; as far as a
-    multicopter tilts"""
+    """largest angle between a + g e_z and the upward vertical [rad], less than a right angle: the
+    largest tilt of a multicopter"""
     max_jerk: Positive | None = None
     """largest norm of the jerk j[k] = (a[k] - a[k-1]) / h, in any direction [m/s³]"""
 
     def overridden_by(self, own: Limits | None) -> Limits:
-        """These limits with those that `own` has in place of them."""
+        """Return these limits, each replaced by that of `own` where it has one."""
         if own is None:
             return self
         limits = {
@@ -223,7 +225,7 @@ class Limits:
 
 @record
 class Waypoint:
-    """A place that a vehicle passes at a time, which need not be that of a knot.
+    """Position that a vehicle passes at a given time, which need not be that of a knot.
 
     Examples:
         >>> rho.Waypoint(3.0, [5, 0, 2], within=0.2).within
@@ -231,11 +233,11 @@ class Waypoint:
     """
 
     time: Finite
-    """on the scenario's clock, after the first knot and before the last [s]"""
+    """time on the scenario's clock, after the first knot and before the last [s]"""
     position: Vector
-    """where the vehicle is then [m]"""
+    """position of the vehicle at that time [m]"""
     within: Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)] = 0.0
-    """how far from there it may be [m]; 0 for exactly there"""
+    """largest distance of the vehicle from the position [m]; 0 to pass it exactly"""
 
     if TYPE_CHECKING:
 
@@ -244,7 +246,7 @@ class Waypoint:
 
 @record
 class Vehicle:
-    """A point mass with a start and a goal.
+    """Point mass with a start and a goal.
 
     Examples:
         >>> rho.Vehicle("", rho.State([0, 0, 1]), rho.State([4, 0, 1]))
@@ -253,21 +255,21 @@ class Vehicle:
     """
 
     name: Name
-    """unique within the scenario"""
+    """name, unique within the scenario"""
     start: State
     """state at the first knot"""
     goal: State
     """state at the last knot"""
     limits: Limits | None = None
-    """own limits, where they differ from the scenario's"""
+    """limits that replace the scenario's, one by one"""
     radius: Margin = 0.0
-    """how far its position keeps from every obstacle [m]; from other vehicles it keeps the
-    separation"""
+    """least distance of its position from every obstacle [m]; the separation applies to other
+    vehicles"""
     waypoints: tuple[Waypoint, ...] = ()
-    """where it passes on its way, numbered from 1 in reports; no two at the same time"""
+    """positions to pass during the flight, numbered from 1 in reports; no two at the same time"""
     airframe: Airframe | None = None
-    """what it is drawn as, aircraft or quadrotor; by its limits if not given. No plan depends on
-    it."""
+    """airframe as which it is drawn, aircraft or quadrotor; chosen by its limits if not given; it
+    has no effect on plans"""
 
     if TYPE_CHECKING:
 
@@ -283,7 +285,7 @@ class Vehicle:
         ) -> None: ...
 
     @model_validator(mode="after")
-    def _passes_one_place_at_a_time(self) -> Self:
+    def _waypoint_times_are_distinct(self) -> Self:
         times: set[float] = set()
         for index, waypoint in enumerate(self.waypoints):
             if waypoint.time in times:
@@ -305,7 +307,7 @@ class Vehicle:
 
 @record
 class Separation:
-    """How far every pair of vehicles keeps apart: norm((dx, dy, dz / downwash)) >= distance.
+    """Required separation of every pair of vehicles: norm((dx, dy, dz / downwash)) >= distance.
 
     Examples:
         >>> rho.Separation(0.35, downwash=2.0).shape.semi_axes.tolist()
@@ -315,31 +317,31 @@ class Separation:
     distance: Positive
     """least distance of two vehicles side by side [m]"""
     downwash: Annotated[float, Field(ge=1e-3, le=1e3, allow_inf_nan=False), NO_TRUTH] = 1.0
-    """how many times as far apart two vehicles above each other must be; from a thousandth to a
-    thousand, as a flatter or longer ellipsoid is a plane or a line to a solver"""
+    """ratio of the least vertical to the least horizontal distance, from a thousandth to a
+    thousand: to a solver, a flatter or longer ellipsoid is a plane or a line"""
 
     @property
     def tolerance(self) -> float:
-        """How much closer still counts as apart: `TOLERANCE` of the distance [m]."""
+        """Violation of the distance that is still accepted: `TOLERANCE` times the distance [m]."""
         return TOLERANCE * self.distance
 
     @cached_property
     def shape(self) -> Ellipsoid:
-        """What the way from one vehicle to another keeps out of."""
+        """Ellipsoid that the relative position of two vehicles must not enter."""
         return Ellipsoid(np.zeros(3), self.distance * np.array([1.0, 1.0, self.downwash]))
 
     @property
     def is_round(self) -> bool:
-        """Whether it is the same in all directions."""
+        """True if the required distance is the same in all directions."""
         return self.downwash == 1.0
 
     def scaled(self, positions: FloatArray) -> FloatArray:
-        """Positions where the distance of two is that of two vehicles: z divided by `downwash`.
+        """Return positions with z divided by `downwash`, so that the separation is a sphere.
 
         Args:
             positions: of vehicles, or differences of two [m], shape (..., 3).
 
         Returns:
-            The same, perhaps the very array.
+            The scaled positions; the array itself, not a copy, if the downwash is 1.
         """
         return positions if self.is_round else self.shape.scaled(positions)

@@ -1,6 +1,6 @@
-"""What is asked: a scenario of vehicles, limits, obstacles and separation on a grid.
+"""The planning problem: a scenario of vehicles, limits, obstacles and separation on a grid.
 
-Everything a user makes a scenario of can be had from here; the parts are defined in
+This module exports every record that a scenario is made of; most are defined in
 `drake_rho.scenario.parts`.
 """
 
@@ -19,7 +19,7 @@ from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, Name, locked, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, Track
-from drake_rho.scenario.pairs import check_apart
+from drake_rho.scenario.pairs import check_separation
 from drake_rho.scenario.parts import (
     Grid,
     Limits,
@@ -33,7 +33,7 @@ from drake_rho.scenario.shapes.base import TOLERANCE, Shape
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
-from drake_rho.scenario.waypoints import is_under_way
+from drake_rho.scenario.waypoints import is_during_flight
 
 __all__ = [
     "TOLERANCE",
@@ -58,7 +58,7 @@ __all__ = [
 
 @record
 class Scenario:
-    """Everything a planner needs to know.
+    """Planning problem: vehicles, limits, obstacles and separation on a grid.
 
     Examples:
         >>> scenario = rho.Scenario(
@@ -73,22 +73,22 @@ class Scenario:
     """
 
     name: Name
-    """shown in figures and reports"""
+    """name shown in figures and reports"""
     grid: Grid
     """knots and step"""
     vehicles: Annotated[tuple[Vehicle, ...], Field(min_length=1)]
-    """the vehicles, each with a name of its own"""
+    """the vehicles, each with a unique name"""
     limits: Limits = dataclasses.field(default_factory=Limits)
-    """limits of every vehicle, box by box, unless it has its own"""
+    """limits of every vehicle; each one is overridden by the vehicle's own, if it has any"""
     obstacles: tuple[AnyObstacle, ...] = ()
-    """what to keep out of, shapes at rest or `Obstacle`s; numbered from 1 in reports"""
+    """obstacles to avoid, shapes at rest or `Obstacle`s; numbered from 1 in reports"""
     separation: Separation | None = None
-    """how far every pair of vehicles keeps apart at all times; not at all if not given"""
+    """least distance of every pair of vehicles at all times; none is required if not given"""
     between_knots: bool = True
-    """whether obstacles, separation and position boxes must hold at every instant, or at the
-    knots only"""
+    """true if obstacles, separation and position boxes constrain every instant, false if only the
+    knots"""
     disturbance: Disturbance | None = None
-    """what moves vehicles off their plans, and the feedback against it; nothing if not given"""
+    """wind, estimation errors, and the feedback that counteracts them; none if not given"""
 
     if TYPE_CHECKING:
 
@@ -106,16 +106,16 @@ class Scenario:
 
     @cached_property
     def fleet(self) -> Fleet:
-        """The vehicles as arrays."""
+        """Vehicles as arrays."""
         return self._fleet_of(self.vehicles)
 
     def _fleet_of(self, vehicles: Sequence[Vehicle]) -> Fleet:
-        aside = 0.0 if self.separation is None else self.separation.distance
-        return Fleet(self.grid, vehicles, self.limits, aside, [body for _, body in self.known])
+        distance = 0.0 if self.separation is None else self.separation.distance
+        return Fleet(self.grid, vehicles, self.limits, distance, [body for _, body in self.known])
 
     @model_validator(mode="after")
     def _consistent(self, info: ValidationInfo[bool | None]) -> Self:
-        under_way = bool(info.context)  # where a vehicle is then is for no one to choose
+        under_way = bool(info.context)  # the starts of a flight under way are given, not chosen
         names: set[str] = set()
         for index, vehicle in enumerate(self.vehicles):
             if vehicle.name in names:
@@ -128,7 +128,7 @@ class Scenario:
             except ScenarioError as error:
                 raise error.inside(f"obstacles[{index}]") from None
         for index, obstacle in enumerate(self.bodies):
-            if obstacle.known_from > max(self.grid.end, 0.0):  # at 0 it is known from the start
+            if obstacle.known_from > max(self.grid.end, 0.0):  # 0 stands for the start
                 expected = f"a time in the flight, which ends at {self.grid.end:g} s"
                 raise ScenarioError(f"obstacles[{index}].known_from", obstacle.known_from, expected)
         if self.disturbance is not None:
@@ -138,14 +138,14 @@ class Scenario:
         return self
 
     def check_ends(self, *, under_way: bool = False) -> None:
-        """See that all starts and goals are in their boxes, outside the obstacles and apart.
+        """Check that starts and goals satisfy limits and separation and are outside obstacles.
 
         Args:
-            under_way: whether starts are states that a flight has reached, which are not looked at:
-                wind may have taken it there, or too late it was seen what to avoid.
+            under_way: whether starts are states that a flight has reached. These are not checked:
+                wind may have moved a vehicle there, or an obstacle became known too late.
 
         Raises:
-            ScenarioError: one is not.
+            ScenarioError: a start or a goal violates one of these constraints.
         """
         fleet = self.fleet
         states: tuple[tuple[str, Quantity, FloatArray], ...] = (
@@ -174,19 +174,19 @@ class Scenario:
             times = np.full(len(positions), time)
             self.check_outside(f"{end}.position", positions, times)
             if self.separation is not None:
-                check_apart(self.separation, self.vehicles, f"{end}.position", positions)
+                check_separation(self.separation, self.vehicles, f"{end}.position", positions)
 
     def check_waypoints(self) -> None:
-        """See that all waypoints are in the flight, in position boxes and outside the obstacles.
+        """Check that waypoints are during the flight, in position boxes and outside obstacles.
 
         Raises:
-            ScenarioError: one is not.
+            ScenarioError: a waypoint is not.
         """
         for index, waypoints in enumerate(self.fleet.waypoints):
             where = f"waypoints[{index}]"
             for i in np.flatnonzero(waypoints.due):
                 time = float(waypoints.times[i])
-                if not is_under_way(time, self.grid):
+                if not is_during_flight(time, self.grid):
                     expected = f"after {self.grid.start:g} s and before {self.grid.end:g} s"
                     raise ScenarioError(
                         f"vehicles[{i}].{where}.time", time, f"a time in the flight, {expected}"
@@ -196,113 +196,117 @@ class Scenario:
             self.check_outside(f"{where}.position", waypoints.positions, waypoints.times)
 
     def check_outside(self, where: str, positions: FloatArray, times: FloatArray) -> None:
-        """See that the vehicles keep their radius from all obstacles, known or not, at some time.
+        """Check that vehicles are at least their radius away from all obstacles, known or not.
 
-        Of an obstacle on a track they keep its deviation more.
+        The required distance from an obstacle on a track is larger by the track's deviation.
 
         Args:
-            where: the field of a vehicle that holds its position, as `"start.position"`.
+            where: field of a vehicle that holds the positions, such as `"start.position"`.
             positions: of the vehicles [m], shape (N, 3).
-            times: on the scenario's clock [s], shape (N,); NaN for a vehicle that is not looked at.
+            times: on the scenario's clock [s], shape (N,); NaN for a vehicle that is not checked.
 
         Raises:
-            ScenarioError: one does not.
+            ScenarioError: a vehicle is too close to an obstacle.
         """
-        who = np.flatnonzero(np.isfinite(times))
+        checked = np.flatnonzero(np.isfinite(times))
         for number, obstacle in enumerate(self.bodies, start=1):
-            distances = obstacle.distances(positions[who], times[who])
-            margins = self.fleet.radii[who] + obstacle.deviation
-            inside = distances < margins - self.fleet.obstacle_tolerances(obstacle.shape)[who]
+            distances = obstacle.distances(positions[checked], times[checked])
+            margins = self.fleet.radii[checked] + obstacle.deviation
+            tolerances = self.fleet.obstacle_tolerances(obstacle.shape)[checked]
+            inside = distances < margins - tolerances
             if np.any(inside):
-                place = int(np.argmax(inside))
-                i, margin, d = who[place], margins[place], float(distances[place])
-                kept = f"at least {margin:g} m from" if margin > 0.0 else "outside"
-                far = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
+                first = int(np.argmax(inside))
+                i, margin, d = checked[first], margins[first], float(distances[first])
+                required = f"at least {margin:g} m from" if margin > 0.0 else "outside"
+                actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
                 when = f" at {times[i]:g} s" if obstacle.moves else ""
                 expected = (
-                    f"a position {kept} {self.obstacle_name(number)}, not {far} it{when} "
+                    f"a position {required} {self.obstacle_name(number)}, not {actual} it{when} "
                     f"({obstacle.shape})"
                 )
                 raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
 
     @cached_property
     def under_way(self) -> bool:
-        """Whether this is what is left of a flight, in which the previous plan may go on."""
+        """True for the remainder of a flight, in which the previous plan may be continued."""
         return False
 
     @cached_property
     def bodies(self) -> tuple[Obstacle, ...]:
-        """The obstacles, each as an `Obstacle`."""
+        """Obstacles, each as an `Obstacle`."""
         return tuple(
             each if isinstance(each, Obstacle) else Obstacle(each) for each in self.obstacles
         )
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:
-        """The obstacles (8) as the paper has them: spheres at rest that are known all the time."""
-        always = (each for each in self.bodies if each.is_steady and each.known_from <= 0.0)
-        return tuple(each.shape for each in always if isinstance(each.shape, Sphere))
+        """Obstacles as in (8) of the paper: spheres at rest, always known and active."""
+        static = (each for each in self.bodies if each.is_steady and each.known_from <= 0.0)
+        return tuple(each.shape for each in static if isinstance(each.shape, Sphere))
 
     @cached_property
     def bodies_in_flight(self) -> tuple[Obstacle, ...]:
-        """The obstacles, each on a clock that is 0 at the first knot."""
+        """Obstacles on a clock that is 0 at the first knot."""
         return tuple(each.since(self.grid.start) for each in self.bodies)
 
     @cached_property
     def known(self) -> tuple[tuple[int, Obstacle], ...]:
-        """The obstacles that planners know of at the first knot, with their numbers from 1.
+        """Obstacles that planners know at the first knot, with their numbers from 1.
 
         Their clocks are 0 at the first knot, as in `bodies_in_flight`.
         """
         return _known(self.bodies, self.bodies_in_flight, self.grid)
 
     def obstacle_name(self, number: int) -> str:
-        """What an obstacle is called in reports, by its number from 1: number, and name if any."""
+        """Return how reports refer to an obstacle: by its number from 1, and its name if any."""
         name = self.bodies[number - 1].name
         return f"obstacle {number}" + (f" ({name})" if name else "")
 
     def limits_of(self, vehicle: Vehicle) -> Limits:
-        """The vehicle's own limits where it has them, else the scenario's."""
+        """Return a vehicle's limits: its own where it has them, else the scenario's."""
         return self.limits.overridden_by(vehicle.limits)
 
     def without_obstacles(self) -> Scenario:
-        """This scenario with nothing in the way (the paper's Examples 1 and 3)."""
+        """Return the scenario without obstacles (the paper's Examples 1 and 3)."""
         return self.derived(obstacles=())
 
     def on_grid(self, grid: Grid) -> Scenario:
-        """This scenario on another grid, on which the feedback is sampled as often or more often.
+        """Return the scenario on another grid.
+
+        The feedback is sampled as often as before or, where that does not divide the grid's step,
+        slightly more often; see `Disturbance.for_grid`.
 
         Raises:
-            ScenarioError: something in it does not fit the grid.
+            ScenarioError: the scenario does not fit the grid.
         """
-        around = None if self.disturbance is None else self.disturbance.for_grid(grid)
-        return dataclasses.replace(self, grid=grid, disturbance=around)
+        disturbance = None if self.disturbance is None else self.disturbance.for_grid(grid)
+        return dataclasses.replace(self, grid=grid, disturbance=disturbance)
 
     def without_separation(self) -> Scenario:
-        """This scenario without a separation."""
+        """Return the scenario without a separation."""
         known = [body for _, body in self.known]
-        alone = Fleet(self.grid, self.vehicles, self.limits, bodies=known)
-        return self.derived(separation=None, fleet=alone)
+        independent = Fleet(self.grid, self.vehicles, self.limits, bodies=known)
+        return self.derived(separation=None, fleet=independent)
 
     def with_disturbance(self, disturbance: Disturbance | None) -> Scenario:
-        """Return this scenario with another disturbance, which is known to fit its grid."""
+        """Return the scenario with another disturbance, which has to fit the grid."""
         return self.derived(disturbance=disturbance)
 
     def derived(self, **changes: object) -> Scenario:
-        """Return a copy with other values that are known to be valid.
+        """Return a copy with other values, which have to be valid and are not checked.
 
-        What is computed of vehicles and obstacles is that of this scenario as long as nothing
-        changes that it is computed of; `changes` can name what it is then.
+        Cached properties are passed on to the copy unless a field changes on which they depend;
+        `changes` can include new values of these properties.
         """
-        own = {
+        unaffected = {
             name: getattr(self, name)
-            for name, sources in _COMPUTED_OF.items()
+            for name, sources in _COMPUTED_FROM.items()
             if not sources & changes.keys()
         }
-        return unchecked(self, **(own | changes))
+        return unchecked(self, **(unaffected | changes))
 
     def of_vehicles(self, indices: Sequence[int]) -> Scenario:
-        """This scenario of some of its vehicles only, which are not looked at again."""
+        """Return the scenario of some of its vehicles only, without validating it again."""
         vehicles = tuple(self.vehicles[index] for index in indices)
         return self.derived(vehicles=vehicles, fleet=self._fleet_of(vehicles))
 
@@ -314,25 +318,25 @@ class Scenario:
         before: FloatArray,
         tracking: Tracking | None = None,
     ) -> Scenario:
-        """This scenario from other states on another grid, which are not looked at.
+        """Return the scenario from other initial states on another grid, without validation.
 
-        Waypoints that have passed are left out.
+        Waypoints before the grid's first knot are left out.
 
         Args:
-            grid: what is left of the flight.
+            grid: remainder of the flight.
             positions: at its first knot [m], shape (N, 3).
             velocities: at its first knot [m/s], shape (N, 3).
-            before: accelerations just before [m/s²], shape (N, 3).
-            tracking: since when feedback holds the vehicles to their plan, if it does.
+            before: accelerations just before the first knot [m/s²], shape (N, 3).
+            tracking: plan that a feedback tracks since an earlier time, if there is one.
         """
-        around = self.disturbance and unchecked(self.disturbance, tracking=tracking)
+        disturbance = self.disturbance and unchecked(self.disturbance, tracking=tracking)
         states = zip(locked(positions), locked(velocities), locked(before), strict=True)
         vehicles = tuple(
             unchecked(
                 vehicle,
                 start=unchecked(vehicle.start, position=p, velocity=v, acceleration=a),
                 waypoints=tuple(
-                    each for each in vehicle.waypoints if is_under_way(each.time, grid)
+                    each for each in vehicle.waypoints if is_during_flight(each.time, grid)
                 ),
             )
             for vehicle, (p, v, a) in zip(self.vehicles, states, strict=True)
@@ -340,20 +344,20 @@ class Scenario:
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
         known = _known(self.bodies, bodies, grid)
-        seen = [body for _, body in known]
-        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, seen)
+        known_bodies = [body for _, body in known]
+        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, known_bodies)
         return self.derived(
             grid=grid,
             vehicles=vehicles,
             fleet=fleet,
-            disturbance=around,
+            disturbance=disturbance,
             bodies_in_flight=bodies,
             known=known,
             under_way=True,
         )
 
     def index_of(self, name: str) -> int:
-        """The place of the vehicle called `name` in `vehicles`.
+        """Return the index in `vehicles` of the vehicle called `name`.
 
         Raises:
             ValueError: there is no such vehicle.
@@ -364,27 +368,27 @@ class Scenario:
         return names.index(name)
 
 
-_COMPUTED_OF: dict[str, set[str]] = {
+_COMPUTED_FROM: dict[str, set[str]] = {
     "bodies": {"obstacles"},
     "bodies_in_flight": {"obstacles", "grid"},
     "fleet": {"grid", "vehicles", "limits", "obstacles", "separation"},
     "under_way": set(),
 }
-"""What a scenario passes on to what is derived from it, and the fields that it is computed of."""
+"""Cached properties that `Scenario.derived` passes on, with the fields on which each depends."""
 
 
 def _known(
     obstacles: Sequence[Obstacle], in_flight: Sequence[Obstacle], grid: Grid
 ) -> tuple[tuple[int, Obstacle], ...]:
-    """Return the obstacles that planners know of at the first knot of a grid.
+    """Return the obstacles that planners know at the first knot of a grid.
 
     Args:
-        obstacles: all of them, on the scenario's clock.
-        in_flight: the same on a clock that is 0 at that knot.
-        grid: of the scenario, or what is left of it.
+        obstacles: all obstacles, on the scenario's clock.
+        in_flight: the same obstacles on a clock that is 0 at that knot.
+        grid: of the scenario or of the remainder of its flight.
 
     Returns:
-        Those of `in_flight`, with their numbers from 1.
+        The known elements of `in_flight`, with their numbers from 1.
     """
     now = max(grid.start, 0.0) + grid.rounding
     both = enumerate(zip(obstacles, in_flight, strict=True), start=1)

@@ -1,4 +1,4 @@
-"""The waypoints of all vehicles as arrays."""
+"""Waypoints of all vehicles as arrays."""
 
 from __future__ import annotations
 
@@ -13,27 +13,28 @@ from drake_rho.scenario.parts import Grid, Vehicle
 from drake_rho.scenario.shapes.base import TOLERANCE
 
 _AT_ONCE = 1e-6
-"""Part of a step after the first knot, or before the last, in which nothing can be changed."""
+"""Part of a step after the first knot, or before the last, that counts as the knot itself: no
+acceleration can have an effect in it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Waypoints:
-    """The waypoint of one number of every vehicle that has so many."""
+    """Waypoints with the same number, one of every vehicle that has so many."""
 
     times: FloatArray
-    """on the scenario's clock [s], shape (N,); NaN where a vehicle has no such waypoint"""
+    """times on the scenario's clock [s], shape (N,); NaN where a vehicle has no such waypoint"""
     positions: FloatArray
-    """[m], shape (N, 3); NaN where a vehicle has no such waypoint"""
+    """positions [m], shape (N, 3); NaN where a vehicle has no such waypoint"""
     within: FloatArray
-    """how far from there vehicles may be [m], shape (N,); infinite where they may be anywhere"""
+    """largest distance from the waypoint [m], shape (N,); infinite where there is none"""
 
     @property
     def due(self) -> BoolArray:
-        """Which vehicles have such a waypoint, shape (N,)."""
+        """Mask of the vehicles that have such a waypoint, shape (N,)."""
         return np.isfinite(self.times)
 
     def tolerances(self, scale: FloatArray) -> FloatArray:
-        """How much further still counts as there [m], shape (N,): what a goal may be missed by.
+        """Return by how much vehicles may miss the waypoint [m], shape (N,): as for a goal.
 
         Args:
             scale: length scales of the motions [m], shape (N,).
@@ -41,26 +42,26 @@ class Waypoints:
         return TOLERANCE * scale
 
     def balls(self, scale: FloatArray) -> Balls:
-        """Where vehicles may be at their times; `scale` as for `tolerances`."""
+        """Return the balls of positions allowed at the times; `scale` as for `tolerances`."""
         return Balls(self.positions, self.tolerances(scale), self.within)
 
 
 def waypoints_of(vehicles: Sequence[Vehicle]) -> list[Waypoints]:
-    """The waypoints of all vehicles, number by number."""
+    """Return the waypoints of all vehicles, number by number."""
     count, found = len(vehicles), list[Waypoints]()
     for index in range(max(len(vehicle.waypoints) for vehicle in vehicles)):
         times, positions = np.full(count, np.nan), np.full((count, 3), np.nan)
         within = np.full(count, np.inf)
-        for place, vehicle in enumerate(vehicles):
+        for i, vehicle in enumerate(vehicles):
             if index < len(vehicle.waypoints):
                 waypoint = vehicle.waypoints[index]
-                times[place], positions[place] = waypoint.time, waypoint.position
-                within[place] = waypoint.within
+                times[i], positions[i] = waypoint.time, waypoint.position
+                within[i] = waypoint.within
         found.append(Waypoints(times, positions, within))
     return found
 
 
-def is_under_way(time: float, grid: Grid) -> bool:
-    """Whether a time on the scenario's clock [s] is after the first knot and before the last."""
-    room = max(_AT_ONCE * grid.step, grid.rounding)
-    return grid.start + room < time < grid.end - room
+def is_during_flight(time: float, grid: Grid) -> bool:
+    """Return whether a time on the scenario's clock [s] is strictly between first and last knot."""
+    least = max(_AT_ONCE * grid.step, grid.rounding)
+    return grid.start + least < time < grid.end - least

@@ -1,4 +1,4 @@
-"""Scenarios that are made: random fleets, worlds, and missions of other planners.
+"""Generated scenarios: random fleets, worlds, and missions of other planners.
 
-Numbers, a random generator or a mission file come in; a `Scenario` goes out.
+Each function returns a `Scenario` from numbers, a random generator or a mission file.
 """

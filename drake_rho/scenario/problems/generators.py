@@ -1,4 +1,4 @@
-"""Missions of any number of vehicles, made to measure: random transitions and circle swaps."""
+"""Generators of missions with any number of vehicles: random transitions and circle swaps."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ from drake_rho.scenario.records import (
 )
 
 TRIES = 10_000
-"""How many places are tried for a vehicle, one after another, before there counts as no room."""
+"""Number of random positions tried for a vehicle or an obstacle before generation fails."""
 
 
 @checked
 def flight_cube(volume: float) -> Box:
-    """A cube of `volume` [m³], centred over the origin, its lower side 0.2 m above the ground.
+    """Return a cube of `volume` [m³], centred above the origin and 0.2 m above the ground.
 
-    The room of the benchmark of Luis and Schoellig: 4 m³ for up to 20 vehicles, and N m³ for N.
+    It is the flight volume in the benchmark of Luis and Schoellig: 4 m³ for up to 20 vehicles, or
+    N m³ for N vehicles.
 
     Raises:
         ScenarioError: `volume` is not a positive number.
     """
-    if not 1.0 / LARGEST <= volume <= LARGEST:  # nor with a NaN
+    if not 1.0 / LARGEST <= volume <= LARGEST:  # also true for NaN
         raise ScenarioError("volume", volume, "a number of cubic metres above 0")
     side = volume ** (1 / 3)
     return Box([-side / 2, -side / 2, 0.2], [side / 2, side / 2, 0.2 + side])
@@ -51,28 +52,28 @@ def random_transitions(
     separation: Separation | None = Separation(0.35, downwash=2.0),  # noqa: B008  # frozen
     name: str = "random transitions",
 ) -> Scenario:
-    """Vehicles that change places in a room, from rest to rest between random positions.
+    """Generate a fleet that flies from rest to rest between random positions in a volume.
 
-    Starts, and goals apart from these, are drawn uniformly in the volume one after another, each
-    anew until it keeps its separation from those before. What is not given is that of the
-    benchmark of Luis and Schoellig with up to 20 vehicles in 4 m³; for its other series, of one
-    vehicle in every cubic metre, `volume=flight_cube(n), duration=15.0`. The same state of `rng`
-    gives the same scenario.
+    Starts are drawn uniformly in the volume one after another; each draw is repeated until the
+    start keeps the separation from those before. Goals are drawn in the same way, independently of
+    the starts. The defaults are those of the benchmark of Luis and Schoellig with up to 20
+    vehicles in 4 m³; for its other series, with one vehicle per cubic metre, use
+    `volume=flight_cube(n), duration=15.0`. The same state of `rng` gives the same scenario.
 
     Args:
         n: number of vehicles.
-        rng: where chance comes from.
-        volume: where starts and goals are drawn [m]; `flight_cube(4.0)` if not given.
+        rng: random number generator.
+        volume: box in which starts and goals are drawn [m]; `flight_cube(4.0)` if not given.
         duration: T [s].
         step: h [s], which divides the duration.
         limits: of every vehicle; if not given, accelerations of 1 m/s² along each axis and the
             volume as position box.
-        separation: of every pair; None for vehicles that do not mind each other.
+        separation: of every pair; None for independent vehicles.
         name: of the scenario.
 
     Raises:
-        ScenarioError: an argument makes no sense, or so many vehicles do not fit in the volume:
-            there was none in `TRIES` random places for the next.
+        ScenarioError: an argument is invalid, or the vehicles do not fit into the volume: `TRIES`
+            random positions for one of them were all too close to others.
 
     Examples:
         >>> scenario = rho.random_transitions(8, np.random.default_rng(1))
@@ -100,10 +101,10 @@ def circle_swap(
     separation: Separation | None = None,
     name: str = "circle swap",
 ) -> Scenario:
-    """Vehicles evenly on a level circle, from rest to rest, each to the point opposite its own.
+    """Generate vehicles on a horizontal circle that fly from rest to rest to the opposite points.
 
-    They start without acceleration, so that a jerk limit holds from the first step on. (A goal
-    has no acceleration: what a vehicle ends with is free.)
+    The vehicles are evenly spaced. They start without acceleration, so that a jerk limit applies
+    from the first step on. (A goal has no acceleration: the final acceleration is free.)
 
     Args:
         n: number of vehicles; the first starts on the x axis, the others counter-clockwise.
@@ -112,11 +113,11 @@ def circle_swap(
         step: h [s], which divides the duration.
         height: z of the circle [m].
         limits: of every vehicle; none if not given.
-        separation: of every pair; not asked for if not given.
+        separation: of every pair; none is required if not given.
         name: of the scenario.
 
     Raises:
-        ScenarioError: an argument makes no sense, or neighbours are closer than the separation.
+        ScenarioError: an argument is invalid, or neighbours are closer than the separation.
 
     Examples:
         >>> scenario = rho.circle_swap(6, radius=5.0, duration=8.0, step=0.2)
@@ -135,17 +136,17 @@ def circle_swap(
 
 
 def check_count(field: str, n: int, what: str, least: int = 1) -> None:
-    """See that `n`, the argument called `field`, is a number of something.
+    """Check that `n`, the argument called `field`, is a valid number of `what`.
 
     Raises:
-        ScenarioError: it is not, or below the least.
+        ScenarioError: `n` is not a whole number, or is below `least`.
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < least:
         raise ScenarioError(field, n, f"a whole number of {what}, at least {least}")
 
 
 def from_rest(starts: FloatArray, goals: FloatArray) -> tuple[Vehicle, ...]:
-    """Vehicles `v1`, `v2`, ... from rest, without acceleration, to rest."""
+    """Return vehicles `v1`, `v2`, ... that fly from rest, without acceleration, to rest."""
     rest = np.zeros(3)
     return tuple(
         Vehicle(f"v{number}", State(start, rest, rest), State(goal))
@@ -156,10 +157,11 @@ def from_rest(starts: FloatArray, goals: FloatArray) -> tuple[Vehicle, ...]:
 def _draw(
     n: int, rng: np.random.Generator, volume: Box, separation: Separation | None
 ) -> FloatArray:
-    """Positions in the volume that keep the separation, shape (n, 3).
+    """Draw positions in the volume that keep the separation, shape (n, 3).
 
-    They are kept by cells as wide as the separation, in which it is a sphere: only those in the 27
-    cells around a place can be too close to it, and there is room for few in a cell.
+    Positions are stored by cells as wide as the separation, in coordinates in which it is a
+    sphere: only positions in the 27 cells around a draw can be too close to it, and each cell
+    holds only a few.
     """
     if separation is None:
         return rng.uniform(volume.lower, volume.upper, (n, 3))
@@ -174,8 +176,8 @@ def _draw(
                 break
         else:
             expected = (
-                f"at most {len(drawn)} vehicles, or more room: {TRIES} random places for the next "
-                f"in {volume.lower.tolist()} to {volume.upper.tolist()} were all too close"
+                f"at most {len(drawn)} vehicles, or more room: {TRIES} random positions of the "
+                f"next in {volume.lower.tolist()} to {volume.upper.tolist()} were all too close"
             )
             raise ScenarioError("n", n, expected)
         cells[tuple(cell)].append(scaled)

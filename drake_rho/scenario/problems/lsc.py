@@ -1,23 +1,25 @@
-"""The formats of files of the LSC planner (github.com/qwerty35/lsc_planner) and of LSC-DR after it.
+"""File formats of the LSC planner (github.com/qwerty35/lsc_planner) and its successor LSC-DR.
 
-What the mission reader (`src/mission.cpp`) and `missions/readme.txt` say a mission file holds:
+A mission file contains, according to the mission reader (`src/mission.cpp`) and
+`missions/readme.txt`:
 
 - `quadrotors`: types of vehicles by name, each with `max_vel` [m/s] and `max_acc` [m/s²], which are
   bounds in both directions of each axis, `radius` [m], `downwash`, and `nominal_velocity` [m/s],
-  which is for another planner and not used here.
-- `world`: one element, its `dimension` the least x, y, z and the greatest [m] that a vehicle's
-  centre may have: the planner takes no radius off, and its own missions start closer to the sides.
-- `agents`: each of a `type`, with `start` and `goal` [m], from rest to rest, and if wanted its own
-  `cid` (a number, else its place in the list from 0), `downwash` and `nominal_velocity`. A radius
-  of an agent's own is refused: the planner reads it only beside a field of another name.
-- `obstacles`: boxes at rest, of type `static`, with the middle `pose` and half the sides
-  `dimensions` [m]: the planner takes a box to reach that far to both sides of its pose. The types
-  that move are ellipsoids that its simulation drives, and are refused.
+  which another planner uses and this module ignores.
+- `world`: one element, whose `dimension` gives the least and then the greatest x, y, z [m] of a
+  vehicle's centre. The planner does not subtract the radius, and its own missions start closer to
+  the sides than that.
+- `agents`: each with a `type`, `start` and `goal` [m], at rest at both, and optionally its own
+  `cid` (a number, by default its index in the list from 0), `downwash` and `nominal_velocity`. An
+  agent's own radius is rejected: the planner reads it only beside a field of another name.
+- `obstacles`: boxes at rest, of type `static`, with the centre `pose` and half the sides
+  `dimensions` [m]: the planner extends a box that far to both sides of its pose. Moving types are
+  ellipsoids that the planner's simulation drives; they are rejected.
 
-A world is a file of its own, named on that planner's command line and not in the mission: an
-octomap file, or since LSC-DR (github.com/qwerty35/lsc_dr_planner, `src/map_manager.cpp`) a CSV
-without header, one box at rest a row, its middle x, y, z and its whole sides x, y, z [m]. LSC-DR
-fills an octomap with such boxes, at the resolution that it is told; here they are exact.
+A world is a separate file, named on that planner's command line and not in the mission. It is an
+octomap file or, since LSC-DR (github.com/qwerty35/lsc_dr_planner, `src/map_manager.cpp`), a CSV
+file without header, with one box at rest per row: its centre x, y, z and its whole sides x, y, z
+[m]. LSC-DR rasterises such boxes to an octomap of a given resolution; here they are exact.
 """
 
 from __future__ import annotations
@@ -44,13 +46,13 @@ _Point = tuple[Finite, Finite, Finite]
 
 
 class _Part(BaseModel):
-    """A part of a mission: complete, with nothing unknown in it, numbers written as numbers."""
+    """Part of a mission, with all required and no unknown fields, and numbers not as strings."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class Quadrotor(_Part):
-    """A type of vehicle."""
+    """Type of vehicle."""
 
     max_vel: _Sizes
     max_acc: _Sizes
@@ -60,7 +62,7 @@ class Quadrotor(_Part):
 
     @property
     def limits(self) -> Limits:
-        """The boxes of velocity and acceleration."""
+        """Boxes of velocity and acceleration."""
         velocity, acceleration = (
             Box([-most for most in sizes], sizes) for sizes in (self.max_vel, self.max_acc)
         )
@@ -68,7 +70,7 @@ class Quadrotor(_Part):
 
 
 class World(_Part):
-    """Where centres of vehicles may be."""
+    """Bounds of the vehicles' centres."""
 
     dimension: tuple[Finite, Finite, Finite, Finite, Finite, Finite]
 
@@ -81,7 +83,7 @@ class World(_Part):
 
 
 class Agent(_Part):
-    """A vehicle with its start and goal."""
+    """Vehicle with its start and goal."""
 
     type: Name
     cid: Count | None = None
@@ -92,7 +94,7 @@ class Agent(_Part):
 
 
 class StaticBox(_Part):
-    """An obstacle at rest."""
+    """Obstacle at rest."""
 
     type: Literal["static"]
     pose: _Point
@@ -100,7 +102,7 @@ class StaticBox(_Part):
 
     @property
     def box(self) -> Box:
-        """From half the sides on one side of the middle to as much on the other."""
+        """Box that extends half the sides in both directions from its centre."""
         middle, half = np.array(self.pose), np.array(self.dimensions)
         return Box(middle - half, middle + half)
 
@@ -111,7 +113,7 @@ class StaticBox(_Part):
 
 
 class Mission(_Part):
-    """What a file holds."""
+    """Content of a mission file."""
 
     quadrotors: dict[str, Quadrotor]
     world: Annotated[tuple[World, ...], Field(min_length=1, max_length=1)]
@@ -132,18 +134,18 @@ class Mission(_Part):
 
     @property
     def numbers(self) -> list[int]:
-        """Numbers of the agents; an agent without `cid` has that of its place in the list."""
+        """Numbers of the agents; the number of an agent without `cid` is its index in the list."""
         given = [agent.cid for agent in self.agents]
         return [index if cid is None else cid for index, cid in enumerate(given)]
 
 
 def parse_mission(text: str) -> Mission:
-    """The mission that `text` describes.
+    """Return the mission that JSON text describes.
 
     Raises:
-        ScenarioError: the text is not JSON, or not a mission that a scenario can hold.
+        ScenarioError: the text is not JSON, or not a mission that a scenario can represent.
     """
-    try:  # pydantic's own reader would keep the last of a doubled name
+    try:  # pydantic's own reader would keep the last value of a repeated name
         _check_at_rest(json.loads(text, object_pairs_hook=_each_once))
         return Mission.model_validate_json(text)
     except ScenarioError:
@@ -151,37 +153,39 @@ def parse_mission(text: str) -> Mission:
     except ValidationError as error:
         raise scenario_error(error, Mission) from None
     except (ValueError, RecursionError) as error:
-        raise ScenarioError("", Words("broken JSON"), f"JSON; {error}") from None
+        raise ScenarioError("", Words("malformed JSON"), f"JSON; {error}") from None
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     names: set[str] = set()
     for name, value in pairs:
         if name in names:
-            raise ScenarioError(name, value, "this name once")
+            raise ScenarioError(name, value, "this name only once")
         names.add(name)
     return dict(pairs)
 
 
 def _check_at_rest(content: object) -> None:
-    """See that no obstacle moves, before its own fields are complained of.
+    """Check that no obstacle moves, before errors about fields of moving types are reported.
 
     Raises:
-        ScenarioError: one is of a type that does.
+        ScenarioError: an obstacle is of a type that moves.
     """
     obstacles = content.get("obstacles") if isinstance(content, dict) else None
     for index, obstacle in enumerate(obstacles if isinstance(obstacles, list) else []):
         kind = obstacle.get("type", "static") if isinstance(obstacle, dict) else "static"
         if kind != "static":
-            expected = "static, a box at rest: what moves is told by how that planner drives it"
+            expected = (
+                "static, a box at rest: moving types are defined by that planner's simulation"
+            )
             raise ScenarioError(f"obstacles[{index}].type", kind, expected)
 
 
 def parse_world(text: str) -> tuple[Box, ...]:
-    """The boxes that a world describes, in the order of its rows; blank lines are none.
+    """Return the boxes of a world in the order of its rows; blank lines are skipped.
 
     Raises:
-        ScenarioError: a row is no box, or there is none; the field is the line, as `line 3`.
+        ScenarioError: a row is not a box, or there is none; the field names the line, as `line 3`.
     """
     rows = [(number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip()]
     if not rows:
@@ -189,7 +193,7 @@ def parse_world(text: str) -> tuple[Box, ...]:
     return tuple(_box(f"line {number}", row) for number, row in rows)
 
 
-_ROW = "six numbers and no header, middle x, y, z and whole sides x, y, z in metres"
+_ROW = "six numbers and no header, centre x, y, z and whole sides x, y, z in metres"
 
 
 def _box(line: str, row: str) -> Box:
@@ -201,17 +205,17 @@ def _box(line: str, row: str) -> Box:
         raise ScenarioError(line, row, f"{_ROW}, all finite, of at most {LARGEST:g}")
     middle, sides = numbers[:3], numbers[3:]
     if not np.all(sides >= 1.0 / LARGEST):
-        raise ScenarioError(line, row, "three sides above 0 after the middle")
+        raise ScenarioError(line, row, "three sides above 0 after the centre")
     box = Box(middle - sides / 2.0, middle + sides / 2.0)
     _check_solid(box, line)
     return box
 
 
 def _check_solid(box: Box, field: str) -> None:
-    """See that a box has an inside.
+    """Check that a box has an interior.
 
     Raises:
-        ScenarioError: it is flat; the error names `field`.
+        ScenarioError: the box is flat; the error names `field`.
     """
     try:
         box.check_solid()

@@ -1,4 +1,4 @@
-"""Missions of other planners as scenarios."""
+"""Conversion of other planners' missions to scenarios."""
 
 from __future__ import annotations
 
@@ -22,24 +22,25 @@ from drake_rho.scenario.records import (
 
 @checked
 def load_lsc_mission(path: str | Path, *, grid: Grid, world: str | Path | None = None) -> Scenario:
-    """Read a mission of the LSC planner (`drake_rho.scenario.problems.lsc` tells the formats).
+    """Read a mission of the LSC planner; `drake_rho.scenario.problems.lsc` describes the formats.
 
-    Vehicles are called by type and number, as `crazyflie-1`, and have limits of their own where
+    Vehicles are named by type and number, such as `crazyflie-1`, and have their own limits where
     their types differ. The separation is that of the LSC planner: two radii, and `downwash` times
-    as much above each other. Where agents differ in these it is twice the largest extent beside
-    and above an agent, which is safe, and for the smaller ones more than that planner asks.
-    Obstacles are the boxes of the world, numbered as its rows, and after them those of the mission;
-    from them every vehicle keeps its type's radius, which has no effect where there are none.
+    as much vertically. Where agents differ in these, it is twice the largest horizontal and
+    vertical extent of any agent, which is safe, but more than that planner requires of smaller
+    agents. Obstacles are the boxes of the world, numbered like its rows, followed by those of the
+    mission. Every vehicle's least distance from obstacles is the radius of its type.
 
     Args:
         path: of the JSON file.
         grid: knots and step, which a mission does not have.
-        world: path of a CSV file without header, one box a row: its middle x, y, z and its sides
-            x, y, z [m]; only the mission's own obstacles if not given.
+        world: path of a CSV file without header, with one box per row: its centre x, y, z and its
+            sides x, y, z [m]; only the mission's own obstacles if not given.
 
     Raises:
-        ScenarioError: a file cannot be read, is malformed, or asks for what a scenario cannot
-            hold; the field is that of the file, as `m.json: agents[3].start`, `w.csv: line 3`.
+        ScenarioError: a file cannot be read, is malformed, or contains something that a scenario
+            cannot represent. The error's field is that of the file, such as
+            `m.json: agents[3].start` or `w.csv: line 3`.
     """
     path = Path(path)
     boxes = () if world is None else _boxes(Path(world))
@@ -51,7 +52,10 @@ def load_lsc_mission(path: str | Path, *, grid: Grid, world: str | Path | None =
 
 
 def is_lsc_mission(path: str | Path) -> bool:
-    """Whether a file ends in `.json` and has agents, which no scenario has; it may be malformed."""
+    """Return whether a file ends in `.json` and has agents, which no scenario has.
+
+    The file may be malformed in other respects.
+    """
     path = Path(path)
     if path.suffix.lower() != ".json":
         return False
@@ -72,7 +76,7 @@ def _boxes(path: Path) -> tuple[Box, ...]:
 
 
 def _in_file(path: Path, error: ScenarioError) -> ScenarioError:
-    """The error with the file before its field, and of the file's fields instead of a record's."""
+    """Return the error with the file's name and its field in place of the scenario's field."""
     field = _OF_THE_FILE.sub(r"agents[\1].\2", error.field)
     return ScenarioError(f"{path}: {field}" if field else str(path), error.value, error.expected)
 
@@ -105,10 +109,10 @@ def _scenario(name: str, grid: Grid, mission: Mission, boxes: tuple[Box, ...]) -
 
 
 def _separation(mission: Mission, kinds: list[Quadrotor]) -> Separation:
-    """An ellipsoid that holds those of all pairs, theirs if all agents are alike."""
-    beside = max(kind.radius for kind in kinds)
-    above = max(
+    """Return a separation that contains those of all pairs, and equals them if agents are alike."""
+    horizontal = max(kind.radius for kind in kinds)
+    vertical = max(
         kind.radius * (kind.downwash if agent.downwash is None else agent.downwash)
         for agent, kind in zip(mission.agents, kinds, strict=True)
     )
-    return Separation(2.0 * beside, above / beside)
+    return Separation(2.0 * horizontal, vertical / horizontal)

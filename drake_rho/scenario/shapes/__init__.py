@@ -1,5 +1,5 @@
 """Convex shapes: spheres, boxes, ellipsoids, cylinders and polytopes.
 
-A shape's dimensions come in; distances, supporting half-spaces and surfaces go out, by the
-functions that every shape has (`base`).
+Every shape has the functions defined in `base`, which return distances, supporting half-spaces and
+surfaces from its dimensions.
 """

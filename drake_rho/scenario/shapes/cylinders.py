@@ -1,4 +1,4 @@
-"""Cylinders along an axis, with ends or endless."""
+"""Cylinders along a coordinate axis, finite or endless."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from drake_rho.scenario.fields import FloatArray, Positive, Vector, record
 from drake_rho.scenario.shapes.base import Shape
 
 _LEVEL = 1e-12
-"""Part along the axis up to which a direction counts as across an endless cylinder."""
+"""Component along the axis up to which a unit vector counts as normal to an endless cylinder."""
 
 
 @record
 class Cylinder(Shape):
-    """A circular cylinder along one of the axes of the coordinates.
+    """Circular cylinder along one of the coordinate axes.
 
     Examples:
         >>> pole = rho.Cylinder([0, 0, 1], 0.5, 2.0)
@@ -28,15 +28,15 @@ class Cylinder(Shape):
     """
 
     center: Vector
-    """its middle, halfway up [m]; where it has no ends, any point of its axis"""
+    """centre, at half the height [m]; any point of the axis of an endless cylinder"""
     radius: Positive
-    """of its circle [m]"""
+    """radius [m]"""
     height: Positive | None = None
-    """from end to end [m]; endless if not given"""
+    """length from end to end [m]; endless if not given"""
     axis: Literal["x", "y", "z"] = "z"
-    """along which it lies or stands"""
+    """coordinate axis to which it is parallel"""
 
-    if TYPE_CHECKING:  # what is made of lists too is read as arrays
+    if TYPE_CHECKING:  # the constructor also accepts lists, the fields are arrays
 
         def __init__(
             self,
@@ -50,14 +50,14 @@ class Cylinder(Shape):
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """As its fields have it, with one of those that tell it from a sphere."""
-        described = handler(schema)
-        told = [{"required": ["height"]}, {"required": ["axis"]}]
-        handler.resolve_ref_schema(described)["anyOf"] = told
-        return described
+        """Return the schema, which requires a field that distinguishes a cylinder from a sphere."""
+        own_schema = handler(schema)
+        distinguishing = [{"required": ["height"]}, {"required": ["axis"]}]
+        handler.resolve_ref_schema(own_schema)["anyOf"] = distinguishing
+        return own_schema
 
     def __str__(self) -> str:
-        """As in 'cylinder of radius 1 m and height 2 m at [0.0, 0.0, 0.0]'."""
+        """Return a description: 'cylinder of radius 1 m, height 2 m, at [0.0, 0.0, 0.0]'."""
         height = "endless" if self.height is None else f"height {self.height:g} m"
         return f"cylinder of radius {self.radius:g} m, {height}, at {self.center.tolist()}"
 
@@ -72,13 +72,13 @@ class Cylinder(Shape):
 
     @property
     def extent(self) -> FloatArray:
-        """The radius, and half the height along the axis [m]."""
+        """Radius, and half the height along the axis [m]."""
         extent = np.full(3, self.radius)
         extent[self._along] = self._half
         return extent
 
     def support(self, n: FloatArray) -> FloatArray:
-        """R norm(n across) + H/2 |n along|; infinite where an endless one has no support."""
+        """Return R norm(n across) + H/2 |n along|; infinite where the shape is unbounded."""
         along, across = self._parts(n)
         length = np.abs(along)
         round_part = self.radius * np.linalg.norm(across, axis=-1)
@@ -88,14 +88,17 @@ class Cylinder(Shape):
         return support
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
-        """Distance from the side, an end or a rim; inside, from the nearest side or end."""
+        """Return distances from the side, an end or a rim; inside, from the side or nearest end."""
         beside, above = self._beyond(x)
         outside = np.hypot(np.maximum(beside, 0.0), np.maximum(above, 0.0))
         distance: FloatArray = outside + np.minimum(np.maximum(beside, above), 0.0)
         return distance
 
     def outward(self, x: FloatArray) -> FloatArray:
-        """From the nearest side, end or rim; on the axis of an endless one, across it."""
+        """Return directions from the nearest side, end or rim.
+
+        On the axis of an endless cylinder, the direction is an arbitrary one across it.
+        """
         beside, above = self._beyond(x)
         along, across = self._parts(x)
         lengths = np.linalg.norm(across, axis=-1, keepdims=True)
@@ -114,12 +117,12 @@ class Cylinder(Shape):
         return normals
 
     def _parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Vectors' components along the axis, shape (...), and parts across it, (..., 3)."""
+        """Return components along the axis, shape (...), and the vectors across it, (..., 3)."""
         across = np.array(x, dtype=np.float64)
         across[..., self._along] = 0.0
         return x[..., self._along], across
 
     def _beyond(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far beyond the side and beyond the ends positions are [m], negative within."""
+        """Return distances beyond the side and beyond the ends [m], negative within them."""
         along, across = self._parts(x)
         return np.linalg.norm(across, axis=-1) - self.radius, np.abs(along) - self._half

@@ -1,4 +1,4 @@
-"""Boxes along the axes, and convex polytopes."""
+"""Axis-aligned boxes and convex polytopes."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from drake_rho.scenario.fields import FloatArray, IntArray, Points, Vector, reco
 from drake_rho.scenario.shapes.base import THINNEST, Shape
 
 _BLOCK = 1 << 15
-"""Pairs of a position and an edge's coordinate that are looked at together: what a cache holds."""
+"""Number of pairs of a position and an edge's coordinate per block: a block fits a cache."""
 
 _ON_PLANE = 1e-13
-"""Height over a plane, in parts of a polytope's size, which rounding may make of none."""
+"""Height above a plane, as a part of a polytope's size, that may be due to rounding."""
 
 
 @record
 class Box(Shape):
-    """Lower and upper bound on each axis: a limit of a quantity, or an obstacle.
+    """Axis-aligned box: bounds on a quantity, or an obstacle.
 
     Examples:
         >>> rho.Box([0, 0, 0], [2, 2, 1]).center.tolist()
@@ -34,7 +34,7 @@ class Box(Shape):
     upper: Vector
     """greatest x, y and z"""
 
-    if TYPE_CHECKING:  # what is made of lists too is read as arrays
+    if TYPE_CHECKING:  # the constructor also accepts lists, the fields are arrays
 
         def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike) -> None: ...
 
@@ -46,12 +46,12 @@ class Box(Shape):
         return self
 
     def __str__(self) -> str:
-        """As in 'box from [0.0, 0.0, 0.0] to [1.0, 1.0, 1.0]'."""
+        """Return a description: 'box from [0.0, 0.0, 0.0] to [1.0, 1.0, 1.0]'."""
         return f"box from {self.lower.tolist()} to {self.upper.tolist()}"
 
     @cached_property
     def center(self) -> FloatArray:  # type: ignore[override]  # derived here
-        """The middle [m]."""
+        """Centre [m]."""
         center: FloatArray = (self.lower + self.upper) / 2.0
         return center
 
@@ -62,19 +62,19 @@ class Box(Shape):
         return extent
 
     def support(self, n: FloatArray) -> FloatArray:
-        """The sum of s_i |n_i| with half the sides s."""
+        """Return the sum of s_i |n_i| with half the sides s."""
         support: FloatArray = np.abs(n) @ self.extent
         return support
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
-        """Distance from the nearest corner, edge or side; inside, from the nearest side."""
+        """Return distances from the nearest corner, edge or side; inside, from the nearest side."""
         beyond = np.abs(x) - self.extent
         outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
         distance: FloatArray = outside + np.minimum(beyond.max(axis=-1), 0.0)
         return distance
 
     def outward(self, x: FloatArray) -> FloatArray:
-        """From the nearest corner, edge or side; inside, the normal of the nearest side."""
+        """Return directions from the nearest point; inside, the normal of the nearest side."""
         beyond = np.abs(x) - self.extent
         nearest = np.eye(3)[np.argmax(beyond, axis=-1)]
         outside = np.maximum(beyond, 0.0)
@@ -86,7 +86,7 @@ class Box(Shape):
 
 @record
 class Polytope(Shape):
-    """The convex hull of some points.
+    """Convex polytope, the convex hull of its vertices.
 
     Examples:
         >>> tetrahedron = rho.Polytope([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -95,7 +95,7 @@ class Polytope(Shape):
     """
 
     vertices: Points
-    """its corners; points inside are of no consequence [m], shape (V, 3), V >= 4"""
+    """corners [m], shape (V, 3), V >= 4; points inside the hull have no effect"""
 
     if TYPE_CHECKING:
 
@@ -113,12 +113,12 @@ class Polytope(Shape):
         return self
 
     def __str__(self) -> str:
-        """As in 'polytope of 8 vertices around [0.0, 0.0, 0.0]'."""
+        """Return a description: 'polytope of 8 vertices around [0.0, 0.0, 0.0]'."""
         return f"polytope of {len(self.vertices)} vertices around {self.center.tolist()}"
 
     @cached_property
     def center(self) -> FloatArray:  # type: ignore[override]  # derived here
-        """The middle of the bounding box [m]."""
+        """Centre of the bounding box [m]."""
         center: FloatArray = (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2.0
         return center
 
@@ -130,28 +130,28 @@ class Polytope(Shape):
 
     @cached_property
     def _corners(self) -> FloatArray:
-        """The vertices from the centre [m], shape (V, 3)."""
+        """Vertices relative to the centre [m], shape (V, 3)."""
         corners: FloatArray = self.vertices - self.center
         return corners
 
     @cached_property
     def _hull(self) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Outward normals (F, 3) and distances (F,) of the facets' planes, and triangles (F, 3)."""
-        from scipy.spatial import ConvexHull, QhullError  # slow to load, so only where needed
+        """Outward normals (F, 3) and offsets (F,) of the facets' planes; vertex indices (F, 3)."""
+        from scipy.spatial import ConvexHull, QhullError  # imported here: slow to load
 
         expected = "corners of a solid: these lie in a plane, or nearly so"
         try:
             hull = ConvexHull(self._corners)
         except QhullError:
             raise ScenarioError("vertices", self.vertices.tolist(), expected) from None
-        # of a box with half sides s: volume / area = 1 / (1 / s_1 + 1 / s_2 + 1 / s_3) >= min s / 3
+        # for a box with half sides s, volume / area = 1 / (1/s_1 + 1/s_2 + 1/s_3) >= min s / 3
         if hull.volume < THINNEST / 3.0 * hull.area * self.size:
             raise ScenarioError("vertices", self.vertices.tolist(), expected)
         return hull.equations[:, :3], -hull.equations[:, 3], hull.simplices
 
     @cached_property
     def triangles(self) -> FloatArray:
-        """The triangles of its surface [m], shape (F, 3, 3), counter-clockwise from outside."""
+        """Triangles of the surface [m], shape (F, 3, 3), counter-clockwise seen from outside."""
         normals, _, corners = self._hull
         triangles = self.vertices[corners]
         turned = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -161,27 +161,27 @@ class Polytope(Shape):
 
     @cached_property
     def _edges(self) -> tuple[FloatArray, FloatArray]:
-        """Where the triangles' sides begin, and how they go on from there, shape (E, 3)."""
+        """First points of the edges, and vectors to their second points [m], each (E, 3)."""
         triangles = self._hull[2]
         sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
         one, other = np.unique(np.sort(sides, axis=1), axis=0).T
         return self._corners[one], self._corners[other] - self._corners[one]
 
     def support(self, n: FloatArray) -> FloatArray:
-        """The greatest n · v of all vertices v."""
+        """Return the greatest n · v over all vertices v."""
         support: FloatArray = np.max(n @ self._corners.T, axis=-1)
         return support
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
-        """Distance from the nearest corner, edge or facet; inside, from the nearest facet."""
+        """Return distances from the nearest corner, edge or facet; inside, from a facet."""
         return self.measured(x)[0]
 
     def outward(self, x: FloatArray) -> FloatArray:
-        """From the nearest corner, edge or facet; inside, the normal of the nearest facet."""
+        """Return directions from the nearest point; inside, the normal of the nearest facet."""
         return self.measured(x)[1]
 
     def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Signed distances, shape (...), and the directions they are measured in, (..., 3)."""
+        """Return signed distances, shape (...), and outward directions, shape (..., 3)."""
         flat = x.reshape(-1, 3)
         many = max(1, _BLOCK // (len(self._edges[0]) * 3))
         blocks = [flat[first : first + many] for first in range(0, max(len(flat), 1), many)]
@@ -190,10 +190,11 @@ class Polytope(Shape):
         return distances.reshape(x.shape[:-1]), normals.reshape(x.shape)
 
     def _nearest_of_block(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """`measured` of positions of shape (P, 3).
+        """Return `measured` of positions of shape (P, 3).
 
-        No point is nearer than the plane it is furthest above. If the foot on this plane is in the
-        polytope, it is the nearest point; else an edge is nearest, corners included.
+        A lower bound of a position's distance is its height above the facet plane it is farthest
+        above. If its projection to that plane lies in the polytope, that is the nearest point;
+        otherwise the nearest point lies on an edge or is a corner.
         """
         planes, offsets, _ = self._hull
         above = x @ planes.T - offsets
@@ -203,17 +204,17 @@ class Polytope(Shape):
         outside = np.max(feet @ planes.T - offsets, axis=1) > _ON_PLANE * self.size
         rows = np.flatnonzero(outside & (distances > 0.0))
         if len(rows) > 0:
-            away = x[rows] - self._on_edges(x[rows])
+            away = x[rows] - self._nearest_on_edges(x[rows])
             distances[rows] = np.linalg.norm(away, axis=1)
             normals[rows] = away / distances[rows, None]
         return distances, normals
 
-    def _on_edges(self, x: FloatArray) -> FloatArray:
-        """The points of the edges nearest to positions, shape (P, 3)."""
-        starts, ways = self._edges
+    def _nearest_on_edges(self, x: FloatArray) -> FloatArray:
+        """Return the points of the edges that are nearest to positions, shape (P, 3)."""
+        starts, edges = self._edges
         offsets = x[:, None] - starts
-        along = np.einsum("pei,ei->pe", offsets, ways) / np.einsum("ei,ei->e", ways, ways)
-        feet = starts + np.clip(along, 0.0, 1.0)[:, :, None] * ways
+        along = np.einsum("pei,ei->pe", offsets, edges) / np.einsum("ei,ei->e", edges, edges)
+        feet = starts + np.clip(along, 0.0, 1.0)[:, :, None] * edges
         nearest = np.argmin(np.sum((x[:, None] - feet) ** 2, axis=2), axis=1)
         points: FloatArray = feet[np.arange(len(x)), nearest]
         return points

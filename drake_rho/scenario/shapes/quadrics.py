@@ -14,21 +14,21 @@ from drake_rho.scenario.fields import LARGEST, FloatArray, Positive, Vector, rec
 from drake_rho.scenario.shapes.base import Quadric
 
 _ROUNDS = 64
-"""Bound on the steps to a root: halvings of the logarithm of its bracket alone would find it."""
+"""Bound on the iterations of root finding; bisection of the root's logarithm alone needs fewer."""
 
 _LAST_DIGIT = 4e-16
-"""Relative change of a root below which it is found."""
+"""Relative change of a root at which the iteration has converged."""
 
 _NOTHING = 1e-30
-"""Part of a shape's extent that no coordinate of a position in double precision can tell."""
+"""Part of a shape's extent that is below the rounding of any position in double precision."""
 
 _THINNEST = 1e-3 / LARGEST
-"""Least semi-axis of an ellipsoid [m]: that of the closest separation with the least downwash."""
+"""Least semi-axis of an ellipsoid [m]: that of the least separation with the least downwash."""
 
 
 @record
 class Sphere(Quadric):
-    """A ball, the paper's obstacle (8).
+    """Ball, the paper's obstacle (8).
 
     Examples:
         >>> rho.Sphere([0, 0, 0], 2.0).signed_distance(np.array([3.0, 0.0, 0.0]))
@@ -36,43 +36,43 @@ class Sphere(Quadric):
     """
 
     center: Vector
-    """p_m [m]"""
+    """centre p_m [m]"""
     radius: Positive
-    """R_m [m]"""
+    """radius R_m [m]"""
 
-    if TYPE_CHECKING:  # what is made of lists too is read as arrays
+    if TYPE_CHECKING:  # the constructor also accepts lists, the fields are arrays
 
         def __init__(self, center: npt.ArrayLike, radius: float) -> None: ...
 
     def __str__(self) -> str:
-        """As in 'sphere of radius 1 m at [0.0, 0.0, 0.0]'."""
+        """Return a description: 'sphere of radius 1 m at [0.0, 0.0, 0.0]'."""
         return f"sphere of radius {self.radius:g} m at {self.center.tolist()}"
 
     @property
     def extent(self) -> FloatArray:
-        """The radius, along every axis [m]."""
+        """Radius, along every axis [m]."""
         return np.full(3, self.radius)
 
     @property
     def scales(self) -> FloatArray:  # type: ignore[override]  # derived here
-        """One for each axis."""
+        """Scaling of each axis, which is 1."""
         return np.ones(3)
 
-    def quadric_inside(self, kept: float) -> Sphere:
-        """The whole set around it is a ball."""
-        return Sphere(self.center, self.radius + kept)
+    def quadric_inside(self, distance: float) -> Sphere:
+        """Return the ball of all points within `distance`, which is the whole set."""
+        return Sphere(self.center, self.radius + distance)
 
     def support(self, n: FloatArray) -> FloatArray:
-        """The radius, in every direction."""
+        """Return the radius for every direction."""
         return np.full(n.shape[:-1], self.radius)
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
-        """Distance from the centre less the radius."""
+        """Return distances from the centre less the radius."""
         distance: FloatArray = _lengths(x) - self.radius
         return distance
 
     def outward(self, x: FloatArray) -> FloatArray:
-        """The direction of x from the centre; at the centre, that of the x axis."""
+        """Return the directions of x from the centre; at the centre, that of the x axis."""
         lengths = _lengths(x)[..., None]
         if np.all(lengths > 0.0):
             normals: FloatArray = x / lengths
@@ -81,14 +81,14 @@ class Sphere(Quadric):
 
 
 def _lengths(x: FloatArray) -> FloatArray:
-    """Of vectors, shape (..., 3): in half the time of `np.linalg.norm`."""
+    """Return the norms of vectors, shape (..., 3), in half the time of `np.linalg.norm`."""
     lengths: FloatArray = np.sqrt(np.vecdot(x, x))
     return lengths
 
 
 @record
 class Ellipsoid(Quadric):
-    """An ellipsoid whose axes are those of the coordinates.
+    """Ellipsoid whose axes are parallel to the coordinate axes.
 
     Examples:
         >>> rho.Ellipsoid([0, 0, 0], [3, 2, 1]).support(np.array([0.0, 1.0, 0.0]))
@@ -96,9 +96,9 @@ class Ellipsoid(Quadric):
     """
 
     center: Vector
-    """its middle [m]"""
+    """centre [m]"""
     semi_axes: Vector
-    """half its extent along x, y and z [m]"""
+    """semi-axes along x, y and z [m]"""
 
     if TYPE_CHECKING:
 
@@ -112,44 +112,47 @@ class Ellipsoid(Quadric):
         return self
 
     def __str__(self) -> str:
-        """As in 'ellipsoid of semi-axes [1.0, 1.0, 2.0] m at [0.0, 0.0, 0.0]'."""
+        """Return a description: 'ellipsoid of semi-axes [1.0, 1.0, 2.0] m at [0.0, 0.0, 0.0]'."""
         return f"ellipsoid of semi-axes {self.semi_axes.tolist()} m at {self.center.tolist()}"
 
     @property
     def extent(self) -> FloatArray:
-        """The semi-axes [m]."""
+        """Semi-axes [m]."""
         return self.semi_axes
 
     @property
     def radius(self) -> float:  # type: ignore[override]  # derived here
-        """The first semi-axis [m]."""
+        """First semi-axis [m], the radius in scaled coordinates."""
         return float(self.semi_axes[0])
 
     @property
     def scales(self) -> FloatArray:  # type: ignore[override]  # derived here
-        """The first semi-axis over each."""
+        """Scaling of each axis: the first semi-axis over that of the axis."""
         scales: FloatArray = self.semi_axes[0] / self.semi_axes
         return scales
 
-    def quadric_inside(self, kept: float) -> Ellipsoid:
-        """With semi-axes that much longer: its support is no more than that of the set."""
-        return Ellipsoid(self.center, self.semi_axes + kept)
+    def quadric_inside(self, distance: float) -> Ellipsoid:
+        """Return the ellipsoid with semi-axes longer by `distance`.
+
+        It lies in the set, since its support function is nowhere larger than that of the set.
+        """
+        return Ellipsoid(self.center, self.semi_axes + distance)
 
     def support(self, n: FloatArray) -> FloatArray:
-        """norm(A n) with the semi-axes on the diagonal of A."""
+        """Return norm(A n), where A has the semi-axes on its diagonal."""
         support: FloatArray = np.linalg.norm(n * self.semi_axes, axis=-1)
         return support
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
-        """Distance from the nearest point of the surface, negative inside."""
+        """Return distances from the nearest point of the surface, negative inside."""
         return self.measured(x)[0]
 
     def outward(self, x: FloatArray) -> FloatArray:
-        """The surface's normal at the point nearest to x."""
+        """Return the normals of the surface at the points nearest to x."""
         return self.measured(x)[1]
 
     def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distances from, and normals at, the nearest points of the surface."""
+        """Return signed distances from the nearest points of the surface, and normals there."""
         nearest = self._nearest(x)
         distance: FloatArray = np.linalg.norm(x - nearest, axis=-1)
         inside = np.linalg.norm(x / self.semi_axes, axis=-1) < 1.0
@@ -158,16 +161,17 @@ class Ellipsoid(Quadric):
         return np.where(inside, -distance, distance), normals
 
     def _nearest(self, x: FloatArray) -> FloatArray:
-        """The points y of the surface nearest to x, shape (..., 3).
+        """Return the points y of the surface that are nearest to x, shape (..., 3).
 
-        With m the shortest semi-axis they are y = a² x / (a² - m² + s), where s >= 0 and
-        norm(y / a) = 1. The inverse of that norm is a concave function of s, so Newton's steps
-        from below stay below. Near the plane through the centre across the shortest axis s is as
-        small as the distance from it, and they are slow: its logarithm is bisected beside them.
-        Deep inside, on that plane, s is zero, and y lies above or below x.
+        With the shortest semi-axis m, y = a² x / (a² - m² + s), where s >= 0 solves
+        norm(y / a) = 1. The inverse of that norm is a concave function of s, so Newton's iteration
+        from below stays below the root. Near the plane through the centre and normal to the
+        shortest axis, s is as small as the distance from that plane and the iteration is slow, so
+        that each iteration also bisects the logarithm of s. Deep inside, on that plane, s is zero
+        and y lies above or below x.
         """
         a, least, ax = self.semi_axes, self.semi_axes.min(), self.semi_axes * x
-        above = least * np.linalg.norm(x * (a == least), axis=-1)  # the plane's distance
+        above = least * np.linalg.norm(x * (a == least), axis=-1)  # m times the plane's distance
         high = np.maximum(np.linalg.norm(ax, axis=-1), _NOTHING * least**2)
         s = np.maximum(above, _NOTHING * high)
         tiny = np.finfo(float).tiny
@@ -182,7 +186,7 @@ class Ellipsoid(Quadric):
             if not np.any(step[~deep] > _LAST_DIGIT * s[~deep]):
                 break
         y: FloatArray = a * ax / (self._differences + s[..., None])
-        y[deep] = self._above(x[deep])
+        y[deep] = self._nearest_on_plane(x[deep])
         return y
 
     @cached_property
@@ -193,7 +197,7 @@ class Ellipsoid(Quadric):
         return differences
 
     def _length(self, ax: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """norm(y / a), and how fast half its square falls with s, each of shape (...).
+        """Return norm(y / a) and the rate at which half its square falls with s, each (...).
 
         Args:
             ax: positions times the semi-axes [m²], shape (..., 3).
@@ -203,10 +207,11 @@ class Ellipsoid(Quadric):
         squares = (ax / divisor) ** 2
         return np.sqrt(squares.sum(axis=-1)), (squares / divisor).sum(axis=-1)
 
-    def _above(self, x: FloatArray) -> FloatArray:
-        """The points nearest to x, shape (D, 3), deep inside on the plane across the shortest axis.
+    def _nearest_on_plane(self, x: FloatArray) -> FloatArray:
+        """Return the points of the surface nearest to x, shape (D, 3), on the plane s = 0.
 
-        Two are equally near: that on the side of x, or else that on the positive side.
+        These positions are deep inside, on the plane normal to the shortest axis (`_nearest`). Of
+        the two nearest points, the one on the side of x is returned, by default the positive one.
         """
         a = self.semi_axes
         least = np.argmin(a)
