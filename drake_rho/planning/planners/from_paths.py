@@ -18,8 +18,8 @@ from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.constraints.tightening import with_room
 from drake_rho.planning.errors import InfeasibleError, Names, OutOfTimeError, SolverError
 from drake_rho.planning.options import DEFAULTS, Options
-from drake_rho.planning.path_search.continuation import towards
-from drake_rho.planning.path_search.initial_guesses import ways_on_grids
+from drake_rho.planning.path_search.continuation import continuation_step
+from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.bends import BENDS, bent_alone
 from drake_rho.planning.programs.solve import Solver
 from drake_rho.planning.progress import Progress, tell, within
@@ -75,7 +75,7 @@ def plan_along_ways(
         progress: called with a few words on what is being done.
     """
     tell(progress, "looking for ways")
-    grids = ways_on_grids(with_room(scenario), options.max_ways, options.max_memory)
+    grids = paths_on_grids(with_room(scenario), options.max_ways, options.max_memory)
     attempts, best = _Attempts(scenario, solver), None
     for found in islice(grids, _GRIDS):
         attempts.spent += Statistics(searched=found.searched)
@@ -154,7 +154,7 @@ def _best_along(
     for number, reference in enumerate(references, start=1):
         along = within(progress, f"way {number} of {len(references)}")
         try:
-            plan = attempts.plan_near(reference, along, towards, improved=several)
+            plan = attempts.plan_near(reference, along, continuation_step, improved=several)
             if plan is None and not alone:
                 plan = attempts.plan_near(reference, along, improved=several)
         except OutOfTimeError:
