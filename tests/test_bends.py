@@ -10,7 +10,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.planners import plan as best
-from drake_rho.planning.planners.bends import SPREADS, spread
+from drake_rho.planning.planners.perturbed_guesses import SPREADS, spread
 from drake_rho.planning.scp.sequential_convex import restored
 from drake_rho.planning.scp.subproblem import Subproblem
 from tests.scenarios import careless

@@ -74,7 +74,7 @@ def test_what_cannot_be_met_together_is_told_with_what_it_is_proved_for(windy: b
         rho.plan(asked)
     assert caught.value.is_proved == (not windy)
     for told in (str(caught.value), rho.diagnose(asked).reason):
-        margins = "with the margins that are kept for the disturbance" in told
+        margins = "with the constraints tightened for the disturbance" in told
         assert margins == windy
         assert "together" in told
 

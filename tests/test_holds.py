@@ -203,7 +203,7 @@ def test_a_planner_is_judged_by_what_it_was_asked() -> None:
     def careless_planner(scenario: rho.Scenario, **options: object) -> rho.Plan:
         return rho.plan_convex(dataclasses.replace(scenario, disturbance=None, obstacles=()))
 
-    with pytest.raises(rho.InfeasibleError, match="does not hold: solo: obstacle 1"):
+    with pytest.raises(rho.InfeasibleError, match="violates constraints: solo: obstacle 1"):
         rho.plan_rho(asked, planner=careless_planner, fallback=None)
     flight = rho.plan_rho(asked, planner=careless_planner)
     assert rho.verify(flight).ok

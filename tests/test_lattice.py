@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.planning.path_search.lattice import MOVES, STAY, Lattice, Raster
 from drake_rho.planning.path_search.moving_obstacles import Moving, MovingObstacle, MovingVehicle
-from drake_rho.planning.path_search.space_time import Layers
-from drake_rho.planning.path_search.swept_clearance import least_between
+from drake_rho.planning.path_search.space_time import TimeExpandedGraph
+from drake_rho.planning.path_search.swept_clearance import convex_lower_bound
 from drake_rho.scenario.fields import FloatArray
 
 DENSE = np.linspace(0.0, 1.0, 41)[:, None]
@@ -29,7 +29,7 @@ def test_the_bound_of_a_distance_is_below_all_of_it(
     box = rho.Box(-np.array(half), half)
     one, other = np.array(ends).reshape(2, 3)
     values = box.signed_distance(one + np.linspace(0, 1, samples)[:, None] * (other - one))
-    bound = least_between(values, np.asarray(np.linalg.norm(other - one)))
+    bound = convex_lower_bound(values, np.asarray(np.linalg.norm(other - one)))
     dense = box.signed_distance(one + DENSE * (other - one))
     assert bound <= dense.min() + 1e-9
     assert bound >= values.min() - np.linalg.norm(other - one) / 2.0 / (samples - 1) - 1e-9
@@ -107,7 +107,7 @@ def test_blocked_moves_are_those_that_dense_sampling_finds(which: int) -> None:
     moving, distance = moving_things()[which]
     lattice, _ = world()
     count = len(lattice.points)
-    layers = Layers(lattice, 8, [moving])
+    layers = TimeExpandedGraph(lattice, 8, [moving])
     found = 0
     for t in (0, 3, 5):
         u, start = np.nonzero(lattice.neighbors < count)

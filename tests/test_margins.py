@@ -299,7 +299,7 @@ def test_finer_margins_are_tried_before_a_scenario_is_refused(
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(windy)
     assert not caught.value.is_proved
-    assert "margins" in str(caught.value) or "room" in str(caught.value)
+    assert "tightened" in str(caught.value) or "room" in str(caught.value)
 
 
 def test_a_gap_narrower_than_the_tube_is_none() -> None:

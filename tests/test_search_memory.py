@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.path_search.fleet_in_space import FleetInSpace, size_in_space
-from drake_rho.planning.path_search.initial_guesses import find_ways
+from drake_rho.planning.path_search.fleet_in_space import FleetSpaceSearch, space_size
+from drake_rho.planning.path_search.initial_guesses import find_paths
 from drake_rho.planning.path_search.lattice import Lattice, Raster, TooLargeError
 from drake_rho.planning.path_search.moving_obstacles import MovingObstacle
-from drake_rho.planning.path_search.prioritized import FleetInTime, size_in_time
+from drake_rho.planning.path_search.prioritized import FleetSpaceTimeSearch, space_time_size
 from drake_rho.planning.path_search.reachable import reach_of
 from drake_rho.planning.path_search.resolution import resolutions
-from drake_rho.planning.path_search.space_time import Layers
+from drake_rho.planning.path_search.space_time import TimeExpandedGraph
 from drake_rho.planning.planners.from_paths import plan_along_ways
 from drake_rho.scenario.files import load_scenario
 
@@ -54,10 +54,10 @@ FORWARD = rho.Box([0.5, -5, -5], [5, 5, 5])
 )
 def test_a_search_takes_no_more_than_it_may(case: str, most: float) -> None:
     scenario = load_scenario(CASES / f"{case}.yaml")
-    find_ways(scenario, max_memory=most)  # what is loaded and kept once
+    find_paths(scenario, max_memory=most)  # what is loaded and kept once
     tracemalloc.start()
     try:
-        found = find_ways(scenario, max_memory=most)
+        found = find_paths(scenario, max_memory=most)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -67,15 +67,15 @@ def test_a_search_takes_no_more_than_it_may(case: str, most: float) -> None:
 
 def test_a_lattice_takes_what_is_said_beforehand() -> None:
     scenario = door(rho.Box([-5] * 3, [5] * 3))
-    for size, fleet in ((size_in_space, FleetInSpace), (size_in_time, FleetInTime)):
+    for size, fleet in ((space_size, FleetSpaceSearch), (space_time_size, FleetSpaceTimeSearch)):
         *_, finest = resolutions(scenario, 5e3, partial(size, scenario), 1e8)
         tracemalloc.start()
         try:
             searched = fleet(scenario, finest)
-            if isinstance(searched, FleetInTime):
+            if isinstance(searched, FleetSpaceTimeSearch):
                 searched.prioritised(searched.first_order())
             else:
-                searched.timed(0, 1)
+                searched.trajectories(0, 1)
             _, peak = tracemalloc.get_traced_memory()
         finally:
             tracemalloc.stop()
@@ -87,8 +87,8 @@ def test_grids_are_coarser_with_less_memory() -> None:
     scenario = door(rho.Box([-5] * 3, [5] * 3))
     finest = []
     for most in (1e7, 1e8, 1e9):
-        *_, last = resolutions(scenario, 5e3, partial(size_in_time, scenario), most)
-        assert size_in_time(scenario, last).bytes <= most
+        *_, last = resolutions(scenario, 5e3, partial(space_time_size, scenario), most)
+        assert space_time_size(scenario, last).bytes <= most
         finest.append(last.length)
     assert finest[0] > finest[1] > finest[2]
 
@@ -96,7 +96,7 @@ def test_grids_are_coarser_with_less_memory() -> None:
 @pytest.mark.parametrize("moving", [False, True])
 def test_where_no_grid_is_small_enough_it_is_said(moving: bool) -> None:
     scenario = door(SLOW_CLIMB, moving=moving)
-    found = find_ways(scenario, max_memory=1.0)
+    found = find_paths(scenario, max_memory=1.0)
     assert found.references == ()
     assert "max_memory" in str(found.searched)
     options = rho.Options()
@@ -111,10 +111,10 @@ def test_too_many_blocked_moves_are_too_large() -> None:
     times = np.arange(9.0)
     body = rho.Obstacle(rho.Sphere([4, 4, 4], 2.0), velocity=[0.1, 0, 0])
     moving = MovingObstacle(body, 0.1, times)
-    taken = sum(each.nbytes for each in Layers(lattice, 8, [moving]).blocked)
-    assert Layers(lattice, 8, [moving], most=taken).count == 8
+    taken = sum(each.nbytes for each in TimeExpandedGraph(lattice, 8, [moving]).blocked)
+    assert TimeExpandedGraph(lattice, 8, [moving], most=taken).count == 8
     with pytest.raises(TooLargeError):
-        Layers(lattice, 8, [moving], most=taken - 1)
+        TimeExpandedGraph(lattice, 8, [moving], most=taken - 1)
 
 
 def test_memory_that_the_machine_does_not_have_ends_no_planner(
@@ -137,7 +137,7 @@ def test_memory_that_the_machine_does_not_have_ends_no_planner(
 def test_moves_are_as_long_as_speeds_allow_along_each_axis() -> None:
     for velocity, speed, ratio in ((SLOW_CLIMB, 0.0, [1, 1, 0.125]), (FORWARD, 2.0, [1, 1, 1])):
         scenario = door(velocity, speed=speed)
-        first = next(resolutions(scenario, 5e3, partial(size_in_time, scenario), 1e9))
+        first = next(resolutions(scenario, 5e3, partial(space_time_size, scenario), 1e9))
         assert np.allclose(first.spacing[0] / first.spacing[0].max(), ratio)
 
 
@@ -149,10 +149,10 @@ def test_no_way_leads_where_a_vehicle_cannot_be_in_time() -> None:
         scenario,
         obstacles=(high, rho.Obstacle(rho.Sphere([0, 9, 9], 0.1), velocity=[0.1, 0, 0])),
     )
-    assert find_ways(blocked).references == ()
+    assert find_paths(blocked).references == ()
     low = rho.Box([12, -10, 0], [13, 10, 5.8])
     passed = dataclasses.replace(blocked, obstacles=(low, *blocked.obstacles[1:]))
-    assert len(find_ways(passed).references) == 1
+    assert len(find_paths(passed).references) == 1
 
 
 def test_plans_stay_within_reach() -> None:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import drake_rho as rho
 from drake_rho.analysis.diagnose import is_monotone
 from drake_rho.planning.constraints.catalogue import convex_constraints
-from drake_rho.planning.path_search.initial_guesses import find_ways
+from drake_rho.planning.path_search.initial_guesses import find_paths
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
@@ -281,7 +281,7 @@ def test_ways_lead_through_them(
     ends = rho.State([0.0, 0.0, 1.0]), rho.State([0.0, 2.0, 1.0])
     vehicle = rho.Vehicle("solo", *ends, radius=0.2, waypoints=waypoints)
     scenario = rho.Scenario("wall", rho.Grid(0.25, 61), (vehicle,), limits, obstacles)
-    (reference, *_) = find_ways(scenario).references
+    (reference, *_) = find_paths(scenario).references
     for each in waypoints:
         at = reference.motion().at("position", [each.time])[0, 0]
         assert np.linalg.norm(at - each.position) < 0.3  # straight from knot to knot

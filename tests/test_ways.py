@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.path_search.initial_guesses import find_ways
+from drake_rho.planning.path_search.initial_guesses import find_paths
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Shape
 
@@ -78,7 +78,7 @@ def wall(x: float, gap: tuple[float, float]) -> tuple[rho.Box, rho.Box]:
 
 def test_a_reference_is_straight_between_knots_from_start_to_goal() -> None:
     scenario = flight((rho.Sphere([5, 0, 0], 1.0),))
-    (reference, *_) = find_ways(scenario).references
+    (reference, *_) = find_paths(scenario).references
     assert np.array_equal(reference.positions[0, 0], [0, 0, 0])
     assert np.allclose(reference.positions[0, -1], [10, 0, 0], atol=1e-12)
     between = reference.motion().at("position", reference.times[:-1] + 0.1)
@@ -99,7 +99,7 @@ def test_ways_keep_clear_of_shapes_of_all_kinds(seed: int) -> None:
         *(rho.Cylinder(c, s[0] / 2) for c, s in zip(centers[13:15], sizes, strict=False)),
         *(rho.Ellipsoid(c, s) for c, s in zip(centers[15:], sizes, strict=False)),
     )
-    references = find_ways(flight(obstacles), most=5).references
+    references = find_paths(flight(obstacles), most=5).references
     assert references
     for reference in references:
         assert room(reference) > -0.15  # a step of up to 0.5 m cuts the corners of the way
@@ -111,7 +111,7 @@ def test_ways_keep_clear_of_shapes_of_all_kinds(seed: int) -> None:
 
 
 def test_ways_differ_in_the_side_of_an_obstacle() -> None:
-    references = find_ways(flight((rho.Sphere([5, 0, 0], 1.0),)), most=4).references
+    references = find_paths(flight((rho.Sphere([5, 0, 0], 1.0),)), most=4).references
     sides = [each.positions[0, 20, 1:] for each in references]
     sides = [side / np.linalg.norm(side) for side in sides]
     assert len(references) >= 3
@@ -121,14 +121,14 @@ def test_ways_differ_in_the_side_of_an_obstacle() -> None:
 
 def test_a_gap_as_wide_as_the_vehicle_is_passed() -> None:
     """To be sure of it the grid has to be as fine as the room that is left."""
-    reference = find_ways(flight(wall(5, (0.9, 1.5)))).references[0]
+    reference = find_paths(flight(wall(5, (0.9, 1.5)))).references[0]
     assert room(reference) >= -1e-6
     assert np.any(np.abs(reference.positions[0, :, 1] - 1.2) < 0.11)
 
 
 @pytest.mark.parametrize("gap", [(0.0, 0.0), (0.9, 1.29)])
 def test_a_wall_without_a_wide_enough_gap_has_no_way(gap: tuple[float, float]) -> None:
-    found = find_ways(flight(wall(5, gap)))
+    found = find_paths(flight(wall(5, gap)))
     assert found.references == ()
     assert found.searched is not None
     assert found.searched.points > 5e4
@@ -141,12 +141,12 @@ def test_the_last_points_of_a_grid_are_kept_clear_too(height: float) -> None:
     box = rho.Box([-2, -0.3, 0], [6, height, 2.5])
     pillar = rho.Box([1, -0.25, 0], [1.5, height - 0.05, 2.5])
     ends = (((-1.0, 0.0, 1.0), (5.0, 0.0, 1.0)),)
-    assert find_ways(flight((pillar,), ends=ends, box=box)).references == ()
+    assert find_paths(flight((pillar,), ends=ends, box=box)).references == ()
 
 
 def test_a_sealed_room_has_no_way_in_time_either() -> None:
     moving = rho.Obstacle(rho.Sphere([2, 0, 0], 0.3), velocity=[0, 0.1, 0])
-    found = find_ways(flight((*wall(5, (0.0, 0.0)), moving)))
+    found = find_paths(flight((*wall(5, (0.0, 0.0)), moving)))
     assert found.references == ()
     assert found.searched is not None
     assert found.searched.layers > 0
@@ -154,7 +154,7 @@ def test_a_sealed_room_has_no_way_in_time_either() -> None:
 
 def test_a_maze_is_passed_from_end_to_end() -> None:
     walls = wall(2, (-2.9, -2.3)) + wall(4, (2.3, 2.9)) + wall(6, (-2.9, -2.3))
-    reference = find_ways(flight(walls, duration=20.0)).references[0]
+    reference = find_paths(flight(walls, duration=20.0)).references[0]
     assert room(reference) > -0.02
     y = [np.interp(x, reference.positions[0, :, 0], reference.positions[0, :, 1]) for x in (4.2,)]
     assert y[0] > 2.0
@@ -165,7 +165,7 @@ def test_a_gate_that_opens_later_is_waited_for() -> None:
         rho.Box([5, -0.6, -3], [5.5, 0.6, 3]),
         track=rho.Track([0, 6, 8], [[5.25, 0, 0], [5.25, 0, 0], [5.25, 5, 0]]),
     )
-    reference = find_ways(flight((*wall(5, (-0.5, 0.5)), gate), duration=15.0)).references[0]
+    reference = find_paths(flight((*wall(5, (-0.5, 0.5)), gate), duration=15.0)).references[0]
     assert room(reference) > -1e-6
     passed = np.interp(5.25, reference.positions[0, :, 0], reference.times)
     assert passed > 6.0
@@ -173,7 +173,7 @@ def test_a_gate_that_opens_later_is_waited_for() -> None:
 
 def test_what_is_not_known_yet_is_not_avoided() -> None:
     later = rho.Obstacle(rho.Sphere([5, 0, 0], 1.0), known_from=3.0)
-    assert abs(find_ways(flight((later,))).references[0].positions[0, :, 1:]).max() < 0.3
+    assert abs(find_paths(flight((later,))).references[0].positions[0, :, 1:]).max() < 0.3
 
 
 @pytest.mark.parametrize("downwash", [1.0, 2.0])
@@ -182,7 +182,7 @@ def test_vehicles_swap_in_a_corridor(downwash: float) -> None:
     corridor = rho.Box([-1, -0.2, -1], [11, 0.2, 1])
     ends = (((0, 0, 0), (10, 0, 0)), ((10, 0, 0), (0, 0, 0)))
     separation = rho.Separation(0.6, downwash)
-    found = find_ways(flight(ends=ends, box=corridor, separation=separation))
+    found = find_paths(flight(ends=ends, box=corridor, separation=separation))
     assert found.conflicts == 0
     assert apart(found.references[0]) >= 0.6 - 1e-9
 
@@ -201,7 +201,7 @@ def test_a_fleet_keeps_apart_and_clear_of_what_moves() -> None:
     )
     box = rho.Box([-5, -5, -2], [5, 5, 2])
     ends, separation = circle(6, 4.0), rho.Separation(0.6, 2.0)
-    found = find_ways(flight(obstacles, ends=ends, box=box, separation=separation))
+    found = find_paths(flight(obstacles, ends=ends, box=box, separation=separation))
     assert found.conflicts == 0
     assert apart(found.references[0]) >= 0.6 - 1e-9
     assert room(found.references[0]) >= -1e-6
@@ -215,7 +215,7 @@ def test_ways_of_relabelled_vehicles_are_the_same() -> None:
         separation=rho.Separation(0.6),
     )
     other = dataclasses.replace(scenario, vehicles=scenario.vehicles[::-1])
-    ways, others = (find_ways(each).references[0].positions for each in (scenario, other))
+    ways, others = (find_paths(each).references[0].positions for each in (scenario, other))
     assert np.array_equal(ways, others[::-1])
 
 
@@ -223,7 +223,7 @@ def test_a_mirrored_world_has_mirrored_lengths() -> None:
     obstacles = (rho.Box([3, -1, -2.5], [4, 2, 2.5]), rho.Sphere([7, 0.5, 0], 1.0))
     mirrored = (rho.Box([3, -2, -2.5], [4, 1, 2.5]), rho.Sphere([7, -0.5, 0], 1.0))
     ways, others = (
-        [each.positions[0] for each in find_ways(flight(world), most=3).references]
+        [each.positions[0] for each in find_paths(flight(world), most=3).references]
         for world in (obstacles, mirrored)
     )
     assert np.allclose(ways[0] * [1, -1, 1], others[0], atol=0.6)
@@ -244,7 +244,7 @@ def test_vehicles_of_other_sizes_have_grids_of_their_own() -> None:
     scenario = dataclasses.replace(
         scenario, vehicles=(small, dataclasses.replace(large, radius=0.5))
     )
-    reference = find_ways(scenario).references[0]
+    reference = find_paths(scenario).references[0]
     assert room(reference) > -0.02
     at = [np.interp(5.25, each[:, 0], each[:, 1]) for each in reference.positions]
     assert at[0] < 0.0 < 1.0 < at[1]
@@ -259,7 +259,7 @@ def test_ways_lead_past_waypoints_at_their_times(moving: bool) -> None:
     waypoints = (rho.Waypoint(12.0, [2, -2, 0.5]), rho.Waypoint(6.0, [8, 2, -1]))
     vehicle = dataclasses.replace(scenario.vehicles[0], waypoints=waypoints)
     scenario = dataclasses.replace(scenario, vehicles=(vehicle,))
-    for reference in find_ways(scenario, most=3).references:
+    for reference in find_paths(scenario, most=3).references:
         assert np.allclose(reference.positions[0, 24], [8, 2, -1], atol=1e-9)
         assert np.allclose(reference.positions[0, 48], [2, -2, 0.5], atol=1e-9)
         assert room(reference) > -0.05

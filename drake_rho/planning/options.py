@@ -1,4 +1,4 @@
-"""Tolerances and bounds that a caller may choose."""
+"""Tolerances and bounds that callers of planners may choose."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from drake_rho.scenario.fields import Count, record
 from drake_rho.scenario.records import Scenario
 
 SMALL_FLEET = 6
-"""Vehicles up to which a fleet is iterated to `COUPLED_SMALL`."""
+"""Largest fleet that is iterated to the tolerance `COUPLED_SMALL`, in vehicles."""
 
 ALONE, COUPLED_SMALL, COUPLED, GROUPED, DECOUPLED = 1e-9, 1e-7, 1e-3, 2e-3, 5e-2
-"""Tolerances where none is given. In fleets that keep apart every iteration moves all vehicles and
-a further digit takes as long as all before; small ones are quick, and can be certified. In groups,
-at most a few per cent are left where the cost falls by less. Decoupled, it falls ever more slowly,
-and to no optimum: what trading room could gain is left."""
+"""Default tolerances. In fleets with a separation every iteration moves all vehicles, and a further
+digit takes as long as all digits before; small fleets are quick, and can be certified. In groups, a
+cost that falls by less than the tolerance is at most a few per cent above its limit. Decoupled, the
+cost falls ever more slowly and reaches no optimum, since vehicles cannot trade their
+responsibilities for a separation."""
 
 ALONE_AT_CORNERS, SMALL_AT_CORNERS, COUPLED_AT_CORNERS = 1e-6, 1e-4, 5e-3
-"""The same among obstacles that have corners or flat sides: past these the cost falls in ever
-smaller steps rather than to its last digit at once, and no certificate asks for one."""
+"""Default tolerances among obstacles with corners or flat faces. Around these the cost converges in
+ever smaller steps rather than at once, and no certificate needs its last digits."""
 
 
 @record
@@ -34,34 +35,40 @@ class Options:
     """
 
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
-    """relative fall of the cost in one linearisation below which an iteration has converged; a
-    vehicle that nothing couples stops when its part falls by less than this part of the whole. If
-    not given: 1e-9, and for fleets that keep apart 1e-7 up to six vehicles, 1e-3 coupled, 2e-3 in
+    """relative fall of the cost in one linearisation below which an iteration has converged. An
+    uncoupled vehicle stops when its own cost falls by less than this fraction of the total. If not
+    given: 1e-9, and for fleets with a separation 1e-7 up to six vehicles, 1e-3 coupled, 2e-3 in
     groups and 5e-2 decoupled; among obstacles other than balls and ellipsoids 1e-6, 1e-4, 5e-3,
-    2e-3 and 5e-2. It stands in the plan's `statistics.tolerance`"""
+    2e-3 and 5e-2. The plan's `statistics.tolerance` holds the value used"""
     max_iterations: Annotated[Count, Field(ge=1)] = 200
-    """bound on the linearisations of one call; of those in groups, on the plans they lead to"""
+    """bound on the linearisations of one call; for fleets in groups, on the plans that result"""
     max_coupled: Annotated[Count, Field(ge=1)] = 15
-    """vehicles up to which a fleet is coupled if nothing else is asked"""
+    """largest fleet that is coupled by default, in vehicles"""
     max_group: Annotated[Count, Field(ge=1)] = 10
     """bound on the vehicles of a larger fleet that are coupled in one group; a fleet of up to twice
     as many is one group"""
     max_grouped: Annotated[Count, Field(ge=1)] = 500
-    """vehicles up to which a fleet that is not coupled is planned in groups if nothing else is
-    asked; groups take three times as long as planning a larger one decoupled"""
+    """largest fleet that is planned in groups by default where it is not coupled, in vehicles;
+    planning in groups takes three times as long as planning decoupled"""
     max_ways: Annotated[Count, Field(ge=1)] = 6
-    """bound on the ways past obstacles that are tried for one vehicle; the plan of least cost among
-    them is kept"""
+    """bound on the paths around obstacles that are tried for one vehicle; the plan of least cost
+    among them is chosen"""
     max_memory: Annotated[float, Field(ge=1e7)] = 1e9
-    """bytes that a search for ways may take: grids are as coarse as that asks for, and where none
-    is small enough the search says so"""
+    """memory that a path search may use [bytes]. Grids are made coarser until they fit; if none
+    fits, the search reports it"""
 
     time_limit: Annotated[float, Field(gt=0.0)] | None = None
     """seconds after which the best plan so far is returned (`statistics.cut`), or `OutOfTimeError`
-    raised where there is none; a single step of the search that is under way then is ended first"""
+    raised if there is none; the step of the search that is running then is finished first"""
 
     def tolerance_of(self, scenario: Scenario, *, together: bool, in_groups: bool = False) -> float:
-        """The tolerance for a scenario, whose pairs are coupled (`together`), in groups, or not."""
+        """Return the tolerance for a scenario.
+
+        Args:
+            scenario: to be planned.
+            together: whether its pairs of vehicles are coupled.
+            in_groups: whether they are planned in groups if not coupled.
+        """
         if self.tolerance is not None:
             return self.tolerance
         shapes = [obstacle.shape for _, obstacle in scenario.known]
@@ -76,4 +83,4 @@ class Options:
 
 
 DEFAULTS = Options()
-"""What is taken where no options are given."""
+"""Options of calls that give none."""

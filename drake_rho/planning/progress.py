@@ -1,21 +1,21 @@
-"""How long work tells what it is doing: a function that takes a few words, as `print` does."""
+"""Progress reports of long computations, as calls of a function that takes a text."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Progress = Callable[[str], None]
-"""Called with a few words on what is being done, as 'linearised 4 times, cost 12.3 m²/s⁴'."""
+"""Function that takes a text on the current activity, as 'linearised 4 times, cost 12.3 m²/s⁴'."""
 
 
 def tell(progress: Progress | None, words: str) -> None:
-    """Say what is being done to whoever wants to know."""
+    """Report the current activity, if there is a function to report it to."""
     if progress is not None:
         progress(words)
 
 
 def within(progress: Progress | None, part: str) -> Progress | None:
-    """For a part of the work: its words come after those that say which part it is."""
+    """Return a progress function for a part of the work, which puts `part` before each text."""
     if progress is None:
         return None
     return lambda words: progress(f"{part}: {words}")

@@ -1,6 +1,6 @@
-"""Time limits: until when planners may look, asked for between the steps of whatever takes long.
+"""Time limits of planners, checked between the steps of long computations.
 
-The end is known to the whole call, however deep it is, and to nothing else: nobody hands it on.
+A deadline is a context variable: all functions within a call see it, and none passes it on.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from drake_rho.planning.options import Options
 from drake_rho.planning.progress import Progress
 
 _ENDS: ContextVar[float] = ContextVar("_ENDS", default=math.inf)
-"""When time is up, on the clock of `time.perf_counter`."""
+"""Deadline on the clock of `time.perf_counter` [s]."""
 
 _STOPPED = threading.Event()
-"""Whether whoever waits wants what there is now."""
+"""Set when the caller asks for the best result so far."""
 
 _STOPPABLE: ContextVar[bool] = ContextVar("_STOPPABLE", default=False)
-"""Whether someone may want that."""
+"""True while a caller may set `_STOPPED`."""
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
 
 def seconds_left() -> float:
-    """Return how much time is left [s], at most zero if none is; infinite without a limit."""
+    """Return the time left [s]: zero or less after the deadline, infinite without one."""
     return -math.inf if _STOPPED.is_set() else _ENDS.get() - time.perf_counter()
 
 
 def check_time() -> None:
-    """See that there is time left.
+    """Raise an error if no time is left.
 
     Raises:
-        OutOfTimeError: there is none.
+        OutOfTimeError: the deadline has passed.
     """
     if seconds_left() <= 0.0:
         raise OutOfTimeError
@@ -48,7 +48,11 @@ def check_time() -> None:
 
 @contextmanager
 def within_time(seconds: float | None) -> Iterator[None]:
-    """Let everything in the block take at most some time, or less where less was left before."""
+    """Set a deadline for the block, no later than one that is in force already.
+
+    Args:
+        seconds: duration until the deadline [s]; None for no further deadline.
+    """
     if seconds is None:
         yield
         return
@@ -61,7 +65,7 @@ def within_time(seconds: float | None) -> Iterator[None]:
 
 @contextmanager
 def stoppable() -> Iterator[Callable[[], None]]:
-    """Give the block a function that ends all time limits at once, as Ctrl-C may call it."""
+    """Provide the block with a function that lets all deadlines pass at once, for use by Ctrl-C."""
     before = _STOPPABLE.set(True)
     try:
         yield _STOPPED.set
@@ -71,9 +75,9 @@ def stoppable() -> Iterator[Callable[[], None]]:
 
 
 def with_time_limit(planner: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Return a planner that keeps to its `options.time_limit`, or its `time_limit`.
+    """Return a planner that respects its argument `options.time_limit`, or `time_limit`.
 
-    An `OutOfTimeError` tells the last words on what was being done.
+    An `OutOfTimeError` that it raises contains the last progress text.
     """
 
     @functools.wraps(planner)
@@ -85,26 +89,26 @@ def with_time_limit(planner: Callable[_Arguments, _Result]) -> Callable[_Argumen
             raise ValueError(f"time_limit: got {seconds!r}, expected seconds above 0, or None")
         if seconds is None and seconds_left() == math.inf and not _STOPPABLE.get():
             return planner(*args, **kwargs)
-        heard = _Heard(given.get("progress"))
+        recorded = _Recorded(given.get("progress"))
         if "progress" in planner.__annotations__:
-            kwargs["progress"] = heard
+            kwargs["progress"] = recorded
         try:
             with within_time(seconds):
                 return planner(*args, **kwargs)
         except OutOfTimeError as error:
-            raise error.while_doing(heard.last, seconds) from None
+            raise error.while_doing(recorded.last, seconds) from None
 
     return run
 
 
-class _Heard:
-    """Progress that is handed on, of which the last words are kept."""
+class _Recorded:
+    """Progress function that remembers the last text and passes all texts on."""
 
     def __init__(self, progress: Progress | None) -> None:
         self.last, self._progress = "", progress
 
     def __call__(self, words: str) -> None:
-        """Take some words."""
+        """Remember a text and pass it on."""
         self.last = words
         if self._progress is not None:
             self._progress(words)

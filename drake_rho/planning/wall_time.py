@@ -1,4 +1,4 @@
-"""What holds for every planner that users call: its wall time is measured, memory may run out."""
+"""Wall time and memory errors of the planners that users call."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class _Planned(Protocol):
     """A plan, a window or a flight."""
 
     def lasting(self, seconds: float) -> Self:
-        """Return the same with another wall time [s]."""
+        """Return a copy with another wall time [s]."""
         ...
 
 
@@ -25,9 +25,9 @@ _Result = TypeVar("_Result", bound=_Planned)
 
 
 def with_wall_time(planner: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Return a planner whose `Statistics.seconds` are those from its call to its return.
+    """Return a planner whose `Statistics.seconds` last from its call to its return.
 
-    The statistics of what is raised in place of a plan tell the time until then; a `MemoryError`
+    Errors raised in place of a plan have the time until then in their statistics. A `MemoryError`
     becomes a `SolverError`.
     """
 

@@ -1,5 +1,5 @@
-"""Planning in windows while flying: model predictive control with a shrinking horizon.
+"""Receding-horizon planning in flight: model predictive control with a shrinking horizon.
 
-A scenario, and measured states where there are any, come in; a `Window` for each replanning and the
-`Flight` that they make up go out.
+A scenario comes in, and measured states if there are any. A `Window` for each replanning and the
+`Flight` composed of them go out.
 """

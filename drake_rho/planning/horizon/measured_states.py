@@ -1,4 +1,4 @@
-"""States as they are measured, beside those that are planned: how far apart they may be."""
+"""Deviations of measured states from planned ones, and the bounds that the error tube gives."""
 
 from __future__ import annotations
 
@@ -10,66 +10,75 @@ from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
 
 ROUNDING = 1e-9
-"""Part of a motion's scale by which a state may differ from that of the plan and still count as the
-same: what integration adds to it by rounding."""
+"""Relative difference, in scales of the motion, below which a state counts as that of the plan. It
+covers the rounding errors of integration."""
 
 
-def tracked_anew(whole: Scenario, left: Scenario, unseen: Scenario | None) -> Tracking | None:
-    """Return how a plan that begins with what is left of a flight is tracked.
+def renewed_tracking(whole: Scenario, left: Scenario, unseen: Scenario | None) -> Tracking | None:
+    """Return the tracking of a plan for the rest of a flight: a new tube, the same feedback.
 
     Args:
-        whole: the flight's scenario, whose feedback goes on.
-        left: what is left of it.
-        unseen: what is left of the previous plan, where a vehicle was not seen: it may be as far
-            from where that has it as the tube reaches, and one tube is for all.
+        whole: scenario of the whole flight, whose feedback continues.
+        left: rest of it.
+        unseen: rest of the previous plan's scenario, if a vehicle was not seen. Such a vehicle may
+            be anywhere in the previous tube, so the new tube, which is common to all vehicles,
+            begins with at least the radii of the previous one.
     """
     if left.disturbance is None:
         return None
-    first = estimated_within(left)
+    first = estimate_errors(left)
     if unseen is not None:
-        first = max(first[0], within(unseen)[0]), max(first[1], within(unseen)[1])
+        first = max(first[0], tube_radii(unseen)[0]), max(first[1], tube_radii(unseen)[1])
     return Tracking(left.grid.start, tube_of(whole).gains, *first)
 
 
-def estimated_within(scenario: Scenario) -> tuple[float, float]:
-    """Return how far an estimated state may be from the true one [m, m/s]."""
+def estimate_errors(scenario: Scenario) -> tuple[float, float]:
+    """Return bounds on the error of an estimated state [m, m/s]."""
     around = scenario.disturbance
     return (0.0, 0.0) if around is None else around.first_error(scenario.grid)
 
 
-def within(tail: Scenario) -> tuple[float, float]:
-    """Return how far a vehicle may be from the plan whose rest begins now [m, m/s]."""
+def tube_radii(tail: Scenario) -> tuple[float, float]:
+    """Return the radii of the error tube at the start of a plan's rest [m, m/s]."""
     if tail.disturbance is None:
         return 0.0, 0.0
     tube, now = tube_of(tail), tail.grid.start
     return float(tube.position(now)), float(tube.velocity(now))
 
 
-def off_tube(tail: Scenario, away: tuple[FloatArray, FloatArray]) -> BoolArray:
-    """Return which vehicles were estimated further from the plan whose rest begins now than can be.
+def off_tube(tail: Scenario, deviations: tuple[FloatArray, FloatArray]) -> BoolArray:
+    """Return which vehicles deviate by more than the tube and the errors of the estimate allow.
 
     Args:
-        tail: what is left of the flight as it was planned.
-        away: estimated less planned positions [m] and velocities [m/s], shape (N, 3) each.
+        tail: scenario of the rest of the previous plan.
+        deviations: estimated less planned positions [m] and velocities [m/s], shape (N, 3) each.
     """
-    if not (away[0].any() or away[1].any()):
-        return np.zeros(len(away[0]), dtype=bool)
-    (position, velocity), estimate = within(tail), estimated_within(tail)
-    return beyond(tail, away, position + estimate[0], velocity + estimate[1])
+    if not (deviations[0].any() or deviations[1].any()):
+        return np.zeros(len(deviations[0]), dtype=bool)
+    (position, velocity), estimate = tube_radii(tail), estimate_errors(tail)
+    return exceeding(tail, deviations, position + estimate[0], velocity + estimate[1])
 
 
-def beyond(
+def exceeding(
     scenario: Scenario,
-    away: tuple[FloatArray, FloatArray],
+    deviations: tuple[FloatArray, FloatArray],
     position: float,
     velocity: float,
     tolerance: float = TOLERANCE,
 ) -> BoolArray:
-    """Return which are further away than radii [m, m/s] and a part of their scale, (N,)."""
-    if not (away[0].any() or away[1].any()):
-        return np.zeros(len(away[0]), dtype=bool)
+    """Return which vehicles deviate by more than given radii and a relative tolerance, (N,).
+
+    Args:
+        scenario: with the scales of the motions.
+        deviations: of positions [m] and velocities [m/s], shape (N, 3) each.
+        position: radius of positions [m].
+        velocity: radius of velocities [m/s].
+        tolerance: in scales of the motions.
+    """
+    if not (deviations[0].any() or deviations[1].any()):
+        return np.zeros(len(deviations[0]), dtype=bool)
     fleet = scenario.fleet
-    far = np.linalg.norm(away[0], axis=1) > position + tolerance * fleet.scale("position")
-    fast = np.linalg.norm(away[1], axis=1) > velocity + tolerance * fleet.scale("velocity")
+    far = np.linalg.norm(deviations[0], axis=1) > position + tolerance * fleet.scale("position")
+    fast = np.linalg.norm(deviations[1], axis=1) > velocity + tolerance * fleet.scale("velocity")
     either: BoolArray = far | fast
     return either

@@ -1,4 +1,4 @@
-"""The receding horizon (RHO): plan the whole rest of the flight, fly a few steps, plan again."""
+"""Receding horizon optimisation (RHO): plan the rest of the flight, fly a few steps, plan again."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ import numpy.typing as npt
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.threads import one_for_arrays
-from drake_rho.planning.horizon.measured_states import ROUNDING, beyond, off_tube, tracked_anew
+from drake_rho.planning.horizon.measured_states import (
+    ROUNDING,
+    exceeding,
+    off_tube,
+    renewed_tracking,
+)
 from drake_rho.planning.horizon.windows import (
     Planner,
     Reference,
@@ -36,34 +41,35 @@ from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
 from drake_rho.scenario.records import TOLERANCE, Scenario
 
 _CLOCK = 1e-4
-"""Part of a step by which a time may miss its knot: that much a caller's own clock may be off."""
+"""Largest difference of a caller's time from a knot, in steps. It allows for the caller's clock."""
 
 
 class RecedingHorizon:
-    """A receding horizon that shrinks towards the goals, fed with measured states.
+    """Model predictive control from measured states, with a horizon that shrinks towards the goals.
 
-    Every window plans anew from the state that is measured, with a tube that begins anew. The fleet
-    does so together or, where there is no such plan, keeps to the previous one and its tube. If the
-    first window has a plan, nothing new becomes known, and disturbances are as the scenario says,
-    then no window is without a plan that holds.
+    Every window plans again from the measured states, with a new error tube. The plan is for the
+    whole fleet; if there is none, the fleet continues the previous plan in its tube. If the first
+    window has a plan, nothing new becomes known, and disturbances are within those declared, then
+    every window has a valid plan.
 
     Args:
-        scenario: what is asked.
-        replan_every: d, the steps flown of each window; the last window has what is left.
+        scenario: to be flown.
+        replan_every: d, the steps flown of each window; the last window has the remaining ones.
         planner: plans one window.
-        fallback: plans a window, the first included, for which `planner` has no solution or whose
-            solvers fail; None for nothing but the rest of the previous plan.
-        reference: what a window is linearised around, `free_reference` (the paper's),
-            `tail_reference`, or another function of this form. If not given, the paper's and, for
-            fleets that keep apart, the tail, which is a plan for the next window already.
+        fallback: plans a window, including the first, if `planner` has no solution or its solvers
+            fail; None to continue the previous plan at once.
+        reference: motion around which a window is linearised: `free_reference` (the paper's),
+            `tail_reference`, or another function of this form. By default the paper's and, for
+            fleets with a separation, the tail, which is a plan for the next window already.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-        progress: called with a few words when a window begins, as 'window 3 of 10'.
-        options: of this package's planners; after `time_limit` in a step the previous plan is kept.
+        progress: called with a short text when a window begins, as 'window 3 of 10'.
+        options: of this package's planners. When a step exceeds `time_limit`, the previous plan is
+            continued.
 
     Attributes:
         scenario: as given.
         replan_every: as given.
-        windows: those planned so far.
+        windows: windows planned so far.
 
     Raises:
         ValueError: `replan_every` is not a whole number of at least 1.
@@ -102,14 +108,16 @@ class RecedingHorizon:
 
     @property
     def knots(self) -> range:
-        """The knots at which windows start, counted from 0."""
+        """Knots at which windows start, counted from 0."""
         return range(0, self.scenario.grid.knots - 1, self.replan_every)
 
     def planned(self, knot: int) -> FloatArray:
-        """The states that the last window has at a knot, or the starts before there is one, (N, 6).
+        """Return the states that the last window plans for a knot, shape (N, 6).
+
+        Before there is a window, these are the starts of the scenario.
 
         Args:
-            knot: counted from 0, not before the last window starts.
+            knot: counted from 0, not before the start of the last window.
         """
         if not self.windows:
             return self.scenario.fleet.start_states
@@ -119,27 +127,28 @@ class RecedingHorizon:
     def step(self, states: npt.ArrayLike, time: float) -> Window:
         """Plan the next window.
 
-        A scenario's starts are exact, and so is the first window where the states are just these;
-        from any others its tube begins with what estimates may be off. No window fails: where there
-        is no plan, `Window.infeasible` says why. Only the first one raises, if the scenario has
-        none from its own starts either.
+        The starts of a scenario are exact. If the states of the first window equal them, so are
+        these; otherwise its tube begins with the errors of the estimate. Windows do not fail: if
+        there is no plan, `Window.infeasible` gives the reason. Only the first window raises an
+        error, if the scenario has no plan from its own starts either.
 
         Args:
-            states: position [m] and velocity [m/s] of each vehicle as estimated for this time,
-                shape (N, 6); with a delay, predicted from what was measured by the commands given
-                since then. A row of NaN, or of numbers beyond any flight, is a vehicle that was not
-                seen: it goes on from where it was planned to be, and the tube begins with the
-                errors that it may have there.
-            time: of a knot at which a step begins, after that of the window before, on the
+            states: estimated position [m] and velocity [m/s] of each vehicle at this time, shape
+                (N, 6); with a delay, predicted from the measurement by the commands given since. A
+                row of NaN, or of numbers larger than in any flight, stands for a vehicle that was
+                not seen: its planned state is used, and the tube begins with the errors that it may
+                have there.
+            time: of a knot at which a step begins, after that of the previous window, on the
                 scenario's clock [s]. The first window starts at the first knot.
 
         Returns:
-            The window. Until the next one its plan is flown.
+            The window. Its plan is flown until the next window.
 
         Raises:
-            InfeasibleError: the scenario has no plan from its own starts, nor with the fallback.
-            SolverError: the solvers fail numerically there, with the fallback too.
-            ValueError: the states are no numbers of this shape, or the time is another.
+            InfeasibleError: the scenario has no plan from its own starts, even with the fallback.
+            SolverError: the solvers fail numerically there, even with the fallback.
+            ValueError: the states have another shape or are not numbers, or the time is not that
+                of a later knot.
         """
         with within_time(self._time_limit):
             self.windows.append(self._window(states, time))
@@ -154,7 +163,7 @@ class RecedingHorizon:
         number = knot // self.replan_every + 1
         tell(self._progress, f"window {number} of {len(self.knots)}")
         if not self.windows:
-            window = self._planner.first(self.scenario, self._begun(measured))
+            window = self._planner.first(self.scenario, self._from_measured(measured))
         else:
             window = self._next(knot, measured)
         names = [vehicle.name for vehicle in self.scenario.vehicles]
@@ -165,13 +174,13 @@ class RecedingHorizon:
 
     @property
     def flight(self) -> Flight:
-        """The windows so far, each flown until the next, from the start of the scenario.
+        """Flight composed of the windows so far, each flown until the next.
 
         Raises:
-            ValueError: there is none yet.
+            ValueError: there is no window yet.
         """
         if not self.windows:
-            raise ValueError("windows: got none, expected at least one to be planned before")
+            raise ValueError("windows: got none, expected at least one planned window")
         ends = [*(window.first_knot for window in self.windows[1:]), self.scenario.grid.knots - 1]
         flown = [
             window.plan.accelerations[:, : end - window.first_knot]
@@ -182,7 +191,7 @@ class RecedingHorizon:
         return Flight(plan, tuple(self.windows))
 
     def _checked(self, states: npt.ArrayLike) -> FloatArray:
-        """Return positions and velocities side by side, (N, 6); NaN for vehicles not seen."""
+        """Return states as an array, shape (N, 6), with rows of NaN for vehicles not seen."""
         count = len(self.scenario.vehicles)
         array = np.array(states, dtype=np.float64)
         if array.shape != (count, 6):
@@ -193,11 +202,11 @@ class RecedingHorizon:
             vehicle = self.scenario.vehicles[int(np.argmax(wrong))].name
             expected = f"finite numbers for {vehicle}, or NaN in its whole row if it was not seen"
             raise ValueError(f"states: got {array.tolist()}, expected {expected}")
-        array[(np.abs(array) > LARGEST).any(axis=1)] = np.nan  # no such place is in any flight
+        array[(np.abs(array) > LARGEST).any(axis=1)] = np.nan  # no flight has such states
         return array
 
     def _knot(self, time: float) -> int:
-        """The number of the knot at a time."""
+        """Return the number of the knot at a time."""
         grid, last = self.scenario.grid, -1
         if self.windows:
             last = self.windows[-1].first_knot
@@ -211,41 +220,40 @@ class RecedingHorizon:
             raise ValueError(f"time: got {time!r}, expected {expected}")
         return knot
 
-    def _begun(self, states: FloatArray) -> Scenario:
-        """Return the scenario from where the vehicles are, itself if they are at their starts.
+    def _from_measured(self, states: FloatArray) -> Scenario:
+        """Return the scenario from measured states; itself if these are the starts.
 
-        Starts are exact, and so are states that are just these; any other is an estimate, around
-        which the tube begins with what that may be off. A vehicle that was not seen is at its
-        start.
+        Starts are exact, and so are states equal to them. Other states are estimates, whose errors
+        the tube begins with. A vehicle that was not seen is taken to be at its start.
         """
         scenario = self.scenario
-        positions, velocities = _split(_seen(states, scenario.fleet.start_states))
+        positions, velocities = _split(_completed(states, scenario.fleet.start_states))
         fleet, tolerance = scenario.fleet, TOLERANCE if scenario.disturbance is None else ROUNDING
-        away = positions - fleet.start_positions, velocities - fleet.start_velocities
-        if not beyond(scenario, away, 0.0, 0.0, tolerance).any():
+        deviations = positions - fleet.start_positions, velocities - fleet.start_velocities
+        if not exceeding(scenario, deviations, 0.0, 0.0, tolerance).any():
             return scenario
         unseen = np.isnan(states).any()
-        tracking = tracked_anew(scenario, scenario, scenario if unseen else None)
-        begun = scenario.from_states(
+        tracking = renewed_tracking(scenario, scenario, scenario if unseen else None)
+        moved = scenario.from_states(
             scenario.grid, positions, velocities, fleet.accelerations_before, tracking
         )
-        return begun.derived(under_way=False)  # there is no previous plan
+        return moved.derived(under_way=False)  # there is no previous plan
 
     def _next(self, knot: int, states: FloatArray) -> Window:
-        """Return a later window."""
+        """Return a window after the first."""
         last = self.windows[-1]
         tail = last.plan.tail(knot - last.first_knot)
         left, unseen = tail.scenario, np.isnan(states).any(axis=1)
-        positions, velocities = _split(_seen(states, tail.states(0)))
-        away = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
-        tracking = tracked_anew(self.scenario, left, left if unseen.any() else None)
-        if beyond(left, away, 0.0, 0.0, ROUNDING).any():
+        positions, velocities = _split(_completed(states, tail.states(0)))
+        deviations = positions - tail.positions[:, 0], velocities - tail.velocities[:, 0]
+        tracking = renewed_tracking(self.scenario, left, left if unseen.any() else None)
+        if exceeding(left, deviations, 0.0, 0.0, ROUNDING).any():
             before = left.fleet.accelerations_before
             left = left.from_states(left.grid, positions, velocities, before, tracking)
         elif left.disturbance is not None:
             around = unchecked(left.disturbance, tracking=tracking)
             left = left.derived(disturbance=around, under_way=True)
-        off = off_tube(tail.scenario, away)
+        off = off_tube(tail.scenario, deviations)
         window = self._planner.next(left, knot, tail, last=last, on_plan=not off.any())
         if left.disturbance is None or not off.any():
             return window
@@ -270,40 +278,41 @@ def plan_rho(
 ) -> Flight:
     """Fly with a receding horizon that shrinks towards the fixed goal and arrival time.
 
-    Each window plans from the state reached to the goal and is flown for `replan_every` steps.
-    Where the planner has no solution the fallback is asked, from the previous prediction's tail;
-    a window for which that has none either flies on along the tail, which is still valid. Its
-    `Window.infeasible` says why.
+    Each window plans from the current state to the goal and is flown for `replan_every` steps. If
+    the planner has no solution, the fallback plans from the tail of the previous prediction. If it
+    has none either, the window continues along the tail, which is still valid, and its
+    `Window.infeasible` gives the reason.
 
-    This is `RecedingHorizon` with perfect measurements: every window begins where its vehicles were
-    planned to be. In a scenario with a disturbance each has a tube that begins anew there, and
-    flights that are disturbed within it keep all constraints.
+    This is `RecedingHorizon` with perfect measurements: every window begins at the states planned
+    for its start. In a scenario with a disturbance each window has a new error tube, and disturbed
+    flights within that tube meet all constraints.
 
-    Windows know of an obstacle if it is known at their start. Where one becomes known too late to
-    be avoided, the plan that comes least too close to it is flown, and planning goes on from there;
-    `Flight.sightings` tells what was learned when.
+    A window avoids the obstacles that are known at its start. If an obstacle becomes known too late
+    to be avoided, the plan that violates its distance least is flown, and planning continues from
+    there; `Flight.sightings` lists when which obstacle became known.
 
     Args:
-        scenario: what is asked.
-        replan_every: d, the steps flown of each window; the last window has what is left.
+        scenario: to be flown.
+        replan_every: d, the steps flown of each window; the last window has the remaining ones.
         planner: plans one window.
-        fallback: plans a window, the first included, for which `planner` has no solution or whose
-            solvers fail; None for nothing but the tail.
-        reference: what a window is linearised around, `free_reference` (the paper's),
-            `tail_reference`, or another function of this form. If not given, the paper's and, for
-            fleets that keep apart, the tail, which is a plan for the next window already.
+        fallback: plans a window, including the first, if `planner` has no solution or its solvers
+            fail; None to continue along the tail at once.
+        reference: motion around which a window is linearised: `free_reference` (the paper's),
+            `tail_reference`, or another function of this form. By default the paper's and, for
+            fleets with a separation, the tail, which is a plan for the next window already.
         solver: `"clarabel"`, `"daqp"` or `"osqp"`, or a Drake solver; Clarabel if not given.
-        progress: called with a few words when a window begins, as 'window 3 of 10'.
-        options: of this package's planners; after `time_limit` in all the previous plan is kept.
+        progress: called with a short text when a window begins, as 'window 3 of 10'.
+        options: of this package's planners. When the flight exceeds `time_limit`, the previous plan
+            is continued.
 
     Returns:
-        The flight; `flight.plan` meets every constraint of the scenario, but for obstacles that
+        The flight; `flight.plan` meets every constraint of the scenario, except for obstacles that
         became known too late.
 
     Raises:
-        InfeasibleError: the first window has no solution, with the fallback neither.
-        OutOfTimeError: time was up before the first window had a plan.
-        SolverError: the solvers fail numerically in the first window, with the fallback too.
+        InfeasibleError: the first window has no solution, even with the fallback.
+        OutOfTimeError: the time limit expired before the first window had a plan.
+        SolverError: the solvers fail numerically in the first window, even with the fallback.
         ValueError: `replan_every` is not a whole number of at least 1.
 
     Examples:
@@ -328,15 +337,18 @@ def plan_rho(
 
 
 def _with(options: Options | None, planner: Planner) -> Planner:
-    """Return a planner with options, if it is one of this package's; time is for a whole call."""
+    """Return a planner with options, if it is one of this package's.
+
+    The time limit is left out, since it applies to the whole flight or step.
+    """
     if options is None or planner not in (best_plan, plan_scp, plan_convex):
         return planner
     ours: Planner = partial(planner, options=dataclasses.replace(options, time_limit=None))
     return ours
 
 
-def _seen(states: FloatArray, predicted: FloatArray) -> FloatArray:
-    """Return states, those of vehicles that were not seen as they were predicted, (N, 6)."""
+def _completed(states: FloatArray, predicted: FloatArray) -> FloatArray:
+    """Return states with predicted values for vehicles that were not seen, shape (N, 6)."""
     return np.asarray(np.where(np.isnan(states), predicted, states))
 
 
@@ -346,13 +358,20 @@ def _split(states: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _with_sightings(window: Window, before: Window) -> Window:
-    """A window that says which obstacles it learned of, and which of those seen late it breaks."""
+    """Return a window with the obstacles that became known in it, and those that it violates.
+
+    Only obstacles that become known in flight are considered.
+
+    Args:
+        window: that was planned.
+        before: previous window.
+    """
     scenario = window.plan.scenario
     late = {number for number, _ in scenario.known if scenario.bodies[number - 1].known_from > 0.0}
     if not late:
         return window
     known = {number for number, _ in before.plan.scenario.known}
-    broken = violations_of(Problem.of(scenario), window.plan).inside.keys() & late
+    violated = violations_of(Problem.of(scenario), window.plan).inside.keys() & late
     return dataclasses.replace(
-        window, learned=tuple(sorted(late - known)), not_avoided=tuple(sorted(broken))
+        window, learned=tuple(sorted(late - known)), not_avoided=tuple(sorted(violated))
     )

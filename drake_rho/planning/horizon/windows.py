@@ -1,9 +1,9 @@
-"""One window of a receding horizon: a new plan from where the vehicles are, or the old one's rest.
+"""A window of a receding horizon: a new plan from the current states, or the rest of the last one.
 
-A new plan has a tube that begins anew, with what is unknown of the state at the window's start.
-Where there is none, the previous plan is still valid, in its own tube: by induction no window is
-without a plan as long as nothing new becomes known and the disturbance is as declared. Where that
-does not hold, the window flies what breaks the scenario least.
+A new plan has a new error tube, which begins with the errors of the state estimate. If there is no
+new plan, the previous one is still valid in its own tube. By induction, every window has a plan as
+long as nothing new becomes known and the disturbance is within the declared one. Otherwise the
+window flies the plan that violates the scenario least.
 """
 
 from __future__ import annotations
@@ -30,32 +30,34 @@ from drake_rho.verification.holds import first_violation
 
 
 class Planner(Protocol):
-    """What `plan_rho` asks of a planner: `plan_convex`, `plan_scp`, or another of this form."""
+    """Interface of planners for `plan_rho`: `plan_convex`, `plan_scp`, or another function."""
 
     def __call__(
         self, scenario: Scenario, *, reference: Plan | None, solver: Solver | None
     ) -> Plan:
-        """A plan for `scenario`, found from `reference`."""
+        """Return a plan for `scenario`, found from `reference`."""
         ...
 
 
 Reference = Callable[[Scenario, Plan | None, Solver | None], Plan | None]
-"""What a window is linearised around: (its scenario, the rest of the previous prediction or None in
-the first window, the solver) -> a motion of the same vehicles on the same grid, or None for the one
-that planners make by themselves."""
+"""Function for the motion around which a window is linearised.
+
+Its arguments are the window's scenario, the rest of the previous prediction (None in the first
+window) and the solver. It returns a motion of the same vehicles on the same grid, or None for the
+planners' own reference."""
 
 
 @checked
 def free_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> None:
-    """The paper's reference: each window's own solution without the obstacles.
+    """Return None, for the paper's reference: each window's own solution without the obstacles.
 
-    Planners begin with that one when they are given none.
+    Planners use this reference if they are given none.
     """
 
 
 @checked
 def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None) -> Plan | None:
-    """What is left of the previous prediction; in the first window, the paper's reference.
+    """Return the rest of the previous prediction; in the first window, the paper's reference.
 
     The tail meets every constraint of the window, so there is always a plan, up to rounding.
     """
@@ -65,11 +67,11 @@ def tail_reference(scenario: Scenario, tail: Plan | None, solver: Solver | None)
 _Failure = InfeasibleError | SolverError | OutOfTimeError
 
 _FAILURES = InfeasibleError, SolverError, OutOfTimeError, MemoryError
-"""What planners raise: none of it ends a flight."""
+"""Errors of planners that do not end a flight."""
 
 
 def _failure(error: Exception) -> _Failure:
-    """Return what a planner raised as what a window tells of it."""
+    """Return the error of a planner in the form that a window records."""
     if isinstance(error, InfeasibleError | SolverError | OutOfTimeError):
         return error
     return SolverError("the planner ran out of memory")
@@ -77,27 +79,27 @@ def _failure(error: Exception) -> _Failure:
 
 @dataclasses.dataclass(frozen=True)
 class WindowPlanner:
-    """How windows are planned.
+    """Planner of single windows.
 
-    With a disturbance every new plan is judged by the verifier's own mathematics, with all of its
-    tube and up to its end, before it is accepted. Without one the planner's last check counts.
+    With a disturbance every new plan is verified by the verifier's own mathematics, with its whole
+    tube and up to its end, before it is accepted. Without one the planner's last check suffices.
     """
 
     planner: Planner
-    """plans one window"""
+    """planner of a window"""
     fallback: Planner | None
-    """plans a window for which `planner` has no solution; None for nothing but the tail"""
+    """planner of a window for which `planner` has no solution; None to continue along the tail"""
     reference: Reference
-    """what `planner` linearises around"""
+    """function for the motion around which `planner` linearises"""
     solver: Solver | None
-    """a Drake solver or `Daqp()`; Clarabel if None"""
+    """Drake solver or `Daqp()`; Clarabel if None"""
 
     def first(self, scenario: Scenario, measured: Scenario) -> Window:
-        """Return the first window, which begins where the vehicles are measured to be.
+        """Return the first window, which begins at the measured states.
 
         Args:
-            scenario: as it is asked.
-            measured: the same from measured states; the very scenario if they are at their starts.
+            scenario: to be flown.
+            measured: the scenario from measured states; the same object if these are the starts.
 
         Raises:
             InfeasibleError: the scenario has no plan from its own starts.
@@ -107,20 +109,20 @@ class WindowPlanner:
             return self._first(scenario)
         failure: _Failure
         if reasons := _lacks(measured):
-            failure = _no_room(measured, reasons)
+            failure = _no_slack(measured, reasons)
         else:
             try:
                 return self._first(measured)
             except (InfeasibleError, SolverError, OutOfTimeError) as error:
                 failure = error
         own = self._first(scenario)
-        plan = least_breach(_moved(own.plan, measured), self.solver)
+        plan = least_violation(_moved(own.plan, measured), self.solver)
         spent = failure.statistics + own.statistics + plan.statistics
         plan = plan.with_statistics(spent)
         return Window(0, plan, plan, infeasible=str(failure))
 
     def _first(self, scenario: Scenario) -> Window:
-        """Return a window from the start of a scenario, or raise why there is none."""
+        """Return a window from the starts of a scenario, or raise the planner's error."""
         window = self._planned(scenario, 0, None)
         if not isinstance(window, Window):
             window = self._planned_again(self.fallback, scenario, 0, None, window)
@@ -131,25 +133,25 @@ class WindowPlanner:
     def next(
         self, scenario: Scenario, first_knot: int, tail: Plan, *, last: Window, on_plan: bool
     ) -> Window:
-        """Return a later window, which has a plan in any case.
+        """Return a window after the first, which has a plan in any case.
 
-        Where vehicles are disturbed and the tail holds, the planner is asked a second time, around
-        the tail, in place of the fallback, which may take long.
+        If there is a disturbance and the tail is valid, the planner is called a second time, around
+        the tail, instead of the fallback, which may take long.
 
         Args:
-            scenario: what is left of the flight, from where the vehicles are.
-            first_knot: where in the whole flight the window starts, counted from 0.
-            tail: what is left of the previous prediction.
-            last: the window before, whose prediction that is.
-            on_plan: whether the vehicles are in the tail's tube, so that it is valid as it is.
+            scenario: rest of the flight, from the current states.
+            first_knot: knot of the whole flight at which the window starts, counted from 0.
+            tail: rest of the previous prediction.
+            last: previous window, with that prediction.
+            on_plan: whether the vehicles are in the tail's tube, so that the tail stays valid.
         """
         followed = _moved(tail, scenario)
-        window: Window | _Failure | None = self._without_room(scenario, tail, last)
+        window: Window | _Failure | None = self._lack_of_slack(scenario, tail, last)
         window = window or self._planned(scenario, first_knot, followed)
         if isinstance(window, Window):
             return window
         holds = on_plan and self._still_holds(tail, last)
-        if not _lacks(scenario):  # else no other plan has room either
+        if not _lacks(scenario):  # otherwise no planner can find a plan
             quick = holds and scenario.disturbance is not None
             other = self.planner if quick else self.fallback
             window = self._planned_again(other, scenario, first_knot, followed, window)
@@ -160,45 +162,46 @@ class WindowPlanner:
         if holds:
             plan = tail.with_statistics(spent)
         else:
-            plan = least_breach(followed, self.solver)
+            plan = least_violation(followed, self.solver)
             plan = plan.with_statistics(spent + plan.statistics)
         return Window(first_knot, plan, plan, infeasible=str(window), kept=holds)
 
-    def _without_room(self, scenario: Scenario, tail: Plan, last: Window) -> _Failure | None:
-        """Return what leaves a window no room, if that is likely or would not be seen later.
+    def _lack_of_slack(self, scenario: Scenario, tail: Plan, last: Window) -> _Failure | None:
+        """Return the error for constraints that leave no tightening slack; None if they do.
 
-        With a disturbance the judge sees it, so that it is asked first only where the last window
-        had none. Without one there is room where the window begins as the last one has it, and
-        nothing new is known.
+        The slack is computed only if it is likely to be missing, or if its lack would not be
+        noticed later. With a disturbance the verifier notices it, so the slack is computed only if
+        the last window had no plan of its own. Without a disturbance no constraint is violated if
+        the window begins as the last one planned and nothing new became known.
         """
         if scenario.disturbance is not None:
-            has_room = not last.kept
+            has_slack = not last.kept
         else:
             same = scenario is tail.scenario and not last.infeasible
-            has_room = same and not _news(tail, last)
-        if has_room:
+            has_slack = same and not _new_obstacles(tail, last)
+        if has_slack:
             return None
         reasons = _lacks(scenario)
-        return _no_room(scenario, reasons) if reasons else None
+        return _no_slack(scenario, reasons) if reasons else None
 
     def _still_holds(self, tail: Plan, last: Window) -> bool:
-        """Return whether the rest of the previous plan keeps every constraint.
+        """Return whether the rest of the previous plan meets every constraint.
 
-        What was judged when it was accepted needs no second look, by which it could only be lost to
-        rounding: the shorter the rest, the smaller its tolerances.
+        Constraints that were verified when the plan was accepted are not verified again. Since the
+        tolerances shrink with the rest, a second check could only reject the plan by rounding.
         """
         if tail.scenario.disturbance is None:
             return violations_of(Problem.of(tail.scenario), tail).none
         accepted = last.kept or not last.infeasible
-        return first_violation(tail, _news(tail, last) if accepted else None) is None
+        return first_violation(tail, _new_obstacles(tail, last) if accepted else None) is None
 
     def _planned(self, scenario: Scenario, first_knot: int, tail: Plan | None) -> Window | _Failure:
-        """Return the planner's window, or why it has none."""
+        """Return the planner's window, or its error."""
         around = None
         try:
             if scenario.obstacles or scenario.separation is not None:
                 around = self.reference(scenario, tail, self.solver)
-            plan = _judged(scenario, self.planner(scenario, reference=around, solver=self.solver))
+            plan = _verified(scenario, self.planner(scenario, reference=around, solver=self.solver))
         except _FAILURES as error:
             return _failure(error)
         return Window(first_knot, plan, around or plan.reference or plan)
@@ -211,11 +214,11 @@ class WindowPlanner:
         tail: Plan | None,
         failure: _Failure,
     ) -> Window | _Failure:
-        """Return the window of another planner, around the tail, or why it has none either."""
+        """Return the window of another planner, around the tail, or the error if it has none."""
         if planner is None:
             return failure
         try:
-            plan = _judged(scenario, planner(scenario, reference=tail, solver=self.solver))
+            plan = _verified(scenario, planner(scenario, reference=tail, solver=self.solver))
         except _FAILURES as error:
             again = _failure(error)
             again.statistics = failure.statistics + again.statistics
@@ -225,57 +228,58 @@ class WindowPlanner:
 
 
 def _lacks(scenario: Scenario) -> dict[str, tuple[str, ...]]:
-    """Return for each vehicle of a window without room what leaves it none."""
+    """Return for each vehicle of a window without tightening slack the constraints that lack it."""
     return lacks(scenario, Problem.of(scenario).margins, under_way=True)
 
 
-def _no_room(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> InfeasibleError:
-    """Return why a window has no plan that has no room."""
-    because = "no room" if scenario.disturbance is None else NO_ROOM
+def _no_slack(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> InfeasibleError:
+    """Return the error of a window whose constraints leave no tightening slack."""
+    violated = "constraints are violated at the start or the goal"
+    because = violated if scenario.disturbance is None else NO_ROOM
     return InfeasibleError(reasons, scenario=scenario, because=because)
 
 
-def _judged(scenario: Scenario, plan: Plan) -> Plan:
-    """Return a plan that the verifier accepts with all of its tube, if it has one.
+def _verified(scenario: Scenario, plan: Plan) -> Plan:
+    """Return a plan that the verifier accepts, with its whole tube if there is a disturbance.
 
     Args:
-        scenario: as it was asked of the planner, whatever the plan says of it.
-        plan: the planner's.
+        scenario: given to the planner; that of the plan may differ.
+        plan: found by the planner.
 
     Raises:
-        InfeasibleError: the verifier does not; it says what the plan breaks.
+        InfeasibleError: the plan violates a constraint, which the error names.
     """
     if scenario.disturbance is None:
         return plan
-    asked = plan
+    candidate = plan
     if plan.scenario is not scenario:
-        asked = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
-    if (broken := first_violation(asked)) is None:
-        return asked
-    what = f"{broken.what} by {broken.excess:.3g} {broken.unit} at {clock_time(broken.time)}"
+        candidate = Plan.from_accelerations(scenario, plan.accelerations, plan.statistics)
+    if (found := first_violation(candidate)) is None:
+        return candidate
+    what = f"{found.what} by {found.excess:.3g} {found.unit} at {clock_time(found.time)}"
     raise InfeasibleError(
-        {broken.vehicle: (what,)},
+        {found.vehicle: (what,)},
         statistics=plan.statistics,
         scenario=scenario,
-        because="the plan that was found does not hold",
+        because="the plan found violates constraints",
     )
 
 
-def _news(tail: Plan, last: Window) -> list[int]:
-    """Return the numbers of the obstacles that are known now and were not in the last window."""
+def _new_obstacles(tail: Plan, last: Window) -> list[int]:
+    """Return the numbers of the obstacles that became known since the last window."""
     before = {number for number, _ in last.plan.scenario.known}
     return [number for number, _ in tail.scenario.known if number not in before]
 
 
-def least_breach(reference: Plan, solver: Solver | None = None) -> Plan:
-    """The plan that breaks least of its scenario, from wherever that begins.
+def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
+    """Return a plan that violates its scenario least, from any start.
 
-    Goals and limits are kept if they can be, and then what is too close to something is so as
-    little as can be. Else goals may be missed too, and if no solver finds a plan, the reference's
-    accelerations are flown.
+    If possible, goals and limits are met, and the violations of distances from obstacles and other
+    vehicles are minimised. Otherwise goals may be missed too. If no solver finds a plan, the
+    accelerations of the reference are flown.
 
     Args:
-        reference: a motion of the scenario's vehicles from its start to its goals.
+        reference: a motion of the scenario's vehicles from its starts to its goals.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
     """
     scenario, spent = reference.scenario, Statistics()
@@ -292,7 +296,7 @@ def least_breach(reference: Plan, solver: Solver | None = None) -> Plan:
 
 
 def _moved(tail: Plan, scenario: Scenario) -> Plan:
-    """The rest of a plan, flown from another start to the same goals with the least change."""
+    """Return the rest of a plan, moved to other starts with the least change of accelerations."""
     if scenario.fleet is tail.scenario.fleet:
         return unchecked(tail, scenario=scenario)
     there, here = (

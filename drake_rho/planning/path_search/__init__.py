@@ -1,5 +1,5 @@
-"""Initial guesses: paths and space-time paths past obstacles, found on grids.
+"""Collision-free initial guesses: paths and space-time paths around obstacles, found on grids.
 
-A scenario comes in; references for the convex subproblems go out, as motions along a path or near
-it. They keep clear of obstacles, and need not keep the vehicles' limits.
+A scenario comes in. References for the convex subproblems go out: motions along a path or near it.
+They keep clear of obstacles but need not respect the limits of the vehicles.
 """

@@ -1,9 +1,9 @@
-"""References that stay clear while they come nearer to motions that can be flown.
+"""Continuation from a collision-free reference to a dynamically consistent motion.
 
-A motion near a way may lead through a wall before penalties are large. Linearised around it, the
-wall would ask for one side here and for the other there, and the way would be lost. A reference
-that has followed the motion only as far as it is clear keeps the sides, and where on the way a
-vehicle can be at which time comes out by itself.
+While penalties are small, a motion near a path may cut through a wall. Linearised around such a
+motion, the wall would push its parts to opposite sides, and the path would be lost. Here the
+reference follows the motion only as far as it stays collision-free. It keeps the sides on which
+obstacles are passed, and converges to a feasible time scaling of the path.
 """
 
 from __future__ import annotations
@@ -15,33 +15,35 @@ from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import Scenario
 
 _PARTS = np.linspace(0.0, 1.0, 17)
-"""Parts of the way from the reference to the motion at which clearance is looked at."""
+"""Fractions of the displacement from the reference to the motion at which clearance is checked."""
 
 _BETWEEN = (0.25, 0.5, 0.75)
-"""Parts of a step at which it is looked at too."""
+"""Fractions of a time step at which clearance is checked between the knots."""
 
 _DEEP = 0.3
-"""Part of an obstacle's least extent by which a reference may cut its corners between knots."""
+"""Depth to which a reference may cut a corner of an obstacle between knots, as a fraction of the
+obstacle's least extent."""
 
 _REPAIRS = 5
-"""How often steps that lead too deep are taken back; each time their neighbours may follow."""
+"""Number of rounds in which steps that lead too deep are reset. A reset moves the ends of the
+neighbouring steps, which may then need one too."""
 
 
-def towards(reference: Plan, plan: Plan, *, margin: float) -> Plan:
-    """A reference whose positions have moved to those of a plan as far as they stay clear.
+def continuation_step(reference: Plan, plan: Plan, *, margin: float) -> Plan:
+    """Return a reference moved to the positions of a plan as far as they stay collision-free.
 
     Args:
-        reference: keeps clear of obstacles at the knots.
+        reference: clear of obstacles at the knots.
         plan: a motion of the same vehicles, at the same knots.
         margin: what is kept beside each vehicle's distance from obstacles [m].
     """
     scenario, here, there = plan.scenario, reference.positions, plan.positions
-    way = there - here
+    displacement = there - here
     clear = np.ones((len(_PARTS), *here.shape[:2]), dtype=bool)
     for part, at in zip(_PARTS[1:], clear[1:], strict=True):
-        at[:] = _is_clear(scenario, here + part * way, scenario.grid.elapsed, margin)
+        at[:] = _is_clear(scenario, here + part * displacement, scenario.grid.elapsed, margin)
     far = _PARTS[np.sum(np.logical_and.accumulate(clear, axis=0), axis=0) - 1]
-    moved = here + far[..., None] * way
+    moved = here + far[..., None] * displacement
     for _ in range(_REPAIRS):
         deep = _deep_steps(scenario, moved, margin)
         if not deep.any():
@@ -49,13 +51,13 @@ def towards(reference: Plan, plan: Plan, *, margin: float) -> Plan:
         none = np.zeros((len(deep), 1), dtype=bool)
         back = np.concatenate([deep, none], axis=1) | np.concatenate([none, deep], axis=1)
         moved[back] = here[back]
-    return straight_between(scenario, moved)
+    return piecewise_linear(scenario, moved)
 
 
-def straight_between(scenario: Scenario, positions: FloatArray) -> Plan:
-    """The motion that is at given positions at the knots, (N, K, 3), and straight between them.
+def piecewise_linear(scenario: Scenario, positions: FloatArray) -> Plan:
+    """Return the piecewise linear motion through given positions at the knots, (N, K, 3).
 
-    It cannot be flown: its accelerations are zero, and its velocities jump.
+    It is dynamically inconsistent: its accelerations are zero, and its velocities jump.
     """
     velocities = np.diff(positions, axis=1) / scenario.grid.step
     accelerations = np.zeros_like(velocities)
@@ -64,7 +66,7 @@ def straight_between(scenario: Scenario, positions: FloatArray) -> Plan:
 
 
 def _deep_steps(scenario: Scenario, positions: FloatArray, margin: float) -> BoolArray:
-    """Which steps of a motion straight between knots lead deep into an obstacle, (N, K-1)."""
+    """Return which steps of a piecewise linear motion lead deep into an obstacle, (N, K-1)."""
     deep = np.zeros((len(positions), positions.shape[1] - 1), dtype=bool)
     times = scenario.grid.elapsed
     for part in _BETWEEN:
@@ -81,19 +83,19 @@ def _is_clear(
     margin: float,
     depth: float = 0.0,
 ) -> BoolArray:
-    """Which positions, (N, M, 3), at times (M,), are not too deep in what is kept: (N, M).
+    """Return which positions, (N, M, 3), at times (M,), keep the required distances, (N, M).
 
     Args:
         scenario: with the obstacles.
         positions: of the vehicles [m].
         times: since the first knot [s].
-        margin: beside each vehicle's distance [m].
-        depth: how deep they may be, in parts of an obstacle's least extent.
+        margin: added to each vehicle's required distance [m].
+        depth: by which a distance may fall short, as a fraction of an obstacle's least extent.
     """
     clear = np.ones(positions.shape[:2], dtype=bool)
     for _, body in scenario.known:
         tolerances = scenario.fleet.obstacle_tolerances(body.shape)[:, None]
-        kept = scenario.fleet.radii[:, None] + body.deviation + margin - tolerances
-        deepest = kept - depth * float(body.shape.extent.min())
+        required = scenario.fleet.radii[:, None] + body.deviation + margin - tolerances
+        deepest = required - depth * float(body.shape.extent.min())
         clear &= body.distances(positions, times) >= deepest
     return clear

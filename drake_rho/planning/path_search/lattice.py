@@ -1,6 +1,6 @@
-"""A regular grid of points in space, and the moves between neighbours that keep clear.
+"""A regular grid of points in space, with the collision-free moves between neighbours.
 
-A move leads from a point to one of its 26 neighbours, or stays.
+A move leads from a point to one of its 26 neighbours, or stays at the point.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 
 from drake_rho.planning.path_search.swept_clearance import (
     SAMPLES,
-    are_clear,
-    kept_from,
-    least_between,
+    convex_lower_bound,
+    moves_are_clear,
+    required_distance,
 )
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Obstacle
@@ -28,59 +28,64 @@ if TYPE_CHECKING:
 
 
 MOVES = np.array(list(product((-1, 0, 1), repeat=3)))
-"""Moves in steps of the grid, shape (27, 3); move 26 - u is the reverse of move u."""
+"""Moves in units of the grid spacing, shape (27, 3). Move 26 - u is the reverse of move u."""
 
 STAY = 13
-"""The move that stays."""
+"""Index of the move that stays at its point."""
 
 _ROUNDING = 1e-6
-"""Part of a step of the grid that is as good as none."""
+"""Rounding tolerance, as a fraction of the grid spacing."""
 
-POINT_BYTES = 1100.0
-"""Memory that a lattice takes for each point of its raster while its shortest ways are found."""
+PEAK_BYTES_PER_POINT = 1100.0
+"""Peak memory [bytes] per point of the raster, reached while shortest paths are computed."""
 
-KEPT_BYTES = 600.0
-"""What it goes on taking."""
+BYTES_PER_POINT = 600.0
+"""Memory [bytes] per point of the raster that a lattice occupies after that."""
 
-AT_ONCE = 16_000
-"""Places whose distances from something are computed at once, for the memory that this takes."""
+BATCH_SIZE = 16_000
+"""Number of points whose distances are computed in one batch, to bound the memory needed."""
 
 
 class TooLargeError(MemoryError):
-    """A search would take more memory than it may."""
+    """A search that would exceed its memory limit."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Raster:
-    """Where the points of a grid are."""
+    """Positions of the points of a regular grid."""
 
     lower: FloatArray
     """first point [m], shape (3,)"""
     spacing: FloatArray
-    """from one point to the next along each axis [m], shape (3,)"""
+    """distance between neighbouring points along each axis [m], shape (3,)"""
     shape: tuple[int, ...]
-    """how many there are along each axis"""
+    """number of points along each axis"""
 
     @classmethod
     def filling(cls, lower: FloatArray, upper: FloatArray, spacing: FloatArray) -> Raster:
-        """Points at most `spacing` apart that fill a box, along each axis from face to face."""
+        """Return a raster that fills a box up to its faces, with points at most `spacing` apart."""
         steps = np.maximum(np.ceil((upper - lower) / spacing - _ROUNDING), 0.0)
         apart = np.where(steps > 0, (upper - lower) / np.maximum(steps, 1.0), spacing)
         return cls(lower, apart, tuple(int(count) + 1 for count in steps))
 
     @property
     def count(self) -> int:
-        """How many points there are."""
+        """Number of points."""
         return math.prod(map(int, self.shape))
 
     def at(self, index: FloatArray | IntArray) -> FloatArray:
-        """Positions [m] by numbers along the axes, which may lie between points, (..., 3)."""
+        """Return the positions [m] of indices along the axes, (..., 3); they may be fractional."""
         positions: FloatArray = self.lower + self.spacing * index
         return positions
 
     def window(self, center: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
-        """First numbers, and numbers past the last, of the points within `reach` of a place."""
-        last = np.array(self.shape) - 1  # in steps of the grid, so that rounding loses no point
+        """Return the index range of the points within `reach` of a position: first, past the last.
+
+        Args:
+            center: position [m], shape (3,).
+            reach: largest distance along each axis [m], shape (3,).
+        """
+        last = np.array(self.shape) - 1  # in units of the spacing, so that rounding loses no point
         low = np.ceil((center - reach - self.lower) / self.spacing - _ROUNDING)
         high = np.floor((center + reach - self.lower) / self.spacing + _ROUNDING) + 1
         low, high = np.maximum(low, 0), np.minimum(high, last + 1)
@@ -88,20 +93,21 @@ class Raster:
 
 
 class Lattice:
-    """The points of a raster that are clear of what stands still, and the clear moves between them.
+    """Collision-free points of a raster and collision-free moves between them, obstacles at rest.
 
     Args:
-        raster: where points are.
-        still: obstacles that do not move.
-        radius: kept from them [m].
+        raster: grid of candidate points.
+        still: obstacles at rest.
+        radius: of the vehicle [m].
 
     Attributes:
         raster: as given.
-        free: which points of the raster are clear, of its shape.
-        points: the clear ones [m], shape (F, 3).
-        numbers: which of them each point of the raster is, F if it is not clear; with one more
-            layer around, shape (X + 2, Y + 2, Z + 2).
-        neighbors: where each move leads, F if it is not clear, shape (27, F).
+        free: mask of the collision-free points, with the shape of the raster.
+        points: the F collision-free points [m], shape (F, 3).
+        numbers: number of each point of the raster among the F points, or F if it collides. Padded
+            by one on every side, shape (X + 2, Y + 2, Z + 2).
+        neighbors: number of the point to which each move leads, or F if the move collides, shape
+            (27, F).
     """
 
     def __init__(self, raster: Raster, still: Sequence[Obstacle], radius: float) -> None:
@@ -133,13 +139,13 @@ class Lattice:
 
     @cached_property
     def lengths(self) -> FloatArray:
-        """Of the moves [m], shape (27,)."""
+        """Lengths of the moves [m], shape (27,)."""
         lengths: FloatArray = np.linalg.norm(MOVES * self.raster.spacing, axis=1)
         return lengths
 
     @cached_property
     def graph(self) -> csr_array:
-        """Lengths of the moves between neighbours [m], shape (F, F)."""
+        """Sparse adjacency matrix with the lengths of the moves [m], shape (F, F)."""
         from scipy.sparse import csr_array  # slow to load, so only where needed
 
         count = len(self.points)
@@ -151,42 +157,46 @@ class Lattice:
         return csr_array((lengths, to[known].astype(np.int32), starts), shape=(count, count))
 
     def near(self, position: FloatArray, steps: int) -> IntArray:
-        """Numbers of the points within so many steps of a position along each axis."""
+        """Return the numbers of the points within `steps` spacings of a position on every axis."""
         low, high = self.raster.window(position, steps * self.raster.spacing)
         inside = tuple(slice(1 + a, 1 + b) for a, b in zip(low, high, strict=True))
         numbers = self.numbers[inside].ravel()
         near: IntArray = numbers[numbers < len(self.points)]
         return near
 
-    def clear(self, one: FloatArray, other: FloatArray, samples: int = SAMPLES) -> BoolArray:
-        """Whether straight ways between positions, (E, 3), are clear of what stands still: (E,)."""
+    def segments_are_clear(
+        self, one: FloatArray, other: FloatArray, samples: int = SAMPLES
+    ) -> BoolArray:
+        """Return which segments between positions, (E, 3), clear the obstacles at rest, (E,)."""
         parts = np.linspace(0.0, 1.0, samples)[:, None, None]
         x, lengths = one + parts * (other - one), np.linalg.norm(other - one, axis=1)
         clear = np.ones(len(lengths), dtype=bool)
         for body in self._still:
             at = x[:, clear] - body.first_center
-            d = body.shape.signed_distance(at) - kept_from(body, self._radius)
-            clear[clear] = least_between(d, lengths[clear]) >= 0.0
+            d = body.shape.signed_distance(at) - required_distance(body, self._radius)
+            clear[clear] = convex_lower_bound(d, lengths[clear]) >= 0.0
         return clear
 
-    def next_to(self, position: FloatArray) -> IntArray:
-        """Numbers of the points next to a position to which a straight way is clear."""
+    def visible_from(self, position: FloatArray) -> IntArray:
+        """Return the numbers of nearby points that a collision-free segment joins to a position."""
         for steps in (1, 2):
             near = self.near(position, steps)
-            near = near[self.clear(np.tile(position, (len(near), 1)), self.points[near])]
+            near = near[
+                self.segments_are_clear(np.tile(position, (len(near), 1)), self.points[near])
+            ]
             if len(near) > 0:
                 break
         return near
 
     def nearest(self, position: FloatArray) -> int:
-        """The clear point among those around a position that is nearest to it; F if none is."""
+        """Return the number of the nearest collision-free point; F if none is nearby."""
         near = self.near(position, 2)
         if len(near) == 0:
             return len(self.points)
         return int(near[np.argmin(np.linalg.norm(self.points[near] - position, axis=1))])
 
-    def shortest(self, sources: IntArray) -> ShortestPaths:
-        """The shortest ways from the nearest of some points to all others."""
+    def shortest_paths(self, sources: IntArray) -> ShortestPaths:
+        """Return the shortest paths to all points, each from the nearest of several sources."""
         from scipy.sparse.csgraph import dijkstra  # slow to load, so only where needed
 
         lengths, before, _ = dijkstra(
@@ -197,15 +207,15 @@ class Lattice:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ShortestPaths:
-    """Shortest ways from some points of a lattice to all."""
+    """Shortest paths from several sources of a lattice to all of its points."""
 
     lengths: FloatArray
-    """[m], infinite where no way leads, shape (F,)"""
+    """lengths of the paths [m], infinite for points that cannot be reached, shape (F,)"""
     before: IntArray
-    """the point before each on its way, negative at the beginning, shape (F,)"""
+    """predecessor of each point on its path, negative at a source, shape (F,)"""
 
     def path(self, point: int) -> IntArray:
-        """The way back from a point, itself first, to where it begins."""
+        """Return the points of the path from a point back to its source, the point first."""
         path = [point]
         while self.before[path[-1]] >= 0:
             path.append(int(self.before[path[-1]]))
@@ -215,20 +225,31 @@ class ShortestPaths:
 def _block(
     raster: Raster, body: Obstacle, radius: float, free: BoolArray, clear: BoolArray
 ) -> None:
-    """Mark what an obstacle at rest blocks: points, and moves by where they begin."""
-    kept, center = kept_from(body, radius), body.first_center
-    low, high = raster.window(center, body.shape.extent + kept + 1.001 * raster.spacing)
+    """Mark the points in collision with an obstacle at rest, and the moves, by their start.
+
+    Args:
+        raster: grid of points.
+        body: the obstacle.
+        radius: of the vehicle [m].
+        free: mask of the collision-free points, changed in place.
+        clear: mask of the collision-free moves by their starting point, changed in place.
+    """
+    required, center = required_distance(body, radius), body.first_center
+    low, high = raster.window(center, body.shape.extent + required + 1.001 * raster.spacing)
     if np.any(low >= high):
         return
     for first, past in _parts(low, high):
-        _block_part(raster, body, kept, (first, past), free, clear)
+        _block_part(raster, body, required, (first, past), free, clear)
 
 
 def _parts(low: IntArray, high: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Parts of a window that are small enough; neighbours share a layer, so none splits a move."""
+    """Yield parts of a window that are small enough for one batch.
+
+    Neighbouring parts share one plane of points, so that every move lies in a part.
+    """
     wide = high - low
     axis = int(np.argmax(wide))
-    if np.prod(2.0 * wide - 1.0) <= AT_ONCE or wide[axis] < 3:
+    if np.prod(2.0 * wide - 1.0) <= BATCH_SIZE or wide[axis] < 3:
         yield low, high
         return
     middle, unit = low[axis] + wide[axis] // 2, np.arange(3) == axis
@@ -239,34 +260,36 @@ def _parts(low: IntArray, high: IntArray) -> Iterator[tuple[IntArray, IntArray]]
 def _block_part(
     raster: Raster,
     body: Obstacle,
-    kept: float,
+    required: float,
     window: tuple[IntArray, IntArray],
     free: BoolArray,
     clear: BoolArray,
 ) -> None:
-    """Mark what an obstacle blocks in a part of the raster."""
+    """Mark the points and moves of a part of the raster that collide with an obstacle."""
     low, high = window
     halves = [np.arange(2 * a, 2 * b - 1) / 2.0 for a, b in zip(low, high, strict=True)]
     x = raster.at(np.stack(np.meshgrid(*halves, indexing="ij"), axis=-1)) - body.first_center
-    room = body.shape.signed_distance(x) - kept
+    clearance = body.shape.signed_distance(x) - required
     every, none = high - low, np.zeros(3, dtype=np.int64)
-    free[_block_of(low, every)] &= room[_halves(none, every)] >= 0.0
+    free[_block_of(low, every)] &= clearance[_halves(none, every)] >= 0.0
     for u in range(STAY + 1, len(MOVES)):
         move = MOVES[u]
         first, count = np.maximum(0, -move), every - np.abs(move)
         if np.all(count > 0):
-            rooms = np.stack([room[_halves(2 * first + k * move, count)] for k in range(3)])
-            starts, way = x[_halves(2 * first, count)], move * raster.spacing
-            clear[u][_block_of(low + first, count)] &= are_clear(
-                body.shape, kept, starts, way, rooms
+            clearances = np.stack(
+                [clearance[_halves(2 * first + k * move, count)] for k in range(3)]
+            )
+            starts, step = x[_halves(2 * first, count)], move * raster.spacing
+            clear[u][_block_of(low + first, count)] &= moves_are_clear(
+                body.shape, required, starts, step, clearances
             )
 
 
 def _block_of(first: IntArray, count: IntArray) -> tuple[slice, ...]:
-    """So many points along each axis from the first on."""
+    """Return the slices of a block of points, from its first point and its size."""
     return tuple(slice(f, f + n) for f, n in zip(first, count, strict=True))
 
 
 def _halves(first: IntArray, count: IntArray) -> tuple[slice, ...]:
-    """The same on a grid of half the spacing, of which every second is taken."""
+    """Return the slices of a block on a grid of half the spacing, with every second point taken."""
     return tuple(slice(f, f + 2 * n - 1, 2) for f, n in zip(first, count, strict=True))

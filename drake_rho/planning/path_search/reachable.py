@@ -1,8 +1,9 @@
-"""Where vehicles can be at a time, as far as limits along each axis tell, and how fast.
+"""Bounds on the positions and velocities that vehicles can reach over time, axis by axis.
 
-Between start and goal speed rises and falls no faster than accelerations allow, and no position is
-further from either than that speed leads. What is outside is in no plan; what is inside need not be
-in one, as axes are taken one by one and jerks, tilts and thrusts not at all.
+From the start, and towards the goal, speed changes no faster than the acceleration limits allow,
+and positions no faster than that speed. The bounds are necessary, not sufficient: no plan leaves
+them, but not every position inside can be reached. They treat the axes independently and ignore
+limits on jerk, tilt and thrust.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
 _SAMPLES = 65
-"""Times at which it is computed; it is nearly straight between them."""
+"""Number of times at which bounds are computed; between them they are nearly linear."""
 
 _UNLIMITED = 1e4
-"""Speed that stands for no limit, in flights across everything there is."""
+"""Speed that stands for no limit, in characteristic lengths of the fleet per duration."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,16 +29,21 @@ class Reach:
     """Bounds on positions and velocities along each axis, for every vehicle."""
 
     times: FloatArray
-    """since the first knot [s], shape (S,)"""
+    """times of the bounds since the first knot [s], shape (S,)"""
     lower: FloatArray
-    """of positions [m], shape (N, S, 3)"""
+    """lower bounds on positions [m], shape (N, S, 3)"""
     upper: FloatArray
-    """of positions [m], shape (N, S, 3)"""
+    """upper bounds on positions [m], shape (N, S, 3)"""
     speeds: FloatArray
-    """the greatest of any vehicle along each axis [m/s], shape (3,)"""
+    """greatest speed of any vehicle along each axis [m/s], shape (3,)"""
 
     def of(self, number: int, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bounds of a vehicle's positions at times [m], shape (M, 3) each."""
+        """Return lower and upper bounds on a vehicle's positions [m], shape (M, 3) each.
+
+        Args:
+            number: of the vehicle, from 0.
+            times: since the first knot [s], shape (M,).
+        """
         lower, upper = (
             np.stack([np.interp(times, self.times, axis) for axis in bound[number].T], axis=-1)
             for bound in (self.lower, self.upper)
@@ -46,7 +52,7 @@ class Reach:
 
 
 def reach_of(scenario: Scenario) -> Reach:
-    """Bounds on where vehicles can be, and how fast they can go."""
+    """Return bounds on the positions and speeds that the vehicles of a scenario can reach."""
     fleet, T = scenario.fleet, scenario.grid.duration
     times = np.linspace(0.0, T, _SAMPLES)
     most = _UNLIMITED * float(fleet.lengths.max()) / T
@@ -71,13 +77,23 @@ def reach_of(scenario: Scenario) -> Reach:
 
 
 def _fastest(scenario: Scenario, times: FloatArray, most: float, sign: float) -> FloatArray:
-    """Bounds on velocities at times along each axis, or against it, [m/s], shape (N, S, 3)."""
+    """Return the largest velocities at given times in one direction of each axis, shape (N, S, 3).
+
+    Args:
+        scenario: with the limits, starts and goals.
+        times: since the first knot [s], shape (S,).
+        most: speed that stands for no limit [m/s].
+        sign: 1 for the positive direction of the axes, -1 for the negative one.
+
+    Returns:
+        Velocities in that direction [m/s].
+    """
     fleet = scenario.fleet
     along, _ = _sides(scenario, "velocity", "max_speed", sign)
     rising, falling = np.maximum(_sides(scenario, "acceleration", "max_acceleration", sign), 0.0)
     gone, left = times[:, None], times[-1] - times[:, None]
     start, goal = sign * fleet.start_velocities, sign * fleet.goal_velocities
-    with np.errstate(invalid="ignore"):  # no time at no limit
+    with np.errstate(invalid="ignore"):  # zero time times an infinite limit
         begun = start[:, None] + np.where(gone > 0.0, gone * rising[:, None], 0.0)
         ended = goal[:, None] + np.where(left > 0.0, left * falling[:, None], 0.0)
     fastest: FloatArray = np.minimum(np.minimum(begun, ended), np.minimum(along, most)[:, None])
@@ -85,7 +101,14 @@ def _fastest(scenario: Scenario, times: FloatArray, most: float, sign: float) ->
 
 
 def _sides(scenario: Scenario, quantity: Quantity, norm: Norm, sign: float) -> FloatArray:
-    """Bounds on a quantity along each axis and against it, or the other way, (2, N, 3)."""
+    """Return bounds on a quantity in the given direction of each axis and the opposite, (2, N, 3).
+
+    Args:
+        scenario: with the limits.
+        quantity: bounded by a box.
+        norm: limit on the norm of the same quantity.
+        sign: 1 or -1, the direction of the first bounds.
+    """
     fleet = scenario.fleet
     sides = np.full((2, len(scenario.vehicles), 3), np.inf)
     if (bounds := fleet.bounds(quantity)) is not None:
@@ -98,14 +121,14 @@ def _sides(scenario: Scenario, quantity: Quantity, norm: Norm, sign: float) -> F
 def _within(
     times: FloatArray, fastest: FloatArray, slowest: FloatArray, when: FloatArray, where: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Bounds on positions of vehicles that are somewhere at some time, shape (N, S, 3) each.
+    """Return bounds on positions from one known position per vehicle, shape (N, S, 3) each.
 
     Args:
         times: of the bounds [s], shape (S,).
-        fastest: velocities there, at most [m/s], shape (N, S, 3).
-        slowest: velocities there, at least [m/s], shape (N, S, 3).
-        when: [s], shape (N,).
-        where: [m], shape (N, 3).
+        fastest: upper bounds on velocities at these times [m/s], shape (N, S, 3).
+        slowest: lower bounds on velocities at these times [m/s], shape (N, S, 3).
+        when: times of the known positions [s], shape (N,).
+        where: known positions [m], shape (N, 3).
     """
     gone = []
     for velocities in (fastest, slowest):

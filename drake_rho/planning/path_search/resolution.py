@@ -1,4 +1,4 @@
-"""Grids in space and time on which ways are looked for: where they reach, and how fine they are."""
+"""Extent and resolution of the grids in space and time on which paths are searched."""
 
 from __future__ import annotations
 
@@ -13,77 +13,78 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Scenario
 
 _MOST_POINTS = 2e5
-"""Points of the finest grid."""
+"""Bound on the number of points of the finest grid."""
 
 _FINER, _COARSER = 1.5, 1.25
-"""How much finer the next grid is, and how much coarser the first is made if it is too large."""
+"""Refinement factor from one grid to the next, and coarsening factor if the first is too large."""
 
 _FIRST_VALUES, _VALUES = 2e6, 5e7
-"""Bounds on points times layers of the first grid, and of others, for the time they take."""
+"""Bounds on the number of points times layers, for the first grid and the next ones. They bound the
+computing time."""
 
 _FLATTEST = 8.0
-"""How much longer moves may be along one axis than along another. What a slow axis then misses in
-speeds, bounds on where a vehicle can be at a time tell."""
+"""Largest ratio of the lengths of moves along two axes. On a slower axis the grid then allows too
+high a speed; the bounds on reachable positions (`Reach`) make up for it."""
 
 _FASTER = 2.5
-"""How much faster than straight to its goal a vehicle may fly on its way where no limit binds."""
+"""Speed on a path where no limit binds, as a multiple of that of the straight flight."""
 
 _AHEAD = 1.15
-"""How much faster than straight to its goal along an axis a vehicle goes on its way at least, so
-that no layer that is lost makes it late; a little faster than its limits, if need be."""
+"""Least speed on a path along an axis, as a multiple of that of the straight flight, so that the
+loss of a layer does not make the vehicle late. It may exceed the vehicle's limits slightly."""
 
 _ROUNDED = 1.06
-"""How much faster than its limits a vehicle may climb for the sake of fewer levels."""
+"""Factor by which a vehicle may climb faster than its limits, so that fewer levels are needed."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Region:
-    """Where ways are looked for."""
+    """Space in which paths are searched."""
 
     lower: FloatArray
-    """corners of a box for each vehicle [m], shape (N, 3)"""
+    """lower corner of a box for each vehicle [m], shape (N, 3)"""
     upper: FloatArray
-    """the opposite ones [m], shape (N, 3)"""
+    """upper corner of a box for each vehicle [m], shape (N, 3)"""
     reach: Reach
-    """where the vehicles can be at a time"""
+    """bounds on the positions that vehicles can reach over time"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Resolution:
-    """How fine a grid is in space and time."""
+    """Resolution of a grid in space and time."""
 
     region: Region
-    """what it fills"""
+    """space that the grid fills"""
     length: float
-    """the distance of neighbours where only space matters [m]"""
+    """distance of neighbouring points in searches in space alone [m]"""
     spacing: FloatArray
-    """along each axis where time matters too, for each vehicle [m], shape (N, 3)"""
+    """distance along each axis in space-time searches, for each vehicle [m], shape (N, 3)"""
     times: FloatArray
-    """between layers, since the first knot [s], shape (M + 1,)"""
+    """layer boundaries, as times since the first knot [s], shape (M + 1,)"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Size:
-    """What a search on some grids takes."""
+    """Memory and work that a search needs."""
 
     bytes: float
-    """of memory, at most at a time"""
+    """peak memory [bytes]"""
     values: float = 0.0
-    """to be computed, in the largest search"""
+    """number of values computed in the largest search"""
 
 
 def resolutions(
     scenario: Scenario, points: float, size: Callable[[Resolution], Size], most: float
 ) -> Iterator[Resolution]:
-    """From a coarse grid, on which a search is quick, to the finest that is looked at.
+    """Yield resolutions from a coarse grid, on which a search is quick, to the finest one tried.
 
-    The first is made coarser until it is small enough; there is none if none is.
+    The first grid is made coarser until it is small enough. If that fails, nothing is yielded.
 
     Args:
-        scenario: what is asked.
-        points: of the first grid, unless fewer resolve what there is.
-        size: what a search would take, told before anything is made.
-        most: bytes that it may take.
+        scenario: to be planned.
+        points: of the first grid; fewer if they resolve the obstacles and the separation.
+        size: predicts what a search would need, before any grid is made.
+        most: bound on its memory [bytes].
     """
     where, scale = region(scenario), _scale(scenario)
     sides = np.maximum((where.upper - where.lower).max(axis=0), scale)
@@ -108,7 +109,14 @@ def resolutions(
 
 
 def _resolution(scenario: Scenario, where: Region, length: float, speeds: FloatArray) -> Resolution:
-    """Layers in which one move of about `length` is made at given speeds, shape (N, 3)."""
+    """Return the resolution at which a move of about `length` fits the speeds of one layer.
+
+    Args:
+        scenario: to be planned.
+        where: space to fill.
+        length: of a move along the fastest axis [m].
+        speeds: of each vehicle along each axis [m/s], shape (N, 3).
+    """
     times = _layers(scenario.grid, length / float(speeds.max()))
     spacing = speeds * (times[1] - times[0])
     if scenario.separation is not None:
@@ -119,10 +127,10 @@ def _resolution(scenario: Scenario, where: Region, length: float, speeds: FloatA
 
 
 def _layers(grid: Grid, layer: float) -> FloatArray:
-    """Times between layers about as long as `layer`, from the first knot on [s], shape (M + 1,).
+    """Return the boundaries of layers of about the duration `layer` [s], shape (M + 1,).
 
-    They begin at knots where they are longer than a step, else they divide the steps. What is
-    left over of the flight is divided between start and end.
+    Layers longer than a step begin at knots; shorter ones divide the steps evenly. Steps that do
+    not fill a layer are left over at the start and the end of the flight.
     """
     steps = grid.knots - 1
     if layer > grid.step:
@@ -134,12 +142,12 @@ def _layers(grid: Grid, layer: float) -> FloatArray:
 
 
 def _levels(spacing: FloatArray, above: float, heights: FloatArray) -> FloatArray:
-    """Spacing along z [m], shape (N,), of which a multiple lets vehicles pass above each other.
+    """Return a spacing along z of which a multiple is the vertical separation [m], shape (N,).
 
     Args:
-        spacing: about how much is wanted [m], shape (N,).
-        above: how far apart vehicles are above each other [m].
-        heights: of the boxes that are filled [m], shape (N,).
+        spacing: approximate spacing [m], shape (N,).
+        above: vertical separation of vehicles above each other [m].
+        heights: of the boxes to fill [m], shape (N,).
     """
     levels = above / np.ceil(above / (_ROUNDED * spacing))
     levels = np.maximum(heights / np.maximum(np.floor(heights / levels), 1.0), levels)
@@ -148,7 +156,13 @@ def _levels(spacing: FloatArray, above: float, heights: FloatArray) -> FloatArra
 
 
 def _speeds(scenario: Scenario, reach: Reach, faster: float) -> FloatArray:
-    """Speeds along each axis at which ways are flown [m/s], shape (N, 3)."""
+    """Return the speeds along each axis at which paths are flown [m/s], shape (N, 3).
+
+    Args:
+        scenario: to be planned.
+        reach: bounds on the speeds that vehicles can reach.
+        faster: speed where no limit binds, as a multiple of that of the straight flight.
+    """
     legs = [legs_of(scenario, number) for number in range(len(scenario.vehicles))]
     least = np.array(
         [
@@ -170,7 +184,7 @@ def _speeds(scenario: Scenario, reach: Reach, faster: float) -> FloatArray:
 
 
 def _scale(scenario: Scenario) -> float:
-    """The length that a grid should resolve [m]."""
+    """Return the length that a grid should resolve [m]."""
     radius = float(scenario.fleet.radii.min())
     scales = [0.5 * (radius + float(body.shape.extent.min())) for _, body in scenario.known]
     if scenario.separation is not None:
@@ -179,10 +193,11 @@ def _scale(scenario: Scenario) -> float:
 
 
 def region(scenario: Scenario) -> Region:
-    """Boxes in which ways are looked for.
+    """Return the boxes in which paths are searched.
 
-    Each vehicle's position box, as far as starts, goals, waypoints and obstacles reach, what a way
-    round them all takes, and no further than any vehicle gets.
+    They enclose starts, goals, waypoints and obstacles, with a margin for paths around all of
+    them. They are cut to the positions that any vehicle can reach and to each vehicle's position
+    box.
     """
     fleet, grid = scenario.fleet, scenario.grid
     lows = [fleet.start_positions.min(axis=0), fleet.goal_positions.min(axis=0)]

@@ -1,8 +1,10 @@
-"""Ways in space and time: points of a lattice, layers of time, in each of which one move is made.
+"""Space-time paths by dynamic programming on a time-expanded graph.
 
-Dynamic programming: the least cost of being at a point after a layer is the least over the 27
-moves that lead there. A move costs its length; being ahead or late costs a little, so that speeds
-are even. Vehicles whose ways are known are avoided at almost any cost, obstacles at any.
+The graph has the points of a lattice at M + 1 times. The interval between two of these times is a
+layer, in which a vehicle makes one move. The least cost of being at a point after a layer is the
+least over the 27 moves that lead there. A move costs its length; being ahead of schedule or late
+costs a little, so that speeds are even. Collisions with vehicles whose paths are known have a very
+high cost, collisions with obstacles an infinite one.
 """
 
 from __future__ import annotations
@@ -14,47 +16,48 @@ from copy import copy
 import numpy as np
 
 from drake_rho.planning.path_search.lattice import MOVES, Lattice, TooLargeError
-from drake_rho.planning.path_search.moving_obstacles import ANYWHERE, Bounds, Moving, met_moves
+from drake_rho.planning.path_search.moving_obstacles import UNBOUNDED, Bounds, Moving, blocked_moves
 from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _CONFLICT = 1e4
-"""Cost of a move that comes too close to another vehicle, in steps of the lattice."""
+"""Cost of a move that comes too close to another vehicle, in spacings of the lattice."""
 
-_PACE = 8.0
-"""Cost of being late all along, for each squared part of the way by which, in ways."""
+_TIMING_COST = 8.0
+"""Cost of a delay that lasts the whole flight, in path lengths per squared delay. The delay is a
+fraction of the path."""
 
-_AS_FAST = np.ones((2, 3))
-"""How many times less fast vehicles are in some directions: in none."""
+_EQUALLY_FAST = np.ones((2, 3))
+"""Ratios of speeds for a vehicle that is equally fast in all directions."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TimedWay:
-    """A way through all layers."""
+class SpaceTimePath:
+    """A path with a position at each layer boundary."""
 
     positions: FloatArray
-    """between layers [m], shape (M + 1, 3)"""
+    """positions at the layer boundaries [m], shape (M + 1, 3)"""
     conflicts: int
-    """moves that come too close to other vehicles"""
+    """number of moves that come too close to other vehicles"""
 
 
-class Layers:
-    """Moves of a lattice that are blocked in each layer by what moves.
+class TimeExpandedGraph:
+    """A lattice repeated over time, with the moves that moving obstacles or vehicles block.
 
     Args:
-        lattice: points and moves that are clear of what stands still.
-        count: how many layers there are, M.
-        moving: what to keep clear of.
-        reach: lower and upper bounds on positions between layers [m], shape (M + 1, 3) each;
-            moves out of there are not looked at.
-        most: bytes that the numbers of blocked moves may take.
+        lattice: points and moves that are clear of the obstacles at rest.
+        count: number M of layers.
+        moving: obstacles and vehicles to keep clear of.
+        reach: lower and upper bounds on positions at the layer boundaries [m], shape (M + 1, 3)
+            each. Moves that begin outside are not checked.
+        most: bound on the memory of the numbers of blocked moves [bytes].
 
     Attributes:
-        blocked: for each layer the moves that come too close, as u F + number of the point that
-            move u leads to, rising.
+        blocked: for each layer the sorted codes of the blocked moves. Move u to the point with
+            number i has the code u F + i.
 
     Raises:
-        TooLargeError: they take more.
+        TooLargeError: the numbers of blocked moves exceed that memory.
     """
 
     def __init__(
@@ -62,7 +65,7 @@ class Layers:
         lattice: Lattice,
         count: int,
         moving: Sequence[Moving] = (),
-        reach: Bounds = ANYWHERE,
+        reach: Bounds = UNBOUNDED,
         most: float = np.inf,
     ) -> None:
         self.count, self._lattice, self._first, self._most = count, lattice, 0, most
@@ -73,48 +76,53 @@ class Layers:
             self.add(each)
 
     def add(self, moving: Moving) -> None:
-        """Keep clear of one more.
+        """Block the moves that come too close to one more obstacle or vehicle.
 
         Raises:
-            TooLargeError: the moves that are blocked take too much memory.
+            TooLargeError: the numbers of blocked moves exceed the memory allowed.
         """
         self._moving.append(moving)
-        met = met_moves(self._lattice, moving, self._reach)
-        if sum(each.nbytes for each in (*self.blocked, *met)) > self._most:
+        blocked = blocked_moves(self._lattice, moving, self._reach)
+        if sum(each.nbytes for each in (*self.blocked, *blocked)) > self._most:
             raise TooLargeError
         self.blocked = [
-            np.sort(np.concatenate(each)) for each in zip(self.blocked, met, strict=True)
+            np.sort(np.concatenate(each)) for each in zip(self.blocked, blocked, strict=True)
         ]
 
-    def part(self, first: int, last: int) -> Layers:
-        """The layers from one to before another."""
+    def part(self, first: int, last: int) -> TimeExpandedGraph:
+        """Return the graph of the layers from `first` to before `last`."""
         part = copy(self)
         part.count, part._first = last - first, self._first + first
         part.blocked = self.blocked[first:last]
         return part
 
-    def met(self, start: FloatArray, end: FloatArray) -> BoolArray:
-        """Whether something is met on the ways from and to positions, (E, 3): shape (M, E)."""
+    def collisions(self, start: FloatArray, end: FloatArray) -> BoolArray:
+        """Return which segments collide in each layer, shape (M, E).
+
+        Args:
+            start: starting positions of the segments [m], shape (E, 3).
+            end: end positions of the segments [m], shape (E, 3).
+        """
         layers = np.repeat(self._first + np.arange(self.count), len(start))
         start, end = np.tile(start, (self.count, 1)), np.tile(end, (self.count, 1))
-        met = np.zeros(len(layers), dtype=bool)
+        collisions = np.zeros(len(layers), dtype=bool)
         for moving in self._moving:
-            met |= moving.met(layers, start, end)
-        return met.reshape(self.count, -1)
+            collisions |= moving.collide(layers, start, end)
+        return collisions.reshape(self.count, -1)
 
 
-class Search:
-    """The search for one vehicle's way. Start and goal are points F and F + 1.
+class SpaceTimeSearch:
+    """Search for the space-time path of one vehicle. Start and goal are the points F and F + 1.
 
     Args:
-        lattice: points and moves that are clear of what stands still.
-        start: [m], shape (3,).
-        goal: [m], shape (3,).
-        slower: how many times less fast than along its axes a vehicle can go against them, and
-            along them, at least 1, shape (2, 3).
+        lattice: points and moves that are clear of the obstacles at rest.
+        start: start position [m], shape (3,).
+        goal: goal position [m], shape (3,).
+        slower: speed of the lattice's moves divided by that of the vehicle, at least 1, in the
+            negative and the positive direction of each axis, shape (2, 3).
 
     Attributes:
-        length: of the shortest way, whatever moves [m]; infinite if there is none.
+        length: of the shortest path, moving obstacles ignored [m]; infinite if there is none.
     """
 
     def __init__(
@@ -122,7 +130,7 @@ class Search:
         lattice: Lattice,
         start: FloatArray,
         goal: FloatArray,
-        slower: FloatArray = _AS_FAST,
+        slower: FloatArray = _EQUALLY_FAST,
     ) -> None:
         F = self._count = len(lattice.points)
         self._lattice, self._ends = lattice, np.array([start, goal])
@@ -130,40 +138,41 @@ class Search:
         times = np.select([MOVES < 0, MOVES > 0], [slower[0], slower[1]], 1.0).max(axis=1)
         self._scale, self._costs = scale, scale * lattice.lengths
         self._costs[times > 1.0] *= times[times > 1.0]
-        self._begin, self._end = lattice.next_to(start), lattice.next_to(goal)
+        self._begin, self._end = lattice.visible_from(start), lattice.visible_from(goal)
         self._to_go = np.full(F + 2, np.inf, dtype=np.float32)
         self._to_go[F + 1] = 0.0
         if len(self._begin) and len(self._end):
-            self._to_go[:F] = lattice.shortest(self._end).lengths
+            self._to_go[:F] = lattice.shortest_paths(self._end).lengths
             first = np.linalg.norm(lattice.points[self._begin] - start, axis=1)
             self._to_go[F] = np.min(self._to_go[self._begin] + first)
         self.length = float(self._to_go[F])
 
-    def way(
+    def path(
         self,
-        obstacles: Layers,
-        vehicles: Layers,
+        obstacles: TimeExpandedGraph,
+        vehicles: TimeExpandedGraph,
         progress: FloatArray,
-        reach: Bounds = ANYWHERE,
-    ) -> TimedWay | None:
-        """The way of least cost; None if there is none.
+        reach: Bounds = UNBOUNDED,
+    ) -> SpaceTimePath | None:
+        """Return the path of least cost; None if there is none.
 
         Args:
-            obstacles: never met.
-            vehicles: met only if there is no other way.
-            progress: part of the way that should be done between layers, shape (M + 1,).
-            reach: lower and upper bounds on positions between layers [m], shape (M + 1, 3) each.
+            obstacles: moves blocked by moving obstacles, which are never taken.
+            vehicles: moves blocked by other vehicles, taken only if there is no other path.
+            progress: scheduled fraction of the path at the layer boundaries, shape (M + 1,).
+            reach: lower and upper bounds on positions at the layer boundaries [m], shape
+                (M + 1, 3) each.
         """
         if not np.isfinite(self.length):
             return None
         self._obstacles, self._vehicles = obstacles, vehicles
-        self._out, self._home, self._rests = self._links()
+        self._departure_costs, self._arrival_costs, self._waiting_costs = self._links()
         lower, upper = (np.broadcast_to(side, (len(progress), 3)) for side in reach)
         values = self._filled(progress, lower, upper)
         return self._backtracked(values)
 
     def _at(self, numbers: IntArray) -> FloatArray:
-        """Positions of points, start and goal being the last two, (Q, 3)."""
+        """Return the positions of points by number, F and F + 1 being start and goal, (Q, 3)."""
         F = self._count
         there = np.minimum(numbers, F - 1)
         ends = self._ends[np.maximum(numbers - F, 0)]
@@ -171,28 +180,33 @@ class Search:
         return positions
 
     def _links(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Costs of moves from the start, to the goal, and of staying there, (M, ...) each."""
+        """Return the costs of leaving the start, entering the goal, and waiting at either.
+
+        Returns:
+            Costs in each layer: from the start to its neighbours, from the neighbours of the goal
+            to it, and of staying at start and goal, shape (M, ...) each.
+        """
         begin, end = self._at(self._begin), self._at(self._end)
         start, goal = ends = self._ends
         links = [(start + 0.0 * begin, begin), (end, goal + 0.0 * end), (ends, ends)]
         costs = []
         for one, other in links:
             cost = self._scale * np.linalg.norm(other - one, axis=1)
-            cost = cost + _CONFLICT * self._vehicles.met(one, other)
-            cost[self._obstacles.met(one, other)] = np.inf
+            cost = cost + _CONFLICT * self._vehicles.collisions(one, other)
+            cost[self._obstacles.collisions(one, other)] = np.inf
             costs.append(cost.astype(np.float32))
         return costs[0], costs[1], costs[2]
 
     def _filled(self, progress: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-        """The values of all points between layers, shape (M + 1, F + 2)."""
+        """Return the value function at all points and layer boundaries, shape (M + 1, F + 2)."""
         F, M = self._count, self._obstacles.count
         values: FloatArray = np.full((M + 1, F + 2), np.inf, dtype=np.float32)
         values[0, F] = 0.0
-        origins = self._lattice.neighbors[::-1]  # of the moves that lead here
+        origins = self._lattice.neighbors[::-1]  # of the moves that lead to each point
         costs = self._costs.astype(np.float32)[:, None]
         arrivals = np.empty(origins.shape, dtype=np.float32)
         left = (self._to_go / max(self.length, 1e-300)).astype(np.float32)
-        pace = _PACE * self._scale * self.length / M
+        timing_cost = _TIMING_COST * self._scale * self.length / M
         before = np.full(F + 1, np.inf, dtype=np.float32)
         for t in range(M):
             check_time()
@@ -202,15 +216,17 @@ class Search:
             arrivals.ravel()[self._vehicles.blocked[t]] += _CONFLICT
             arrivals.ravel()[self._obstacles.blocked[t]] = np.inf
             np.min(arrivals, axis=0, out=after[:F])
-            after[self._begin] = np.minimum(after[self._begin], values[t, F] + self._out[t])
-            after[F:] = values[t, F:] + self._rests[t]
-            after[F + 1] = min(after[F + 1], np.min(values[t, self._end] + self._home[t]))
-            after += pace * (left - (1.0 - progress[t + 1])) ** 2
+            after[self._begin] = np.minimum(
+                after[self._begin], values[t, F] + self._departure_costs[t]
+            )
+            after[F:] = values[t, F:] + self._waiting_costs[t]
+            after[F + 1] = min(after[F + 1], np.min(values[t, self._end] + self._arrival_costs[t]))
+            after += timing_cost * (left - (1.0 - progress[t + 1])) ** 2
             self._bound(after, lower[t + 1], upper[t + 1])
         return values
 
     def _bound(self, after: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
-        """Set the values of what is out of bounds, (3,) each."""
+        """Set the values of points outside the bounds, (3,) each, to infinity."""
         raster = self._lattice.raster
         axes = [raster.lower[i] + raster.spacing[i] * np.arange(raster.shape[i]) for i in range(3)]
         x, y, z = ((a >= lower[i]) & (a <= upper[i]) for i, a in enumerate(axes))
@@ -219,8 +235,8 @@ class Search:
             after[:-2][~inside[self._lattice.free]] = np.inf
         after[-2:][np.any((self._ends < lower) | (self._ends > upper), axis=1)] = np.inf
 
-    def _backtracked(self, values: FloatArray) -> TimedWay | None:
-        """The way that leads to the goal after the last layer, from the values."""
+    def _backtracked(self, values: FloatArray) -> SpaceTimePath | None:
+        """Return the path that reaches the goal after the last layer, from the value function."""
         F, M = self._count, self._obstacles.count
         if not np.isfinite(values[M, F + 1]):
             return None
@@ -230,15 +246,17 @@ class Search:
             best = int(np.argmin(values[t, origins] + costs))
             conflicts += bool(costs[best] >= _CONFLICT)
             path.append(int(origins[best]))
-        return TimedWay(self._at(np.array(path[::-1])), conflicts)
+        return SpaceTimePath(self._at(np.array(path[::-1])), conflicts)
 
     def _arrivals(self, number: int, t: int) -> tuple[IntArray, FloatArray]:
-        """Points from which a point can be reached in a layer, and at which costs."""
+        """Return the points from which a point can be reached in a layer, with the move costs."""
         F = self._count
         if number == F:
-            return np.array([F]), self._rests[t, :1]
+            return np.array([F]), self._waiting_costs[t, :1]
         if number == F + 1:
-            return np.append(self._end, F + 1), np.append(self._home[t], self._rests[t, 1])
+            return np.append(self._end, F + 1), np.append(
+                self._arrival_costs[t], self._waiting_costs[t, 1]
+            )
         moves = np.arange(len(MOVES)) * F + number
         costs = self._costs.copy()
         costs[_among(moves, self._vehicles.blocked[t])] += _CONFLICT
@@ -246,11 +264,13 @@ class Search:
         origins = self._lattice.neighbors[::-1, number]
         origins, costs = origins[origins < F], costs[origins < F]
         first = self._begin == number
-        return np.append(origins, np.full(first.sum(), F)), np.append(costs, self._out[t, first])
+        return np.append(origins, np.full(first.sum(), F)), np.append(
+            costs, self._departure_costs[t, first]
+        )
 
 
 def _among(numbers: IntArray, known: IntArray) -> BoolArray:
-    """Which numbers are among known ones, which are sorted."""
+    """Return which numbers are among known ones, which are sorted."""
     if len(known) == 0:
         return np.zeros(len(numbers), dtype=bool)
     places = np.minimum(np.searchsorted(known, numbers), len(known) - 1)

@@ -1,7 +1,7 @@
-"""Whether straight moves keep clear of a convex set, told by its distance at a few places.
+"""Swept collision check: straight moves against a convex set, from distances at a few points.
 
-What is told holds all along a move: the distance is convex on it, and changes by no more than the
-move's length.
+The check covers the whole move, not only the sampled points: along a straight move the distance to
+a convex set is convex, and changes by no more than the length of the move.
 """
 
 from __future__ import annotations
@@ -13,51 +13,57 @@ from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape
 
 SAMPLES = 17
-"""Places along a move at which distances are looked at where three of them leave it open."""
+"""Points along a move at which distances are computed if three points leave the check undecided."""
 
 
-def kept_from(body: Obstacle, radius: float) -> float:
-    """The distance that keeps a vehicle clear of an obstacle, within its tolerance [m]."""
+def required_distance(body: Obstacle, radius: float) -> float:
+    """Return the distance required between a vehicle's centre and an obstacle, less tolerance [m].
+
+    Args:
+        body: the obstacle.
+        radius: of the vehicle [m].
+    """
     return radius + body.deviation - body.shape.tolerance
 
 
-def least_between(values: FloatArray, length: FloatArray) -> FloatArray:
-    """A lower bound of a convex function on a straight way, from values at equal parts of it.
+def convex_lower_bound(values: FloatArray, length: FloatArray) -> FloatArray:
+    """Return a lower bound of a convex function on a segment, from equally spaced values.
 
-    On each part the function lies above the lines that continue the parts before and after, and
-    the bound is where the two meet.
+    Between two neighbouring samples the function lies above the lines through the samples before
+    and after them. The bound is the value at which these two lines meet.
 
     Args:
-        values: from end to end, shape (S, ...).
-        length: of the way, shape (...); the function changes no faster.
+        values: of the function at S equally spaced points from end to end, shape (S, ...).
+        length: of the segment, shape (...). The function has the Lipschitz constant 1 in length.
     """
     slopes = np.diff(values, axis=0)
     steepest = np.broadcast_to(length / len(slopes), slopes.shape[1:])
     before = np.concatenate([-steepest[None], slopes[:-1]])
     after = np.concatenate([slopes[1:], steepest[None]])
-    bend = np.maximum(after - before, 1e-300)
-    met = np.clip((after - slopes) / bend, 0.0, 1.0)
-    least: FloatArray = np.min(np.minimum(values[:-1] + before * met, values[1:]), axis=0)
+    change = np.maximum(after - before, 1e-300)
+    crossing = np.clip((after - slopes) / change, 0.0, 1.0)
+    least: FloatArray = np.min(np.minimum(values[:-1] + before * crossing, values[1:]), axis=0)
     return least
 
 
-def are_clear(
-    shape: Shape, kept: float, starts: FloatArray, way: FloatArray, rooms: FloatArray
+def moves_are_clear(
+    shape: Shape, required: float, starts: FloatArray, step: FloatArray, clearances: FloatArray
 ) -> BoolArray:
-    """Whether moves that all go the same way keep clear of a shape at rest.
+    """Return which of several parallel moves keep clear of a shape at rest, shape (...).
 
     Args:
-        shape: kept out of.
-        kept: at which distance [m].
-        starts: of the moves, from the shape's middle [m], shape (..., 3).
-        way: that they go [m], shape (3,).
-        rooms: distances beyond `kept` at their starts, middles and ends [m], shape (3, ...).
+        shape: to keep clear of.
+        required: distance from it [m].
+        starts: of the moves, relative to the centre of the shape [m], shape (..., 3).
+        step: displacement common to all moves [m], shape (3,).
+        clearances: distances less `required` at the starts, middles and ends of the moves [m],
+            shape (3, ...).
     """
-    length = np.asarray(np.linalg.norm(way))
-    clear: BoolArray = least_between(rooms, length) >= 0.0
-    unsure = ~clear & (rooms.min(axis=0) >= 0.0)
+    length = np.asarray(np.linalg.norm(step))
+    clear: BoolArray = convex_lower_bound(clearances, length) >= 0.0
+    unsure = ~clear & (clearances.min(axis=0) >= 0.0)
     if unsure.any():
-        along = np.linspace(0.0, 1.0, SAMPLES)[:, None, None] * way
-        finer = shape.signed_distance(starts[unsure] + along) - kept
-        clear[unsure] = least_between(finer, length) >= 0.0
+        along = np.linspace(0.0, 1.0, SAMPLES)[:, None, None] * step
+        finer = shape.signed_distance(starts[unsure] + along) - required
+        clear[unsure] = convex_lower_bound(finer, length) >= 0.0
     return clear

@@ -1,4 +1,4 @@
-"""How fast ways are gone."""
+"""Time scaling: the speed profile with which paths are followed."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
 _WITHIN = 0.95
-"""Part of a vehicle's limits of speed that a way uses."""
+"""Fraction of a vehicle's speed limits that a path uses."""
 
 _GENTLE = 1.0 / 3.0
-"""Part of the time in which speed rises, and falls, where limits of speed allow it: with it a
-straight flight needs little more than the least effort."""
+"""Fraction of the duration in which the speed rises, and in which it falls, if speed limits allow.
+With one third, a straight flight needs little more than the minimum effort."""
 
 
 def usable_speeds(scenario: Scenario) -> FloatArray:
-    """Speeds against each axis, and along it, that ways may use [m/s], shape (N, 2, 3).
+    """Return the speeds that paths may use in each axis direction [m/s], shape (N, 2, 3).
 
-    They are infinite without a limit, and zero where a vehicle has to go the other way.
+    Index 0 of the second axis stands for negative directions, index 1 for positive ones. A speed is
+    infinite without a limit, and zero if the limits force the vehicle in the opposite direction.
     """
     fleet = scenario.fleet
     most = np.full((len(scenario.vehicles), 2, 3), np.inf)
@@ -34,20 +35,20 @@ def usable_speeds(scenario: Scenario) -> FloatArray:
 
 @dataclasses.dataclass(frozen=True)
 class Leg:
-    """A part of a flight: from the start, or a waypoint, to the next or the goal."""
+    """A section of a flight between consecutive stops: the start, waypoints and the goal."""
 
     begin: float
-    """since the first knot [s]"""
+    """time at which it begins, since the first knot [s]"""
     end: float
-    """since the first knot [s]"""
+    """time at which it ends, since the first knot [s]"""
     start: FloatArray
-    """position then [m], shape (3,)"""
+    """position at its beginning [m], shape (3,)"""
     goal: FloatArray
-    """position at the end [m], shape (3,)"""
+    """position at its end [m], shape (3,)"""
 
 
 def legs_of(scenario: Scenario, number: int) -> list[Leg]:
-    """The legs of a vehicle, one after the other."""
+    """Return the legs of a vehicle in the order of time."""
     vehicle, grid = scenario.vehicles[number], scenario.grid
     stops = [(0.0, vehicle.start.position)]
     for waypoint in sorted(vehicle.waypoints, key=lambda each: each.time):
@@ -57,31 +58,36 @@ def legs_of(scenario: Scenario, number: int) -> list[Leg]:
     return [Leg(begin, end, start, goal) for (begin, start), (end, goal) in pairwise(stops)]
 
 
-def paced(way: FloatArray, elapsed: FloatArray, most: FloatArray) -> FloatArray:
-    """Positions along a way at given times, speed rising and falling as gently as limits allow.
+def time_scaled(path: FloatArray, elapsed: FloatArray, most: FloatArray) -> FloatArray:
+    """Return positions along a path at given times, with the gentlest ramps that speeds allow.
 
     Args:
-        way: corners of a polyline [m], shape (P, 3).
-        elapsed: from the beginning to the end of the way [s], shape (K,).
-        most: speeds against each axis, and along it [m/s], shape (2, 3).
+        path: corners of a polyline [m], shape (P, 3).
+        elapsed: times from the beginning to the end of the path [s], shape (K,).
+        most: largest speeds in the negative and positive axis directions [m/s], shape (2, 3).
 
     Returns:
         Positions [m], shape (K, 3).
     """
-    ways = np.diff(way, axis=0)
-    lengths = np.linalg.norm(ways, axis=1)
-    speeds = np.where(ways < 0.0, most[0], most[1])
-    shortest = float(np.sum(np.max(np.abs(ways) / np.maximum(speeds, 1e-300), axis=1)))
+    segments = np.diff(path, axis=0)
+    lengths = np.linalg.norm(segments, axis=1)
+    speeds = np.where(segments < 0.0, most[0], most[1])
+    shortest = float(np.sum(np.max(np.abs(segments) / np.maximum(speeds, 1e-300), axis=1)))
     ramp = min(_GENTLE, max(0.02, 1.0 - shortest / (elapsed[-1] - elapsed[0])))
     gone = np.concatenate([[0.0], np.cumsum(lengths)])
     s = gone[-1] * progress(elapsed, ramp)
-    return np.stack([np.interp(s, gone, axis) for axis in way.T], axis=-1)
+    return np.stack([np.interp(s, gone, axis) for axis in path.T], axis=-1)
 
 
 def progress(times: FloatArray, ramp: float) -> FloatArray:
-    """Part of a way that is done at each time, shape (M,), from the first to the last.
+    """Return the fraction of a path completed at each time, from 0 to 1, shape (M,).
 
-    Speed rises evenly in a part `ramp` of the time, and falls as evenly in the end.
+    The speed profile is a trapezoid: speed rises linearly during the fraction `ramp` of the
+    duration, is constant, and falls linearly during the last fraction `ramp`.
+
+    Args:
+        times: from the beginning to the end of the path [s], shape (M,).
+        ramp: fraction of the duration, at most 1/2.
     """
     s = (times - times[0]) / (times[-1] - times[0])
     late = np.clip(s - (1.0 - ramp), 0.0, ramp)

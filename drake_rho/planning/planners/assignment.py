@@ -1,4 +1,4 @@
-"""Which vehicle goes where, when the goals may be exchanged: the least total effort."""
+"""Assignment of goals to vehicles with the least total effort."""
 
 from __future__ import annotations
 
@@ -14,33 +14,38 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
 
 _DENSE = 2000
-"""Vehicles up to which all pairs of a start and a goal are compared, if nothing else is asked."""
+"""Vehicles up to which all pairs of a start and a goal are compared by default."""
 
 _NEAREST = 16
-"""Goals nearest to each start, and starts nearest to each goal, that are compared at first."""
+"""Number of goals nearest to each start, and starts nearest to each goal, in the first round."""
 
 _ALIKE = 1e-12
-"""Relative difference below which two total costs are the same."""
+"""Relative difference below which two total costs count as equal."""
 
 
 @checked
 def assign_goals(scenario: Scenario, *, exact: bool | None = None) -> Scenario:
-    """The scenario with its goals exchanged so that the total cost (13) is least.
+    """Exchange the goals of a scenario's vehicles so that the total cost (13) is least.
 
-    The cost of a vehicle and a goal, position and velocity, is that of the motion of least effort
-    between the two, in closed form. Obstacles, limits, waypoints and separation are not looked at:
-    with any of them another exchange may have the better plan. Names, limits, radii and waypoints
-    stay with the vehicles. None is given a goal that is too close to an obstacle for its radius.
+    The cost of a vehicle and a goal, which is a position and a velocity, is that of the motion of
+    least effort between the two, in closed form. Obstacles, limits, waypoints and separation are
+    ignored: with any of them another assignment may have the better plan. Names, limits, radii and
+    waypoints stay with the vehicles. No vehicle is assigned a goal that is too close to an obstacle
+    for its radius.
 
     Args:
-        scenario: whose goals may be exchanged.
-        exact: whether all N² pairs of a start and a goal are compared. If not, those are that are
-            near each other, twice as many each time until the total cost falls no more: ten
-            thousand vehicles take some ten seconds. If not given, all are up to 2000 vehicles.
+        scenario: to take vehicles and goals from.
+        exact: whether all N² pairs of a start and a goal are compared. Otherwise only pairs near
+            each other are, twice as many in each round until the total cost no longer falls: ten
+            thousand vehicles take about ten seconds. By default all pairs are compared for up to
+            2000 vehicles.
+
+    Returns:
+        The scenario with the assigned goals.
 
     Raises:
-        ScenarioError: a vehicle's own position or velocity box does not hold the goal it is given,
-            or there is a single step and it does not take the vehicles to all the goals.
+        ScenarioError: a vehicle's own position or velocity box does not contain the goal assigned
+            to it, or the grid has a single step, which does not take the vehicles to the goals.
 
     Examples:
         >>> scenario = rho.random_transitions(8, np.random.default_rng(1))
@@ -56,10 +61,10 @@ def assign_goals(scenario: Scenario, *, exact: bool | None = None) -> Scenario:
 
 
 def assignment(scenario: Scenario, *, exact: bool | None = None) -> list[int]:
-    """The number, from 0, of the vehicle whose goal each is given by `assign_goals`.
+    """Return for each vehicle the index of the vehicle whose goal `assign_goals` gives it.
 
     Raises:
-        ScenarioError: there is a single step, and it does not take the vehicles to all the goals.
+        ScenarioError: the grid has a single step, which does not take the vehicles to the goals.
     """
     if exact is None:
         exact = len(scenario.vehicles) <= _DENSE
@@ -76,25 +81,26 @@ def assignment(scenario: Scenario, *, exact: bool | None = None) -> list[int]:
 class _Efforts:
     """Least costs from starts to goals [m²/s⁴].
 
-    The accelerations of least norm that meet (12) are combinations of orthonormal rows, so the cost
-    is the sum of squares of their coefficients. These are linear in goal less start: a point for
-    each start and each goal, the cost their squared distance.
+    The minimum-norm accelerations that meet (12) are combinations of orthonormal rows, so the cost
+    is the sum of squares of their coefficients. The coefficients are linear in goal less start.
+    Each start and each goal is therefore represented by a point, and the cost of a pair is the
+    squared distance of its points.
     """
 
     starts: FloatArray
-    """points, shape (N, 6), or (N, 3) for a single step"""
+    """points of the starts, shape (N, 6), or (N, 3) for a single step"""
     goals: FloatArray
-    """the same"""
+    """points of the goals, shape (N, 6), or (N, 3) for a single step"""
     start_rests: FloatArray
-    """where a single step takes vehicles [m], shape (N, 3)"""
+    """positions to which a single step takes vehicles [m], shape (N, 3)"""
     goal_rests: FloatArray
-    """where it has to take them [m], shape (N, 3)"""
+    """positions to which it has to take them [m], shape (N, 3)"""
     tolerance: float
-    """by how much the two may differ [m]"""
+    """largest difference of these positions [m]"""
     radii: FloatArray
-    """of the vehicles [m], shape (N,)"""
+    """radii of the vehicles [m], shape (N,)"""
     clearances: FloatArray
-    """what is free around every goal [m], shape (N,)"""
+    """distance of every goal from the nearest obstacle [m], shape (N,)"""
 
     @classmethod
     def of(cls, scenario: Scenario) -> _Efforts:
@@ -116,7 +122,7 @@ class _Efforts:
         )
 
     def between(self, starts: IntArray, goals: IntArray) -> FloatArray:
-        """Costs of some pairs of indices that broadcast; infinite where there is no motion."""
+        """Return the costs of pairs of indices that broadcast; infinite if there is no motion."""
         apart = self.starts[starts] - self.goals[goals]
         efforts: FloatArray = np.einsum("...c,...c->...", apart, apart)
         missed = np.abs(self.start_rests[starts] - self.goal_rests[goals]).max(axis=-1)
@@ -125,7 +131,7 @@ class _Efforts:
 
 
 def _of_all(efforts: _Efforts) -> IntArray:
-    """The goal of each vehicle, of all pairs."""
+    """Return the goal of each vehicle from the comparison of all pairs."""
     from scipy.optimize import linear_sum_assignment  # slow to load, so only where needed
 
     everyone = np.arange(len(efforts.starts))
@@ -135,7 +141,7 @@ def _of_all(efforts: _Efforts) -> IntArray:
 
 
 def _of_nearest(efforts: _Efforts) -> IntArray:
-    """The goal of each vehicle, of pairs that are near each other."""
+    """Return the goal of each vehicle from the comparison of pairs that are near each other."""
     count, nearest, last = len(efforts.starts), _NEAREST, np.inf
     while 2 * nearest < count:
         found = _matched(efforts, nearest)
@@ -149,7 +155,12 @@ def _of_nearest(efforts: _Efforts) -> IntArray:
 
 
 def _matched(efforts: _Efforts, nearest: int) -> IntArray | None:
-    """The best of so many nearest goals of each start and starts of each goal; None if none is."""
+    """Return the best assignment among nearest neighbours; None if they admit none.
+
+    Args:
+        efforts: costs of the pairs.
+        nearest: number of goals nearest to each start, and of starts nearest to each goal.
+    """
     from scipy.sparse import csr_array  # slow to load, so only where needed
     from scipy.sparse.csgraph import min_weight_full_bipartite_matching
     from scipy.spatial import cKDTree
@@ -162,18 +173,18 @@ def _matched(efforts: _Efforts, nearest: int) -> IntArray | None:
     start, goal = np.divmod(pairs, count)
     costs = efforts.between(start, goal)
     start, goal, costs = (each[np.isfinite(costs)] for each in (start, goal, costs))
-    costs = costs + max(float(costs.sum()) / count, 1.0)  # zeros count as pairs that are not there
+    costs = costs + max(float(costs.sum()) / count, 1.0)  # zeros would count as missing pairs
     try:
         graph = csr_array((costs, (start, goal)), shape=(count, count))
         _, chosen = min_weight_full_bipartite_matching(graph)
-    except ValueError:  # there is no full matching
+    except ValueError:  # no full matching exists
         return None
     matched: IntArray = chosen.astype(np.int64)
     return matched
 
 
 def _clearances(scenario: Scenario) -> FloatArray:
-    """What is free around every goal at the end [m], shape (N,)."""
+    """Return the distance of every goal from the nearest obstacle at the end [m], shape (N,)."""
     least, goals = np.full(len(scenario.vehicles), np.inf), scenario.fleet.goal_positions
     for obstacle in scenario.bodies_in_flight:
         free = obstacle.distances(goals, np.array([scenario.grid.duration]))

@@ -1,8 +1,9 @@
-"""Plans along ways: feasibility restoration from references that keep clear.
+"""Plans along paths: feasibility restoration from collision-free references.
 
-A reference along a way is on the right side of everything, but no motion that can be flown;
-restoration finds one near it. Of several ways the one is kept that costs least after a few
-linearisations: what is left to gain then is less than what most ways differ by.
+A reference along a path passes every obstacle on a free side, but is dynamically inconsistent.
+Restoration finds a feasible motion near it. Of several paths, the one is chosen whose plan costs
+least after a few linearisations: further linearisations gain less than the difference between most
+paths.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.constraints.tightening import with_room
 from drake_rho.planning.errors import InfeasibleError, Names, OutOfTimeError, SolverError
 from drake_rho.planning.options import DEFAULTS, Options
-from drake_rho.planning.path_search.continuation import towards
-from drake_rho.planning.path_search.initial_guesses import ways_on_grids
-from drake_rho.planning.planners.bends import BENDS, bent_alone
+from drake_rho.planning.path_search.continuation import continuation_step
+from drake_rho.planning.path_search.initial_guesses import paths_on_grids
+from drake_rho.planning.planners.perturbed_guesses import PERTURBATIONS, perturbed_vehicle
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.progress import Progress, tell, within
@@ -32,35 +33,35 @@ from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.records import Scenario
 
 _NAMED = 4
-"""Obstacles in the way of a vehicle without a way that are named one by one."""
+"""Largest number of obstacles that a message about a vehicle without a path names one by one."""
 
 _GRIDS = 2
-"""Grids on which ways are looked for, as long as no plan is found along those on the one before."""
+"""Bound on the grids. A further grid is searched while paths on those before lead to no plan."""
 
 _MOST_LINEARISATIONS = 30
-"""Linearisations after which no other bend is tried: what is found at all is found with fewer."""
+"""Linearisations after which no further perturbation is tried: plans were found with fewer."""
 
 _KNOWN_ENDS = 4
-"""Bends in a row that come to dead ends which are known, after which no other is tried."""
+"""Consecutive perturbations that lead to known dead ends, after which no further one is tried."""
 
 _ROUGHLY = 1e-2
-"""Relative fall of the cost at which a way's plan can be told from those of others."""
+"""Relative fall of the cost per linearisation at which plans along different paths are compared."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AlongWays:
-    """The best plan along ways."""
+    """Result of planning along paths: the best plan, or the conflicts that prevented one."""
 
     scenario: Scenario
-    """what was asked"""
+    """scenario that was to be planned"""
     plan: Plan | None
-    """keeps every constraint; None if none was found"""
+    """plan that meets every constraint; None if none was found"""
     spent: Statistics
-    """what it took, the search for ways and all that were tried"""
+    """statistics of the path search and of all restorations"""
     conflicts: dict[str, Names]
-    """what is in the way of each vehicle where there is no plan, as in `InfeasibleError`"""
+    """conflicting constraints of each vehicle if there is no plan, as in `InfeasibleError`"""
     obstacles: dict[str, frozenset[int]]
-    """and the numbers of these obstacles, 0 for other vehicles"""
+    """numbers of the obstacles among them, 0 for other vehicles"""
 
 
 @one_for_arrays()
@@ -70,24 +71,24 @@ def plan_along_ways(
     options: Options = DEFAULTS,
     progress: Progress | None = None,
 ) -> AlongWays:
-    """Look for ways, and for a plan near one of them.
+    """Search for paths around the obstacles, and for a plan near one of them.
 
     Args:
         problem: to be solved.
         backend: Clarabel if not given.
-        options: `max_ways` bounds the ways that are tried.
-        progress: called with a few words on what is being done.
+        options: `max_ways` bounds the paths that are tried.
+        progress: called with a short text on the current activity.
     """
-    tell(progress, "looking for ways")
+    tell(progress, "looking for paths around the obstacles")
     scenario, larger = problem.scenario, with_room(problem.scenario, problem.margins)
-    grids = ways_on_grids(larger, options.max_ways, options.max_memory)
+    grids = paths_on_grids(larger, options.max_ways, options.max_memory)
     attempts, best = _Attempts(problem, backend), None
     for found in islice(grids, _GRIDS):
         attempts.spent += Statistics(searched=found.searched)
         if (best := _best_along(found.references, attempts, progress)) is not None:
             break
     if best is None and found.references and len(scenario.vehicles) == 1:
-        best = _by_bends(attempts, progress)
+        best = _near_perturbed(attempts, progress)
     spent, failure = attempts.spent, attempts.failure
     if best is not None or failure is None:
         conflicts, obstacles = _everything(scenario) if best is None else ({}, {})
@@ -104,15 +105,15 @@ class _Attempts:
 
     Attributes:
         scenario: of the problem.
-        towards: continuation from a reference towards a motion.
-        dead_ends: where those without a plan ended.
-        spent: on all of them.
-        failure: why the first without a plan has none; None if there is none such.
+        follow: continuation of a reference towards a plan.
+        dead_ends: motions at which restorations without a plan ended.
+        spent: statistics of all restorations.
+        failure: error of the first restoration without a plan; None as long as there is none.
     """
 
     def __init__(self, problem: Problem, backend: Backend | None) -> None:
         self.scenario, self.dead_ends = problem.scenario, DeadEnds(problem.scenario)
-        self.towards = partial(towards, margin=problem.margins.steps.most)
+        self.follow = partial(continuation_step, margin=problem.margins.steps.most)
         self.spent = Statistics()
         self.failure: InfeasibleError | None = None
         self._subproblem = Subproblem(problem, decoupled, backend)
@@ -128,10 +129,10 @@ class _Attempts:
         """Return a plan near a reference; None if none is found.
 
         Args:
-            reference: where to begin.
+            reference: around which to linearise first.
             progress: called after each linearisation.
-            follow: as in `restore_feasibility`.
-            improved: whether to go on until the plan can be told from others.
+            follow: gives the next reference, as in `restore_feasibility`.
+            improved: whether to iterate until the cost can be compared with that of other plans.
         """
         subproblem = self._subproblem = self._subproblem.restarted()
         try:
@@ -156,19 +157,19 @@ class _Attempts:
 def _best_along(
     references: Sequence[Plan], attempts: _Attempts, progress: Progress | None
 ) -> Plan | None:
-    """Return the cheapest plan near one of some references; None if none is found.
+    """Return the cheapest plan near any of the references; None if none is found.
 
-    References that stay clear keep the sides of a way even where what they have to keep of it
-    cannot be flown together with others; a fleet's restoration then follows its motions instead.
-    One vehicle's cheapest motion is bent later on.
+    Continuation keeps the reference on the sides of a path even if vehicles cannot fly together on
+    these sides. If it fails for a fleet, restoration is repeated with each motion as the next
+    reference. A single vehicle has perturbed initial guesses instead.
     """
     best: Plan | None = None
-    alone, several = len(attempts.scenario.vehicles) == 1, len(references) > 1
+    single, several = len(attempts.scenario.vehicles) == 1, len(references) > 1
     for number, reference in enumerate(references, start=1):
-        along = within(progress, f"way {number} of {len(references)}")
+        along = within(progress, f"path {number} of {len(references)}")
         try:
-            plan = attempts.plan_near(reference, along, attempts.towards, improved=several)
-            if plan is None and not alone:
+            plan = attempts.plan_near(reference, along, attempts.follow, improved=several)
+            if plan is None and not single:
                 plan = attempts.plan_near(reference, along, improved=several)
         except OutOfTimeError:
             if best is None:
@@ -179,16 +180,16 @@ def _best_along(
     return best
 
 
-def _by_bends(attempts: _Attempts, progress: Progress | None) -> Plan | None:
-    """Return a plan of one vehicle from its cheapest motion, bent in several ways, if any."""
-    begun, since = attempts.spent.linearisations, 0
-    for number in range(BENDS):
-        linearisations = attempts.spent.linearisations - begun
+def _near_perturbed(attempts: _Attempts, progress: Progress | None) -> Plan | None:
+    """Return a plan of one vehicle near a perturbation of its minimum effort; None if none."""
+    before, since = attempts.spent.linearisations, 0
+    for number in range(PERTURBATIONS):
+        linearisations = attempts.spent.linearisations - before
         if linearisations > _MOST_LINEARISATIONS or since == _KNOWN_ENDS:
             break
         known = len(attempts.dead_ends)
-        bent = within(progress, f"bend {number + 1} of {BENDS}")
-        plan = attempts.plan_near(bent_alone(attempts.scenario, number), bent)
+        guess = within(progress, f"perturbed initial guess {number + 1} of {PERTURBATIONS}")
+        plan = attempts.plan_near(perturbed_vehicle(attempts.scenario, number), guess)
         if plan is not None:
             return plan
         since = 0 if len(attempts.dead_ends) > known else since + 1
@@ -196,13 +197,13 @@ def _by_bends(attempts: _Attempts, progress: Progress | None) -> Plan | None:
 
 
 def _everything(scenario: Scenario) -> tuple[dict[str, Names], dict[str, frozenset[int]]]:
-    """All known obstacles, as what is in the way of each vehicle."""
+    """Return all known obstacles as the conflicts of each vehicle, by name and by number."""
     numbers = frozenset(number for number, _ in scenario.known)
-    told = tuple(map(scenario.obstacle_name, sorted(numbers)))
-    if len(told) > _NAMED:
-        told = (f"{told[0]} to {told[-1]}, some of them",)
+    listed = tuple(map(scenario.obstacle_name, sorted(numbers)))
+    if len(listed) > _NAMED:
+        listed = (f"some of {listed[0]} to {listed[-1]}",)
     names = [vehicle.name for vehicle in scenario.vehicles]
-    return dict.fromkeys(names, told), dict.fromkeys(names, numbers)
+    return dict.fromkeys(names, listed), dict.fromkeys(names, numbers)
 
 
 def no_plan(
@@ -211,14 +212,14 @@ def no_plan(
     spent: Statistics,
     failure: InfeasibleError | None,
 ) -> InfeasibleError:
-    """Why there is no plan, where one was looked for in vain along ways.
+    """Return the error for vehicles that have no plan along paths either.
 
     Args:
-        lost: without a plan.
-        scenario: what was asked, these vehicles and others.
-        spent: on all of it.
-        failure: why ways were looked for; what it says of a vehicle is a proof of the
-            linearisation, and goes before what is in the way of its best try.
+        lost: results without a plan.
+        scenario: to be planned, with these vehicles and others.
+        spent: statistics of all attempts.
+        failure: error for which paths were searched. The conflicts that it names for a vehicle are
+            proved of the linearisation, and replace those of the vehicle's attempts along paths.
     """
     conflicts: dict[str, Names] = {}
     obstacles: dict[str, frozenset[int]] = {}

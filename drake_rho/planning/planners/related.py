@@ -1,8 +1,8 @@
-"""Related scenarios: a plan of one is a reference for another, or a plan of it.
+"""Related scenarios: a plan of one is a reference for the other, or a plan of it too.
 
-From rest to rest among what stands still, a motion can be flown slower, or the vehicle can wait
-where it ends, so that a plan for one duration gives one for every longer one. Fewer obstacles,
-looser limits and fewer vehicles leave a plan what it is.
+From rest to rest among obstacles at rest, a motion can be flown more slowly, or the vehicle can
+wait at its goal. A plan for one duration therefore gives plans for all longer ones. A plan stays
+valid with fewer obstacles, looser limits or fewer vehicles.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Grid, Obstacle, Scenario
 
 _SAME = 1e-9
-"""Part of a step, or of a motion's scale, by which what is the same may differ."""
+"""Relative difference below which two time steps, or two positions, count as equal."""
 
 
 def can_be_slower(scenario: Scenario) -> bool:
-    """Return whether a plan for one duration can be flown slower for any longer one.
+    """Return whether a plan for one duration can be stretched in time to any longer duration.
 
-    That is so from rest to rest if no box keeps a vehicle from being slow: with the step, every
-    motion can be stretched in time, which leaves its path and makes its derivatives smaller. Limits
-    on norms never do: they are convex sets in which rest and hovering are, so that what is between
-    these and a value inside is inside. Waypoints have times of their own, which are not stretched,
-    as have obstacles that move; and errors grow with the time that a disturbance has for it.
+    This holds from rest to rest if every box of velocity, acceleration and jerk contains zero: a
+    larger step stretches the motion in time, which leaves its path unchanged and shrinks its
+    derivatives towards zero. Limits on norms never prevent it: they are convex sets that contain
+    rest and hovering, and therefore all values between these and a value inside. Waypoints and
+    moving obstacles prevent it, since their times are fixed. So does a disturbance, since errors
+    grow with the duration.
     """
     if scenario.disturbance is not None or not all(body.is_steady for body in scenario.bodies):
         return False
@@ -43,10 +44,10 @@ def can_be_slower(scenario: Scenario) -> bool:
 
 
 def rescaled(scenario: Scenario, factor: float) -> Scenario:
-    """Return the scenario with `factor` times its duration, on as many knots, from the same time.
+    """Return the scenario with `factor` times its duration, the same knots and the same start time.
 
-    Obstacles move as they did, on the clock. One that would be known only after the end is known
-    at the end: there the goals are clear of it, so that it asks for nothing more.
+    Obstacles keep their motion on the clock. An obstacle that would become known only after the
+    end becomes known at the end instead. Since the goals are clear of it, this adds no constraint.
     """
     grid = Grid(scenario.grid.step * factor, scenario.grid.knots, scenario.grid.start)
     obstacles = tuple(
@@ -59,31 +60,32 @@ def rescaled(scenario: Scenario, factor: float) -> Scenario:
 
 
 def paced(plan: Plan, scenario: Scenario) -> Plan:
-    """Return the motion of a plan at the pace of a scenario of the same vehicles and knots."""
+    """Return a plan's motion, scaled in time to a scenario with the same vehicles and knots."""
     slower = scenario.grid.step / plan.scenario.grid.step
     velocities, accelerations = plan.velocities / slower, plan.accelerations / slower**2
     return Plan(scenario, plan.positions, velocities, accelerations)
 
 
 def fitted(plan: Plan, scenario: Scenario) -> Plan:
-    """Return the motion of a plan for the vehicles of a scenario, and for as long as it lasts.
+    """Return the motion of a plan, fitted to the vehicles and the duration of a scenario.
 
-    Of more vehicles than there are, those of the same names are taken. Where the scenario lasts
-    longer, a motion from rest to rest is stretched on as many knots, or held where it ends on more
-    of the same step. What fits in neither way is returned as it is.
+    If the plan has more vehicles than the scenario, those of the same names are selected. If the
+    scenario lasts longer, a motion from rest to rest is scaled in time on the same number of knots,
+    or held at its end on additional knots of the same step. A plan that fits in neither manner is
+    returned unchanged.
     """
     names = [vehicle.name for vehicle in plan.scenario.vehicles]
-    asked = [vehicle.name for vehicle in scenario.vehicles]
-    if len(asked) < len(names) and set(asked) <= set(names):
-        plan = plan.only(np.array([names.index(name) for name in asked]))
+    required = [vehicle.name for vehicle in scenario.vehicles]
+    if len(required) < len(names) and set(required) <= set(names):
+        plan = plan.only(np.array([names.index(name) for name in required]))
     grid, own = scenario.grid, plan.scenario.grid
-    if len(asked) != len(plan.positions) or not _is_from_rest(plan, scenario):
+    if len(required) != len(plan.positions) or not _is_from_rest(plan, scenario):
         return plan
     slower, more = grid.step / own.step, grid.knots - own.knots
     if more == 0 and slower > 1.0 + _SAME:
         return paced(plan, scenario)
     if more > 0 and abs(slower - 1.0) <= _SAME:
-        rest = np.zeros((len(asked), more, 3))
+        rest = np.zeros((len(required), more, 3))
         return Plan(
             scenario,
             np.concatenate([plan.positions, rest + plan.positions[:, -1:]], axis=1),
