@@ -1,4 +1,4 @@
-"""The command `export`: a kept plan in the format of another program."""
+"""The command `export`: a saved plan in the format of another program."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ def export(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="A file kept by 'plan', 'fly' or 'simulate', or exported as json."
+            metavar="FILE",
+            help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
         ),
     ],
     format: Annotated[
@@ -26,8 +27,9 @@ def export(
         typer.Option(
             "--format",
             metavar="|".join(FORMATS),
-            help="Tables of states, JSON that can be read again, polynomials for Crazyswarm2, "
-            "Skybrush's CSV, or setpoints for PX4's offboard mode.",
+            help="csv: a table of states; json: a plan that drake-rho can read again; crazyswarm: "
+            "polynomials for Crazyswarm2; skybrush: CSV files for Skybrush; px4: setpoints for "
+            "PX4's offboard mode.",
         ),
     ],
     output: Annotated[
@@ -36,13 +38,13 @@ def export(
             "--output",
             "-o",
             metavar="PATH",
-            help="A file (.csv, .json; .zip for skybrush) or, for crazyswarm and skybrush, a "
-            "folder.",
+            help="Output: a .csv file for csv and px4, a .json file for json, a .zip file for "
+            "skybrush, or a folder for crazyswarm and skybrush.",
         ),
     ],
     rate: Annotated[
         float | None,
-        typer.Option(help="Samples a second; 20 if not given, and of json the knots alone."),
+        typer.Option(help="Samples per second; by default 20, and for json the knots only."),
     ] = None,
 ) -> int:
     """Write a plan, flight or simulation in another program's format."""
