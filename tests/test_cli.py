@@ -239,6 +239,30 @@ def test_alone_it_shows_what_there_is(
     assert "drake-rho plan paper -o plan.npz" in out
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("columns", ["60", "200"])
+def test_tables_fit_a_terminal_and_have_full_lines_in_a_pipe(columns: str) -> None:
+    def printed(words: str, **environment: str) -> list[str]:
+        ran = subprocess.run(
+            [sys.executable, "-m", "drake_rho", *words.split()],
+            env=os.environ | {"COLUMNS": columns} | environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", ran.stdout).splitlines()
+        return [line.rstrip() for line in lines]
+
+    explained = "Explain why a scenario has no plan and what would make it feasible."
+    assert f"  diagnose   {explained}" in printed("")
+    on_terminal = printed("", FORCE_COLOR="1")
+    assert max(map(len, on_terminal)) <= int(columns)
+    assert (f"  diagnose   {explained}" in on_terminal) == (columns == "200")
+    assert explained in " ".join(" ".join(on_terminal).split())
+    (goal,) = (line for line in printed("assign paper_assembly") if line.startswith("│ UAV-1"))
+    assert re.fullmatch(r"│ UAV-1 +│ UAV-\d +│ +[-\d.]+ +[-\d.]+ +[-\d.]+ +│", goal)
+
+
 def test_the_version_is_that_of_the_package(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,6 +20,9 @@ from drake_rho.planning.time_limit import stoppable
 out = Console()
 err = Console(stderr=True)
 
+_UNFOLDED = 10_000
+"""Width for tables in files and pipes, larger than any table, so that no line is folded."""
+
 
 @dataclasses.dataclass
 class OutputMode:
@@ -69,7 +72,7 @@ def answer(document: Document, *text: str | Table) -> int:
         write(document.to_json())
         return document.status
     for each in text:
-        say(each) if isinstance(each, str) else out.print(each)
+        say(each) if isinstance(each, str) else _print_table(each)
     return document.status
 
 
@@ -79,6 +82,12 @@ def tell(document: Document, *text: str | Table) -> int:
     The status alone then tells the outcome.
     """
     return answer(document, *(() if output_mode.quiet else text))
+
+
+def _print_table(table: Table) -> None:
+    """Print a table, folded to the width of a terminal, and with full lines elsewhere."""
+    console = out if out.is_terminal else Console(file=out.file, width=_UNFOLDED)
+    console.print(table)
 
 
 class Work:
