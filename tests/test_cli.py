@@ -24,6 +24,7 @@ from drake_rho.planning.programs import daqp
 from tests.scenarios import box, single, slow
 
 Run = tuple[int, str, str]
+Patch = pytest.MonkeyPatch
 
 FROM_SCRATCH = """
 name: two columns
@@ -159,6 +160,21 @@ def test_bad_input_is_one_line_and_status_2(
     assert out == ""
     assert err.count("\n") == 1
     assert complaint in err
+
+
+@pytest.mark.parametrize(
+    "words", [["verify"], ["certify"], ["export", "--format", "json", "-o", "again.json"]]
+)
+def test_a_table_of_states_is_refused_with_the_kinds_of_files_that_are_expected(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Patch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rho.export(rho.plan_convex(single()), "plan.csv", format="csv")
+    status, out, err = run(capsys, monkeypatch, *words, "plan.csv")
+    assert (status, out) == (2, "")
+    expected = "a file saved by plan, fly or simulate (.npz), or a plan exported as JSON (.json)"
+    got = "a table of states (CSV), which has no scenario"
+    assert err == f"drake-rho: plan.csv: got {got}, expected {expected}\n"
 
 
 @pytest.mark.parametrize(

@@ -44,11 +44,10 @@ from drake_rho.cli.options import (
     StepOption,
     WidthOption,
     WorldOption,
-    read,
-    refuse_options,
 )
 from drake_rho.cli.planning import assign, fly, plan
 from drake_rho.cli.simulation import simulate
+from drake_rho.cli.sources import read, refuse_options
 from drake_rho.cli.streams import pipe_safe
 from drake_rho.cli.verification import certify, diagnose, verify
 from drake_rho.display.common.drawable import Flown, drawn

@@ -9,9 +9,9 @@ import typer
 
 from drake_rho.cli import described
 from drake_rho.cli.console import tell, working
+from drake_rho.cli.sources import load_result
 from drake_rho.exports.export import FORMATS, check_export
 from drake_rho.exports.export import export as exported
-from drake_rho.motion.files import load
 
 
 def export(
@@ -49,7 +49,7 @@ def export(
 ) -> int:
     """Write a plan, flight or simulation in another program's format."""
     check_export(output, format, rate)
-    flown = load(file)
+    flown = load_result(file)
     with working("exporting"):
         written = exported(flown, output, format=format, rate=rate)
     return tell(described.exported(written), str(written))

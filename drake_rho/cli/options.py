@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share, and reading of the scenario argument."""
+"""Arguments and options that several commands share."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.progress import Progress
-from drake_rho.scenario.files import library, load_scenario
-from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
-from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.files import library
 
 
 class Method(StrEnum):
@@ -137,43 +135,3 @@ def planners(
     if method is Method.AUTO:
         return plan_convex, iterated
     return (plan_convex, None) if method is Method.CONVEX else (iterated, None)
-
-
-def read(
-    source: str, duration: float | None, step: float | None, world: str | None = None
-) -> Scenario:
-    """Read the scenario of a name or file; a mission gets the grid and the world of the options.
-
-    Raises:
-        ScenarioError: there is no such scenario, the scenario is invalid, or the step does not
-            divide the duration.
-        ValueError: an option of missions is missing for a mission, or given for a scenario.
-    """
-    if not is_lsc_mission(source):
-        scenario = load_scenario(source)
-        refuse_options(source, duration, step, world)
-        return scenario
-    if duration is None or step is None:
-        missing = "--step" if duration is not None else "--duration"
-        expected = "--duration and --step: a mission has no grid of its own"
-        raise ValueError(f"{source}: got no {missing}, expected {expected}")
-    return load_lsc_mission(source, grid=Grid.lasting(duration, step=step), world=world)
-
-
-def refuse_options(
-    source: str, duration: float | None, step: float | None, world: str | None
-) -> None:
-    """Check that no option of missions is given for a source with a grid and obstacles of its own.
-
-    Raises:
-        ValueError: an option of missions is given.
-    """
-    for option, value, own in (
-        ("--duration", duration, "a grid"),
-        ("--step", step, "a grid"),
-        ("--world", world, "obstacles"),
-    ):
-        if value is not None:
-            given = f"{value:g}" if isinstance(value, float) else repr(value)
-            expected = f"a mission (.json) with it: {source} has {own} of its own"
-            raise ValueError(f"{option}: got {given}, expected {expected}")

@@ -32,9 +32,9 @@ from drake_rho.cli.options import (
     WidthOption,
     WorldOption,
     planners,
-    read,
 )
 from drake_rho.cli.reports import finish
+from drake_rho.cli.sources import read
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.horizon.receding_horizon import plan_rho

@@ -23,9 +23,9 @@ from drake_rho.cli.options import (
     WidthOption,
     WorldOption,
     planners,
-    read,
 )
 from drake_rho.cli.reports import finish
+from drake_rho.cli.sources import read
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds

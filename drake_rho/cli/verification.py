@@ -20,10 +20,9 @@ from drake_rho.cli.options import (
     StepOption,
     TimeLimitOption,
     WorldOption,
-    read,
 )
 from drake_rho.cli.reports import report
-from drake_rho.motion.files import load
+from drake_rho.cli.sources import load_result, read
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.programs.solve import SOLVERS
 
@@ -38,7 +37,7 @@ def verify(
     ],
 ) -> int:
     """Verify every constraint of a plan, flight or simulation."""
-    return report(load(file))
+    return report(load_result(file))
 
 
 def certify(
@@ -56,7 +55,7 @@ def certify(
 
     The exit status is 0 even if a gap remains.
     """
-    flown = load(file)
+    flown = load_result(file)
     if isinstance(flown, Simulation):
         raise ValueError(f"{file}: got a simulation, expected a plan or a flight")
     with working("computing a lower bound") as work, stopping_early():
