@@ -162,6 +162,37 @@ def test_bad_input_is_one_line_and_status_2(
     assert complaint in err
 
 
+@pytest.mark.parametrize("command", ["plan", "fly", "simulate", "diagnose", "show"])
+@pytest.mark.parametrize(
+    ("mistyped", "nearest"),
+    [
+        ("papper", "paper"),
+        ("paper-assembly", "paper_assembly"),
+        ("mision.yaml", "mission.yaml"),
+        ("folder/mission.yaml", "folder/missions.yml"),
+        ("nowhere", None),
+        ("nowhere/mission.yaml", None),
+    ],
+)
+def test_of_an_unknown_scenario_the_nearest_name_is_suggested(
+    command: str,
+    mistyped: str,
+    nearest: str | None,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: Patch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder").mkdir()
+    for name in ("mission.yaml", "mission.yaml.txt", "folder/missions.yml"):
+        Path(name).touch()
+    status, out, err = run(capsys, monkeypatch, command, mistyped)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert f"got {mistyped!r}, expected a library scenario (courier, paper, " in err
+    assert ("did you mean" in err) == (nearest is not None)
+    assert nearest is None or err.endswith(f"; did you mean {nearest!r}?\n")
+
+
 @pytest.mark.parametrize(
     "words", [["verify"], ["certify"], ["export", "--format", "json", "-o", "again.json"]]
 )

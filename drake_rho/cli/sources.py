@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
 
 from drake_rho.display.common.drawable import Flown
 from drake_rho.motion.files import PlanFileError, load
 from drake_rho.motion.tables import is_table
-from drake_rho.scenario.files import load_scenario
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.files import library, load_scenario
 from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
 from drake_rho.scenario.records import Grid, Scenario
 
+_YAML = (".yaml", ".yml")
 _RESULT_FILES = "a file saved by plan, fly or simulate (.npz), or a plan exported as JSON (.json)"
 
 
@@ -22,11 +27,11 @@ def load_result(path: Path) -> Flown:
     """
     try:
         return load(path)
-    except PlanFileError as error:
+    except PlanFileError:
         if path.is_file() and is_table(path.read_text(encoding="utf-8-sig", errors="replace")):
             got = "a table of states (CSV), which has no scenario"
             raise PlanFileError(f"{path}: got {got}, expected {_RESULT_FILES}") from None
-        raise error from None
+        raise
 
 
 def read(
@@ -40,7 +45,7 @@ def read(
         ValueError: an option of missions is missing for a mission, or given for a scenario.
     """
     if not is_lsc_mission(source):
-        scenario = load_scenario(source)
+        scenario = _load_scenario(source)
         refuse_options(source, duration, step, world)
         return scenario
     if duration is None or step is None:
@@ -48,6 +53,30 @@ def read(
         expected = "--duration and --step: a mission has no grid of its own"
         raise ValueError(f"{source}: got no {missing}, expected {expected}")
     return load_lsc_mission(source, grid=Grid.lasting(duration, step=step), world=world)
+
+
+def _load_scenario(source: str) -> Scenario:
+    """Load a scenario; if there is none of this name, suggest the nearest name.
+
+    Raises:
+        ScenarioError: there is no such scenario, or it is invalid.
+    """
+    try:
+        return load_scenario(source)
+    except ScenarioError as error:
+        nearest = _nearest_name(source)
+        if nearest is None or os.path.lexists(source):
+            raise
+        expected = f"{error.expected}; did you mean {nearest!r}?"
+        raise ScenarioError(error.field, error.value, expected) from None
+
+
+def _nearest_name(source: str) -> str | None:
+    """Return the library scenario or neighbouring YAML file with the most similar name, if any."""
+    with suppress(OSError):  # the folder does not exist or cannot be read
+        files = [str(each) for each in Path(source).parent.iterdir() if each.suffix in _YAML]
+        return next(iter(get_close_matches(source, [*library(), *files], n=1)), None)
+    return next(iter(get_close_matches(source, library(), n=1)), None)
 
 
 def refuse_options(
