@@ -193,6 +193,34 @@ def test_of_an_unknown_scenario_the_nearest_name_is_suggested(
     assert nearest is None or err.endswith(f"; did you mean {nearest!r}?\n")
 
 
+@pytest.mark.parametrize("content", ["", "# nothing yet\n", "---\n"])
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["plan", "empty.yaml"], "a scenario in YAML; 'drake-rho schema' prints its fields"),
+        (["show", "./empty.yaml"], "a scenario in YAML; 'drake-rho schema' prints its fields"),
+        (
+            ["campaign", "./empty.yaml", "--store", "runs.sqlite"],
+            "a study in YAML; 'drake-rho campaign --schema' prints its fields",
+        ),
+    ],
+)
+def test_an_empty_file_is_named_as_such(
+    words: list[str],
+    expected: str,
+    content: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: Patch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("empty.yaml").write_text(content)
+    status, out, err = run(capsys, monkeypatch, *words)
+    assert (status, out) == (2, "")
+    assert err.endswith(f"empty.yaml: got an empty file, expected {expected}\n")
+    assert err.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     "words", [["verify"], ["certify"], ["export", "--format", "json", "-o", "again.json"]]
 )

@@ -19,6 +19,8 @@ from drake_rho.cli.console import answer, bar, err, remark, say, tell, working, 
 from drake_rho.cli.documents import Content, Ran, Summary
 from drake_rho.cli.failures import InterruptedByUserError
 from drake_rho.cli.options import FormatOption, WidthOption
+from drake_rho.cli.sources import refuse_empty_file
+from drake_rho.scenario.errors import ScenarioError
 
 if TYPE_CHECKING:
     from drake_rho.campaigns.campaign import SoFar
@@ -76,7 +78,11 @@ def campaign(
         raise ValueError(f"campaign: got no {missing}, expected STUDY and --store FILE")
     if workers is not None and scheduler is not None:
         raise ValueError("--scheduler: got it beside --workers, expected one of them")
-    loaded = load_study(study)
+    try:
+        loaded = load_study(study)
+    except ScenarioError as error:
+        refuse_empty_file(study, error, "study", "drake-rho campaign --schema")
+        raise
     began = time.monotonic()
     try:
         with _progress_bar() as advance, _executor(workers, scheduler) as executor:

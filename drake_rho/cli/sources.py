@@ -10,7 +10,7 @@ from pathlib import Path
 from drake_rho.display.common.drawable import Flown
 from drake_rho.motion.files import PlanFileError, load
 from drake_rho.motion.tables import is_table
-from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.errors import ScenarioError, Words
 from drake_rho.scenario.files import library, load_scenario
 from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
 from drake_rho.scenario.records import Grid, Scenario
@@ -64,11 +64,29 @@ def _load_scenario(source: str) -> Scenario:
     try:
         return load_scenario(source)
     except ScenarioError as error:
+        refuse_empty_file(source, error, "scenario", "drake-rho schema")
         nearest = _nearest_name(source)
         if nearest is None or os.path.lexists(source):
             raise
         expected = f"{error.expected}; did you mean {nearest!r}?"
         raise ScenarioError(error.field, error.value, expected) from None
+
+
+def refuse_empty_file(path: str, error: ScenarioError, kind: str, schema: str) -> None:
+    """Raise an error that says so if the reason of `error` is an empty YAML file.
+
+    Args:
+        path: path of the file.
+        error: the error of loading it.
+        kind: kind of the expected content.
+        schema: command that prints the fields of that kind.
+
+    Raises:
+        ScenarioError: the file holds no value: it is empty or has comments only.
+    """
+    if error.value is None and error.field in (path, str(Path(path))):
+        expected = f"a {kind} in YAML; '{schema}' prints its fields"
+        raise ScenarioError(error.field, Words("an empty file"), expected) from None
 
 
 def _nearest_name(source: str) -> str | None:
