@@ -145,6 +145,12 @@ def test_a_plan_that_breaks_a_constraint_exits_1(
         (["fly", "paper", "--bogus"], "--bogus"),
         (["verify", __file__], "not a plan or flight"),
         (["verify", "missing.npz"], "No such file"),
+        (
+            ["export", "plan.npz"],
+            "no --format, expected one of csv, json, crazyswarm, skybrush, px4",
+        ),
+        (["export", "plan.npz", "-o", "x.csv"], "no --format, expected one of csv, json"),
+        (["export", "plan.npz", "--format", "csv"], "no --output, expected --output PATH"),
         (["plan"], "SCENARIO"),
         (["dance"], "dance"),
     ],

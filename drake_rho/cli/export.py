@@ -23,31 +23,35 @@ def export(
         ),
     ],
     format: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--format",
             metavar="|".join(FORMATS),
-            help="csv: a table of states; json: a plan that drake-rho can read again; crazyswarm: "
-            "polynomials for Crazyswarm2; skybrush: CSV files for Skybrush; px4: setpoints for "
-            "PX4's offboard mode.",
+            help="Required. csv: a table of states; json: a plan that drake-rho can read again; "
+            "crazyswarm: polynomials for Crazyswarm2; skybrush: CSV files for Skybrush; px4: "
+            "setpoints for PX4's offboard mode.",
         ),
-    ],
+    ] = None,
     output: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--output",
             "-o",
             metavar="PATH",
-            help="Output: a .csv file for csv and px4, a .json file for json, a .zip file for "
-            "skybrush, or a folder for crazyswarm and skybrush.",
+            help="Required. Output: a .csv file for csv and px4, a .json file for json, a .zip "
+            "file for skybrush, or a folder for crazyswarm and skybrush.",
         ),
-    ],
+    ] = None,
     rate: Annotated[
         float | None,
         typer.Option(help="Samples per second; by default 20, and for json the knots only."),
     ] = None,
 ) -> int:
     """Write a plan, flight or simulation in another program's format."""
+    if format is None:
+        raise ValueError(f"export: got no --format, expected one of {', '.join(FORMATS)}")
+    if output is None:
+        raise ValueError("export: got no --output, expected --output PATH, a file or a folder")
     check_export(output, format, rate)
     flown = load_result(file)
     with working("exporting"):
