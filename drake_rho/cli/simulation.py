@@ -149,14 +149,14 @@ def _wind(
 ) -> tuple[Wind, str]:
     """Return the wind of a name, and a description of it."""
     scenario, grid = horizon.scenario, horizon.scenario.grid
-    towards = direction or (1.0, 0.0, 0.0)
-    along = " ".join(f"{each:g}" for each in towards)
+    vector = direction or (1.0, 0.0, 0.0)
+    along = " ".join(f"{each:g}" for each in vector)
     if name is WindName.CONSTANT:
-        return winds.constant(scenario, towards), f"constant along {along}"
+        return winds.constant(scenario, vector), f"constant along {along}"
     if name is WindName.GUST:
         begin, lasting = grid.start + 0.25 * grid.duration, 0.5 * grid.duration
         description = f"gust along {along} from {begin:g} s to {begin + lasting:g} s"
-        return winds.gust(scenario, towards, begin=begin, duration=lasting), description
+        return winds.gust(scenario, vector, begin=begin, duration=lasting), description
     if name is WindName.NOISE:
         return winds.coloured_noise(scenario, rng), "noise"
     if name is WindName.NONE:
