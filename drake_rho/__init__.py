@@ -163,8 +163,8 @@ __all__ = [
     "worst_case",
 ]
 
-# What is public is loaded when it is first asked for, each with what it needs: Drake and matplotlib
-# take a second, and whoever loads a scenario, or stops a command at once, does not wait for them.
+# Public names are imported on first access, together with the modules they need. Importing Drake
+# and matplotlib takes a second, which loading a scenario or interrupting a command does not need.
 _NAMES = {
     "drake_rho.analysis.diagnosis": ("Diagnosis",),
     "drake_rho.analysis.diagnose": ("diagnose", "shortest_plan"),
@@ -229,7 +229,7 @@ _NAMES = {
     "drake_rho.simulation.worst_case": ("WorstCase", "worst_case"),
     "drake_rho.verification.verify": ("Check", "Report", "verify"),
 }
-_WHERE = {name: module for module, names in _NAMES.items() for name in names}
+_MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> object:
@@ -238,8 +238,8 @@ def __getattr__(name: str) -> object:
         found = import_module("importlib.metadata").version("drake-rho")
     elif name == "winds":
         found = import_module("drake_rho.simulation.winds")
-    elif name in _WHERE:
-        found = getattr(import_module(_WHERE[name]), name)
+    elif name in _MODULE_OF:
+        found = getattr(import_module(_MODULE_OF[name]), name)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = found
@@ -247,5 +247,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    kept = (name for name in globals() if name.startswith("__"))
-    return sorted({*__all__, "__version__", *kept})
+    special = (name for name in globals() if name.startswith("__"))
+    return sorted({*__all__, "__version__", *special})

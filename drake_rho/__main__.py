@@ -1,4 +1,4 @@
-"""`python -m drake_rho`."""
+"""Entry point of `python -m drake_rho`."""
 
 from drake_rho.cli import main
 

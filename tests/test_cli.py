@@ -24,6 +24,7 @@ from drake_rho.planning.programs import daqp
 from tests.scenarios import box, single, slow
 
 Run = tuple[int, str, str]
+Patch = pytest.MonkeyPatch
 
 FROM_SCRATCH = """
 name: two columns
@@ -144,6 +145,12 @@ def test_a_plan_that_breaks_a_constraint_exits_1(
         (["fly", "paper", "--bogus"], "--bogus"),
         (["verify", __file__], "not a plan or flight"),
         (["verify", "missing.npz"], "No such file"),
+        (
+            ["export", "plan.npz"],
+            "no --format, expected one of csv, json, crazyswarm, skybrush, px4",
+        ),
+        (["export", "plan.npz", "-o", "x.csv"], "no --format, expected one of csv, json"),
+        (["export", "plan.npz", "--format", "csv"], "no --output, expected --output PATH"),
         (["plan"], "SCENARIO"),
         (["dance"], "dance"),
     ],
@@ -159,6 +166,80 @@ def test_bad_input_is_one_line_and_status_2(
     assert out == ""
     assert err.count("\n") == 1
     assert complaint in err
+
+
+@pytest.mark.parametrize("command", ["plan", "fly", "simulate", "diagnose", "show"])
+@pytest.mark.parametrize(
+    ("mistyped", "nearest"),
+    [
+        ("papper", "paper"),
+        ("paper-assembly", "paper_assembly"),
+        ("mision.yaml", "mission.yaml"),
+        ("folder/mission.yaml", "folder/missions.yml"),
+        ("nowhere", None),
+        ("nowhere/mission.yaml", None),
+    ],
+)
+def test_of_an_unknown_scenario_the_nearest_name_is_suggested(
+    command: str,
+    mistyped: str,
+    nearest: str | None,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: Patch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder").mkdir()
+    for name in ("mission.yaml", "mission.yaml.txt", "folder/missions.yml"):
+        Path(name).touch()
+    status, out, err = run(capsys, monkeypatch, command, mistyped)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert f"got {mistyped!r}, expected a library scenario (courier, paper, " in err
+    assert ("did you mean" in err) == (nearest is not None)
+    assert nearest is None or err.endswith(f"; did you mean {nearest!r}?\n")
+
+
+@pytest.mark.parametrize("content", ["", "# nothing yet\n", "---\n"])
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["plan", "empty.yaml"], "a scenario in YAML; 'drake-rho schema' prints its fields"),
+        (["show", "./empty.yaml"], "a scenario in YAML; 'drake-rho schema' prints its fields"),
+        (
+            ["campaign", "./empty.yaml", "--store", "runs.sqlite"],
+            "a study in YAML; 'drake-rho campaign --schema' prints its fields",
+        ),
+    ],
+)
+def test_an_empty_file_is_named_as_such(
+    words: list[str],
+    expected: str,
+    content: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: Patch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("empty.yaml").write_text(content)
+    status, out, err = run(capsys, monkeypatch, *words)
+    assert (status, out) == (2, "")
+    assert err.endswith(f"empty.yaml: got an empty file, expected {expected}\n")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words", [["verify"], ["certify"], ["export", "--format", "json", "-o", "again.json"]]
+)
+def test_a_table_of_states_is_refused_with_the_kinds_of_files_that_are_expected(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Patch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rho.export(rho.plan_convex(single()), "plan.csv", format="csv")
+    status, out, err = run(capsys, monkeypatch, *words, "plan.csv")
+    assert (status, out) == (2, "")
+    expected = "a file saved by plan, fly or simulate (.npz), or a plan exported as JSON (.json)"
+    got = "a table of states (CSV), which has no scenario"
+    assert err == f"drake-rho: plan.csv: got {got}, expected {expected}\n"
 
 
 @pytest.mark.parametrize(
@@ -237,6 +318,30 @@ def test_alone_it_shows_what_there_is(
     listed = set(re.findall(r"^  (\w+)  +\S", out, flags=re.MULTILINE))
     assert listed == {each.__name__ for group in GROUPS.values() for each in group}
     assert "drake-rho plan paper -o plan.npz" in out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("columns", ["60", "200"])
+def test_tables_fit_a_terminal_and_have_full_lines_in_a_pipe(columns: str) -> None:
+    def printed(words: str, **environment: str) -> list[str]:
+        ran = subprocess.run(
+            [sys.executable, "-m", "drake_rho", *words.split()],
+            env=os.environ | {"COLUMNS": columns} | environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", ran.stdout).splitlines()
+        return [line.rstrip() for line in lines]
+
+    explained = "Explain why a scenario has no plan and what would make it feasible."
+    assert f"  diagnose   {explained}" in printed("")
+    on_terminal = printed("", FORCE_COLOR="1")
+    assert max(map(len, on_terminal)) <= int(columns)
+    assert (f"  diagnose   {explained}" in on_terminal) == (columns == "200")
+    assert explained in " ".join(" ".join(on_terminal).split())
+    (goal,) = (line for line in printed("assign paper_assembly") if line.startswith("│ UAV-1"))
+    assert re.fullmatch(r"│ UAV-1 +│ UAV-\d +│ +[-\d.]+ +[-\d.]+ +[-\d.]+ +│", goal)
 
 
 def test_the_version_is_that_of_the_package(

@@ -30,11 +30,11 @@ Patch = pytest.MonkeyPatch
 Captured = pytest.CaptureFixture[str]
 
 ASKED: dict[str, tuple[list[str], type[Document]]] = {
-    "plan": (["plan", "paper", "-o", "kept.npz"], documents.Judged),
-    "fly": (["fly", "paper"], documents.Judged),
-    "simulate": (["simulate", "courier", "--wind", "noise"], documents.Judged),
+    "plan": (["plan", "paper", "-o", "kept.npz"], documents.Verified),
+    "fly": (["fly", "paper"], documents.Verified),
+    "simulate": (["simulate", "courier", "--wind", "noise"], documents.Verified),
     "assign": (["assign", "paper_assembly", "-o", "kept.yaml"], documents.Assigned),
-    "verify": (["verify", "plan.npz"], documents.Judged),
+    "verify": (["verify", "plan.npz"], documents.Verified),
     "certify": (["certify", "plan.npz"], documents.Certified),
     "diagnose": (["diagnose", "weak.yaml"], documents.Diagnosed),
     "show": (["show", "plan.npz", "--html", "page.html"], documents.Shown),
@@ -209,7 +209,7 @@ def test_a_plans_document_tells_what_the_plan_is(
     folder: Path, capsys: Captured, monkeypatch: Patch
 ) -> None:
     _, out, _ = run(capsys, monkeypatch, *ASKED["plan"][0], "--figures", "drawn", "--json")
-    found, plan = read(out, documents.Judged), rho.load("kept.npz")
+    found, plan = read(out, documents.Verified), rho.load("kept.npz")
     assert isinstance(plan, rho.Plan)
     sphere = plan.scenario.bodies[0].shape
     assert isinstance(sphere, rho.Sphere)
@@ -234,7 +234,7 @@ def test_a_broken_plans_document_tells_all_that_is_broken(
     asked = single(obstacles=spheres, between_knots=True)
     rho.save(rho.Plan.from_accelerations(asked, plan.accelerations), "broken.npz")
     status, out, _ = run(capsys, monkeypatch, "verify", "broken.npz", "--json")
-    found = read(out, documents.Judged)
+    found = read(out, documents.Verified)
     assert (status, found["status"], found["ok"]) == (1, 1, False)
     assert len(found["violations"]) == 200
     assert not any(each["holds"] for each in found["violations"])
@@ -244,7 +244,7 @@ def test_a_broken_plans_document_tells_all_that_is_broken(
 
 def test_a_flights_document_counts_its_windows(capsys: Captured, monkeypatch: Patch) -> None:
     _, out, _ = run(capsys, monkeypatch, "fly", "paper", "--replan-every", "10", "--json")
-    found = read(out, documents.Judged)
+    found = read(out, documents.Verified)
     flight = rho.plan_rho(rho.load_scenario("paper"), replan_every=10)
     assert (found["kind"], found["windows"]) == ("flight", len(flight.windows))
     assert found["cost"] == pytest.approx(flight.cost)
@@ -253,7 +253,7 @@ def test_a_flights_document_counts_its_windows(capsys: Captured, monkeypatch: Pa
 def test_a_simulations_document_tells_errors(capsys: Captured, monkeypatch: Patch) -> None:
     words = [*ASKED["simulate"][0], "-o", "flown.npz", "--json"]
     _, out, _ = run(capsys, monkeypatch, *words)
-    found, flown = read(out, documents.Judged), rho.load("flown.npz")
+    found, flown = read(out, documents.Verified), rho.load("flown.npz")
     assert isinstance(flown, rho.Simulation)
     (row,) = found["errors"]
     assert row["error_m"] == pytest.approx(flown.errors().max())

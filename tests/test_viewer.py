@@ -355,7 +355,7 @@ def test_show_serves_on_this_machine_alone_and_ends_on_interrupt() -> None:
     finally:
         ran.kill()
     assert ran.returncode == 0
-    assert "ended" in out
+    assert "stopped" in out
     assert "Traceback" not in err
 
 

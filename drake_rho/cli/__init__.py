@@ -1,4 +1,7 @@
-"""The command line: `drake-rho COMMAND`; docs/command_line.md has commands, statuses, documents."""
+"""The command line `drake-rho COMMAND`.
+
+docs/command_line.md describes the commands, their exit statuses and their JSON documents.
+"""
 
 import os
 import signal
@@ -8,24 +11,24 @@ from typing import NoReturn
 __all__ = ["main"]
 
 _INTERRUPTED = 130
-"""The status after Ctrl-C, as in `drake_rho.cli.failures`, which is not loaded yet."""
+"""Exit status after Ctrl-C; repeats `drake_rho.cli.failures.INTERRUPTED`, not imported yet."""
 
 
 def main() -> NoReturn:
-    """Run the command line and leave with its exit status.
+    """Run the command line and exit with its status.
 
-    To load it takes a second, in which Ctrl-C ends it at once: an exception would come out of any
-    of the packages that are being loaded, some of which make another error of it.
+    Importing the commands takes a second. Ctrl-C during the import exits at once, because a
+    KeyboardInterrupt inside an import is turned into another error by some packages.
     """
-    usual = signal.getsignal(signal.SIGINT)
-    if usual is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _leave)
-    from drake_rho.cli.commands import main as run  # what takes the second
+    previous = signal.getsignal(signal.SIGINT)
+    if previous is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _exit)
+    from drake_rho.cli.commands import main as run  # the import that takes a second
 
-    signal.signal(signal.SIGINT, usual)
+    signal.signal(signal.SIGINT, previous)
     run()
 
 
-def _leave(number: int, frame: FrameType | None) -> NoReturn:
+def _exit(number: int, frame: FrameType | None) -> NoReturn:
     os.write(2, b"drake-rho: interrupted\n")
     os._exit(_INTERRUPTED)

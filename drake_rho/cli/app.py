@@ -1,4 +1,4 @@
-"""What all commands share: options, and what there is without a command."""
+"""The typer application: options shared by all commands, and the output without a command."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
+from rich.table import Table
 
 import drake_rho
 from drake_rho.cli.console import answer
@@ -17,21 +18,21 @@ from drake_rho.cli.failures import InterruptedByUserError
 Command = Callable[..., int]
 Groups = dict[str, tuple[Command, ...]]
 
-_WORDS = "Plan cooperative trajectories for several UAVs by convex optimisation."
-_FIRST = {
-    "drake-rho plan paper -o plan.npz": "plan the paper's scenario, keep the plan",
-    "drake-rho show plan.npz": "see it fly in the browser",
-    "drake-rho plan --help": "all that can be asked of it",
+_DESCRIPTION = "Plan cooperative trajectories for several UAVs by convex optimisation."
+_FIRST_STEPS = {
+    "drake-rho plan paper -o plan.npz": "plan the paper's scenario, save the plan",
+    "drake-rho show plan.npz": "show it in the browser",
+    "drake-rho plan --help": "list all options of plan",
 }
-"""What to type first."""
+"""Commands for a new user, with what each does."""
 
-# The manner of speaking is taken from the words themselves (`Manner.adopt`), as errors in them
-# have it too; these are for typer, which has to accept and to explain the options.
+# `OutputMode.parse` reads --json and --quiet from the command line itself, so that errors in the
+# command line obey them too. These declarations make typer accept and document the options.
 JsonOption = Annotated[
     bool,
     typer.Option(
         "--json",
-        help="Print one JSON document in place of words.",
+        help="Print one JSON document instead of text.",
         rich_help_panel="Options of every command",
     ),
 ]
@@ -39,7 +40,7 @@ QuietOption = Annotated[
     bool,
     typer.Option(
         "--quiet",
-        help="Print only what was asked for, and errors; the status tells the rest.",
+        help="Print answers and errors only; the exit status carries the verdict.",
         rich_help_panel="Options of every command",
     ),
 ]
@@ -50,11 +51,11 @@ _SHARED = [
 
 
 def app_of(groups: Groups) -> typer.Typer:
-    """The application of some commands, group by group, each named as its function."""
-    app = typer.Typer(help=_WORDS, pretty_exceptions_enable=False)
+    """Return the application with the given groups of commands, each named after its function."""
+    app = typer.Typer(help=_DESCRIPTION, pretty_exceptions_enable=False)
 
     @app.callback(invoke_without_command=True)
-    def alone(
+    def without_command(
         context: typer.Context,
         version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
         as_json: JsonOption = False,
@@ -64,7 +65,7 @@ def app_of(groups: Groups) -> typer.Typer:
             answer(_listed(groups), f"drake-rho {drake_rho.__version__}")
             raise typer.Exit
         if context.invoked_subcommand is None:
-            answer(_listed(groups), _orientation(groups))
+            answer(_listed(groups), *_overview(groups))
         return 0
 
     for group, commands in groups.items():
@@ -74,7 +75,7 @@ def app_of(groups: Groups) -> typer.Typer:
 
 
 def _with_shared_options(command: Command) -> Command:
-    """A command that takes the options of every command beside its own."""
+    """Return the command with the options of every command added to its own."""
 
     @functools.wraps(command)
     def run(*, as_json: bool, quiet: bool, **given: Any) -> int:
@@ -93,15 +94,25 @@ def _listed(groups: Groups) -> Listed:
     return Listed(version=drake_rho.__version__, commands=names)
 
 
-def _orientation(groups: Groups) -> str:
-    """What there is, and where to begin."""
-    wide = max(len(words) for words in _FIRST)
-    lines = [f"drake-rho {drake_rho.__version__}", _WORDS, "", "To begin with:"]
-    lines += [f"  {words:<{wide}}  {what}" for words, what in _FIRST.items()]
+def _overview(groups: Groups) -> list[str | Table]:
+    """Return the first steps and the list of commands, group by group."""
+    printed: list[str | Table] = [f"drake-rho {drake_rho.__version__}", _DESCRIPTION]
+    printed += ["", "First steps:", _two_columns(_FIRST_STEPS)]
+    longest = max(len(each.__name__) for commands in groups.values() for each in commands)
     for group, commands in groups.items():
-        lines += ["", f"{group}:"]
-        lines += [f"  {each.__name__:<9}  {_first_line(each)}" for each in commands]
-    return "\n".join([*lines, "", "drake-rho COMMAND --help tells more of each."])
+        described = {each.__name__: _first_line(each) for each in commands}
+        printed += ["", f"{group}:", _two_columns(described, longest)]
+    return [*printed, "", "drake-rho COMMAND --help describes a command and its options."]
+
+
+def _two_columns(rows: dict[str, str], width: int | None = None) -> Table:
+    """Return a table without lines: keys, in a column at least this wide, and their values."""
+    table = Table(box=None, show_header=False, padding=(0, 0, 0, 2))
+    table.add_column(no_wrap=True, min_width=width)
+    table.add_column()
+    for key, value in rows.items():
+        table.add_row(key, value)
+    return table
 
 
 def _first_line(command: Command) -> str:

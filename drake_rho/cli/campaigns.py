@@ -1,4 +1,4 @@
-"""The commands for many runs: `campaign` and `results`."""
+"""The commands `campaign` and `results`."""
 
 from __future__ import annotations
 
@@ -14,48 +14,56 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 
-from drake_rho.cli.checks import asked_drawing, check_kept, check_writable
+from drake_rho.cli.checks import check_outputs, check_writable, requested_drawing
 from drake_rho.cli.console import answer, bar, err, remark, say, tell, working, write
 from drake_rho.cli.documents import Content, Ran, Summary
 from drake_rho.cli.failures import InterruptedByUserError
 from drake_rho.cli.options import FormatOption, WidthOption
+from drake_rho.cli.sources import refuse_empty_file
+from drake_rho.scenario.errors import ScenarioError
 
 if TYPE_CHECKING:
     from drake_rho.campaigns.campaign import SoFar
 
-_ANSWER = 10.0
-"""How long to wait for a scheduler [s]."""
+_SCHEDULER_TIMEOUT = 10.0
+"""Time to wait for a scheduler to answer [s]."""
 
 
 def campaign(
     study: Annotated[
-        str | None, typer.Argument(metavar="STUDY", help="A study in YAML; see --example.")
+        str | None, typer.Argument(metavar="STUDY", help="A study (YAML file); see --example.")
     ] = None,
     store: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="Where rows are kept, one a run (SQLite)."),
+        typer.Option(metavar="FILE", help="Store of the runs, one row per run (SQLite)."),
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, max=1024, help="Processes of this machine; if not given, this one."),
+        typer.Option(
+            min=1,
+            max=1024,
+            help="Number of worker processes on this machine; by default the runs are done in the "
+            "process of the command.",
+        ),
     ] = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Of a Dask scheduler, as tcp://host:8786, whose workers do the runs (extra dask).",
+            help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the runs "
+            "(extra dask).",
         ),
     ] = None,
     example: Annotated[
-        bool, typer.Option("--example", help="Print a complete study and end.")
+        bool, typer.Option("--example", help="Print a complete study and exit.")
     ] = False,
     schema: Annotated[
-        bool, typer.Option("--schema", help="Print the JSON schema of studies and end.")
+        bool, typer.Option("--schema", help="Print the JSON schema of studies and exit.")
     ] = False,
 ) -> int:
-    """Do the runs of a study, those that are not in its store yet.
+    """Run a study, skipping the runs that its store already holds.
 
-    However it ended, the same command resumes it.
+    The same command resumes a campaign that was interrupted in any way.
     """
     from drake_rho.campaigns.campaign import campaign as run_campaign
     from drake_rho.campaigns.study import example_study, load_study, study_schema
@@ -70,23 +78,28 @@ def campaign(
         raise ValueError(f"campaign: got no {missing}, expected STUDY and --store FILE")
     if workers is not None and scheduler is not None:
         raise ValueError("--scheduler: got it beside --workers, expected one of them")
-    asked = load_study(study)
+    try:
+        loaded = load_study(study)
+    except ScenarioError as error:
+        refuse_empty_file(study, error, "study", "drake-rho campaign --schema")
+        raise
     began = time.monotonic()
     try:
-        with _shown() as watch, _executor(workers, scheduler) as executor:
-            results = run_campaign(asked, store, executor=executor, progress=watch)
+        with _progress_bar() as advance, _executor(workers, scheduler) as executor:
+            results = run_campaign(loaded, store, executor=executor, progress=advance)
     except KeyboardInterrupt:
-        kept = f"interrupted: what was done is in {store}, and the same command goes on"
-        raise InterruptedByUserError(kept) from None
+        message = f"interrupted: finished runs are in {store}, and the same command resumes"
+        raise InterruptedByUserError(message) from None
     failed, seconds = sum(each.runs for each in results.failures), time.monotonic() - began
-    words = f"{len(results)} runs in {store}, {failed} failed; {seconds:.1f} s"
-    return tell(Ran(store=store, runs=len(results), failed=failed, seconds=seconds), words)
+    summary = f"{len(results)} runs in {store}, {failed} failed; {seconds:.1f} s"
+    return tell(Ran(store=store, runs=len(results), failed=failed, seconds=seconds), summary)
 
 
 def results(
     store: Annotated[str, typer.Argument(metavar="FILE", help="The store of a campaign.")],
     figures: Annotated[
-        str | None, typer.Option(metavar="FOLDER", help="Folder for figures, made if needed.")
+        str | None,
+        typer.Option(metavar="FOLDER", help="Folder for figures, created if it does not exist."),
     ] = None,
     file_format: FormatOption = None,
     width: WidthOption = None,
@@ -95,18 +108,18 @@ def results(
         typer.Option(metavar="FILE", help="Write all rows to this file (.csv or .parquet)."),
     ] = None,
 ) -> int:
-    """Print what a campaign has found, and compare its methods."""
+    """Print the results of a campaign and compare its methods."""
     from drake_rho.campaigns.results import ENDINGS, Results
 
-    drawing = asked_drawing(figures, file_format, width)
-    check_kept(None, drawing)
+    drawing = requested_drawing(figures, file_format, width)
+    check_outputs(None, drawing)
     check_writable(export, ENDINGS, "--export")
     found = Results(store)
     if export is not None:
-        _exported(found.export, export)
+        _write_rows(found.export, export)
     drawn = list[Path]()
     if drawing is not None:
-        # matplotlib takes longer to load than the tables take to make
+        # importing matplotlib takes longer than making the tables
         from drake_rho.display.plots.campaigns import write_campaign_figures
 
         with working("drawing"):
@@ -123,29 +136,32 @@ def results(
 
 
 @contextmanager
-def _shown() -> Iterator[Callable[[SoFar], None]]:
-    """A line on standard error, if it is a terminal: done, failed, rate, time left."""
-    words = TextColumn(
+def _progress_bar() -> Iterator[Callable[[SoFar], None]]:
+    """Show runs done, runs failed, rate and time left on standard error if it is a terminal."""
+    counts = TextColumn(
         "{task.completed:.0f} of {task.total:.0f} done, {task.fields[failed]} failed, "
         "{task.fields[rate]:.1f} runs/s, left"
     )
-    columns = (BarColumn(), words, TimeRemainingColumn())
-    with bar(*columns) as shown:
-        task = shown.add_task("", total=1, failed=0, rate=0.0)
+    columns = (BarColumn(), counts, TimeRemainingColumn())
+    with bar(*columns) as progress:
+        task = progress.add_task("", total=1, failed=0, rate=0.0)
         began, before = time.monotonic(), None
 
-        def watch(now: SoFar) -> None:
+        def advance(now: SoFar) -> None:
             nonlocal before
             before = now.done if before is None else before
             rate = (now.done - before) / max(time.monotonic() - began, 1e-9)
-            shown.update(task, total=now.total, completed=now.done, failed=now.failed, rate=rate)
+            progress.update(task, total=now.total, completed=now.done, failed=now.failed, rate=rate)
 
-        yield watch
+        yield advance
 
 
 @contextmanager
 def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor | None]:
-    """Where runs are done; ended with what is under way if the block ends with an error."""
+    """Provide the executor of the runs; None runs them in this process.
+
+    If the block ends with an error, runs that have not begun are cancelled.
+    """
     from drake_rho.campaigns.workers import Workers
 
     if scheduler is not None:
@@ -165,10 +181,10 @@ def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor |
 
 @contextmanager
 def _dask_executor(address: str) -> Iterator[Executor]:
-    """The workers of a Dask scheduler.
+    """Provide the workers of a Dask scheduler as an executor.
 
     Raises:
-        ValueError: Dask is not installed, or nobody answers there.
+        ValueError: Dask is not installed, or no scheduler answers at the address.
     """
     try:
         from distributed import Client
@@ -176,11 +192,12 @@ def _dask_executor(address: str) -> Iterator[Executor]:
         expected = "the extra dask: pip install 'drake-rho[dask]'"
         raise ValueError(f"--scheduler: got no Dask here, expected {expected}") from None
     for name in [each for each in logging.root.manager.loggerDict if "distributed" in each]:
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what is wrong is said in a line
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are printed in one line below
     try:
-        client = Client(address, timeout=_ANSWER)
+        client = Client(address, timeout=_SCHEDULER_TIMEOUT)
     except (OSError, ValueError, TypeError) as error:
-        expected = f"the address of a Dask scheduler, as tcp://host:8786 ({_first_line(error)})"
+        reason = _first_line(error)
+        expected = f"the address of a Dask scheduler, such as tcp://host:8786 ({reason})"
         raise ValueError(f"--scheduler: got {address!r}, expected {expected}") from None
     with client:
         if not client.scheduler_info()["workers"]:
@@ -188,11 +205,11 @@ def _dask_executor(address: str) -> Iterator[Executor]:
         yield client.get_executor()
 
 
-def _exported(export: Callable[[str], None], path: str) -> None:
-    """Write an export.
+def _write_rows(export: Callable[[str], None], path: str) -> None:
+    """Write all rows to a file.
 
     Raises:
-        ValueError: what that needs is not installed.
+        ValueError: a package that the format needs is not installed.
     """
     try:
         export(path)

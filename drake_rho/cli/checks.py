@@ -1,4 +1,4 @@
-"""What is refused before the work is begun, so that its result is not lost after it."""
+"""Checks of output options before the work begins, so that no result is lost after it."""
 
 from __future__ import annotations
 
@@ -17,57 +17,58 @@ from drake_rho.scenario.files import check_replaceable
 
 @dataclasses.dataclass(frozen=True)
 class Drawing:
-    """What figures are to be made."""
+    """Figures to draw."""
 
     folder: str
-    """where"""
+    """folder of the figures"""
     file_format: str
-    """png, pdf or svg"""
+    """file format: png, pdf or svg"""
     width: float
-    """of each [in]"""
+    """width of each figure [in]"""
 
 
-def check_kept(output: str | None, drawing: Drawing | None) -> None:
-    """See that a plan and its figures can be kept.
+def check_outputs(output: str | None, drawing: Drawing | None) -> None:
+    """Check that a result and its figures can be written.
 
     Raises:
-        ValueError: they cannot.
+        ValueError: the file or the folder cannot be written.
     """
     check_writable(output, ENDINGS, "--output")
     check_folder(None if drawing is None else drawing.folder)
 
 
-def asked_drawing(
+def requested_drawing(
     folder: str | None, file_format: str | None, width: float | None
 ) -> Drawing | None:
-    """The figures that options ask for, if any.
+    """Return the figures that the options request, or None.
 
     Raises:
-        ValueError: they are none that can be drawn, or have no folder.
+        ValueError: a format or a width is given without a folder, or text could not be read at
+            the width.
     """
     if folder is None:
         for option, given in (("--format", file_format), ("--width", width)):
             if given is not None:
-                raise ValueError(f"{option}: got {given} without --figures, expected it with them")
+                raise ValueError(f"{option}: got {given} without --figures, expected both or none")
         return None
     return drawing_in(folder, file_format, width)
 
 
 def drawing_in(folder: str, file_format: str | None, width: float | None) -> Drawing:
-    """The figures of a folder, by what is given of them.
+    """Return the figures to draw in a folder, with defaults for format and width.
 
     Raises:
-        ValueError: letters could not be read at the width.
+        ValueError: text could not be read at the width.
     """
     width = DOUBLE_COLUMN if width is None else check_width(width)
     return Drawing(folder, file_format or "png", width)
 
 
 def check_writable(output: str | None, endings: tuple[str, ...], option: str) -> None:
-    """See that a file can be written and has one of the endings.
+    """Check that a file can be written and has one of the endings.
 
     Raises:
-        ValueError: it cannot, or has another.
+        ValueError: the file cannot be written, or has another ending.
     """
     if output is None:
         return
@@ -75,18 +76,18 @@ def check_writable(output: str | None, endings: tuple[str, ...], option: str) ->
         if Path(output).suffix.lower() not in endings:
             raise OSError(errno.EINVAL, "another ending")
         check_replaceable(output)
-    except (OSError, ValueError) as error:  # the latter of a NUL
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
         reason = getattr(error, "strerror", error)
         expected = f"a file to write, ending in {' or '.join(endings)} ({reason})"
         raise ValueError(f"{option}: got {output!r}, expected {expected}") from None
 
 
 def check_film_option(film: str | None) -> None:
-    """See that a film can be made and kept.
+    """Check that a film can be made and written.
 
     Raises:
-        ValueError: it cannot be kept, or has another ending.
-        DrakeRhoError: something is not installed.
+        ValueError: the file cannot be written, or has another ending.
+        DrakeRhoError: a program that films need is not installed.
     """
     if film is not None:
         check_writable(film, ENDINGS_OF_FILMS, "--film")
@@ -94,10 +95,10 @@ def check_film_option(film: str | None) -> None:
 
 
 def check_folder(folder: str | None) -> None:
-    """See that figures can be written to a folder, or to one that is made for them.
+    """Check that figures can be written to a folder, which need not exist yet.
 
     Raises:
-        ValueError: they cannot.
+        ValueError: the folder cannot be created or written to.
     """
     if folder is None:
         return
@@ -114,22 +115,24 @@ def check_folder(folder: str | None) -> None:
 
 
 def check_interface(host: str) -> None:
-    """See that a network interface is named: Meshcat takes no name for every one, as it does "*".
+    """Check that a network interface is named; Meshcat takes a blank name for all, as it does "*".
 
     Raises:
-        ValueError: it is blank.
+        ValueError: the name is blank.
     """
     if not host.strip():
-        raise ValueError(f"--host: got {host!r}, expected a network interface, as localhost, or *")
+        expected = "a network interface, such as localhost, or * for all"
+        raise ValueError(f"--host: got {host!r}, expected {expected}")
 
 
 def check_rate(rate: float | None) -> None:
-    """See that a playback can be watched.
+    """Check that a playback can be watched.
 
-    At 0.01 ten seconds of flight last a quarter of an hour, at 1000 an hour of flight four seconds.
+    At a rate of 0.01, ten seconds of flight take a quarter of an hour; at 1000, an hour of flight
+    takes four seconds.
 
     Raises:
-        ValueError: it is slower or faster, or no number.
+        ValueError: the rate is below 0.01 or above 1000, or not a number.
     """
     if rate is not None and not 0.01 <= rate <= 1000.0:
         raise ValueError(f"--rate: got {rate:g}, expected 0.01 to 1000")

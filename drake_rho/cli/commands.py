@@ -1,4 +1,4 @@
-"""The commands, group by group, and those that show: the swarm, the paper, the format."""
+"""List of all commands, and the commands `show`, `schema` and `reproduce`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drake_rho.cli.campaigns import campaign, results
 from drake_rho.cli.checks import (
     check_film_option,
     check_interface,
-    check_kept,
+    check_outputs,
     check_rate,
     check_writable,
     drawing_in,
@@ -28,8 +28,8 @@ from drake_rho.cli.console import (
     Work,
     answer,
     bar,
-    manner,
     on_interrupt,
+    output_mode,
     remark,
     tell,
     working,
@@ -38,19 +38,18 @@ from drake_rho.cli.console import (
 from drake_rho.cli.documents import Shown
 from drake_rho.cli.export import export
 from drake_rho.cli.failures import status_of
-from drake_rho.cli.judging import certify, diagnose, verify
 from drake_rho.cli.options import (
     DurationOption,
     FormatOption,
     StepOption,
     WidthOption,
     WorldOption,
-    read,
-    refuse_options,
 )
 from drake_rho.cli.planning import assign, fly, plan
 from drake_rho.cli.simulation import simulate
+from drake_rho.cli.sources import read, refuse_options
 from drake_rho.cli.streams import pipe_safe
+from drake_rho.cli.verification import certify, diagnose, verify
 from drake_rho.display.common.drawable import Flown, drawn
 from drake_rho.motion.files import load
 from drake_rho.paper.study import REPEATS, run_study
@@ -66,13 +65,13 @@ def reproduce(
     file_format: FormatOption = None,
     width: WidthOption = None,
 ) -> int:
-    """Run the paper's four examples, draw its figures, check its claims."""
-    # matplotlib takes longer to load than the other commands take to run
+    """Run the paper's examples, draw its figures and check its claims."""
+    # importing matplotlib takes longer than most other commands
     from drake_rho.paper.figures import NUMBERS, write_paper_figures
     from drake_rho.paper.tables import claims_table, study_table
 
     drawing = drawing_in(figures, file_format, width)
-    check_kept(None, drawing)
+    check_outputs(None, drawing)
     columns = (
         BarColumn(),
         MofNCompleteColumn(),
@@ -105,45 +104,46 @@ def show(
         str,
         typer.Argument(
             metavar="SCENARIO|FILE",
-            help="A scenario, which is then flown first, or a plan, flight or simulation kept in a "
-            "file.",
+            help="A scenario, which is planned first, or a file with a plan, flight or simulation.",
         ),
     ],
     html: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="Write one self-contained page here instead of serving."),
+        typer.Option(
+            metavar="FILE", help="Write one self-contained page to this file (.html); do not serve."
+        ),
     ] = None,
     film: Annotated[
         str | None,
         typer.Option(
             metavar="FILE",
-            help="Write a film here (.mp4, which needs ffmpeg, or .gif) instead of serving; of up "
-            "to 20 s, unless --rate says how fast it plays.",
+            help="Write a film to this file (.mp4, which needs ffmpeg, or .gif); do not serve. It "
+            "lasts up to 20 s unless --rate is given.",
         ),
     ] = None,
     host: Annotated[
-        str, typer.Option(help="Network interface to serve on; '*' is every one.")
+        str, typer.Option(help="Network interface to serve on; '*' for all interfaces.")
     ] = "localhost",
     port: Annotated[
         int,
         typer.Option(
-            min=1024, max=65535, help="Port to serve on; the next free one if it is taken."
+            min=1024, max=65535, help="Port to serve on; if it is in use, the next free one."
         ),
     ] = 7000,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
     rate: Annotated[
-        float | None, typer.Option(help="Seconds of flight in a second of playback, 0.01 to 1000.")
+        float | None, typer.Option(help="Seconds of flight per second of playback, 0.01 to 1000.")
     ] = None,
     trails: Annotated[
-        bool | None, typer.Option(help="Draw trails; by default for up to a hundred vehicles.")
+        bool | None, typer.Option(help="Draw trails; by default for up to 100 vehicles.")
     ] = None,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
 ) -> int:
-    """Show the swarm in the browser, or write it as a page or a film.
+    """Show a scenario or result in the browser, or write a page or film.
 
-    The browser is served until the command is interrupted.
+    The page is served until the command is interrupted with Ctrl-C.
     """
     from drake_rho.display.viewer.page import viewer_page
 
@@ -152,7 +152,7 @@ def show(
     check_interface(host)
     check_rate(rate)
     with working("planning") as work:
-        flown = _load_or_fly(source, duration, step, world, work)
+        flown = _load_or_plan(source, duration, step, world, work)
     with working("drawing"):
         page = viewer_page(flown, rate=rate, trails=trails)
     if html is None and film is None:
@@ -169,23 +169,23 @@ def show(
 
 
 def _serve(page: str, host: str, port: int, *, browser: bool) -> int:
-    """Serve a page until interrupted."""
+    """Serve a page until Ctrl-C or a request to terminate."""
     from drake_rho.display.viewer.serve import serve
 
     server = serve(page, host=host, port=port)
-    wait_for_the_end = on_interrupt()
-    answer(Shown(url=server.url), f"{server.url}  (Ctrl-C ends)")
+    wait_for_interrupt = on_interrupt()
+    answer(Shown(url=server.url), f"{server.url}  (Ctrl-C stops)")
     sys.stdout.flush()
     if browser and not webbrowser.open(server.url):
-        remark("no browser found here: open the address in one")
-    wait_for_the_end()
+        remark("no browser found on this machine: open the address in a browser")
+    wait_for_interrupt()
     server.close()
-    remark("ended")
+    remark("stopped")
     return 0
 
 
 def _film(page: str, path: str, flown: Flown, rate: float | None) -> None:
-    """Write a film of a page, and show how far it is."""
+    """Write a film of a page, and show the progress."""
     from drake_rho.display.viewer.film import Footage, write_film
 
     duration = drawn(flown).scenario.grid.duration
@@ -196,34 +196,34 @@ def _film(page: str, path: str, flown: Flown, rate: float | None) -> None:
         write_film(page, path, footage, progress=lambda: progress.advance(task))
 
 
-def _load_or_fly(
+def _load_or_plan(
     source: str, duration: float | None, step: float | None, world: str | None, work: Work
 ) -> Flown:
-    """What is in a file, or else a scenario's flight; of a fleet, its plan."""
+    """Return the content of a file, or a new flight of a scenario; for a fleet, a new plan."""
     if source.endswith(".npz") or zipfile.is_zipfile(source):
         refuse_options(source, duration, step, world)
         return load(source)
     scenario = read(source, duration, step, world)
-    if scenario.separation is not None:  # ten windows of sixty vehicles are long to wait for
+    if scenario.separation is not None:  # planning ten windows of sixty vehicles takes long
         return best_plan(scenario, progress=work)
     return plan_rho(scenario, progress=work)
 
 
 GROUPS = {
     "Plan and fly": (plan, fly, simulate, assign),
-    "Judge": (verify, certify, diagnose),
-    "See and export": (show, export),
-    "Do many runs": (campaign, results),
-    "Look up": (schema, reproduce),
+    "Verify and explain": (verify, certify, diagnose),
+    "Show and export": (show, export),
+    "Run campaigns": (campaign, results),
+    "Reference": (schema, reproduce),
 }
-"""The commands, in the order in which they are listed."""
+"""Commands by group, in the order in which they are listed."""
 
 app = app_of(GROUPS)
 
 
 def main() -> NoReturn:
-    """Run the command line and leave with its exit status."""
-    logging.getLogger("drake").setLevel(logging.WARNING)  # what the solvers mutter
+    """Run the command line and exit with its status."""
+    logging.getLogger("drake").setLevel(logging.WARNING)  # hides informational output of solvers
     sys.stdout, sys.stderr = pipe_safe(sys.stdout), pipe_safe(sys.stderr)
-    manner.adopt(sys.argv[1:])
+    output_mode.parse(sys.argv[1:])
     sys.exit(status_of(lambda: app(standalone_mode=False)))

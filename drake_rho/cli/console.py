@@ -1,4 +1,4 @@
-"""What the commands say: a document or words, and what is being done."""
+"""Output of the commands: a JSON document or text, and the progress of the work."""
 
 from __future__ import annotations
 
@@ -20,34 +20,40 @@ from drake_rho.planning.time_limit import stoppable
 out = Console()
 err = Console(stderr=True)
 
+_UNFOLDED = 10_000
+"""Width for tables in files and pipes, larger than any table, so that no line is folded."""
+
 
 @dataclasses.dataclass
-class Manner:
-    """How the commands speak, the same for all of one run."""
+class OutputMode:
+    """Form of the output, the same for a whole run of the command line."""
 
     as_json: bool = False
     """one JSON document on standard output, and nothing else there"""
     quiet: bool = False
-    """results and errors only"""
+    """answers and errors only"""
 
-    def adopt(self, words: Sequence[str]) -> None:
-        """Take it from a command line, which need not make sense otherwise: errors have it too."""
-        options = words[: words.index("--")] if "--" in words else words
+    def parse(self, arguments: Sequence[str]) -> None:
+        """Set the mode from a command line, also from one that is invalid otherwise.
+
+        Errors in the command line are then printed in the mode that it asks for.
+        """
+        options = arguments[: arguments.index("--")] if "--" in arguments else arguments
         self.as_json, self.quiet = "--json" in options, "--quiet" in options
         err.quiet = self.quiet
 
 
-manner = Manner()
+output_mode = OutputMode()
 
 
 def write(text: str, console: Console = out) -> None:
-    """Print text unchanged on a console of any width: no markup in names, nothing folded."""
+    """Print text unchanged on a console of any width, without markup and without wrapping."""
     console.file.write(f"{text}\n")
     console.file.flush()
 
 
 def say(text: str, console: Console = out) -> None:
-    """Print words, which a terminal has folded between two of them; elsewhere unchanged."""
+    """Print text, wrapped between words on a terminal and unchanged elsewhere."""
     if console.is_terminal:
         console.print(Text(text, overflow="ignore"))
     else:
@@ -55,52 +61,64 @@ def say(text: str, console: Console = out) -> None:
 
 
 def remark(text: str) -> None:
-    """Say something that is not the result."""
-    if not manner.quiet:
-        say(text, err if manner.as_json else out)
+    """Print a remark that is not part of the result; with --json, on standard error."""
+    if not output_mode.quiet:
+        say(text, err if output_mode.as_json else out)
 
 
-def answer(document: Document, *words: str | Table) -> int:
-    """Say what was asked for, as a document or in words, and return its status."""
-    if manner.as_json:
+def answer(document: Document, *text: str | Table) -> int:
+    """Print the answer to a question, as a document or as text, and return its status."""
+    if output_mode.as_json:
         write(document.to_json())
         return document.status
-    for each in words:
-        say(each) if isinstance(each, str) else out.print(each)
+    for each in text:
+        say(each) if isinstance(each, str) else _print_table(each)
     return document.status
 
 
-def tell(document: Document, *words: str | Table) -> int:
-    """The same of what a command has done, where the status may be all that is wanted."""
-    return answer(document, *(() if manner.quiet else words))
+def tell(document: Document, *text: str | Table) -> int:
+    """Print the outcome of an action as `answer` does, with --quiet no text, and return its status.
+
+    The status alone then tells the outcome.
+    """
+    return answer(document, *(() if output_mode.quiet else text))
+
+
+def _print_table(table: Table) -> None:
+    """Print a table, folded to the width of a terminal, and with full lines elsewhere."""
+    console = out if out.is_terminal else Console(file=out.file, width=_UNFOLDED)
+    console.print(table)
 
 
 class Work:
-    """What is under way, in a line of the terminal; called as `progress=`."""
+    """Line of the terminal that names the current step; passed on as `progress=`."""
 
-    def __init__(self, words: str, status: Status) -> None:
-        self._part, self._status = words, status
+    def __init__(self, step: str, status: Status) -> None:
+        self._step, self._status = step, status
 
-    def __call__(self, words: str) -> None:
-        """From now on this is done."""
-        self._part = words
-        self._status.update(Text(words))
+    def __call__(self, step: str) -> None:
+        """Show that this step has begun."""
+        self._step = step
+        self._status.update(Text(step))
 
-    def detail(self, words: str) -> None:
-        """This is done within what is done."""
-        self._status.update(Text(f"{self._part}: {words}"))
+    def detail(self, part: str) -> None:
+        """Show this part of the current step."""
+        self._status.update(Text(f"{self._step}: {part}"))
 
 
 @contextmanager
-def working(words: str) -> Iterator[Work]:
-    """Show on standard error, if it is a terminal, what is under way in the block."""
-    with err.status(Text(words)) as status:
-        yield Work(words, status)
+def working(step: str) -> Iterator[Work]:
+    """Show the current step of the block on standard error if that is a terminal."""
+    with err.status(Text(step)) as status:
+        yield Work(step, status)
 
 
 @contextmanager
 def stopping_early() -> Iterator[None]:
-    """Let Ctrl-C end the planning in the block with the best there is; a second one ends it all."""
+    """Let Ctrl-C stop the planning in the block with the best plan so far.
+
+    A second Ctrl-C ends the command.
+    """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
         yield
@@ -119,15 +137,15 @@ def stopping_early() -> Iterator[None]:
 
 
 def bar(*columns: ProgressColumn) -> Progress:
-    """A bar on standard error, if it is a terminal and progress is wanted."""
-    hidden = manner.quiet or not err.is_terminal
+    """Return a progress bar on standard error, hidden without a terminal and with --quiet."""
+    hidden = output_mode.quiet or not err.is_terminal
     return Progress(*columns, console=err, transient=True, disable=hidden)
 
 
 def on_interrupt() -> Callable[[], None]:
-    """From now on Ctrl-C, or a request to end, ends nothing but the wait that is returned.
+    """Make SIGINT (Ctrl-C) and SIGTERM end only the wait that is returned, from now on.
 
-    Also where a shell in the background has them ignored.
+    This holds also in background jobs, for which shells have these signals ignored.
     """
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

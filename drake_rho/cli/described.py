@@ -1,4 +1,4 @@
-"""What the commands find as the documents that tell it."""
+"""Conversion of results into the documents that the commands print with `--json`."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from drake_rho.cli.documents import (
     CertifiedRow,
     CheckRow,
     ClaimRow,
+    DiagnosisPart,
     ExampleRow,
     Exported,
-    Judged,
     Reproduced,
     SightingRow,
-    Why,
+    Verified,
     WindowRow,
 )
 from drake_rho.cli.summary import errors_of
@@ -34,19 +34,27 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.verification.report import Check, Report
 
 
-def judged(
+def verified(
     flown: Flown,
     report: Report,
     *,
     wind: str | None = None,
     file: str | None = None,
     figures: Iterable[object] = (),
-) -> Judged:
-    """Something planned or flown, and the report on it."""
+) -> Verified:
+    """Return the document of a plan, flight or simulation and of its report.
+
+    Args:
+        flown: the plan, flight or simulation.
+        report: the report of `verify` on it.
+        wind: description of the wind; None if it is not known.
+        file: path of the saved result; None if it was not saved.
+        figures: paths of the figures.
+    """
     flight = flown.flight if isinstance(flown, Simulation) else flown
     windows = flight.windows if isinstance(flight, Flight) else ()
-    took = flight.statistics
-    return Judged(
+    statistics = flight.statistics
+    return Verified(
         status=0 if report.ok else 1,
         kind=_kind(flown),
         scenario=flown.scenario.name,
@@ -55,13 +63,13 @@ def judged(
         step_s=flown.scenario.grid.step,
         ok=report.ok,
         cost=flight.cost,
-        seconds=took.seconds,
-        programs=took.programs,
-        linearisations=took.linearisations,
-        converged=took.converged,
-        cut=took.cut,
-        last_fall=took.last_fall,
-        solver=took.solver,
+        seconds=statistics.seconds,
+        programs=statistics.programs,
+        linearisations=statistics.linearisations,
+        converged=statistics.converged,
+        cut=statistics.cut,
+        last_fall=statistics.last_fall,
+        solver=statistics.solver,
         clearance_m=_least(report, "obstacle "),
         separation_m=_least(report, "separation"),
         windows=len(windows) if isinstance(flight, Flight) else None,
@@ -89,9 +97,9 @@ def judged(
     )
 
 
-def why(diagnosis: Diagnosis) -> Why:
-    """A diagnosis."""
-    return Why(
+def diagnosis_part(diagnosis: Diagnosis) -> DiagnosisPart:
+    """Return the part of a document that describes a diagnosis."""
+    return DiagnosisPart(
         scenario=diagnosis.scenario.name,
         feasible=diagnosis.feasible,
         conflicts={name: list(names) for name, names in diagnosis.conflicts.items()},
@@ -107,7 +115,7 @@ def why(diagnosis: Diagnosis) -> Why:
 
 
 def certified(certificate: Certificate) -> Certified:
-    """A certificate."""
+    """Return the document of a certificate."""
     return Certified(
         scenario=certificate.scenario.name,
         cost=certificate.cost,
@@ -134,7 +142,14 @@ def certified(certificate: Certificate) -> Certified:
 def assigned(
     scenario: Scenario, given: Sequence[int], efforts: tuple[float, float], file: str | None
 ) -> Assigned:
-    """A scenario, the numbers of the goals that are given, and efforts before and after."""
+    """Return the document of an assignment of goals.
+
+    Args:
+        scenario: the scenario with the original goals.
+        given: for each vehicle, the index of the vehicle whose goal it is given.
+        efforts: least costs before and after the exchange [m²/s⁴].
+        file: path of the saved scenario; None if it was not saved.
+    """
     goals = [scenario.vehicles[index] for index in given]
     before, after = efforts
     return Assigned(
@@ -152,7 +167,7 @@ def assigned(
 
 
 def exported(written: Written) -> Exported:
-    """What an export has written."""
+    """Return the document of an export."""
     return Exported(
         path=str(written.path),
         files=[str(each) for each in written.files],
@@ -163,7 +178,7 @@ def exported(written: Written) -> Exported:
 
 
 def reproduced(study: Study, figures: Iterable[object]) -> Reproduced:
-    """The paper's study, and its figures."""
+    """Return the document of the paper's study and its figures."""
     return Reproduced(
         status=0 if all(each.report.ok for each in study.examples) else 1,
         examples=[_example(each, study) for each in study.examples],
@@ -211,10 +226,10 @@ def _kind(flown: Flown) -> Literal["plan", "flight", "simulation"]:
 
 
 def _least(report: Report, constraint: str) -> float | None:
-    """The least value of the checks of a constraint that are asked for."""
-    found = (
+    """Return the least value of the required checks whose constraint's name begins so."""
+    values = (
         each.value
         for each in report.checks
         if each.asked and each.constraint.startswith(constraint)
     )
-    return min(found, default=None)
+    return min(values, default=None)

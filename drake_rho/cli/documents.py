@@ -1,8 +1,8 @@
-"""What commands print with `--json`: one of these documents; the fields' names are its keys.
+"""Documents that the commands print with `--json`; the names of the fields are the keys.
 
-Names end in a unit where the unit is not that of the field `unit` beside them: `_s` seconds, `_m`
-metres, `_mps2` metres a second squared. Costs are in m²/s⁴, `seconds` is wall time. What is not
-known, or is no finite number, is null.
+A name ends in its unit unless a field `unit` stands beside it: `_s` for seconds, `_m` for metres,
+`_mps2` for metres per second squared. Costs are in m²/s⁴, `seconds` is wall time. Values that are
+unknown or not finite are null.
 """
 
 from __future__ import annotations
@@ -17,297 +17,296 @@ T = TypeVar("T")
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 def record(cls: type[T]) -> type[T]:
-    """A document, or a part of one."""
+    """Make the class a frozen dataclass: a document, or a part of one."""
     return dataclasses.dataclass(frozen=True, kw_only=True)(cls)
 
 
 @record
 class Document:
-    """What all of them have."""
+    """Base of all documents."""
 
     status: int = 0
     """exit status of the command"""
 
     def to_json(self) -> str:
-        """The document as text; numbers that are not finite are null."""
+        """Return the document as JSON text; numbers that are not finite become null."""
         return TypeAdapter(type(self)).dump_json(self, indent=2).decode()
 
 
 @record
 class CheckRow:
-    """How one vehicle keeps one constraint, at the instant where it does so worst."""
+    """Check of one constraint for one vehicle at its worst instant."""
 
     vehicle: str
-    """name"""
+    """name of the vehicle"""
     constraint: str
-    """name, and which part of it"""
+    """name of the constraint, with the axis and side if it has several parts"""
     time_s: float | None
-    """when, on the scenario's clock"""
+    """time of the worst instant on the scenario's clock"""
     value: float | None
-    """what is flown, in `unit`"""
+    """value of the bounded quantity, in `unit`"""
     limit: float | None
-    """what is allowed, in `unit`, less what errors take"""
+    """allowed value, in `unit`, tightened by `errors`"""
     excess: float | None
-    """by how much the value is beyond the limit, in `unit`; negative on the right side of it"""
+    """violation, in `unit`: how far the value is beyond the limit; negative inside the limit"""
     errors: float | None
-    """how much of the limit errors take, in `unit`"""
+    """part of the limit reserved for disturbance errors, in `unit`"""
     unit: str
     """SI unit of these numbers"""
     holds: bool
-    """whether the constraint is met, but for rounding"""
+    """true if the constraint is met to within rounding"""
     asked: bool
-    """whether the scenario asks for it; what it does not ask for is not judged"""
+    """true if the scenario requires the constraint; others do not count for `ok`"""
 
 
 @record
 class WindowRow:
-    """A window of a receding horizon that had no plan of its own."""
+    """Window of a receding horizon that has no plan of its own."""
 
     first_knot: int
-    """where it begins, counted from 1"""
+    """knot at which the window begins, counted from 1"""
     kept: bool
-    """whether the rest of the previous plan was flown on; else what breaks least was"""
+    """true if the rest of the previous plan was flown, false if a least-violation motion was"""
     reason: str
-    """why it had none"""
+    """reason why the window has no plan of its own"""
 
 
 @record
 class SightingRow:
-    """An obstacle that became known under way."""
+    """Obstacle that became known during the flight."""
 
     obstacle: str
-    """what it is called"""
+    """name of the obstacle"""
     time_s: float
-    """when, on the scenario's clock"""
+    """time at which planning learned of it, on the scenario's clock"""
     avoided: bool
-    """whether it was"""
+    """true if the obstacle was avoided"""
     planned_for: bool
-    """whether a window began after it became known"""
+    """true if a window began after it became known"""
 
 
 @record
 class ErrorRow:
-    """How far a vehicle was off its plan in a simulation, and how close to anything."""
+    """Tracking error and least distances of one vehicle in a simulation."""
 
     vehicle: str
-    """name"""
+    """name of the vehicle"""
     error_m: float
-    """greatest error of its position"""
+    """largest position error with respect to the plan in force"""
     of_radius: float | None
-    """the greatest part of its tube's radius that an error was; null without a tube"""
+    """largest ratio of the position error to the radius of the tube; null without a tube"""
     to_obstacles_m: float | None
-    """least distance from an obstacle, less its radius; null where none was known"""
+    """least distance from an obstacle, less the vehicle's radius; null if none was known"""
     to_others_m: float | None
-    """least distance from another vehicle, less the separation; null without one"""
+    """least distance from another vehicle, less the separation; null without a separation"""
 
 
 @record
-class Judged(Document):
-    """Of plan, fly, simulate and verify: what was planned or flown, and whether it holds."""
+class Verified(Document):
+    """Document of plan, fly, simulate and verify: the result and its verification."""
 
     kind: Literal["plan", "flight", "simulation"]
-    """what was judged"""
+    """kind of the result"""
     scenario: str
-    """name"""
+    """name of the scenario"""
     vehicles: int
-    """how many"""
+    """number of vehicles"""
     knots: int
-    """how many"""
+    """number of knots"""
     step_s: float
-    """from one knot to the next"""
+    """time from one knot to the next"""
     ok: bool
-    """whether every constraint holds"""
+    """true if every required constraint holds"""
     cost: float
-    """performance index of what was planned, the sum of squared accelerations"""
+    """performance index of the plan, the sum of squared accelerations"""
     seconds: float
-    """that planning took"""
+    """wall time of planning"""
     programs: int
-    """quadratic programs solved"""
+    """number of quadratic programs solved"""
     linearisations: int
-    """references around which obstacles and pairs were linearised"""
+    """number of references around which obstacles and pairs were linearised"""
     converged: bool
-    """whether each iteration stopped because the cost had settled"""
+    """true if every iteration stopped because the cost had converged"""
     cut: bool
-    """whether time was up before that, by --time-limit or by Ctrl-C"""
+    """true if --time-limit or Ctrl-C stopped planning before it had converged"""
     last_fall: float | None
-    """by what part of itself the cost fell in the last linearisation; null where nothing was
-    iterated"""
+    """relative decrease of the cost in the last linearisation; null without iterations"""
     solver: str
-    """of the last program; empty if none was needed"""
+    """solver of the last program; empty if no program was needed"""
     clearance_m: float | None
     """least distance from the surface of an obstacle; null without obstacles"""
     separation_m: float | None
-    """least distance between two vehicles, as the separation measures it; null without one"""
+    """least distance between two vehicles in the norm of the separation; null without one"""
     windows: int | None
-    """of the receding horizon; null for a plan"""
+    """number of windows of the receding horizon; null for a plan"""
     windows_without_plan: list[WindowRow]
-    """those without a plan of their own"""
+    """windows without a plan of their own"""
     sightings: list[SightingRow]
-    """obstacles that became known under way"""
+    """obstacles that became known during the flight"""
     errors: list[ErrorRow]
-    """of a simulation, how far each vehicle was off its plan"""
+    """tracking error of each vehicle; empty unless `kind` is simulation"""
     wind: str | None
-    """what was flown in, in words; null where that is not known"""
+    """description of the wind; null if it is not known"""
     notes: list[str]
-    """what else is to be known of the judgement"""
+    """remarks of the verification"""
     violations: list[CheckRow]
-    """what does not hold, the worst first"""
+    """checks that fail, the worst first"""
     tightest: list[CheckRow]
-    """of each constraint the vehicle that is closest to breaking it, or breaks it most"""
+    """for each constraint, the check of the vehicle that is closest to its limit or beyond"""
     file: str | None
-    """where it was kept"""
+    """path of the saved result; null if it was not saved"""
     figures: list[str]
-    """paths of the figures that were drawn"""
+    """paths of the figures"""
 
 
 @record
-class Why:
-    """Why a scenario has no plan, and what would mend it."""
+class DiagnosisPart:
+    """Part of a document: why a scenario has no plan, and which changes make it feasible."""
 
     scenario: str
-    """name"""
+    """name of the scenario"""
     feasible: bool
-    """whether there is a plan after all"""
+    """true if a plan was found"""
     conflicts: dict[str, list[str]]
     """for each vehicle without a plan, constraints that cannot be met together"""
     premise: str
-    """what that is proved for, if not for the scenario itself: margins, or linearised obstacles"""
+    """premise of this proof beside the scenario: margins or linearised obstacles; or empty"""
     violations: list[CheckRow]
-    """what the motion breaks that breaks the constraints least in total, the worst first"""
+    """violations of the motion with the least total violation, the worst first"""
     shortest_duration_s: float | None
     """least duration for which a plan was found, all else unchanged"""
     longest_duration_s: float | None
-    """where a plan was found for a shorter duration only, the greatest such duration"""
+    """largest duration for which a plan was found, if only shorter durations have one"""
     is_monotone: bool
-    """whether none shorter has a plan; else some may have been passed over"""
+    """true if no shorter duration has a plan; false if some may have been missed"""
     acceleration_factor: float | None
-    """least factor on the limits of acceleration for which a plan was found"""
+    """least factor on the acceleration limits for which a plan was found"""
     bearable_wind_mps2: float | None
-    """where the disturbance is why there is none, the largest wind for which a plan was found"""
+    """largest wind for which a plan was found, if the disturbance is why there is no plan"""
     cut: bool
-    """whether time was up before everything was tried: less may be enough"""
+    """true if time ended before everything was tried; smaller changes may be enough then"""
 
 
 @record
 class Failed(Document):
-    """Of any command that could not do what it was asked."""
+    """Document of any command that fails."""
 
     error: str
-    """what went wrong, in a line"""
-    diagnosis: Why | None = None
-    """with status 3, why there is no plan and what would mend it, as far as that was found"""
+    """error message, one line"""
+    diagnosis: DiagnosisPart | None = None
+    """with status 3, why there is no plan and which changes help, as far as that was found"""
 
 
 @record
 class Diagnosed(Document):
-    """Of diagnose."""
+    """Document of diagnose."""
 
-    diagnosis: Why
-    """what was found"""
+    diagnosis: DiagnosisPart
+    """why there is no plan and which changes help"""
 
 
 @record
 class CertifiedRow:
-    """What is known of the part of a plan that one vehicle has, or several that pairs couple."""
+    """Certificate of one vehicle, or of a group of vehicles coupled by separations."""
 
     vehicle: str
-    """name; of several, that of the first and how many more"""
+    """name of the vehicle; for a group, of its first one and the number of others"""
     cost: float
-    """its part of the cost"""
+    """cost of the vehicle or group"""
     lower_bound: float
-    """no plan of it can cost less"""
+    """lower bound of the cost of every plan of the vehicle or group"""
     gap: float
-    """(cost - lower bound) / cost"""
+    """relative gap, (cost - lower bound) / cost"""
     least_eigenvalue: float
-    """of the Lagrangian's Hessian; above 0, the bound meets the converged plan's cost"""
+    """least eigenvalue of the Lagrangian's Hessian; if > 0, the bound is tight at convergence"""
 
 
 @record
 class Certified(Document):
-    """Of certify."""
+    """Document of certify."""
 
     scenario: str
-    """name"""
+    """name of the scenario"""
     cost: float
-    """of the plan"""
+    """cost of the plan"""
     lower_bound: float
-    """no plan can cost less"""
+    """lower bound of the cost of every plan"""
     gap: float
-    """(cost - lower bound) / cost; negative for a plan that breaks its constraints to save"""
+    """relative gap, (cost - lower bound) / cost; negative if violations make the plan cheaper"""
     planned_gap: float
-    """the same with the bound of plans that keep planners' margins for a disturbance"""
+    """relative gap to the bound for plans that keep the planners' margins for a disturbance"""
     is_globally_optimal: bool
-    """whether the plan holds and its gap is no more than a millionth"""
+    """true if the plan holds and its gap is at most a millionth"""
     holds: bool
-    """whether the plan meets its constraints"""
+    """true if the plan meets its constraints"""
     left_out: list[str]
-    """obstacles that the plan leans on and the bound does not count"""
+    """obstacles that constrain the plan and that the bound does not count"""
     cut: bool
-    """whether time was up before the bound was as good as it can be made"""
+    """true if time ended before the bound was as good as it can be made"""
     vehicles: list[CertifiedRow]
-    """for each vehicle or, where pairs couple them, for all"""
+    """certificate of each vehicle, or of each group of vehicles coupled by separations"""
 
 
 @record
 class AssignedRow:
-    """Where a vehicle goes."""
+    """Goal assigned to a vehicle."""
 
     vehicle: str
-    """name"""
+    """name of the vehicle"""
     goal_of: str
-    """name of the vehicle whose goal it was"""
+    """name of the vehicle that had this goal before"""
     goal_m: list[float]
-    """position, x, y and z"""
+    """position of the goal: x, y and z"""
 
 
 @record
 class Assigned(Document):
-    """Of assign."""
+    """Document of assign."""
 
     scenario: str
-    """name"""
+    """name of the scenario"""
     effort: float
-    """least cost with the goals exchanged, with no other constraint"""
+    """least cost with the goals exchanged, without other constraints"""
     effort_before: float
-    """the same with the goals as they were"""
+    """least cost with the original goals, without other constraints"""
     vehicles: list[AssignedRow]
-    """where each goes"""
+    """goal of each vehicle"""
     file: str | None
-    """where the scenario was kept"""
+    """path of the saved scenario; null if it was not saved"""
 
 
 @record
 class Ran(Document):
-    """Of campaign."""
+    """Document of campaign."""
 
     store: str
-    """file of the runs"""
+    """path of the store"""
     runs: int
-    """runs in it"""
+    """number of runs in the store"""
     failed: int
-    """runs among them without a plan that holds"""
+    """number of runs without a plan that holds"""
     seconds: float
-    """that this call took"""
+    """wall time of this call"""
 
 
 @record
 class Summary(Document):
-    """Of results; the lists are those of `rho.Results.to_json`, docs/campaigns.md."""
+    """Document of results; docs/campaigns.md describes its lists, from `rho.Results.to_json`."""
 
     study: str
-    """name"""
+    """name of the study"""
     runs: int
-    """in the store"""
+    """number of runs in the store"""
     groups: list[dict[str, Any]]
-    """each method on each source of scenarios: success, costs, times"""
+    """success, costs and times of each method on each source of scenarios"""
     failures: list[dict[str, Any]]
     """runs without a plan that holds, by method and status"""
     comparisons: list[dict[str, Any]]
-    """methods compared on the runs that both have done"""
+    """pairs of methods, compared on the runs that both have done"""
     export: str | None
-    """file to which all rows were written"""
+    """path of the file with all rows; null if none was written"""
     figures: list[str]
-    """paths of the figures that were drawn"""
+    """paths of the figures"""
 
 
 @record
@@ -315,92 +314,92 @@ class ExampleRow:
     """One of the paper's four examples."""
 
     number: int
-    """1 to 4"""
+    """number of the example, 1 to 4"""
     method: str
-    """convex or RHO"""
+    """method: convex or RHO"""
     obstacle: str
-    """ignored or avoided"""
+    """treatment of the obstacle: ignored or avoided"""
     ok: bool
-    """whether all constraints hold"""
+    """true if all required constraints hold"""
     cost: float
-    """performance index"""
+    """performance index f"""
     lower_bound: float
-    """no plan of the example can cost less"""
+    """lower bound of the cost of every plan of the example"""
     seconds: float
-    """median time of planning"""
+    """median wall time of planning"""
     programs: int
-    """quadratic programs solved"""
+    """number of quadratic programs solved"""
     clearance_m: float
-    """least distance from the obstacle's surface at any instant, negative inside"""
+    """least distance from the obstacle's surface at any instant; negative inside"""
 
 
 @record
 class ClaimRow:
-    """Something the paper says it found."""
+    """Claim of the paper, checked against the reproduced examples."""
 
     number: int
-    """as in docs/paper.md"""
+    """number of the claim in docs/paper.md"""
     claim: str
-    """what it says"""
+    """text of the claim"""
     evidence: str
-    """the numbers that decide"""
+    """numbers that decide whether the claim is found"""
     found: bool
-    """whether it is so here"""
+    """true if the reproduced examples confirm the claim"""
 
 
 @record
 class Reproduced(Document):
-    """Of reproduce."""
+    """Document of reproduce."""
 
     examples: list[ExampleRow]
     """Examples 1 to 4"""
     claims: list[ClaimRow]
-    """the paper's six"""
+    """the six claims of the paper"""
     figures: list[str]
-    """paths of the figures that were drawn"""
+    """paths of the figures"""
 
 
 @record
 class Shown(Document):
-    """Of show."""
+    """Document of show."""
 
     page: str | None = None
-    """file that was written"""
+    """path of the page; null if none was written"""
     film: str | None = None
-    """film that was written"""
+    """path of the film; null if none was written"""
     url: str | None = None
-    """where the page is served until the command is interrupted"""
+    """address at which the page is served until the command is interrupted"""
 
 
 @record
 class Content(Document):
-    """Of campaign --example."""
+    """Document of campaign --example."""
 
     content: str
-    """a file of the kind that was asked for"""
+    """text of an example study"""
 
 
 @record
 class Exported(Document):
-    """Of export."""
+    """Document of export."""
 
     path: str
-    """file or folder that was asked for"""
+    """requested file or folder"""
     files: list[str]
-    """all that was written"""
+    """paths of all files that were written"""
     content: str
-    """what is in them, in words"""
+    """description of the content of the files"""
     deviations_m: dict[str, float]
-    """by vehicle, how far what is written may be from the motion at most"""
+    """for each vehicle, bound of the distance between the exported and the planned motion"""
     keeps_clear: bool | None
-    """whether vehicles keep clear with these deviations; null where there are none"""
+    """true if vehicles keep clear within these deviations; null if the export is exact"""
 
 
 @record
 class Listed(Document):
-    """Of drake-rho alone, and of --version."""
+    """Document of drake-rho without a command, and of --version."""
 
     version: str
-    """of drake_rho"""
+    """version of drake_rho"""
     commands: dict[str, str]
-    """what there is to type, and what it does"""
+    """names of the commands, with a description of each"""

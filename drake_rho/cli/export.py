@@ -1,4 +1,4 @@
-"""The command `export`: a kept plan in the format of another program."""
+"""The command `export`: a saved plan in the format of another program."""
 
 from __future__ import annotations
 
@@ -9,45 +9,51 @@ import typer
 
 from drake_rho.cli import described
 from drake_rho.cli.console import tell, working
+from drake_rho.cli.sources import load_result
 from drake_rho.exports.export import FORMATS, check_export
 from drake_rho.exports.export import export as exported
-from drake_rho.motion.files import load
 
 
 def export(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="A file kept by 'plan', 'fly' or 'simulate', or exported as json."
+            metavar="FILE",
+            help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
         ),
     ],
     format: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--format",
             metavar="|".join(FORMATS),
-            help="Tables of states, JSON that can be read again, polynomials for Crazyswarm2, "
-            "Skybrush's CSV, or setpoints for PX4's offboard mode.",
+            help="Required. csv: a table of states; json: a plan that drake-rho can read again; "
+            "crazyswarm: polynomials for Crazyswarm2; skybrush: CSV files for Skybrush; px4: "
+            "setpoints for PX4's offboard mode.",
         ),
-    ],
+    ] = None,
     output: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--output",
             "-o",
             metavar="PATH",
-            help="A file (.csv, .json; .zip for skybrush) or, for crazyswarm and skybrush, a "
-            "folder.",
+            help="Required. Output: a .csv file for csv and px4, a .json file for json, a .zip "
+            "file for skybrush, or a folder for crazyswarm and skybrush.",
         ),
-    ],
+    ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(help="Samples a second; 20 if not given, and of json the knots alone."),
+        typer.Option(help="Samples per second; by default 20, and for json the knots only."),
     ] = None,
 ) -> int:
     """Write a plan, flight or simulation in another program's format."""
+    if format is None:
+        raise ValueError(f"export: got no --format, expected one of {', '.join(FORMATS)}")
+    if output is None:
+        raise ValueError("export: got no --output, expected --output PATH, a file or a folder")
     check_export(output, format, rate)
-    flown = load(file)
+    flown = load_result(file)
     with working("exporting"):
         written = exported(flown, output, format=format, rate=rate)
     return tell(described.exported(written), str(written))

@@ -1,4 +1,4 @@
-"""The words of the command line: names of choices, and what a scenario argument can be."""
+"""Arguments and options that several commands share."""
 
 from __future__ import annotations
 
@@ -13,13 +13,11 @@ from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.progress import Progress
-from drake_rho.scenario.files import library, load_scenario
-from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
-from drake_rho.scenario.records import Grid, Scenario
+from drake_rho.scenario.files import library
 
 
 class Method(StrEnum):
-    """Planners by their names on the command line."""
+    """Planners, by their names on the command line."""
 
     AUTO = "auto"
     CONVEX = "convex"
@@ -27,7 +25,7 @@ class Method(StrEnum):
 
 
 class Solver(StrEnum):
-    """Solvers by their names on the command line."""
+    """Solvers, by their names on the command line."""
 
     CLARABEL = "clarabel"
     OSQP = "osqp"
@@ -35,14 +33,14 @@ class Solver(StrEnum):
 
 
 class Reference(StrEnum):
-    """References of a window by their names on the command line."""
+    """References of a window, by their names on the command line."""
 
     FREE = "free"
     TAIL = "tail"
 
 
 class FigureFormat(StrEnum):
-    """Formats of figures by their endings."""
+    """Formats of figures, by their file endings."""
 
     PNG = "png"
     PDF = "pdf"
@@ -52,9 +50,9 @@ class FigureFormat(StrEnum):
 REFERENCES = {Reference.FREE: free_reference, Reference.TAIL: tail_reference}
 
 
-def _completed(begun: str) -> list[str]:
-    """Scenarios whose names begin so: those of the library; shells complete files themselves."""
-    return [name for name in library() if name.startswith(begun)]
+def _completed(beginning: str) -> list[str]:
+    """List library scenarios whose names begin so; shells complete file names themselves."""
+    return [name for name in library() if name.startswith(beginning)]
 
 
 ScenarioArgument = Annotated[
@@ -67,64 +65,63 @@ ScenarioArgument = Annotated[
     ),
 ]
 DurationOption = Annotated[
-    float | None, typer.Option(help="Duration of the flight of a mission, in seconds.")
+    float | None, typer.Option(help="Duration of a mission's flight, in seconds.")
 ]
-StepOption = Annotated[
-    float | None, typer.Option(help="Step of the flight of a mission, in seconds.")
-]
+StepOption = Annotated[float | None, typer.Option(help="Step of a mission's grid, in seconds.")]
 WorldOption = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Boxes that are in the way of a mission: a CSV without header, one box a row, its "
-        "middle x, y, z and its sides x, y, z in metres.",
+        help="Boxes that a mission has to avoid: a CSV file without header, one box per row, its "
+        "centre x, y, z and its side lengths x, y, z in metres.",
     ),
 ]
 OutputOption = Annotated[
     str | None,
-    typer.Option("--output", "-o", metavar="FILE", help="Keep the result in this file (.npz)."),
+    typer.Option("--output", "-o", metavar="FILE", help="Save the result to this file (.npz)."),
 ]
 FiguresOption = Annotated[
     str | None,
     typer.Option(
-        metavar="FOLDER", help="Folder for figures of the result, made if it is not there."
+        metavar="FOLDER", help="Folder for figures of the result, created if it does not exist."
     ),
 ]
 FormatOption = Annotated[
-    FigureFormat | None, typer.Option("--format", help="Of the figures; png if not given.")
+    FigureFormat | None, typer.Option("--format", help="Format of the figures; png by default.")
 ]
 WidthOption = Annotated[
     float | None,
     typer.Option(
         "--width",
         metavar="INCHES",
-        help="Of the figures, 3 to 20: 3.5 fits one column of a journal of the IEEE; if not given, "
-        "7.16, both.",
+        help="Width of the figures, 3 to 20 inches; by default 7.16, the width of two columns of "
+        "an IEEE journal. One column is 3.5.",
     ),
 ]
-ReplanEveryOption = Annotated[int, typer.Option(help="Steps flown of each window.")]
+ReplanEveryOption = Annotated[
+    int, typer.Option(help="Steps that are flown of each window before the next is planned.")
+]
 MethodOption = Annotated[
     Method,
     typer.Option(
-        help="One linearisation of the obstacles (convex, the paper's), or iterated to convergence "
-        "with ways round the obstacles where the first has no solution (scp), or what the Python "
-        "functions do by themselves (auto): scp, and in a flight convex and, for windows in which "
-        "that has no solution, scp."
+        help="convex: one linearisation of the obstacles, as in the paper. scp: linearisations "
+        "iterated to convergence, from paths around the obstacles if the first has no solution. "
+        "auto: scp for a plan; for the windows of a flight convex, and scp if that has no solution."
     ),
 ]
 TimeLimitOption = Annotated[
     float | None,
     typer.Option(
         metavar="SECONDS",
-        help="After this time the best plan or bound so far is the result; without one, the error "
-        "says what was being done. Ctrl-C does the same at once.",
+        help="Time limit. The result is the best plan or bound found by then; if there is none, "
+        "the error names the step that was running. Ctrl-C does the same at once.",
     ),
 ]
 MaxMemoryOption = Annotated[
     float,
     typer.Option(
         metavar="BYTES",
-        help="Memory that the search for ways round the obstacles may take, at least 1e7 (10 MB).",
+        help="Memory limit of the search for paths around obstacles, at least 1e7 (10 MB).",
     ),
 ]
 SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic programs.")]
@@ -133,48 +130,8 @@ SolverOption = Annotated[Solver, typer.Option(help="Solver of the quadratic prog
 def planners(
     method: Method, progress: Progress, options: Options = DEFAULTS
 ) -> tuple[Planner, Planner | None]:
-    """What plans a window, and what does where that has no solution."""
+    """Return the planner of a window, and the fallback for windows in which it has no solution."""
     iterated = partial(best_plan, progress=progress, options=options)
     if method is Method.AUTO:
         return plan_convex, iterated
     return (plan_convex, None) if method is Method.CONVEX else (iterated, None)
-
-
-def read(
-    source: str, duration: float | None, step: float | None, world: str | None = None
-) -> Scenario:
-    """The scenario of a name or file; a mission's has the grid and the world that are asked for.
-
-    Raises:
-        ScenarioError: there is no such scenario, or it is not a valid one, or the step does not
-            divide the duration.
-        ValueError: an option is missing for a mission, or given for what is none.
-    """
-    if not is_lsc_mission(source):
-        scenario = load_scenario(source)
-        refuse_options(source, duration, step, world)
-        return scenario
-    if duration is None or step is None:
-        missing = "--step" if duration is not None else "--duration"
-        expected = "--duration and --step: a mission has no grid of its own"
-        raise ValueError(f"{source}: got no {missing}, expected {expected}")
-    return load_lsc_mission(source, grid=Grid.lasting(duration, step=step), world=world)
-
-
-def refuse_options(
-    source: str, duration: float | None, step: float | None, world: str | None
-) -> None:
-    """See that no option of missions is given for what has its own grid and obstacles.
-
-    Raises:
-        ValueError: one is.
-    """
-    for option, value, own in (
-        ("--duration", duration, "a grid"),
-        ("--step", step, "a grid"),
-        ("--world", world, "obstacles"),
-    ):
-        if value is not None:
-            given = f"{value:g}" if isinstance(value, float) else repr(value)
-            expected = f"a mission (.json) with it: {source} has {own} of its own"
-            raise ValueError(f"{option}: got {given}, expected {expected}")

@@ -1,4 +1,4 @@
-"""The commands that plan: `plan`, `fly` and `assign`."""
+"""The commands `plan`, `fly` and `assign`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from drake_rho.cli import described
-from drake_rho.cli.checks import asked_drawing, check_kept, check_writable
+from drake_rho.cli.checks import check_outputs, check_writable, requested_drawing
 from drake_rho.cli.console import Work, answer, stopping_early, tell, working
 from drake_rho.cli.documents import Assigned
 from drake_rho.cli.options import (
@@ -32,9 +32,9 @@ from drake_rho.cli.options import (
     WidthOption,
     WorldOption,
     planners,
-    read,
 )
 from drake_rho.cli.reports import finish
+from drake_rho.cli.sources import read
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.horizon.receding_horizon import plan_rho
@@ -61,8 +61,9 @@ def plan(
     step: Annotated[
         list[float] | None,
         typer.Option(
-            help="First the step of a mission, in seconds; then, and with a scenario, a further "
-            "one for convex to try if there is no plan; repeatable."
+            help="Step in seconds, repeatable. For a mission, the first is the step of its grid. "
+            "The others (for a scenario, all) are further steps, which the convex method tries in "
+            "turn if it has no solution with the step of the grid."
         ),
     ] = None,
     world: WorldOption = None,
@@ -70,17 +71,17 @@ def plan(
     file_format: FormatOption = None,
     width: WidthOption = None,
 ) -> int:
-    """Plan a scenario in one piece, and verify the plan."""
-    drawing = asked_drawing(figures, file_format, width)
-    check_kept(output, drawing)
+    """Plan the whole flight of a scenario at once and verify the plan."""
+    drawing = requested_drawing(figures, file_format, width)
+    check_outputs(output, drawing)
     further = list(step or ())
     own_step = further.pop(0) if further and is_lsc_mission(scenario) else None
     if further and method is Method.SCP:
         raise ValueError(f"--step: got {further[0]:g} with --method scp, expected method convex")
     options = Options(max_memory=max_memory, time_limit=time_limit)
-    asked = read(scenario, duration, own_step, world)
+    problem = read(scenario, duration, own_step, world)
     with working("planning") as work, stopping_early():
-        planned = _plan(asked, method, further, SOLVERS[solver](), options, work)
+        planned = _plan(problem, method, further, SOLVERS[solver](), options, work)
     return finish(planned, output, drawing)
 
 
@@ -92,9 +93,9 @@ def fly(
     reference: Annotated[
         Reference | None,
         typer.Option(
-            help="Linearise each window around its own solution without obstacles (free, the "
-            "paper's) or around the tail of the previous prediction; if not given, free, and tail "
-            "for vehicles that keep apart."
+            help="Reference around which a window is linearised. free: its own solution without "
+            "obstacles, as in the paper. tail: the rest of the previous prediction. By default "
+            "tail for scenarios with a separation, free otherwise."
         ),
     ] = None,
     solver: SolverOption = Solver.CLARABEL,
@@ -107,15 +108,15 @@ def fly(
     file_format: FormatOption = None,
     width: WidthOption = None,
 ) -> int:
-    """Fly a scenario with a receding horizon, and verify the flight."""
-    drawing = asked_drawing(figures, file_format, width)
-    check_kept(output, drawing)
+    """Plan a scenario with a receding horizon and verify the flight."""
+    drawing = requested_drawing(figures, file_format, width)
+    check_outputs(output, drawing)
     options = Options(max_memory=max_memory, time_limit=time_limit)
-    asked = read(scenario, duration, step, world)
+    problem = read(scenario, duration, step, world)
     with working("planning the first window") as work, stopping_early():
         planner, fallback = planners(method, work.detail, options)
         flight = plan_rho(
-            asked,
+            problem,
             replan_every=replan_every,
             planner=planner,
             fallback=fallback,
@@ -131,23 +132,25 @@ def assign(
     scenario: ScenarioArgument,
     output: Annotated[
         str | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Keep the scenario here (.yaml)."),
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Save the scenario to this file (.yaml)."
+        ),
     ] = None,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
 ) -> int:
-    """Exchange goals so that all vehicles together need least effort."""
+    """Exchange goals between vehicles to minimise their total effort."""
     check_writable(output, (".yaml", ".yml"), "--output")
-    asked = read(scenario, duration, step, world)
+    problem = read(scenario, duration, step, world)
     with working("assigning goals"):
-        given, better = assignment(asked), assign_goals(asked)
+        given, better = assignment(problem), assign_goals(problem)
     if output is not None:
         save_scenario(better, output)
-    found = described.assigned(asked, given, (_effort(asked), _effort(better)), output)
+    document = described.assigned(problem, given, (_effort(problem), _effort(better)), output)
     if output is None:
-        return answer(found, *_words(found))
-    return tell(found, *_words(found), f"kept in {output}")
+        return answer(document, *_summary(document))
+    return tell(document, *_summary(document), f"saved to {output}")
 
 
 def _plan(
@@ -158,7 +161,7 @@ def _plan(
     options: Options,
     work: Work,
 ) -> Plan:
-    """The plan of a method; further steps are tried by the convex one first."""
+    """Plan with a method; if there are further steps, the convex method tries them first."""
     if method is Method.CONVEX or further:
         try:
             return plan_convex(scenario, steps=further, solver=solver, options=options)
@@ -169,21 +172,22 @@ def _plan(
 
 
 def _effort(scenario: Scenario) -> float:
-    """The least cost of all motions from the starts to the goals [m²/s⁴]."""
+    """Return the least cost of all motions from the starts to the goals [m²/s⁴]."""
     return float(np.sum(MinimumEffort.of(scenario).motion.accelerations ** 2))
 
 
-def _words(found: Assigned) -> list[str | Table]:
-    """Where everyone goes, as far as that is another goal than before."""
+def _summary(found: Assigned) -> list[str | Table]:
+    """Return the least effort and a table of the vehicles whose goals change."""
+    effort = f"least effort {found.effort:.6g} m²/s⁴"
     moved = [each for each in found.vehicles if each.goal_of != each.vehicle]
-    told = (
-        f"{found.scenario}: {len(moved)} of {len(found.vehicles)} vehicles have another goal; "
-        f"least effort {found.effort:.6g} m²/s⁴ instead of {found.effort_before:.6g}"
-    )
     if not moved:
-        return [f"{found.scenario}: every vehicle keeps its goal: {found.effort:.6g} m²/s⁴"]
-    table = Table("vehicle", "goes to the goal of", "at \\[m]")
+        return [f"{found.scenario}: every vehicle keeps its goal; {effort}"]
+    heading = (
+        f"{found.scenario}: {len(moved)} of {len(found.vehicles)} vehicles have another goal; "
+        f"{effort} instead of {found.effort_before:.6g} m²/s⁴"
+    )
+    table = Table("vehicle", "goal of", "position \\[m]")
     for each in moved:
-        where = "  ".join(f"{value:.4g}" for value in each.goal_m)
-        table.add_row(escape(each.vehicle), escape(each.goal_of), where)
-    return [told, table]
+        position = "  ".join(f"{value:.4g}" for value in each.goal_m)
+        table.add_row(escape(each.vehicle), escape(each.goal_of), position)
+    return [heading, table]

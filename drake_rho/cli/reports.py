@@ -1,4 +1,4 @@
-"""What is said of something planned or flown: whether it holds, and how it came about."""
+"""Reports on plans, flights and simulations: their verification and the work they took."""
 
 from __future__ import annotations
 
@@ -22,67 +22,77 @@ from drake_rho.verification.verify import verify
 def finish(
     flown: Flown, output: str | None, drawing: Drawing | None, wind: str | None = None
 ) -> int:
-    """Keep and draw what was planned, whether or not it holds, and report on it."""
-    if output is not None:  # before anything is said: a closed pipe must not lose the work
+    """Save, draw and verify a result, print the report and return the exit status.
+
+    A result that violates constraints is saved and drawn too. The status is 0 if it holds, else 1.
+
+    Args:
+        flown: the plan, flight or simulation.
+        output: file to save it to, if any.
+        drawing: figures to draw, if any.
+        wind: description of the wind, if any.
+    """
+    if output is not None:  # before anything is printed: a closed pipe must not lose the work
         save(flown, output)
     drawn = []
     if drawing is not None:
-        # matplotlib takes longer to load than the other commands take to run
+        # importing matplotlib takes longer than most commands
         from drake_rho.display.plots.figures import write_figures
 
         with working("drawing"):
             drawn = write_figures(
                 flown, drawing.folder, file_format=drawing.file_format, width=drawing.width
             )
-    kept = [f"kept in {output}"] if output is not None else []
+    written = [f"saved to {output}"] if output is not None else []
     if drawing is not None:
-        kept += [f"{', '.join(path.name for path in drawn)} in {drawing.folder}"]
+        written += [f"{', '.join(path.name for path in drawn)} in {drawing.folder}"]
     with working("verifying"):
-        judged = verify(flown)
-    document = described.judged(flown, judged, wind=wind, file=output, figures=drawn)
+        verified = verify(flown)
+    document = described.verified(flown, verified, wind=wind, file=output, figures=drawn)
     heading = [f"wind: {wind}"] if wind is not None else []
-    return tell(document, *heading, *_words(flown, judged), *kept)
+    return tell(document, *heading, *_text(flown, verified), *written)
 
 
 def report(flown: Flown) -> int:
-    """Judge what was planned and say how it came about; the status is 0 if all of it holds."""
+    """Verify a result, print the report and return the exit status, 0 if it holds, else 1."""
     return finish(flown, None, None)
 
 
-def _words(flown: Flown, judged: Report) -> Iterator[str | Table]:
-    """A report, and what it took."""
-    yield from _report(judged)
+def _text(flown: Flown, verified: Report) -> Iterator[str | Table]:
+    """Yield the report, then the cost and the work of planning, or the errors of a simulation."""
+    yield from _report(verified)
     if isinstance(flown, Simulation):
-        yield from _why(flown.flight)
+        yield from _windows_without_plan(flown.flight)
         yield simulation_table(flown)
         return
-    whole = flown.plan if isinstance(flown, Flight) else flown
-    numbers = whole.statistics
+    plan = flown.plan if isinstance(flown, Flight) else flown
+    numbers = plan.statistics
     yield (
-        f"cost {whole.cost:.6f} m²/s⁴; step {whole.scenario.grid.step:g} s; "
+        f"cost {plan.cost:.6f} m²/s⁴; step {plan.scenario.grid.step:g} s; "
         f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver or 'no solver'}"
     )
     if isinstance(flown, Flight):
-        kept = sum(bool(window.infeasible) for window in flown.windows)
-        yield f"{len(flown.windows)} windows, {kept} of them without a plan of their own"
-        yield from _why(flown)
+        without = sum(bool(window.infeasible) for window in flown.windows)
+        yield f"{len(flown.windows)} windows, {without} of them without a plan of their own"
+        yield from _windows_without_plan(flown)
     if numbers.tolerance is not None and numbers.converged:
-        yield f"converged: the last linearisation saved less than {100 * numbers.tolerance:g} %"
+        decrease = f"less than {100 * numbers.tolerance:g} %"
+        yield f"converged: the last linearisation lowered the cost by {decrease}"
     if numbers.cut:
-        fell = "was not lowered yet"
+        last = "no linearisation had lowered it yet"
         if numbers.last_fall is not None:
-            fell = f"last fell by {100 * numbers.last_fall:.2g} %"
-        yield f"cut: time was up before the cost settled; it {fell}"
+            last = f"the last linearisation lowered it by {100 * numbers.last_fall:.2g} %"
+        yield f"cut: time ended before the cost converged; {last}"
     elif not numbers.converged:
-        yield "not converged: the iteration was stopped before the cost settled"
+        yield "not converged: the iteration stopped before the cost converged"
 
 
-def _report(judged: Report) -> Iterator[str | Table]:
-    """A report as it prints, or folded for a terminal that is narrower than that."""
-    if not out.is_terminal or max(map(len, str(judged).splitlines())) <= out.width:
-        yield str(judged)
+def _report(verified: Report) -> Iterator[str | Table]:
+    """Yield the report as text, or as a table that fits where a terminal is narrower than that."""
+    if not out.is_terminal or max(map(len, str(verified).splitlines())) <= out.width:
+        yield str(verified)
         return
-    printed = judged.printed()
+    printed = verified.printed()
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for name in ("vehicle", "constraint"):
         table.add_column(name)
@@ -92,16 +102,16 @@ def _report(judged: Report) -> Iterator[str | Table]:
     table.add_column("")
     for check in printed.rows:
         numbers = (f"{each:.4g}" for each in (check.time, check.value, check.limit))
-        words = (f"{check.excess:+.1e}", check.unit, verdict(check))
-        table.add_row(escape(check.vehicle), escape(check.what), *numbers, *words)
+        result = (f"{check.excess:+.1e}", check.unit, verdict(check))
+        table.add_row(escape(check.vehicle), escape(check.what), *numbers, *result)
     yield printed.title
     yield table
     yield from printed.below
 
 
-def _why(flight: Flight) -> Iterator[str]:
-    """Why windows had no plan of their own."""
+def _windows_without_plan(flight: Flight) -> Iterator[str]:
+    """Yield a line for each window without a plan of its own: what was flown, and the reason."""
     for window in flight.windows:
         if window.infeasible:
-            flown = "along the previous" if window.kept else "breaking least"
+            flown = "previous plan" if window.kept else "least-violation motion"
             yield f"  from knot {window.first_knot + 1}, {flown}: {window.infeasible}"

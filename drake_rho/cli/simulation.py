@@ -1,4 +1,4 @@
-"""The command `simulate`: a scenario flown in wind, and what came of it."""
+"""The command `simulate`: flight of a scenario in wind."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from drake_rho.cli.checks import asked_drawing, check_kept
+from drake_rho.cli.checks import check_outputs, requested_drawing
 from drake_rho.cli.console import working
 from drake_rho.cli.options import (
     DurationOption,
@@ -23,9 +23,9 @@ from drake_rho.cli.options import (
     WidthOption,
     WorldOption,
     planners,
-    read,
 )
 from drake_rho.cli.reports import finish
+from drake_rho.cli.sources import read
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds
@@ -37,7 +37,7 @@ Direction = tuple[float, float, float]
 
 
 class WindName(StrEnum):
-    """Winds by their names on the command line."""
+    """Winds, by their names on the command line."""
 
     NONE = "none"
     CONSTANT = "constant"
@@ -47,14 +47,14 @@ class WindName(StrEnum):
 
 
 class Plant(StrEnum):
-    """What is flown, by its name on the command line."""
+    """Vehicle models, by their names on the command line."""
 
     POINT = "point"
     QUADROTOR = "quadrotor"
 
 
 DIRECTED = (WindName.CONSTANT, WindName.GUST, WindName.WORST)
-"""Winds that have a direction."""
+"""Winds for which a direction can be given."""
 
 
 def simulate(
@@ -63,24 +63,25 @@ def simulate(
     wind: Annotated[
         WindName,
         typer.Option(
-            help="None; constant; a gust in the middle half of the flight; noise, of its own for "
-            "each vehicle; or the worst there is. Each as strong as the disturbance says."
+            help="none; constant; gust, in the middle half of the flight; noise, independent for "
+            "each vehicle; or worst, the worst case. The disturbance of the scenario gives the "
+            "strength of each."
         ),
     ] = WindName.NONE,
     direction: Annotated[
         Direction | None,
         typer.Option(
             metavar="X Y Z",
-            help="Where a constant wind or a gust blows to, along x if not given, or where the "
-            "worst one drives the vehicles by the end of the first window; if not given, towards "
-            "what the first window's plan comes closest to.",
+            help="Direction in which a constant wind or a gust blows, by default x; or in which "
+            "the worst wind drives the vehicles by the end of the first window, by default towards "
+            "the constraint to which the plan of that window is closest.",
         ),
     ] = None,
     seed: Annotated[
-        int, typer.Option(min=0, help="Of noise, and of the errors of estimated states.")
+        int, typer.Option(min=0, help="Seed of the noise and of the state estimation errors.")
     ] = 1,
     plant: Annotated[
-        Plant, typer.Option(help="What is flown: point masses, or Drake's quadrotors.")
+        Plant, typer.Option(help="Vehicle model: point masses or Drake's quadrotors.")
     ] = Plant.POINT,
     replan_every: ReplanEveryOption = 5,
     method: MethodOption = Method.AUTO,
@@ -91,43 +92,43 @@ def simulate(
     file_format: FormatOption = None,
     width: WidthOption = None,
 ) -> int:
-    """Fly a scenario in wind, and judge the true motion."""
-    # Drake's simulator takes long to load
+    """Simulate a scenario in wind and verify the true motion."""
+    # importing Drake's simulator takes long
     from drake_rho.simulation.simulate import simulate as simulated
 
-    drawing = asked_drawing(figures, file_format, width)
-    check_kept(output, drawing)
-    asked = read(scenario, duration, step, world)
-    check_wind(asked, wind, direction)
-    for_wind, for_errors = np.random.default_rng(seed).spawn(2)
-    with working("looking for the wind") as work:
+    drawing = requested_drawing(figures, file_format, width)
+    check_outputs(output, drawing)
+    problem = read(scenario, duration, step, world)
+    check_wind(problem, wind, direction)
+    wind_rng, error_rng = np.random.default_rng(seed).spawn(2)
+    with working("computing the wind") as work:
         planner, fallback = planners(method, work.detail)
         horizon = RecedingHorizon(
-            asked, replan_every=replan_every, planner=planner, fallback=fallback
+            problem, replan_every=replan_every, planner=planner, fallback=fallback
         )
-        blowing, words = _wind(horizon, wind, direction, for_wind)
+        wind_model, description = _wind(horizon, wind, direction, wind_rng)
         flown = simulated(
-            asked,
+            problem,
             replan_every=replan_every,
             planner=planner,
             fallback=fallback,
-            wind=blowing,
+            wind=wind_model,
             plant="quadrotor" if plant is Plant.QUADROTOR else None,
-            rng=for_errors,
+            rng=error_rng,
             progress=work,
         )
-    return finish(flown, output, drawing, f"{words}; seed {seed}")
+    return finish(flown, output, drawing, f"{description}; seed {seed}")
 
 
 def check_wind(scenario: Scenario, wind: WindName, direction: Direction | None) -> None:
-    """See that there can be such a wind.
+    """Check that the options of wind fit each other and the scenario.
 
     Raises:
-        ValueError: the scenario does not say how strong wind is, or the wind has no direction, or
-            the direction has no length.
+        ValueError: the scenario does not give the strength of the wind, the wind takes no
+            direction, or the direction has no length.
     """
     if wind is not WindName.NONE and scenario.disturbance is None:
-        expected = "a scenario that says how strong wind is, as disturbance: {acceleration: 0.3}"
+        expected = "a scenario with the strength of the wind, as disturbance: {acceleration: 0.3}"
         raise ValueError(f"--wind: got {wind}, expected {expected}")
     if direction is None:
         return
@@ -146,16 +147,16 @@ def _wind(
     direction: Direction | None,
     rng: np.random.Generator,
 ) -> tuple[Wind, str]:
-    """The wind of a name, and what it is in words."""
+    """Return the wind of a name, and a description of it."""
     scenario, grid = horizon.scenario, horizon.scenario.grid
-    towards = direction or (1.0, 0.0, 0.0)
-    along = " ".join(f"{each:g}" for each in towards)
+    vector = direction or (1.0, 0.0, 0.0)
+    along = " ".join(f"{each:g}" for each in vector)
     if name is WindName.CONSTANT:
-        return winds.constant(scenario, towards), f"constant along {along}"
+        return winds.constant(scenario, vector), f"constant along {along}"
     if name is WindName.GUST:
         begin, lasting = grid.start + 0.25 * grid.duration, 0.5 * grid.duration
-        words = f"gust along {along} from {begin:g} s to {begin + lasting:g} s"
-        return winds.gust(scenario, towards, begin=begin, duration=lasting), words
+        description = f"gust along {along} from {begin:g} s to {begin + lasting:g} s"
+        return winds.gust(scenario, vector, begin=begin, duration=lasting), description
     if name is WindName.NOISE:
         return winds.coloured_noise(scenario, rng), "noise"
     if name is WindName.NONE:

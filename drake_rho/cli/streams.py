@@ -1,4 +1,4 @@
-"""Standard output and error, whose reader may leave before the command does."""
+"""Standard output and error for readers that may close a pipe before the command ends."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from typing import TextIO
 
 
 class _Stream(io.FileIO):
-    """A stream that ends the command, without a word, once nobody reads it any more.
+    """Stream that ends the command silently, with status 141, once its pipe is closed.
 
-    Noticed here it is the same whoever writes; rich and typer would make status 1 of it, which is
-    that of broken constraints.
+    The closed pipe is handled here for every writer. rich and typer would exit with status 1, which
+    means that constraints are violated.
     """
 
     def write(self, data: object) -> int:
         try:
             return super().write(data)  # type: ignore[arg-type]  # any buffer
         except OSError as error:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())  # what is left to write
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())  # takes the remaining output
             if isinstance(error, BrokenPipeError):
                 raise SystemExit(141) from None
             raise
 
 
 def pipe_safe(stream: TextIO) -> TextIO:
-    """The stream for a reader that may leave and a terminal that may lack some signs.
+    """Return a stream that tolerates a closed pipe and a terminal that lacks some characters.
 
-    What is none of the system's, as in a test, or closed (None), is returned as it is.
+    A stream that is not the system's, as in a test, or closed (None), is returned unchanged.
     """
     buffer = getattr(stream, "buffer", None)
     if not isinstance(getattr(buffer, "raw", buffer), io.FileIO):

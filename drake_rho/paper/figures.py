@@ -24,17 +24,22 @@ from drake_rho.paper.study import Study
 from drake_rho.scenario.files import replacing
 
 _GREY = 1.5 / 255.0
-"""Difference below which two pixels look the same: more than one grey level, less than two."""
+"""Difference below which two pixels count as equal: more than one grey level, less than two."""
 
 NUMBERS = range(3, 19)
-"""Numbers of the figures; 1 and 2 of the paper are diagrams of the method."""
+"""Numbers of the reproduced figures; Figs 1 and 2 of the paper are diagrams of the method."""
 
 
 def draw_figure(number: int, study: Study, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """Figure `number` of the paper, 3 to 18, so wide [in].
+    """Draw figure `number` of the paper, 3 to 18.
+
+    Args:
+        number: as in the paper.
+        study: the examples to draw.
+        width: width of the figure [in].
 
     Raises:
-        ValueError: the paper has no such figure, or letters cannot be read at the width.
+        ValueError: the paper has no such figure, or text could not be read at the width.
     """
     if number not in NUMBERS:
         raise ValueError(f"number: got {number}, expected 3 to 18")
@@ -61,18 +66,18 @@ def write_paper_figures(
 ) -> list[Path]:
     """Write `fig03.png` to `fig18.png`, each whole or not at all.
 
-    A PNG that is there and looks the same stays: from machine to machine the last digits of a
-    solution differ, and with them a few pixels by one grey level.
+    An existing PNG that looks the same is not replaced: the last digits of a solution differ from
+    machine to machine, and with them a few pixels by one grey level.
 
     Args:
         study: the examples to draw.
-        folder: made if it is not there.
-        advance: called with the file's name after each.
+        folder: folder of the files, created if it does not exist.
+        advance: called with the name of each file that is done.
         file_format: png, pdf or svg.
-        width: of each figure [in].
+        width: width of each figure [in].
 
     Raises:
-        ValueError: there is no such format, or letters cannot be read at the width.
+        ValueError: there is no such format, or text could not be read at the width.
         OSError: a file cannot be written.
     """
     check_format(file_format)
@@ -98,7 +103,7 @@ def _look_the_same(new: Path, old: Path) -> bool:
         return False
     try:
         pixels = [imread(path) for path in (new, old)]
-    except (OSError, SyntaxError):  # what is there is no picture
+    except (OSError, SyntaxError):  # the existing file is not a picture
         return False
     return pixels[0].shape == pixels[1].shape and bool(
         np.all(np.abs(pixels[0] - pixels[1]) < _GREY)

@@ -1,4 +1,4 @@
-"""The paper's study: its four examples, and what it says it found in them."""
+"""The paper's study: its four examples and its six claims."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.verification.verify import Report, verify
 
 REPEATS = 5
-"""Runs of each example; the time told is their median."""
+"""Number of runs of each example, of which the median time is reported."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Example:
-    """One of the paper's four examples, planned and verified.
+    """Example of the paper, planned, verified and certified.
 
-    The plan is that of the run of median wall time out of `REPEATS`; they differ in nothing else.
+    The plan is from the run of median wall time out of `REPEATS`; the runs differ only in time.
     """
 
     number: int
-    """1 to 4"""
+    """number in the paper, 1 to 4"""
     method: str
     """"convex" or "RHO" """
     obstacle: str
     """"ignored" or "avoided" """
     plan: Plan
-    """the plan, or what was flown"""
+    """plan of the convex method, or flown motion of the receding horizon"""
     flight: Flight | None
-    """with the windows, for the receding horizon"""
+    """flight with its windows for the receding horizon, None for the convex method"""
     report: Report
     """verification of `plan` against the scenario it was made for"""
     certificate: Certificate
-    """how far `plan` is above the best plan of that scenario"""
+    """lower bound of the cost of every plan of that scenario, beside the cost of `plan`"""
 
     @property
     def seconds(self) -> float:
@@ -50,40 +50,43 @@ class Example:
 
     @property
     def title(self) -> str:
-        """For figures and progress bars."""
+        """Title in figures and progress bars."""
         return f"{self.method}, obstacle {self.obstacle}"
 
     @property
     def windows(self) -> tuple[Window, ...]:
-        """The windows of the receding horizon; none for the convex method."""
+        """Windows of the receding horizon; none for the convex method."""
         return self.flight.windows if self.flight else ()
 
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """Something the paper says it found, and what we find."""
+    """Claim of the paper, checked against the reproduced examples."""
 
     number: int
-    """as in docs/paper.md"""
+    """number of the claim in docs/paper.md"""
     text: str
-    """what the paper says"""
+    """text of the claim"""
     evidence: str
-    """the numbers that decide"""
+    """numbers that decide whether the claim is found"""
     found: bool
-    """whether it is so here"""
+    """true if the reproduced examples confirm the claim"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """The four examples over one scenario with obstacles."""
+    """The four examples and the scenario that they share."""
 
     scenario: Scenario
-    """the scenario with its obstacles, also where an example ignores them"""
+    """scenario with its obstacles, which Examples 1 and 3 ignore"""
     examples: tuple[Example, ...]
     """Examples 1 to 4"""
 
     def clearances_at_all_times(self, example: Example) -> FloatArray:
-        """Least distance from any sphere's surface at every instant, exact [m], shape (N,)."""
+        """Compute each vehicle's least distance from any sphere's surface over all time.
+
+        The distances are exact [m], shape (N,), and negative inside a sphere.
+        """
         motion = example.plan.motion()
         nearest = [
             closest_approach(motion, sphere.center)[1].min(axis=-1) - sphere.radius
@@ -93,9 +96,10 @@ class Study:
         return clearances
 
     def clearances(self, example: Example) -> FloatArray:
-        """Least distance of each vehicle from any sphere's surface at the knots [m], shape (N,).
+        """Compute each vehicle's least distance from any sphere's surface at the knots.
 
-        Negative inside; counted in the examples that ignore the obstacles too.
+        The distances [m], shape (N,), are negative inside a sphere. They are measured from the
+        spheres of the scenario also in the examples that ignore these.
         """
         distances = [
             np.linalg.norm(example.plan.positions - sphere.center, axis=2).min(axis=1)
@@ -108,56 +112,56 @@ class Study:
     @property
     def claims(self) -> tuple[Claim, ...]:
         """The paper's six claims, checked."""
-        judges = (
-            _through_the_obstacle,
-            _around_the_obstacle,
-            _renewed_in_every_window,
-            _around_it_with_windows,
-            _windows_cost_less,
-            _windows_take_less_time,
+        checks = (
+            _obstacle_ignored,
+            _obstacle_avoided,
+            _replanned_in_every_window,
+            _obstacle_avoided_with_windows,
+            _windows_lower_the_cost,
+            _windows_reduce_the_time,
         )
-        return tuple(judge(self) for judge in judges)
+        return tuple(check(self) for check in checks)
 
 
 def run_study(advance: Callable[[str], None] = lambda done: None) -> Study:
-    """Plan, fly and verify the four examples.
+    """Plan, verify and certify the four examples.
 
     Args:
-        advance: called with a few words after each of the 4 x `REPEATS` runs.
+        advance: called with the name of the example after each of the 4 x `REPEATS` runs.
 
     Raises:
         DrakeRhoError: an example has no solution.
     """
     scenario = load_scenario("paper")
     free = scenario.without_obstacles()
-    wanted: tuple[tuple[str, str, Callable[[], Plan | Flight]], ...] = (
+    methods: tuple[tuple[str, str, Callable[[], Plan | Flight]], ...] = (
         ("convex", "ignored", lambda: plan_convex(free)),
         ("convex", "avoided", lambda: plan_convex(scenario)),
         ("RHO", "ignored", lambda: plan_rho(free)),
         ("RHO", "avoided", lambda: plan_rho(scenario)),
     )
-    plan_convex(scenario)  # the first solve of a process also starts its threads: not counted
-    runs: list[list[Plan | Flight]] = [[] for _ in wanted]
-    for _ in range(REPEATS):  # in turn, so that a slow moment of the machine hits all alike
-        for number, (method, obstacle, make) in enumerate(wanted, start=1):
+    plan_convex(scenario)  # not counted: the first solve of a process also starts its threads
+    runs: list[list[Plan | Flight]] = [[] for _ in methods]
+    for _ in range(REPEATS):  # in turn, so that a slow phase of the machine affects all examples
+        for number, (method, obstacle, make) in enumerate(methods, start=1):
             runs[number - 1].append(make())
             advance(f"Example {number}: {method}, obstacle {obstacle}")
     examples = [
         _example(number, method, obstacle, runs[number - 1])
-        for number, (method, obstacle, _) in enumerate(wanted, start=1)
+        for number, (method, obstacle, _) in enumerate(methods, start=1)
     ]
     return Study(scenario, tuple(examples))
 
 
 def _example(number: int, method: str, obstacle: str, runs: list[Plan | Flight]) -> Example:
     runs = sorted(runs, key=lambda run: run.statistics.seconds)
-    result = runs[len(runs) // 2]  # they differ in nothing but their time
+    result = runs[len(runs) // 2]  # the median; the runs differ only in time
     flight = result if isinstance(result, Flight) else None
     plan = result.plan if isinstance(result, Flight) else result
     return Example(number, method, obstacle, plan, flight, verify(plan), certify(plan))
 
 
-def _through_the_obstacle(study: Study) -> Claim:
+def _obstacle_ignored(study: Study) -> Claim:
     example = study.examples[0]
     clearances = study.clearances(example)
     return Claim(
@@ -168,35 +172,35 @@ def _through_the_obstacle(study: Study) -> Claim:
     )
 
 
-def _around_the_obstacle(study: Study) -> Claim:
+def _obstacle_avoided(study: Study) -> Claim:
     example = study.examples[1]
     clearances = study.clearances(example)
     return Claim(
         2,
-        "Example 2: all vehicles go round the obstacle (at the knots) and arrive at T; bounds hold",
+        "Example 2: all vehicles avoid the obstacle (at the knots) and arrive at T; bounds hold",
         f"all constraints hold: {_yes(example)}; clearance {_list(clearances)} m",
         example.report.ok,
     )
 
 
-def _renewed_in_every_window(study: Study) -> Claim:
+def _replanned_in_every_window(study: Study) -> Claim:
     example = study.examples[2]
-    renewed = sum(not window.infeasible for window in example.windows)
+    replanned = sum(not window.infeasible for window in example.windows)
     jump = max(
         float(np.max(np.abs(window.plan.velocities[:, 0] - example.plan.velocities[:, k])))
         for window, k in ((window, window.first_knot) for window in example.windows)
     )
     return Claim(
         3,
-        "Example 3: renewed in every window, each piece smooth, the constraints hold",
-        f"{renewed} of {len(example.windows)} windows planned anew; largest jump of velocity "
+        "Example 3: replanned in every window, each piece smooth, the constraints hold",
+        f"{replanned} of {len(example.windows)} windows replanned; largest velocity jump "
         f"between windows {jump:.1e} m/s; all constraints hold: {_yes(example)}; "
         f"index {example.plan.cost:.3f}, Example 1 {study.examples[0].plan.cost:.3f}",
-        example.report.ok and renewed == len(example.windows) and jump < 1e-6,
+        example.report.ok and replanned == len(example.windows) and jump < 1e-6,
     )
 
 
-def _around_it_with_windows(study: Study) -> Claim:
+def _obstacle_avoided_with_windows(study: Study) -> Claim:
     example = study.examples[3]
     return Claim(
         4,
@@ -206,7 +210,7 @@ def _around_it_with_windows(study: Study) -> Claim:
     )
 
 
-def _windows_cost_less(study: Study) -> Claim:
+def _windows_lower_the_cost(study: Study) -> Claim:
     once, horizon = study.examples[1].plan.cost, study.examples[3].plan.cost
     return Claim(
         5,
@@ -216,15 +220,15 @@ def _windows_cost_less(study: Study) -> Claim:
     )
 
 
-def _windows_take_less_time(study: Study) -> Claim:
+def _windows_reduce_the_time(study: Study) -> Claim:
     once, example = study.examples[1].seconds, study.examples[3]
     windows = [window.statistics.seconds for window in example.windows]
     return Claim(
         6,
         "Splitting into windows greatly reduces the calculation time",
-        f"whole flight {1e3 * example.seconds:.1f} ms against {1e3 * once:.1f} ms at once: "
-        f"{example.seconds / once:.1f} times; one window {1e3 * min(windows):.1f} to "
-        f"{1e3 * max(windows):.1f} ms",
+        f"all windows {1e3 * example.seconds:.1f} ms, one plan of the whole flight "
+        f"{1e3 * once:.1f} ms: {example.seconds / once:.1f} times as long; one window "
+        f"{1e3 * min(windows):.1f} to {1e3 * max(windows):.1f} ms",
         example.seconds < once,
     )
 

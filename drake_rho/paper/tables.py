@@ -1,4 +1,4 @@
-"""The study as tables for the terminal."""
+"""Tables of the paper's study for the terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def study_table(study: Study) -> Table:
-    """One column for each example, one row for each quantity.
+    """Return a table with one column per example and one row per quantity.
 
     Clearance is the least distance from the obstacle's surface, at the knots and at every instant.
     """
@@ -27,12 +27,12 @@ def study_table(study: Study) -> Table:
     )
     for when, clearances in (
         ("at knots", [study.clearances(example) for example in examples]),
-        ("always", [study.clearances_at_all_times(example) for example in examples]),
+        ("at all times", [study.clearances_at_all_times(example) for example in examples]),
     ):
         for index, vehicle in enumerate(study.scenario.vehicles):
             row = (f"{values[index] + 0.0:.2f}".replace("-0.00", "0.00") for values in clearances)
             name = escape(vehicle.name)
-            table.add_row(f"clear {when}, {name} {_unit('m')}", *row)
+            table.add_row(f"clearance {when}, {name} {_unit('m')}", *row)
     for quantity, name, unit in (
         ("speed", "velocities", "m/s"),
         ("acceleration", "accelerations", "m/s²"),
@@ -42,9 +42,9 @@ def study_table(study: Study) -> Table:
         table.add_row(f"largest {quantity} {_unit(unit)}", *map(_largest, lengths))
         table.add_row(f"  on one axis {_unit(unit)}", *map(_largest, values))
     bounds = (f"{example.certificate.lower_bound:.3f}" for example in examples)
-    table.add_row(f"no plan below {_unit('m²/s⁴')}", *bounds)
-    gaps = (f"{100 * max(0.0, _above(example)):.4f}" for example in examples)
-    table.add_row(f"above the optimum {_unit('%')}", *gaps)
+    table.add_row(f"lower bound of f {_unit('m²/s⁴')}", *bounds)
+    gaps = (f"{100 * max(0.0, _gap(example)):.4f}" for example in examples)
+    table.add_row(f"f above the bound {_unit('%')}", *gaps)
     verdicts = ("yes" if example.report.ok else "[bold red]no[/]" for example in examples)
     table.add_row("all constraints hold", *verdicts)
     programs = (example.plan.statistics.programs for example in examples)
@@ -57,10 +57,10 @@ def study_table(study: Study) -> Table:
 
 
 def claims_table(study: Study) -> Table:
-    """The paper's claims, each with the numbers that decide, and whether it was found."""
-    table = Table(title="What the paper says it found", show_lines=True)
+    """Return a table of the paper's claims, the numbers that decide, and the verdicts."""
+    table = Table(title="Claims of the paper", show_lines=True)
     table.add_column("")
-    table.add_column("claim, and the numbers here")
+    table.add_column("claim of the paper, and numbers of the reproduced examples")
     table.add_column("found")
     for claim in study.claims:
         verdict = "yes" if claim.found else "[bold]no[/]"
@@ -68,7 +68,7 @@ def claims_table(study: Study) -> Table:
     return table
 
 
-def _above(example: Example) -> float:
+def _gap(example: Example) -> float:
     return example.plan.cost / example.certificate.lower_bound - 1.0
 
 

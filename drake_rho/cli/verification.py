@@ -1,4 +1,4 @@
-"""The commands that judge: `verify`, `certify` and `diagnose`."""
+"""The commands `verify`, `certify` and `diagnose`."""
 
 from __future__ import annotations
 
@@ -20,36 +20,45 @@ from drake_rho.cli.options import (
     StepOption,
     TimeLimitOption,
     WorldOption,
-    read,
 )
 from drake_rho.cli.reports import report
-from drake_rho.motion.files import load
+from drake_rho.cli.sources import load_result, read
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.programs.backend import SOLVERS
 
 
 def verify(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A file kept by 'plan', 'fly' or 'simulate'.")
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
+        ),
     ],
 ) -> int:
-    """Judge every constraint of a plan, flight or simulation anew."""
-    return report(load(file))
+    """Verify every constraint of a plan, flight or simulation."""
+    return report(load_result(file))
 
 
 def certify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A file kept by 'plan' or 'fly'.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="A file (.npz) saved by 'plan' or 'fly', or a plan exported as JSON.",
+        ),
+    ],
     solver: SolverOption = Solver.CLARABEL,
     time_limit: TimeLimitOption = None,
 ) -> int:
-    """Say how far a plan or a flight is above the best there is.
+    """Bound how far a plan or flight is from the global optimum.
 
-    The status is 0 also where a gap remains.
+    The exit status is 0 even if a gap remains.
     """
-    flown = load(file)
+    flown = load_result(file)
     if isinstance(flown, Simulation):
         raise ValueError(f"{file}: got a simulation, expected a plan or a flight")
-    with working("looking for a lower bound") as work, stopping_early():
+    with working("computing a lower bound") as work, stopping_early():
         certificate = certificate_of(
             flown, solver=SOLVERS[solver](), progress=work, time_limit=time_limit
         )
@@ -64,13 +73,13 @@ def diagnose(
     step: StepOption = None,
     world: WorldOption = None,
 ) -> int:
-    """Say whether there is a plan; if not, why, and what would mend it.
+    """Explain why a scenario has no plan and what would make it feasible.
 
-    The status is 0 whatever the answer is.
+    The exit status is 0 whether there is a plan or not.
     """
-    asked = read(scenario, duration, step, world)
+    problem = read(scenario, duration, step, world)
     with working("looking for a plan") as work, stopping_early():
         diagnosis = diagnosis_of(
-            asked, solver=SOLVERS[solver](), progress=work, time_limit=time_limit
+            problem, solver=SOLVERS[solver](), progress=work, time_limit=time_limit
         )
-    return answer(Diagnosed(diagnosis=described.why(diagnosis)), str(diagnosis))
+    return answer(Diagnosed(diagnosis=described.diagnosis_part(diagnosis)), str(diagnosis))
