@@ -56,7 +56,7 @@ def test_a_body_fits_into_its_ball_and_is_the_same_on_both_sides(
 def test_what_is_apart_does_not_touch(count: int, separation: rho.Separation) -> None:
     asked = crossing(count, separation=separation)
     stage = Stage.of(asked)
-    positions = asked.motion().at("position", stage.pace.times)
+    positions = asked.motion().at("position", stage.playback.times)
     radii = stage.vehicles.radii[:, None] * stage.vehicles.scales
     true = 0.15 * min(1.0, separation.downwash)
     for i in range(count):
@@ -77,7 +77,7 @@ def test_no_vehicle_reaches_into_an_obstacle_also_between_frames() -> None:
     offsets = np.linalg.norm(flight.plan.motion().at("position", times) - sphere.center, axis=2)
     left = offsets - sphere.radius
     for each, radius, scales in zip(left, stage.vehicles.radii, stage.vehicles.scales, strict=True):
-        drawn = radius * np.interp(times, stage.pace.times, scales)
+        drawn = radius * np.interp(times, stage.playback.times, scales)
         # what is at the surface, or by the paper's leave beyond, is drawn as a point, nearly
         assert np.all(drawn <= np.maximum(each, 0.0) + 2e-3 * radius)
         assert drawn.max() == radius

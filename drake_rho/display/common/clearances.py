@@ -18,7 +18,7 @@ _SLACK = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Closest:
+class ClosestApproaches:
     """The closest approach of each vehicle to an obstacle."""
 
     times: FloatArray
@@ -68,13 +68,13 @@ def distances(plan: Drawn, obstacle: Obstacle, times: FloatArray) -> FloatArray:
     return obstacle.distances(positions, plan.scenario.grid.start + times)
 
 
-def kept(plan: Drawn, obstacle: Obstacle) -> FloatArray:
+def required_distances(plan: Drawn, obstacle: Obstacle) -> FloatArray:
     """Least distances from an obstacle's surface that the vehicles keep [m], shape (N,)."""
     least: FloatArray = plan.scenario.fleet.radii + obstacle.deviation
     return least
 
 
-def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
+def closest(plan: Drawn, obstacle: Obstacle) -> ClosestApproaches:
     """The closest approaches, exact between the knots too."""
     motion, start = plan.motion(), plan.scenario.grid.start
     knots: FloatArray = np.float64(motion.step) * np.arange(motion.positions.shape[1])
@@ -87,13 +87,13 @@ def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
     found = obstacle.distances(motion.each_at("position", owners, times), start + times)
     order = np.lexsort((found, owners))
     firsts = order[np.unique(owners[order], return_index=True)[1]]
-    return Closest(times[firsts], found[firsts])
+    return ClosestApproaches(times[firsts], found[firsts])
 
 
 def nearest(plan: Drawn, obstacle: Obstacle) -> Approach:
     """The approach that leaves least room beside an obstacle."""
     found = closest(plan, obstacle)
-    vehicle = int(np.argmin(found.distances - kept(plan, obstacle)))
+    vehicle = int(np.argmin(found.distances - required_distances(plan, obstacle)))
     return Approach(vehicle, float(found.times[vehicle]))
 
 
@@ -102,7 +102,7 @@ def least_clearances(plan: Drawn, obstacles: Sequence[Obstacle]) -> Clearances:
     times = dense_times(plan)
     least, numbers = nearest_obstacles(plan, obstacles, times)
     whole = np.tile(times, (len(least), 1))
-    return _with_least(plan, obstacles, Clearances(whole, least, numbers))
+    return _with_exact_minima(plan, obstacles, Clearances(whole, least, numbers))
 
 
 def nearest_obstacles(
@@ -122,7 +122,7 @@ def nearest_obstacles(
     least = np.full((len(plan.positions), len(times)), np.inf)
     numbers = np.zeros(least.shape, dtype=np.int64)
     for index, obstacle in enumerate(obstacles):
-        clearances = distances(plan, obstacle, times) - kept(plan, obstacle)[:, None]
+        clearances = distances(plan, obstacle, times) - required_distances(plan, obstacle)[:, None]
         numbers[clearances < least] = index
         least = np.minimum(clearances, least)
     return least, numbers
@@ -149,7 +149,7 @@ def nearest_vehicles(positions: FloatArray) -> tuple[FloatArray, IntArray]:
     return away, others.T
 
 
-def room_around(plan: Drawn, times: FloatArray) -> FloatArray:
+def free_radii(plan: Drawn, times: FloatArray) -> FloatArray:
     """Radii of balls around vehicles that reach into nothing that they keep clear of.
 
     These are obstacles, and where there is a separation other vehicles, of which each has half of
@@ -170,7 +170,9 @@ def room_around(plan: Drawn, times: FloatArray) -> FloatArray:
     return room
 
 
-def _with_least(plan: Drawn, obstacles: Sequence[Obstacle], sampled: Clearances) -> Clearances:
+def _with_exact_minima(
+    plan: Drawn, obstacles: Sequence[Obstacle], sampled: Clearances
+) -> Clearances:
     """Clearances at many instants, and each vehicle's exact least from its nearest obstacle."""
     vehicles = np.arange(len(sampled.times))
     which = sampled.nearest[vehicles, np.argmin(sampled.clearances, axis=1)]
@@ -178,7 +180,7 @@ def _with_least(plan: Drawn, obstacles: Sequence[Obstacle], sampled: Clearances)
     for index in np.unique(which):
         of, found = which == index, closest(plan, obstacles[index])
         times[of] = found.times[of]
-        least[of] = (found.distances - kept(plan, obstacles[index]))[of]
+        least[of] = (found.distances - required_distances(plan, obstacles[index]))[of]
     merged = [
         np.append(old, new[:, None], axis=1)
         for old, new in zip(

@@ -17,7 +17,7 @@ from drake_rho.scenario.records import Scenario, Separation
 
 Flown = Plan | Flight | Simulation
 """Whatever has been planned or flown."""
-_MOST_PLANNED = 14
+_MAX_PLANNED = 14
 """Most vehicles whose plans are drawn beside their true motion."""
 _PER_STEP = 12
 """Instants in each step at which the closest two are drawn, if its motion has no finer steps."""
@@ -124,14 +124,14 @@ class Planned:
     until: float
     """when the next window took over, since its own first knot [s]"""
 
-    def flown(self, times: FloatArray) -> BoolArray:
+    def in_force(self, times: FloatArray) -> BoolArray:
         """Which times since its first knot [s] it was in force at."""
         return times <= self.until + 1e-9 * self.plan.scenario.grid.step
 
 
 def planned(shown: Drawn) -> list[Planned]:
     """What was to be flown, where that is not what has been: of a simulation of a few vehicles."""
-    if not isinstance(shown, TrueMotion) or len(shown.scenario.vehicles) > _MOST_PLANNED:
+    if not isinstance(shown, TrueMotion) or len(shown.scenario.vehicles) > _MAX_PLANNED:
         return []
     grid, windows = shown.scenario.grid, shown.simulation.flight.windows
     ends = [*(window.first_knot for window in windows[1:]), grid.knots - 1]

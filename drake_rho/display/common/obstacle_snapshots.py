@@ -16,9 +16,9 @@ from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.cylinders import Cylinder
 
-MOST_FOLLOWED = 6
+MAX_FOLLOWED = 6
 """Most moving obstacles whose ways are drawn, and where they are at first and at last."""
-_MOST_NUMBERED = 60
+_MAX_NUMBERED = 60
 """Most obstacles with their numbers; more would be a picture of numbers."""
 _AROUND = 0.5
 """How far from what stands still a moving obstacle is shown, in parts of the longest side."""
@@ -50,28 +50,30 @@ class Snapshot:
         """This one with ends at these coordinates [m] where it has none."""
         if np.all(np.isfinite(self.shape.extent)):
             return self
-        center = placed(self.shape, self.center, lower, upper)
-        return dataclasses.replace(self, shape=ended(self.shape, lower, upper), center=center)
+        center = truncated_centers(self.shape, self.center, lower, upper)
+        return dataclasses.replace(self, shape=truncated(self.shape, lower, upper), center=center)
 
 
-def ended(shape: Shape, lower: FloatArray, upper: FloatArray) -> Shape:
+def truncated(shape: Shape, lower: FloatArray, upper: FloatArray) -> Shape:
     """The shape, with ends [m] if it is an endless cylinder; see `placed` for its centre."""
     if not isinstance(shape, Cylinder) or shape.height is not None:
         return shape
     return dataclasses.replace(shape, height=float((upper - lower)["xyz".index(shape.axis)]))
 
 
-def placed(shape: Shape, centers: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+def truncated_centers(
+    shape: Shape, centers: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
     """Centres [m], shape (..., 3), of a shape that was given ends there."""
     return np.where(np.isinf(shape.extent), (lower + upper) / 2.0, centers)
 
 
-def as_bodies(obstacles: Sequence[Shape | Obstacle]) -> tuple[Obstacle, ...]:
+def as_obstacles(obstacles: Sequence[Shape | Obstacle]) -> tuple[Obstacle, ...]:
     """Each as an `Obstacle`."""
     return tuple(each if isinstance(each, Obstacle) else Obstacle(each) for each in obstacles)
 
 
-def called(number: int, obstacle: Obstacle) -> str:
+def short_label(number: int, obstacle: Obstacle) -> str:
     """What an obstacle is called where there is little room: number, and name if any."""
     name = "" if obstacle.name is None else as_text(brief(obstacle.name))
     return f"{number} {name}".strip()
@@ -85,15 +87,15 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
     never near what else is shown is left out.
     """
     shown: list[Snapshot] = []
-    few = sum(obstacle.moves for obstacle in obstacles) <= MOST_FOLLOWED
-    numbered = 1 < len(obstacles) <= _MOST_NUMBERED
+    few = sum(obstacle.moves for obstacle in obstacles) <= MAX_FOLLOWED
+    numbered = 1 < len(obstacles) <= _MAX_NUMBERED
     for number, obstacle in enumerate(obstacles, start=1):
-        label = called(number, obstacle) if numbered or obstacle.name is not None else ""
+        label = short_label(number, obstacle) if numbered or obstacle.name is not None else ""
         if not obstacle.moves:
             (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
             shown.append(Snapshot(obstacle.shape, center, label))
             continue
-        clock, near = _near(plan, obstacle, obstacles)
+        clock, near = _near_scene(plan, obstacle, obstacles)
         if not np.any(near):
             continue
         times = np.array([plan.scenario.grid.start + nearest(plan, obstacle).time])
@@ -119,8 +121,8 @@ def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     """
     moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
-    for obstacle in moving if len(moving) <= MOST_FOLLOWED else []:
-        if not np.any(_near(plan, obstacle, obstacles)[1]):
+    for obstacle in moving if len(moving) <= MAX_FOLLOWED else []:
+        if not np.any(_near_scene(plan, obstacle, obstacles)[1]):
             continue
         at = nearest(plan, obstacle)
         position = plan.motion().at("position", at.time)[at.vehicle]
@@ -130,12 +132,12 @@ def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     return found
 
 
-def ways(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
+def obstacle_paths(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
     """The ways of moving obstacles near what else is shown [m], each of shape (M, 3)."""
     moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
-    for obstacle in moving if len(moving) <= MOST_FOLLOWED else []:
-        times, near = _near(plan, obstacle, obstacles)
+    for obstacle in moving if len(moving) <= MAX_FOLLOWED else []:
+        times, near = _near_scene(plan, obstacle, obstacles)
         runs = np.split(times, np.flatnonzero(np.diff(near)) + 1)
         firsts = np.concatenate([near[:1], near[1:][np.diff(near)]])
         found += [
@@ -155,7 +157,7 @@ def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
         far = f"{most:g}" if least == most else f"{least:g} to {most:g}"
         notes.append(f"vehicles keep {far} m from obstacles")
     count = sum(obstacle.moves for obstacle in obstacles)
-    if count > MOST_FOLLOWED:
+    if count > MAX_FOLLOWED:
         notes.append("moving obstacles: where a vehicle comes closest to each")
     elif count > 0:
         notes.append(
@@ -164,15 +166,15 @@ def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
     never = [
         str(number)
         for number, obstacle in enumerate(obstacles, start=1)
-        if obstacle.moves and not np.any(_near(plan, obstacle, obstacles)[1])
+        if obstacle.moves and not np.any(_near_scene(plan, obstacle, obstacles)[1])
     ]
     if never:
-        which = ", ".join(never) if len(never) <= MOST_FOLLOWED else f"{len(never)} of them"
+        which = ", ".join(never) if len(never) <= MAX_FOLLOWED else f"{len(never)} of them"
         notes.append(f"obstacles that are never near, not shown: {which}")
     return notes
 
 
-def _near(
+def _near_scene(
     plan: Drawn, obstacle: Obstacle, obstacles: Sequence[Obstacle]
 ) -> tuple[FloatArray, np.ndarray]:
     """Times of the flight on the clock [s], and whether an obstacle is near the scene then.

@@ -28,7 +28,7 @@ FORBIDDEN = "#888888"
 LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.8}
 PLANNED_STYLE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.0, "alpha": 0.8}
 """Of what was planned, beside the true motion."""
-LEAST_STYLE: dict[str, Any] = {
+EXTREMUM_STYLE: dict[str, Any] = {
     **{"color": "black", "marker": "o", "markersize": 6.0, "fillstyle": "none"},
     **{"linestyle": "none", "zorder": 3.0, "clip_on": False},
 }
@@ -37,14 +37,14 @@ VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
 """Where a scene is seen from, above the horizon and around the vertical axis [deg]."""
 PER_STEP = 12
 """Fewest points drawn of the exact motion in each step."""
-MOST_NAMED = len(COLOURS)
+MAX_NAMED = len(COLOURS)
 """Most vehicles that are told apart: named in a legend, with colours of their own and marked
 knots. More are drawn as a swarm, in which nothing but lines can be seen."""
 
 
 def palette(count: int) -> tuple[str, ...]:
     """The colours of so many vehicles: one for each, or six in turn if they are a swarm."""
-    return COLOURS[: count if count <= MOST_NAMED else len(MARKERS)]
+    return COLOURS[: count if count <= MAX_NAMED else len(MARKERS)]
 
 
 def vehicle_colours(count: int) -> list[str]:
@@ -54,7 +54,7 @@ def vehicle_colours(count: int) -> list[str]:
 
 
 def vehicle_marker(index: int) -> str:
-    """The marker of a vehicle; with its colour, no other vehicle's up to `MOST_NAMED`."""
+    """The marker of a vehicle; with its colour, no other vehicle's up to `MAX_NAMED`."""
     return MARKERS[index % len(MARKERS)]
 
 

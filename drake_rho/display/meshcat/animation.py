@@ -9,7 +9,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from drake_rho.display.common.drawable import Drawn, Flown, drawn, windows_of
 from drake_rho.display.meshcat.obstacles import add_obstacles, record_obstacles
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.ports import address_of, on_free_port
 from drake_rho.display.meshcat.scene import (
     ROOT,
@@ -25,9 +25,9 @@ from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles, record_ve
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.arguments import checked
 
-_OF_EACH = 4
+_OBJECTS_PER_VEHICLE = 4
 """What moves of each vehicle of a simulation: itself, its ghost, its ball, its wind."""
-_MOST_TRAILS = 100
+_MAX_TRAILS = 100
 """Most vehicles whose trails are drawn without being asked for: more would hide the vehicles."""
 
 
@@ -41,7 +41,7 @@ class Stage:
     """the motions that are drawn"""
     scene: Scene
     """where everything is"""
-    pace: Pace
+    playback: Playback
     """when it is played"""
     vehicles: Vehicles
     """how vehicles are drawn"""
@@ -58,13 +58,13 @@ class Stage:
         shown = drawn(flown)
         scene = Scene.of(shown)
         disturbed = isinstance(flown, Simulation) and not scene.light
-        pace = Pace.of(shown, rate, _OF_EACH if disturbed else 1)
-        return cls(flown, shown, scene, pace, Vehicles.of(scene, shown, pace))
+        playback = Playback.of(shown, rate, _OBJECTS_PER_VEHICLE if disturbed else 1)
+        return cls(flown, shown, scene, playback, Vehicles.of(scene, shown, playback))
 
     @property
     def few_enough_for_trails(self) -> bool:
         """Whether trails are drawn without being asked for."""
-        return len(self.shown.positions) <= _MOST_TRAILS
+        return len(self.shown.positions) <= _MAX_TRAILS
 
 
 @checked
@@ -120,7 +120,7 @@ def animate(
 
 def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
     """Draw and record a stage in a Meshcat, which is emptied first."""
-    plan, scene, vehicles, pace = stage.shown, stage.scene, stage.vehicles, stage.pace
+    plan, scene, vehicles, playback = stage.shown, stage.scene, stage.vehicles, stage.playback
     meshcat.Delete(ROOT)
     meshcat.DeleteRecording()
     set_camera(meshcat, scene)
@@ -132,17 +132,17 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
         add_ends(meshcat, scene, plan.scenario)
     add_vehicles(meshcat, scene, plan, vehicles)
     meshcat.StartRecording(
-        frames_per_second=pace.frames_per_second, set_visualizations_while_recording=False
+        frames_per_second=playback.frames_per_second, set_visualizations_while_recording=False
     )
-    record_vehicles(meshcat, plan, vehicles, pace)
-    record_obstacles(meshcat, scene, plan, pace)
+    record_vehicles(meshcat, plan, vehicles, playback)
+    record_obstacles(meshcat, scene, plan, playback)
     if trails:
-        (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, pace)
+        (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, playback)
     if not scene.light:
-        record_predictions(meshcat, windows_of(stage.flown), pace)
+        record_predictions(meshcat, windows_of(stage.flown), playback)
         if isinstance(stage.flown, Simulation):
             add_disturbed(meshcat, scene, stage.flown, vehicles)
-            record_disturbed(meshcat, stage.flown, vehicles, pace)
+            record_disturbed(meshcat, stage.flown, vehicles, playback)
     meshcat.StopRecording()
     meshcat.PublishRecording()
 

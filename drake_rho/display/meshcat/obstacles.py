@@ -11,9 +11,9 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
 
 from drake_rho.display.common.drawable import Drawn
-from drake_rho.display.common.obstacle_snapshots import ended, placed, ways
+from drake_rho.display.common.obstacle_snapshots import obstacle_paths, truncated, truncated_centers
 from drake_rho.display.common.shape_faces import surface
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene
 from drake_rho.display.meshcat.shape_objects import put
 from drake_rho.display.meshcat.trails import segments, show_between
@@ -31,7 +31,7 @@ def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
     start, bodies = plan.scenario.grid.start, plan.scenario.bodies
     for number, obstacle in enumerate(bodies, start=1):
         path = _path(number)
-        shape = ended(obstacle.shape, scene.lower, scene.upper)
+        shape = truncated(obstacle.shape, scene.lower, scene.upper)
         put(shape, meshcat, f"{path}/known", _SOLID)
         if _known_late(plan, obstacle):
             put(shape, meshcat, f"{path}/unknown", _GHOST)
@@ -39,26 +39,26 @@ def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
             meshcat.SetLineSegments(f"{path}/edges", *segments(edges), rgba=_EDGES)
         (place,) = _places(scene, obstacle, np.array([start]))
         meshcat.SetTransform(path, RigidTransform(place))
-    for number, way in enumerate(ways(plan, bodies), start=1):
-        path = f"{ROOT}/ways/{number}"
+    for number, way in enumerate(obstacle_paths(plan, bodies), start=1):
+        path = f"{ROOT}/obstacle_paths/{number}"
         meshcat.SetLineSegments(path, *segments([way]), rgba=_WAY)
 
 
-def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
+def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
     """Record how obstacles move, and from when on they are known."""
     start = plan.scenario.grid.start
     for number, obstacle in enumerate(plan.scenario.bodies, start=1):
         path = _path(number)
         if _known_late(plan, obstacle):
-            known = pace.playback(obstacle.known_from - start)
+            known = playback.time_at(obstacle.known_from - start)
             show_between(meshcat, f"{path}/known", known, None)
             show_between(meshcat, f"{path}/unknown", 0.0, known)
         if not obstacle.moves:
             continue
-        places = _places(scene, obstacle, start + pace.times)
-        turns = _turns(pace.times, places)
-        for time, place in zip(pace.times[turns], places[turns], strict=True):
-            meshcat.SetTransform(path, RigidTransform(place), pace.playback(time))
+        places = _places(scene, obstacle, start + playback.times)
+        turns = _turns(playback.times, places)
+        for time, place in zip(playback.times[turns], places[turns], strict=True):
+            meshcat.SetTransform(path, RigidTransform(place), playback.time_at(time))
 
 
 def _path(number: int) -> str:
@@ -71,7 +71,7 @@ def _known_late(plan: Drawn, obstacle: Obstacle) -> bool:
 
 def _places(scene: Scene, obstacle: Obstacle, times: FloatArray) -> FloatArray:
     """Centres [m], shape (M, 3), at times on the clock [s]; of an endless one the part in sight."""
-    return placed(obstacle.shape, obstacle.centers(times), scene.lower, scene.upper)
+    return truncated_centers(obstacle.shape, obstacle.centers(times), scene.lower, scene.upper)
 
 
 def _turns(times: FloatArray, places: FloatArray) -> BoolArray:

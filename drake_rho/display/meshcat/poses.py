@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import GRAVITY, Airframe
@@ -83,15 +83,15 @@ def poses(
     return np.stack([np.cross(left, above), left, above, positions], axis=3)
 
 
-def record_poses(meshcat: Meshcat, path: str, values: FloatArray, pace: Pace) -> None:
+def record_poses(meshcat: Meshcat, path: str, values: FloatArray, playback: Playback) -> None:
     """Record poses, shape (M, 3, 4), of an object at the times of a pace; it begins in the first.
 
     Args:
         meshcat: which is recording.
         path: of the object.
         values: rotations, and positions [m] as their last columns.
-        pace: how time in flight becomes time of playback.
+        playback: how time in flight becomes time of playback.
     """
     meshcat.SetTransform(path, RigidTransform(values[0]))
-    for time, pose in zip(pace.times, values, strict=True):
-        meshcat.SetTransform(path, RigidTransform(pose), pace.playback(time))
+    for time, pose in zip(playback.times, values, strict=True):
+        meshcat.SetTransform(path, RigidTransform(pose), playback.time_at(time))

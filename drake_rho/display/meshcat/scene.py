@@ -25,11 +25,11 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Scenario, Vehicle
 
 ROOT = "/flight"
-MOST_DETAILED = 24
+MAX_DETAILED = 24
 """Most vehicles with ends, trails and predictions of their own; more make a light scene."""
 _SEEN = 0.25
 """Least radius of a vehicle that is seen as what it is, in lengths at which things are drawn."""
-_MOST_OUTLINE = 400
+_MAX_OUTLINE = 400
 """Most places of vehicles that a picture is made to hold."""
 _BOX, _GROUND = Rgba(0.62, 0.64, 0.68), Rgba(0.8, 0.82, 0.85)
 _LIGHT = [-6.0, 10.0, 8.0]
@@ -61,7 +61,7 @@ class Scene:
         bounds += [each.bounds for each in snapshots(plan, scenario.bodies)]
         ends = [each for each in bounds if np.all(np.isfinite(each))]
         flown = plan.positions.reshape(-1, 3)
-        flown = flown[:: max(1, len(flown) // _MOST_OUTLINE)]
+        flown = flown[:: max(1, len(flown) // _MAX_OUTLINE)]
         outline = np.concatenate([flown, *(_corners(*each) for each in ends[1:])])
         bounds += [(box.lower, box.upper) for box in flyable_boxes(scenario)]
         lower = np.min([low for low, _ in bounds], axis=0)
@@ -77,7 +77,7 @@ class Scene:
     @property
     def light(self) -> bool:
         """Whether there are so many vehicles that they are drawn without detail."""
-        return self.vehicles > MOST_DETAILED
+        return self.vehicles > MAX_DETAILED
 
     @property
     def mark_length(self) -> float:

@@ -17,18 +17,18 @@ from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.style import palette, window_colours
 from drake_rho.display.meshcat.meshes import tube
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
 from drake_rho.motion.plan import Window
 from drake_rho.scenario.fields import FloatArray, IntArray
 
-_MOST_PIECES = 1200
+_MAX_PIECES = 1200
 """Most pieces of trail in a scene."""
 _PER_STEP = 4
 """Straight parts of a curve in each step."""
 
 
-def record_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
+def record_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
     """A tube for every few steps of every vehicle, to be seen from when it has been flown."""
     for first, last in _pieces(plan, len(plan.positions)):
         for (vehicle, colour), path in zip(
@@ -36,10 +36,10 @@ def record_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> No
         ):
             name = f"{ROOT}/trails/{as_path(vehicle.name)}/{first}"
             meshcat.SetTriangleMesh(name, *tube(path, scene.trail_radius), rgba=colour)
-            show_between(meshcat, name, _middle(plan, pace, first, last), None)
+            show_between(meshcat, name, _middle(plan, playback, first, last), None)
 
 
-def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
+def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
     """Trails as lines, all of one colour in one object: few objects, however many vehicles fly."""
     colours = palette(len(plan.positions))
     for first, last in _pieces(plan, len(colours)):
@@ -48,10 +48,10 @@ def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace)
             name = f"{ROOT}/trails/{number}/{first}"
             lines = segments(paths[number - 1 :: len(colours)])
             meshcat.SetLineSegments(name, *lines, rgba=Rgba(*to_rgb(colour)))
-            show_between(meshcat, name, _middle(plan, pace, first, last), None)
+            show_between(meshcat, name, _middle(plan, playback, first, last), None)
 
 
-def record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: Pace) -> None:
+def record_predictions(meshcat: Meshcat, windows: Sequence[Window], playback: Playback) -> None:
     """Each window's whole prediction, while it is the one that is flown, as lines."""
     for number, (window, colour) in enumerate(
         zip(windows, window_colours(len(windows)), strict=True), start=1
@@ -59,15 +59,17 @@ def record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: Pace) 
         paths = _paths(window.plan, 0, window.plan.scenario.grid.knots - 1, _PER_STEP)
         name = f"{ROOT}/predictions/{number}"
         meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(colour)))
-    record_windows(meshcat, f"{ROOT}/predictions", windows, pace)
+    record_windows(meshcat, f"{ROOT}/predictions", windows, playback)
 
 
-def record_windows(meshcat: Meshcat, path: str, windows: Sequence[Window], pace: Pace) -> None:
+def record_windows(
+    meshcat: Meshcat, path: str, windows: Sequence[Window], playback: Playback
+) -> None:
     """Record that what is at `path`/<number> is seen while that window, from 1, is flown."""
     starts = first_times(windows)
     for number in range(1, len(windows) + 1):
-        until = pace.playback(starts[number]) if number < len(windows) else None
-        show_between(meshcat, f"{path}/{number}", pace.playback(starts[number - 1]), until)
+        until = playback.time_at(starts[number]) if number < len(windows) else None
+        show_between(meshcat, f"{path}/{number}", playback.time_at(starts[number - 1]), until)
 
 
 def first_times(windows: Sequence[Window]) -> list[float]:
@@ -78,7 +80,7 @@ def first_times(windows: Sequence[Window]) -> list[float]:
 def _pieces(plan: Drawn, trails: int) -> list[tuple[int, int]]:
     """First and last knot of every piece of a trail: a step each, or more if they are many."""
     steps = plan.scenario.grid.knots - 1
-    count = max(1, min(steps, _MOST_PIECES // trails))
+    count = max(1, min(steps, _MAX_PIECES // trails))
     knots: IntArray = np.unique(np.linspace(0, steps, count + 1).round().astype(int))
     return list(pairwise(knots.tolist()))
 
@@ -97,9 +99,9 @@ def segments(paths: Sequence[FloatArray] | FloatArray) -> tuple[FloatArray, Floa
     return np.asfortranarray(begins.T), np.asfortranarray(ends.T)
 
 
-def _middle(plan: Drawn, pace: Pace, first: int, last: int) -> float:
+def _middle(plan: Drawn, playback: Playback, first: int, last: int) -> float:
     elapsed = plan.scenario.grid.elapsed
-    return pace.playback((elapsed[first] + elapsed[last]) / 2)
+    return playback.time_at((elapsed[first] + elapsed[last]) / 2)
 
 
 def show_between(meshcat: Meshcat, path: str, begin: float, end: float | None) -> None:

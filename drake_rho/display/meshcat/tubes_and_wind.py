@@ -16,7 +16,7 @@ from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.names import as_path
 from drake_rho.display.meshcat.airframes import body
 from drake_rho.display.meshcat.meshes import arrow, tube
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.poses import headings, poses, record_poses, vehicle_poses
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
 from drake_rho.display.meshcat.trails import record_windows
@@ -29,13 +29,13 @@ from drake_rho.scenario.fields import FloatArray
 _DARK = Rgba(0.15, 0.15, 0.18)
 _GHOST, _BALL, _TUBE = 0.35, 0.18, 0.08
 """How opaque things are."""
-_LEAST = 1e-6
+_MIN_SCALE = 1e-6
 """Least that anything is scaled by: no object can be shown at a size of zero."""
 _SIDES = 12
 """Of a tube's section."""
 _PER_STEP = 4
 """Most sections of a tube in each step."""
-_MOST_SECTIONS = 8000
+_MAX_SECTIONS = 8000
 """Most sections of all tubes together."""
 _FEWEST = 8
 """Fewest sections of a tube."""
@@ -54,36 +54,40 @@ def add_disturbed(
         if has_tube(simulation):
             meshcat.SetObject(f"{ROOT}/tube/{name}", Ball(1.0), _faint(colour, _BALL))
             _see_through(meshcat, f"{ROOT}/tube/{name}")
-        if strongest(simulation) > 0.0:
+        if strongest_wind(simulation) > 0.0:
             meshcat.SetTriangleMesh(f"{ROOT}/wind/{name}", *along, rgba=_DARK)
     if has_tube(simulation):
         _add_tubes(meshcat, simulation)
 
 
 def record_disturbed(
-    meshcat: Meshcat, simulation: Simulation, vehicles: Vehicles, pace: Pace
+    meshcat: Meshcat, simulation: Simulation, vehicles: Vehicles, playback: Playback
 ) -> None:
     """Record where plans were, how wide their tubes, and how the wind blew."""
-    times = np.minimum(simulation.scenario.grid.start + pace.times, simulation.times[-1])
+    times = np.minimum(simulation.scenario.grid.start + playback.times, simulation.times[-1])
     places = np.swapaxes(simulation.nominal("position", times), 0, 1)
     velocities = np.swapaxes(simulation.nominal("velocity", times), 0, 1)
     planned = vehicle_poses(vehicles.kinds, places, velocities, np.array([0.0, 0.0, 1.0]))
-    wind, radii, most = _wind(simulation, times), _radii(simulation, times), strongest(simulation)
-    blown = poses(drawn(simulation).motion().at("position", pace.times), headings(wind))
+    wind, radii, most = (
+        _wind(simulation, times),
+        _radii(simulation, times),
+        strongest_wind(simulation),
+    )
+    blown = poses(drawn(simulation).motion().at("position", playback.times), headings(wind))
     for i, vehicle in enumerate(simulation.scenario.vehicles):
         name = as_path(vehicle.name)
-        record_poses(meshcat, f"{ROOT}/planned/{name}", planned[i], pace)
+        record_poses(meshcat, f"{ROOT}/planned/{name}", planned[i], playback)
         if np.any(vehicles.scales[i] < 1.0):
-            record_scale(meshcat, f"{ROOT}/planned/{name}", vehicles.scales[i], pace)
+            record_scale(meshcat, f"{ROOT}/planned/{name}", vehicles.scales[i], playback)
         if has_tube(simulation):
-            record_poses(meshcat, f"{ROOT}/tube/{name}", planned[i], pace)
-            record_scale(meshcat, f"{ROOT}/tube/{name}", np.maximum(radii, _LEAST), pace)
+            record_poses(meshcat, f"{ROOT}/tube/{name}", planned[i], playback)
+            record_scale(meshcat, f"{ROOT}/tube/{name}", np.maximum(radii, _MIN_SCALE), playback)
         if most > 0.0:
-            record_poses(meshcat, f"{ROOT}/wind/{name}", blown[i], pace)
+            record_poses(meshcat, f"{ROOT}/wind/{name}", blown[i], playback)
             parts = np.linalg.norm(wind[i], axis=1) / most
-            record_scale(meshcat, f"{ROOT}/wind/{name}", np.maximum(parts, _LEAST), pace)
+            record_scale(meshcat, f"{ROOT}/wind/{name}", np.maximum(parts, _MIN_SCALE), playback)
     if has_tube(simulation):
-        record_windows(meshcat, f"{ROOT}/tubes", simulation.flight.windows, pace)
+        record_windows(meshcat, f"{ROOT}/tubes", simulation.flight.windows, playback)
 
 
 def has_tube(simulation: Simulation) -> bool:
@@ -91,7 +95,7 @@ def has_tube(simulation: Simulation) -> bool:
     return bool(np.any(simulation.radii() > 0.0))
 
 
-def strongest(simulation: Simulation) -> float:
+def strongest_wind(simulation: Simulation) -> float:
     """The wind of an arrow of full length [m/s²]; 0 where none blew.
 
     The strongest that the scenario says there is, or that blew if that was stronger.
@@ -105,7 +109,7 @@ def _add_tubes(meshcat: Meshcat, simulation: Simulation) -> None:
     """The tube of every window, with fewer sections where windows and vehicles are many."""
     windows, vehicles = simulation.flight.windows, len(simulation.scenario.vehicles)
     steps = sum(window.plan.scenario.grid.knots - 1 for window in windows)
-    per_step = min(_PER_STEP, _MOST_SECTIONS / (steps * vehicles))
+    per_step = min(_PER_STEP, _MAX_SECTIONS / (steps * vehicles))
     for number, (window, around) in enumerate(zip(windows, simulation.tubes, strict=True), start=1):
         paths, radii = _sections(window.plan, around, per_step)
         for (vehicle, colour), path in zip(coloured(simulation.scenario), paths, strict=True):
@@ -121,7 +125,7 @@ def _sections(plan: Plan, around: ErrorTube, per_step: float) -> tuple[FloatArra
     count = max(_FEWEST, round(per_step * (grid.knots - 1)) + 1)
     times = np.linspace(0.0, grid.duration, count)
     radii = around.position(np.minimum(grid.start + times, grid.end))
-    return plan.motion().at("position", times), np.maximum(radii, _LEAST)
+    return plan.motion().at("position", times), np.maximum(radii, _MIN_SCALE)
 
 
 def _see_through(meshcat: Meshcat, path: str) -> None:

@@ -12,11 +12,11 @@ import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 
-from drake_rho.display.common.clearances import room_around
+from drake_rho.display.common.clearances import free_radii
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_path
 from drake_rho.display.meshcat.airframes import airframes, body
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.poses import lifts, record_poses, vehicle_poses
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
 from drake_rho.scenario.fields import FloatArray
@@ -24,7 +24,7 @@ from drake_rho.scenario.parts import Airframe, Vehicle
 
 _INSIDE = 0.97
 """How much of the room that there is a body takes: between two frames there may be less."""
-_LEAST = 1e-3
+_MIN_SCALE = 1e-3
 """Least that a body is scaled by: nothing can be shown at a size of zero."""
 
 
@@ -40,12 +40,12 @@ class Vehicles:
     radii: FloatArray
     """of the balls that hold what is drawn of them [m], shape (N,)"""
     scales: FloatArray
-    """by how much each is drawn smaller at the times of the pace, shape (N, M)"""
+    """by how much each is drawn smaller at the times of the playback, shape (N, M)"""
     ringed: list[bool]
     """around which there is a faint ball of the radius"""
 
     @classmethod
-    def of(cls, scene: Scene, shown: Drawn, pace: Pace) -> Vehicles:
+    def of(cls, scene: Scene, shown: Drawn, playback: Playback) -> Vehicles:
         """Large enough to be seen, and never reaching into what they keep clear of.
 
         So a body is as large as the vehicle, or as `Scene.seen` if that is larger; then it is drawn
@@ -54,8 +54,8 @@ class Vehicles:
         """
         true = true_radii(shown)
         radii = np.maximum(true, scene.seen)
-        room = np.maximum(_INSIDE * room_around(shown, pace.times), true[:, None])
-        scales = np.clip(room / radii[:, None], _LEAST, 1.0)
+        room = np.maximum(_INSIDE * free_radii(shown, playback.times), true[:, None])
+        scales = np.clip(room / radii[:, None], _MIN_SCALE, 1.0)
         ringed = [each.radius > 0.0 and not scene.light for each in shown.scenario.vehicles]
         return cls(airframes(shown), true, radii, scales, ringed)
 
@@ -102,28 +102,28 @@ def add_vehicles(meshcat: Meshcat, scene: Scene, shown: Drawn, vehicles: Vehicle
             meshcat.SetProperty(f"{path}/<object>", "material.depthWrite", False)
 
 
-def record_vehicles(meshcat: Meshcat, shown: Drawn, vehicles: Vehicles, pace: Pace) -> None:
+def record_vehicles(meshcat: Meshcat, shown: Drawn, vehicles: Vehicles, playback: Playback) -> None:
     """Record where they are, how they lean and how large they are drawn."""
     motion = shown.motion()
-    places, velocities = (motion.at(each, pace.times) for each in ("position", "velocity"))
-    up = lifts(motion, pace.times, shown.scenario.grid.step)
+    places, velocities = (motion.at(each, playback.times) for each in ("position", "velocity"))
+    up = lifts(motion, playback.times, shown.scenario.grid.step)
     poses = vehicle_poses(vehicles.kinds, places, velocities, up)
     for vehicle, each, scales, ringed in zip(
         shown.scenario.vehicles, poses, vehicles.scales, vehicles.ringed, strict=True
     ):
         path = _path("vehicles", vehicle)
-        record_poses(meshcat, path, each, pace)
+        record_poses(meshcat, path, each, playback)
         if np.any(scales < 1.0):
-            record_scale(meshcat, path, scales, pace)
+            record_scale(meshcat, path, scales, playback)
         if ringed:
-            record_poses(meshcat, _path("radii", vehicle), each, pace)
+            record_poses(meshcat, _path("radii", vehicle), each, playback)
 
 
-def record_scale(meshcat: Meshcat, path: str, sizes: FloatArray, pace: Pace) -> None:
-    """Record that an object has sizes, shape (M,), at the times of a pace."""
+def record_scale(meshcat: Meshcat, path: str, sizes: FloatArray, playback: Playback) -> None:
+    """Record that an object has sizes, shape (M,), at the times of a playback."""
     meshcat.SetProperty(path, "scale", [sizes[0]] * 3)
-    for time, size in zip(pace.times, sizes, strict=True):
-        meshcat.SetProperty(path, "scale", [size] * 3, pace.playback(time))
+    for time, size in zip(playback.times, sizes, strict=True):
+        meshcat.SetProperty(path, "scale", [size] * 3, playback.time_at(time))
 
 
 def _path(kind: str, vehicle: Vehicle) -> str:
