@@ -128,7 +128,7 @@ def test_what_passes_far_away_does_not_make_all_else_small() -> None:
     assert all(each.shape is not never.shape for each in snapshots(plan, plan.scenario.bodies))
     assert len(approaches(plan, plan.scenario.bodies)) == 1
     notes = [text.get_text() for text in rho.paths_figure(plan).texts]
-    assert "obstacles that are never near, not shown: 2" in notes
+    assert "obstacles never near the scene, not shown: 2" in notes
 
 
 def test_an_obstacle_that_moves_before_the_flight_is_drawn_once() -> None:

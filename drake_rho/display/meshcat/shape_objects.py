@@ -39,7 +39,7 @@ def _(shape: Box, meshcat: Meshcat, path: str, colour: Rgba) -> None:
 @put.register
 def _(shape: Cylinder, meshcat: Meshcat, path: str, colour: Rgba) -> None:
     if shape.height is None:
-        raise ValueError("shape: got an endless cylinder, expected one that is cut")
+        raise ValueError("shape: got an infinite cylinder, expected one with a height")
     meshcat.SetObject(path, geometry.Cylinder(shape.radius, shape.height), colour)
     along = np.eye(3)["xyz".index(shape.axis)]  # Drake's own lie along z
     turn = RotationMatrix.MakeFromOneVector(along, 2)

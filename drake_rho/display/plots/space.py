@@ -54,7 +54,7 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     bodies = []
     for each, rank in zip(shown, ranks(shown), strict=True):
-        cut = each.between(lower, upper)
+        cut = each.truncated(lower, upper)
         skin, layer = surface(cut.shape), 2 * rank + 2
         body = Poly3DCollection(
             [cut.center + face for face in skin.faces],
@@ -86,7 +86,7 @@ def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
     artists: list[Text] = []
     many = len(shown) > _MAX_LARGE
     for each in shown:
-        cut, number = each.between(lower, upper), each.label.isdecimal()
+        cut, number = each.truncated(lower, upper), each.label.isdecimal()
         narrow = cut.shape.size < _MIN_NUMBERED * np.max(upper - lower)
         if not each.label or (many and number and narrow):
             continue
