@@ -85,7 +85,7 @@ def test_no_vehicle_reaches_into_an_obstacle_also_between_frames() -> None:
 
 def test_what_is_as_large_as_it_is_says_nothing_and_else_how_many_times() -> None:
     plan = rho.plan_convex(single())
-    for radius, said in ((5.0, None), (0.05, "times larger than life")):
+    for radius, said in ((5.0, None), (0.05, "times their true size")):
         vehicles = (dataclasses.replace(plan.scenario.vehicles[0], radius=radius),)
         scenario = dataclasses.replace(plan.scenario, vehicles=vehicles, obstacles=())
         stage = Stage.of(rho.Plan.from_accelerations(scenario, plan.accelerations))

@@ -292,7 +292,7 @@ def test_distances_from_spheres_are_from_their_centres() -> None:
 def test_notes_say_what_is_kept_and_when_moving_obstacles_are_shown(plan: rho.Plan) -> None:
     notes = " ".join(text.get_text() for text in rho.paths_figure(plan).texts)
     assert "vehicles keep 0.2 m from obstacles" in notes
-    assert "moving obstacles: when a vehicle comes closest" in notes
+    assert "moving obstacles: at the closest approach" in notes
     still = _plan(OBSTACLES[:1], radius=0.0)
     assert len(rho.paths_figure(still).texts) == 1
 

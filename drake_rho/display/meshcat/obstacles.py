@@ -1,7 +1,8 @@
-"""Obstacles in Meshcat: where they are at every time, as ghosts until they are known.
+"""Obstacles in Meshcat: their motion, and their discovery.
 
-/flight/obstacles/<number> in the scene tree is the obstacle's pose; under it are `known`, the
-obstacle, if it is known late `unknown`, its ghost, and if it has some its `edges`.
+In the scene tree, /flight/obstacles/<number> is the obstacle's pose. Its children are `known`, the
+obstacle itself, `unknown`, a fainter copy shown until an obstacle with a later `known_from` becomes
+known, and `edges`, if the shape has edges.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ from drake_rho.scenario.obstacles import Obstacle
 _SOLID = Rgba(0.6, 0.63, 0.7, 0.5)
 _GHOST = Rgba(0.6, 0.63, 0.7, 0.12)
 _EDGES = Rgba(0.5, 0.5, 0.55)
-_WAY = Rgba(0.6, 0.6, 0.65)
+_PATH = Rgba(0.6, 0.6, 0.65)
 
 
 def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
-    """Put all obstacles where they are at the first knot, the ways of a few that move as lines."""
+    """Add all obstacles as they are at the first knot, and lines along the paths of moving ones."""
     start, bodies = plan.scenario.grid.start, plan.scenario.bodies
     for number, obstacle in enumerate(bodies, start=1):
         path = _path(number)
@@ -39,13 +40,13 @@ def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
             meshcat.SetLineSegments(f"{path}/edges", *segments(edges), rgba=_EDGES)
         (place,) = _places(scene, obstacle, np.array([start]))
         meshcat.SetTransform(path, RigidTransform(place))
-    for number, way in enumerate(obstacle_paths(plan, bodies), start=1):
+    for number, line in enumerate(obstacle_paths(plan, bodies), start=1):
         path = f"{ROOT}/obstacle_paths/{number}"
-        meshcat.SetLineSegments(path, *segments([way]), rgba=_WAY)
+        meshcat.SetLineSegments(path, *segments([line]), rgba=_PATH)
 
 
 def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
-    """Record how obstacles move, and from when on they are known."""
+    """Record the motion of obstacles, and the times from which they are known."""
     start = plan.scenario.grid.start
     for number, obstacle in enumerate(plan.scenario.bodies, start=1):
         path = _path(number)
@@ -70,12 +71,12 @@ def _known_late(plan: Drawn, obstacle: Obstacle) -> bool:
 
 
 def _places(scene: Scene, obstacle: Obstacle, times: FloatArray) -> FloatArray:
-    """Centres [m], shape (M, 3), at times on the clock [s]; of an endless one the part in sight."""
+    """Return the centres of an obstacle's visible part at clock times [s], in m, shape (M, 3)."""
     return truncated_centers(obstacle.shape, obstacle.centers(times), scene.lower, scene.upper)
 
 
 def _turns(times: FloatArray, places: FloatArray) -> BoolArray:
-    """Where a polyline is not straight, and its ends: Meshcat draws a straight line between."""
+    """Mark the ends and corners of a polyline; Meshcat interpolates linearly between them."""
     turns = np.ones(len(times), dtype=np.bool_)
     if len(times) > 2:
         part = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
