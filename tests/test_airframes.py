@@ -71,7 +71,7 @@ def test_no_vehicle_reaches_into_an_obstacle_also_between_frames() -> None:
     flight = rho.plan_rho(rho.load_scenario("paper"))
     stage, (sphere,) = Stage.of(flight), flight.scenario.spheres
     assert stage.vehicles.note is not None
-    assert "points" in stage.vehicles.note
+    assert "point masses" in stage.vehicles.note
     assert "smaller" in stage.vehicles.note
     times = np.linspace(0.0, 49.0, 20_001)
     offsets = np.linalg.norm(flight.plan.motion().at("position", times) - sphere.center, axis=2)
