@@ -56,7 +56,7 @@ def test_a_body_fits_into_its_ball_and_is_the_same_on_both_sides(
 def test_what_is_apart_does_not_touch(count: int, separation: rho.Separation) -> None:
     asked = crossing(count, separation=separation)
     stage = Stage.of(asked)
-    positions = asked.motion().at("position", stage.pace.times)
+    positions = asked.motion().at("position", stage.playback.times)
     radii = stage.vehicles.radii[:, None] * stage.vehicles.scales
     true = 0.15 * min(1.0, separation.downwash)
     for i in range(count):
@@ -71,13 +71,13 @@ def test_no_vehicle_reaches_into_an_obstacle_also_between_frames() -> None:
     flight = rho.plan_rho(rho.load_scenario("paper"))
     stage, (sphere,) = Stage.of(flight), flight.scenario.spheres
     assert stage.vehicles.note is not None
-    assert "points" in stage.vehicles.note
+    assert "point masses" in stage.vehicles.note
     assert "smaller" in stage.vehicles.note
     times = np.linspace(0.0, 49.0, 20_001)
     offsets = np.linalg.norm(flight.plan.motion().at("position", times) - sphere.center, axis=2)
     left = offsets - sphere.radius
     for each, radius, scales in zip(left, stage.vehicles.radii, stage.vehicles.scales, strict=True):
-        drawn = radius * np.interp(times, stage.pace.times, scales)
+        drawn = radius * np.interp(times, stage.playback.times, scales)
         # what is at the surface, or by the paper's leave beyond, is drawn as a point, nearly
         assert np.all(drawn <= np.maximum(each, 0.0) + 2e-3 * radius)
         assert drawn.max() == radius
@@ -85,7 +85,7 @@ def test_no_vehicle_reaches_into_an_obstacle_also_between_frames() -> None:
 
 def test_what_is_as_large_as_it_is_says_nothing_and_else_how_many_times() -> None:
     plan = rho.plan_convex(single())
-    for radius, said in ((5.0, None), (0.05, "times larger than life")):
+    for radius, said in ((5.0, None), (0.05, "times their true size")):
         vehicles = (dataclasses.replace(plan.scenario.vehicles[0], radius=radius),)
         scenario = dataclasses.replace(plan.scenario, vehicles=vehicles, obstacles=())
         stage = Stage.of(rho.Plan.from_accelerations(scenario, plan.accelerations))

@@ -11,7 +11,7 @@ from playwright.sync_api import Page
 
 import drake_rho as rho
 from drake_rho.display.meshcat.meshes import arrow, tube
-from drake_rho.display.meshcat.tubes_and_wind import strongest
+from drake_rho.display.meshcat.tubes_and_wind import strongest_wind
 from drake_rho.simulation.closed_loop import fly
 from tests.browser import open_page
 from tests.test_display_flight import NAMES, in_noise, mission
@@ -132,7 +132,7 @@ def test_an_arrow_of_full_length_is_the_strongest_wind() -> None:
     blown = {factor: winds_times(scenario, factor) for factor in (0.0, 0.5, 1.0, 2.0)}
     expected = {0.0: 0.0, 0.5: 0.6, 1.0: 0.6, 2.0: 1.2}
     for factor, simulation in blown.items():
-        assert strongest(simulation) == pytest.approx(expected[factor])
+        assert strongest_wind(simulation) == pytest.approx(expected[factor])
 
 
 def winds_times(scenario: rho.Scenario, factor: float) -> rho.Simulation:

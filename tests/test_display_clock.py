@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from pydrake.math import RigidTransform
 
 import drake_rho as rho
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import Scene
 from drake_rho.display.meshcat.trails import record_light_trails, record_predictions, record_trails
 from drake_rho.display.meshcat.vehicles import Vehicles, record_vehicles
@@ -101,11 +101,11 @@ def test_meshcat_is_told_the_same() -> None:
     told = []
     for start in (0.0, LATE):
         flight, meshcat = _flight(start), _Recorder()
-        pace, scene = Pace.of(flight.plan, None), Scene.of(flight.plan)
-        record_trails(meshcat, scene, flight.plan, pace)
-        record_light_trails(meshcat, scene, flight.plan, pace)
-        record_predictions(meshcat, flight.windows, pace)
-        record_vehicles(meshcat, flight.plan, Vehicles.of(scene, flight.plan, pace), pace)
+        playback, scene = Playback.of(flight.plan, None), Scene.of(flight.plan)
+        record_trails(meshcat, scene, flight.plan, playback)
+        record_light_trails(meshcat, scene, flight.plan, playback)
+        record_predictions(meshcat, flight.windows, playback)
+        record_vehicles(meshcat, flight.plan, Vehicles.of(scene, flight.plan, playback), playback)
         told.append(meshcat.told)
     for one, other in zip(*told, strict=True):
         assert one[:2] == other[:2]

@@ -15,9 +15,9 @@ from drake_rho.display.common.clearances import closest, least_clearances, neare
 from drake_rho.display.common.obstacle_snapshots import (
     Snapshot,
     approaches,
-    as_bodies,
+    as_obstacles,
+    obstacle_paths,
     snapshots,
-    ways,
 )
 from drake_rho.display.common.shape_faces import surface
 from drake_rho.display.common.style import view
@@ -53,7 +53,7 @@ def _plan(
     grid = dataclasses.replace(free.scenario.grid, start=START)
     empty = dataclasses.replace(free.scenario, vehicles=flown, grid=grid)
     # not looked at: what is in the way of a start is no matter here
-    asked = unchecked(empty, obstacles=tuple(obstacles), bodies=as_bodies(obstacles))
+    asked = unchecked(empty, obstacles=tuple(obstacles), bodies=as_obstacles(obstacles))
     return rho.Plan.from_accelerations(asked, free.accelerations)
 
 
@@ -95,7 +95,7 @@ def test_a_figure_shows_moving_obstacles_when_a_vehicle_is_closest(plan: rho.Pla
         faint = [s for s in shown if s.shape is obstacle.shape and s.faint]
         assert 1 <= len(faint) <= 2
     assert shown[5].label.startswith(r"6 \$x^\$, ")
-    for way, obstacle in zip(ways(plan, bodies), bodies[5:], strict=True):
+    for way, obstacle in zip(obstacle_paths(plan, bodies), bodies[5:], strict=True):
         on = obstacle.centers(START + np.linspace(0.0, 10.0, 241))
         assert all(np.min(np.linalg.norm(on - point, axis=1)) < 1e-9 for point in way)
 
@@ -109,7 +109,9 @@ def test_many_moving_obstacles_are_drawn_once_each() -> None:
     plan = _plan(moving)
     shown = snapshots(plan, plan.scenario.bodies)
     assert len(shown) == 50
-    assert ways(plan, plan.scenario.bodies) == approaches(plan, plan.scenario.bodies) == []
+    assert (
+        obstacle_paths(plan, plan.scenario.bodies) == approaches(plan, plan.scenario.bodies) == []
+    )
     assert {each.label for each in shown} == {str(number) for number in range(1, 51)}
 
 
@@ -119,14 +121,14 @@ def test_what_passes_far_away_does_not_make_all_else_small() -> None:
     ax = Figure().add_subplot(projection="3d")
     frame_scene(ax, plan.positions, snapshots(plan, plan.scenario.bodies))
     assert np.ptp(ax.get_xlim()) < 25.0
-    for way in ways(plan, plan.scenario.bodies):
+    for way in obstacle_paths(plan, plan.scenario.bodies):
         assert np.ptp(way[:, 0]) < 25.0
     never = rho.Obstacle(rho.Sphere([500, 5, 5], 0.2), velocity=[0, 0, 0.1])
     plan = _plan([fast, never])
     assert all(each.shape is not never.shape for each in snapshots(plan, plan.scenario.bodies))
     assert len(approaches(plan, plan.scenario.bodies)) == 1
     notes = [text.get_text() for text in rho.paths_figure(plan).texts]
-    assert "obstacles that are never near, not shown: 2" in notes
+    assert "obstacles never near the scene, not shown: 2" in notes
 
 
 def test_an_obstacle_that_moves_before_the_flight_is_drawn_once() -> None:
@@ -189,7 +191,7 @@ def test_points_before_and_behind_shapes_are_drawn_over_and_under_them(
     """Against lines of sight: shapes are not balls, so a few may be wrong near outlines."""
     rng = np.random.default_rng(2)
     plan = _plan(())
-    shown = snapshots(plan, as_bodies(scene(rng)))
+    shown = snapshots(plan, as_obstacles(scene(rng)))
     points = rng.uniform([-5, -5, -0.5], [5, 5, 3], (600, 3))
     clear = [
         all(each.shape.signed_distance(x - each.center) > 0.15 for each in shown) for x in points
@@ -290,7 +292,7 @@ def test_distances_from_spheres_are_from_their_centres() -> None:
 def test_notes_say_what_is_kept_and_when_moving_obstacles_are_shown(plan: rho.Plan) -> None:
     notes = " ".join(text.get_text() for text in rho.paths_figure(plan).texts)
     assert "vehicles keep 0.2 m from obstacles" in notes
-    assert "moving obstacles: when a vehicle comes closest" in notes
+    assert "moving obstacles: at the closest approach" in notes
     still = _plan(OBSTACLES[:1], radius=0.0)
     assert len(rho.paths_figure(still).texts) == 1
 

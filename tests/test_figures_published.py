@@ -30,7 +30,7 @@ from drake_rho.display.common.style import vehicle_colours
 from drake_rho.display.plots.distances import draw_distances_from_centre
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
-from drake_rho.display.plots.overlapping_curves import hidden_pieces, marks_every
+from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
 from drake_rho.motion.plan import Window
 from drake_rho.paper.figures import draw_figure
 from drake_rho.paper.study import Study
@@ -262,11 +262,11 @@ def test_curves_on_each_other_are_all_seen() -> None:
 def test_paths_on_each_other_are_found_and_crossings_are_none() -> None:
     t = np.linspace(0.0, 1.0, 60)[:, None]
     path, across = t * [10.0, 0.0, 0.0], [5.0, -5.0, 0.0] + t * [0.0, 10.0, 0.0]
-    (piece,) = hidden_pieces(np.stack([path, across, path[::-1]]))
+    (piece,) = overlapping_pieces(np.stack([path, across, path[::-1]]))
     assert piece.owner == 0
     assert np.ptp(piece.points[:, 0]) == pytest.approx(10.0, abs=0.1)
-    assert hidden_pieces(np.stack([path, across])) == []
-    assert hidden_pieces(np.stack([np.zeros((9, 3))] * 2)) == []
+    assert overlapping_pieces(np.stack([path, across])) == []
+    assert overlapping_pieces(np.stack([np.zeros((9, 3))] * 2)) == []
 
 
 def test_the_end_is_seen_within_its_mark(study: Study) -> None:

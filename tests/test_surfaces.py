@@ -78,5 +78,5 @@ def test_flat_faces_and_edges_are_whole() -> None:
 
 
 def test_an_endless_cylinder_is_cut_first() -> None:
-    with pytest.raises(ValueError, match="endless"):
+    with pytest.raises(ValueError, match="infinite cylinder"):
         surface(rho.Cylinder([0, 0, 0], 1.0))

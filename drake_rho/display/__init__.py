@@ -1,5 +1,5 @@
-"""Seeing plans, flights and simulations.
+"""Visualisation of plans, flights and simulations.
 
-They come in, and figures (`plots`), a Meshcat scene (`meshcat`) or a page with controls (`viewer`)
-go out. What is shown is computed in `common`, once for all three.
+The output is figures (`plots`), a Meshcat scene (`meshcat`) or a page with controls (`viewer`).
+The quantities shown are computed in `common`, once for all three.
 """

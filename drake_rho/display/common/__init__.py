@@ -1,4 +1,5 @@
-"""What all displays share: what is drawn of a plan, clearances, names, colours.
+"""Data shared by all displays: motions to draw, clearances, names, colours.
 
-A plan, flight or simulation comes in; arrays, words and styles go out, without any drawing.
+The input is a plan, flight or simulation; the output is arrays, texts and styles. Nothing is drawn
+here.
 """

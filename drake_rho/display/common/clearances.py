@@ -1,4 +1,4 @@
-"""How far vehicles are from obstacles over time, moving obstacles included."""
+"""Distances of vehicles from obstacles over time, moving obstacles included."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 
 _SLACK = 1e-9
-"""How much closer than at the knots an approach need not be, in parts of an obstacle's size."""
+"""Tolerance above the least distance at the knots up to which pieces are searched, as a fraction
+of the obstacle's size."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Closest:
+class ClosestApproaches:
     """The closest approach of each vehicle to an obstacle."""
 
     times: FloatArray
-    """when, since the first knot [s], shape (N,)"""
+    """times since the first knot [s], shape (N,)"""
     distances: FloatArray
-    """how far from the surface, negative inside [m], shape (N,)"""
+    """distances from the surface, negative inside [m], shape (N,)"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,33 +33,34 @@ class Approach:
     """A vehicle at an instant."""
 
     vehicle: int
-    """its index"""
+    """index of the vehicle"""
     time: float
-    """since the first knot [s]"""
+    """time since the first knot [s]"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Clearances:
-    """What is left between each vehicle and the obstacle that leaves it least.
+    """Clearance of each vehicle from its nearest obstacle over time.
 
-    A clearance is the distance from the surface less the vehicle's radius, and less how far the
-    obstacle may be from its track.
+    A clearance is the distance from the obstacle's surface minus the vehicle's radius and minus
+    the largest deviation of the obstacle from its track. The nearest obstacle is the one with the
+    least clearance.
     """
 
     times: FloatArray
-    """since the first knot, rising, the closest approaches among them [s], shape (N, M)"""
+    """times since the first knot, ascending, closest approaches included [s], shape (N, M)"""
     clearances: FloatArray
-    """negative where an obstacle is too close [m], shape (N, M)"""
+    """clearances, negative where an obstacle is too close [m], shape (N, M)"""
     nearest: IntArray
-    """index of the obstacle, shape (N, M)"""
+    """index of the nearest obstacle, shape (N, M)"""
 
 
 def distances(plan: Drawn, obstacle: Obstacle, times: FloatArray) -> FloatArray:
-    """Distances of all vehicles from the surface of an obstacle, negative inside.
+    """Return the distances of all vehicles from the surface of an obstacle, negative inside.
 
     Args:
-        plan: where the vehicles are.
-        obstacle: where it is too.
+        plan: the vehicles' motion.
+        obstacle: the obstacle, with its motion.
         times: since the first knot [s], shape (M,).
 
     Returns:
@@ -68,18 +70,18 @@ def distances(plan: Drawn, obstacle: Obstacle, times: FloatArray) -> FloatArray:
     return obstacle.distances(positions, plan.scenario.grid.start + times)
 
 
-def kept(plan: Drawn, obstacle: Obstacle) -> FloatArray:
-    """Least distances from an obstacle's surface that the vehicles keep [m], shape (N,)."""
+def required_distances(plan: Drawn, obstacle: Obstacle) -> FloatArray:
+    """Return the distances required between vehicles and an obstacle's surface [m], shape (N,)."""
     least: FloatArray = plan.scenario.fleet.radii + obstacle.deviation
     return least
 
 
-def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
-    """The closest approaches, exact between the knots too."""
+def closest(plan: Drawn, obstacle: Obstacle) -> ClosestApproaches:
+    """Find the closest approach of each vehicle to an obstacle, exact also between the knots."""
     motion, start = plan.motion(), plan.scenario.grid.start
     knots: FloatArray = np.float64(motion.step) * np.arange(motion.positions.shape[1])
     slack = _SLACK * obstacle.shape.size
-    below = distances(plan, obstacle, knots).min(axis=1) + slack  # some piece reaches that
+    below = distances(plan, obstacle, knots).min(axis=1) + slack  # reached by at least one piece
     pieces = pieces_near(motion, obstacle.since(start), np.maximum(below, slack))
     tolerances = np.full(len(pieces.owners), obstacle.shape.tolerance)
     which, times = deepest(obstacle.shape, pieces, below[pieces.owners], tolerances)
@@ -87,82 +89,82 @@ def closest(plan: Drawn, obstacle: Obstacle) -> Closest:
     found = obstacle.distances(motion.each_at("position", owners, times), start + times)
     order = np.lexsort((found, owners))
     near, firsts = np.unique(owners[order], return_index=True)
-    least = Closest(np.zeros(len(below)), np.full(len(below), np.inf))  # where it is not avoided
+    least = ClosestApproaches(np.zeros(len(below)), np.full(len(below), np.inf))  # if not active
     least.times[near], least.distances[near] = times[order[firsts]], found[order[firsts]]
     return least
 
 
 def nearest(plan: Drawn, obstacle: Obstacle) -> Approach:
-    """The approach that leaves least room beside an obstacle."""
+    """Find the vehicle and the time with the least clearance from an obstacle."""
     found = closest(plan, obstacle)
-    vehicle = int(np.argmin(found.distances - kept(plan, obstacle)))
+    vehicle = int(np.argmin(found.distances - required_distances(plan, obstacle)))
     return Approach(vehicle, float(found.times[vehicle]))
 
 
 def least_clearances(plan: Drawn, obstacles: Sequence[Obstacle]) -> Clearances:
-    """The clearances over time that are least of all obstacles, of which there is at least one."""
+    """Return each vehicle's least clearance over time from one or more obstacles."""
     times = dense_times(plan)
     least, numbers = nearest_obstacles(plan, obstacles, times)
     whole = np.tile(times, (len(least), 1))
-    return _with_least(plan, obstacles, Clearances(whole, least, numbers))
+    return _with_exact_minima(plan, obstacles, Clearances(whole, least, numbers))
 
 
 def nearest_obstacles(
     plan: Drawn, obstacles: Sequence[Obstacle], times: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """How much room each vehicle has beside the obstacle that leaves it least.
+    """Find the obstacle nearest to each vehicle, and the clearance from it.
 
     Args:
-        plan: where the vehicles are.
-        obstacles: what they keep clear of.
+        plan: the vehicles' motion.
+        obstacles: the obstacles to avoid.
         times: since the first knot [s], shape (M,).
 
     Returns:
-        Clearances as in `Clearances` [m], inf where there is no obstacle, and indices of the
-        obstacles, both of shape (N, M).
+        Clearances as in `Clearances` [m], inf without obstacles, and indices of the obstacles, both
+        of shape (N, M).
     """
     least = np.full((len(plan.positions), len(times)), np.inf)
     numbers = np.zeros(least.shape, dtype=np.int64)
     for index, obstacle in enumerate(obstacles):
-        clearances = distances(plan, obstacle, times) - kept(plan, obstacle)[:, None]
+        clearances = distances(plan, obstacle, times) - required_distances(plan, obstacle)[:, None]
         numbers[clearances < least] = index
         least = np.minimum(clearances, least)
     return least, numbers
 
 
 def nearest_vehicles(positions: FloatArray) -> tuple[FloatArray, IntArray]:
-    """How far each vehicle is from the nearest other one, and which that is, over time.
+    """Find the nearest other vehicle of each vehicle over time, and its distance.
 
     Args:
-        positions: scaled as distances are to be measured [m], shape (N, M, 3).
+        positions: scaled by the metric in which distances are measured [m], shape (N, M, 3).
 
     Returns:
-        Distances [m], inf of a single vehicle, and indices, both of shape (N, M).
+        Distances [m], inf for a single vehicle, and indices, both of shape (N, M).
     """
-    from scipy.spatial import cKDTree  # slow to load, so only where needed
+    from scipy.spatial import cKDTree  # slow to import
 
     count, times = positions.shape[:2]
     if count == 1:
         return np.full((1, times), np.inf), np.zeros((1, times), dtype=np.int64)
     found = [cKDTree(positions[:, m]).query(positions[:, m], k=2) for m in range(times)]
     away = np.array([distances[:, 1] for distances, _ in found]).T
-    # of two vehicles in the same place either may come first
+    # of two vehicles at the same position either may be listed first
     others = np.array([np.where(i[:, 0] == np.arange(count), i[:, 1], i[:, 0]) for _, i in found])
     return away, others.T
 
 
-def room_around(plan: Drawn, times: FloatArray) -> FloatArray:
-    """Radii of balls around vehicles that reach into nothing that they keep clear of.
+def free_radii(plan: Drawn, times: FloatArray) -> FloatArray:
+    """Return the radii of the largest free balls around the vehicles.
 
-    These are obstacles, and where there is a separation other vehicles, of which each has half of
-    the way between two.
+    A free ball touches no obstacle. If the scenario requires a separation, it also reaches at most
+    half-way to the nearest other vehicle.
 
     Args:
-        plan: where vehicles and obstacles are.
+        plan: the motion of vehicles and obstacles.
         times: since the first knot [s], shape (M,).
 
     Returns:
-        Radii [m], shape (N, M); inf where there is nothing, and not positive inside an obstacle.
+        Radii [m], shape (N, M); inf if nothing limits them, and not positive inside an obstacle.
     """
     clearances, _ = nearest_obstacles(plan, plan.scenario.bodies, times)
     room: FloatArray = clearances + plan.scenario.fleet.radii[:, None]
@@ -172,15 +174,17 @@ def room_around(plan: Drawn, times: FloatArray) -> FloatArray:
     return room
 
 
-def _with_least(plan: Drawn, obstacles: Sequence[Obstacle], sampled: Clearances) -> Clearances:
-    """Clearances at many instants, and each vehicle's exact least from its nearest obstacle."""
+def _with_exact_minima(
+    plan: Drawn, obstacles: Sequence[Obstacle], sampled: Clearances
+) -> Clearances:
+    """Insert each vehicle's exact minimum, from its nearest obstacle, into sampled clearances."""
     vehicles = np.arange(len(sampled.times))
     which = sampled.nearest[vehicles, np.argmin(sampled.clearances, axis=1)]
     times, least = np.zeros(len(which)), np.zeros(len(which))
     for index in np.unique(which):
         of, found = which == index, closest(plan, obstacles[index])
         times[of] = found.times[of]
-        least[of] = (found.distances - kept(plan, obstacles[index]))[of]
+        least[of] = (found.distances - required_distances(plan, obstacles[index]))[of]
     merged = [
         np.append(old, new[:, None], axis=1)
         for old, new in zip(

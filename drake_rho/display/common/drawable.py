@@ -1,4 +1,4 @@
-"""What can be drawn: a plan, a flight, or the true motion of a flight in wind."""
+"""Motions that can be drawn: a plan, a flight, or the true motion of a flight in wind."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import Scenario, Separation
 
 Flown = Plan | Flight | Simulation
-"""Whatever has been planned or flown."""
-_MOST_PLANNED = 14
-"""Most vehicles whose plans are drawn beside their true motion."""
+"""A plan, a flight or a simulation."""
+_MAX_PLANNED = 14
+"""Largest number of vehicles whose plans are drawn beside their true motion."""
 _PER_STEP = 12
-"""Instants in each step at which the closest two are drawn, if its motion has no finer steps."""
+"""Samples per step of the closest distance, unless the motion itself has finer steps."""
 
 
 class Drawn(Protocol):
-    """Motions of a scenario's vehicles, as they are drawn; every `Plan` is of this form."""
+    """Protocol of a drawable motion of a scenario's vehicles; every `Plan` satisfies it."""
 
     @property
     def scenario(self) -> Scenario:
-        """What was asked."""
+        """The scenario."""
         ...
 
     @property
@@ -38,33 +38,34 @@ class Drawn(Protocol):
 
     @property
     def positions(self) -> FloatArray:
-        """At the knots [m], shape (N, K, 3)."""
+        """Positions at the knots [m], shape (N, K, 3)."""
         ...
 
     @property
     def velocities(self) -> FloatArray:
-        """At the knots [m/s], shape (N, K, 3)."""
+        """Velocities at the knots [m/s], shape (N, K, 3)."""
         ...
 
     def motion(self) -> Motion:
-        """At any time since the first knot."""
+        """Return the motion as a function of the time since the first knot."""
         ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TrueMotion:
-    """Where the vehicles of a simulation truly were.
+    """True motion of the vehicles of a simulation.
 
-    The motion has as many steps as the record, of equal length. A point mass in a wind that changes
-    within one of them is less than W h²/4 off, with h that length; at its ends nothing is.
+    The motion has as many steps as the record, of equal length h. For a point mass in a wind of at
+    most W that changes within a step, the position error is below W h²/4; at the ends of the step
+    it is zero.
     """
 
     simulation: Simulation
-    """what was recorded"""
+    """recorded simulation"""
 
     @property
     def scenario(self) -> Scenario:
-        """What was asked."""
+        """The scenario."""
         return self.simulation.scenario
 
     @property
@@ -74,21 +75,21 @@ class TrueMotion:
 
     @property
     def positions(self) -> FloatArray:
-        """At the knots [m], shape (N, K, 3)."""
+        """Positions at the knots [m], shape (N, K, 3)."""
         return self._fine.positions[:, :: self._parts]
 
     @property
     def velocities(self) -> FloatArray:
-        """At the knots [m/s], shape (N, K, 3)."""
+        """Velocities at the knots [m/s], shape (N, K, 3)."""
         return self._fine.velocities[:, :: self._parts]
 
     def motion(self) -> Motion:
-        """At any time since the first knot."""
+        """Return the motion as a function of the time since the first knot."""
         return self._fine
 
     @property
     def _parts(self) -> int:
-        """Steps of the motion in each step of the grid."""
+        """Number of steps of the motion per step of the grid."""
         return max(1, round((len(self.simulation.times) - 1) / (self.scenario.grid.knots - 1)))
 
     @cached_property
@@ -102,14 +103,14 @@ class TrueMotion:
 
 
 def drawn(flown: Flown) -> Drawn:
-    """The motions that are drawn."""
+    """Return the motion to draw: of a flight its plan, of a simulation the true motion."""
     if isinstance(flown, Simulation):
         return TrueMotion(flown)
     return flown.plan if isinstance(flown, Flight) else flown
 
 
 def windows_of(flown: Flown) -> tuple[Window, ...]:
-    """The windows by which it was flown; none of a plan."""
+    """Return the receding-horizon windows; none for a plan."""
     if isinstance(flown, Simulation):
         return flown.flight.windows
     return flown.windows if isinstance(flown, Flight) else ()
@@ -117,21 +118,25 @@ def windows_of(flown: Flown) -> tuple[Window, ...]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Planned:
-    """What a window planned, as long as that was flown."""
+    """Prediction of a window, and the time for which it was in force."""
 
     plan: Plan
-    """the whole prediction"""
+    """whole prediction"""
     until: float
-    """when the next window took over, since its own first knot [s]"""
+    """time at which the next window took over, since this plan's first knot [s]"""
 
-    def flown(self, times: FloatArray) -> BoolArray:
-        """Which times since its first knot [s] it was in force at."""
+    def in_force(self, times: FloatArray) -> BoolArray:
+        """Tell at which times since its first knot [s] the plan was in force."""
         return times <= self.until + 1e-9 * self.plan.scenario.grid.step
 
 
 def planned(shown: Drawn) -> list[Planned]:
-    """What was to be flown, where that is not what has been: of a simulation of a few vehicles."""
-    if not isinstance(shown, TrueMotion) or len(shown.scenario.vehicles) > _MOST_PLANNED:
+    """Return the predictions to draw beside a true motion.
+
+    There are some only for a simulation, whose motion differs from the plans, and only of a few
+    vehicles, so that the lines can be told apart.
+    """
+    if not isinstance(shown, TrueMotion) or len(shown.scenario.vehicles) > _MAX_PLANNED:
         return []
     grid, windows = shown.scenario.grid, shown.simulation.flight.windows
     ends = [*(window.first_knot for window in windows[1:]), grid.knots - 1]
@@ -142,7 +147,7 @@ def planned(shown: Drawn) -> list[Planned]:
 
 
 def closest_two(shown: Drawn, separation: Separation) -> CloseApproaches:
-    """The closest two vehicles over time, exact, as a curve."""
+    """Return the distance of the closest two vehicles over time, with its exact minima."""
     motion = shown.motion()
     parts = round(shown.scenario.grid.step / motion.step)
     return closest_over_time(motion, separation, per_step=max(1, round(_PER_STEP / parts)))
@@ -158,10 +163,11 @@ def planned_jerks(shown: Drawn) -> FloatArray:
 
 
 def commands(shown: Drawn) -> tuple[FloatArray, FloatArray]:
-    """Commanded accelerations, each for a while: when these begin and end, and their values.
+    """Return the piecewise constant commanded accelerations.
 
     Returns:
-        Times [s], shape (S + 1,), and accelerations [m/s²], shape (N, S, 3).
+        Times at which the pieces begin and end [s], shape (S + 1,), and accelerations [m/s²],
+        shape (N, S, 3).
     """
     if isinstance(shown, TrueMotion):
         record = shown.simulation

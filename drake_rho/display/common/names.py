@@ -1,35 +1,36 @@
-"""Names of vehicles where they are drawn: shown as they are, never read as markup or as a path."""
+"""Vehicle names as they are drawn: shown literally, never read as markup or as a path."""
 
 from __future__ import annotations
 
 _BRIEF = 24
-"""Most characters of a name beside what it names."""
+"""Largest number of characters of a name in a label."""
 _LINE = 40
-"""Most characters in a line of a legend."""
+"""Largest number of characters in a line of a legend."""
 
 
 def as_text(name: str) -> str:
-    """The name for matplotlib, which reads mathematics between two dollar signs."""
+    """Escape a name for matplotlib, which reads text between dollar signs as mathematics."""
     return name.replace("$", r"\$")
 
 
 def brief(name: str) -> str:
-    """A long name without its middle, since names often differ at their ends only."""
+    """Return a long name without its middle, since names often differ at their ends only."""
     if len(name) <= _BRIEF:
         return name
     return f"{name[: _BRIEF // 2]}…{name[1 - _BRIEF // 2 :]}"
 
 
 def in_lines(name: str) -> str:
-    """The whole name in lines that fit into a legend."""
+    """Break a name into lines that fit into a legend."""
     return "\n".join(name[first : first + _LINE] for first in range(0, len(name), _LINE))
 
 
 def as_path(name: str) -> str:
-    """The name as one part of a path in Meshcat, escaped as in an address (`/` is `%2F`).
+    """Return the name as one segment of a Meshcat path, percent-encoded (`/` becomes `%2F`).
 
-    Escaped are the separator, the angle brackets of Meshcat's own objects, and names that every
-    JavaScript object has, which its page would take for vehicles it knows already.
+    Three things are escaped: the path separator, the angle brackets of Meshcat's own objects, and
+    the names of properties that every JavaScript object has, which Meshcat's page would mistake for
+    existing nodes of its tree.
     """
     if name in _OF_EVERY_OBJECT:
         return f"%{ord(name[0]):02X}{name[1:]}"

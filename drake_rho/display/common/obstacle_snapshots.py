@@ -1,4 +1,4 @@
-"""Obstacles as they stand at the instants at which a still picture shows them."""
+"""Obstacles at the instants at which a still picture shows them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.cylinders import Cylinder
 
-MOST_FOLLOWED = 6
-"""Most moving obstacles whose ways are drawn, and where they are at first and at last."""
-_MOST_NUMBERED = 60
-"""Most obstacles with their numbers; more would be a picture of numbers."""
+MAX_FOLLOWED = 6
+"""Largest number of moving obstacles drawn with their paths and their first and last positions."""
+_MAX_NUMBERED = 60
+"""Largest number of obstacles that are numbered; more numbers would cover the picture."""
 _AROUND = 0.5
-"""How far from what stands still a moving obstacle is shown, in parts of the longest side."""
+"""Margin around the static scene in which moving obstacles are shown, over its longest side."""
 _APART = 0.2
-"""How far an obstacle has to be from where it is drawn to be drawn again, in parts of its size."""
+"""Least displacement at which an obstacle is drawn a second time, over its size."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,48 +31,53 @@ class Snapshot:
     """An obstacle at one instant."""
 
     shape: Shape
-    """what it is"""
+    """shape of the obstacle"""
     center: FloatArray
-    """where the middle of its bounding box is then [m], shape (3,)"""
+    """centre of its bounding box at that instant [m], shape (3,)"""
     label: str = ""
-    """what is written beside it, for matplotlib"""
+    """text beside it, escaped for matplotlib"""
     faint: bool = False
-    """whether another snapshot of the same obstacle says more"""
+    """true of a secondary snapshot, at the first or last position of a moving obstacle"""
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest coordinates [m]; none, that is inf and -inf, where it has no end."""
+        """Least and greatest coordinates [m]; inf and -inf along an axis without bounds."""
         ends = np.isfinite(self.shape.extent)
         lower = np.where(ends, self.center - self.shape.extent, np.inf)
         return lower, np.where(ends, self.center + self.shape.extent, -np.inf)
 
-    def between(self, lower: FloatArray, upper: FloatArray) -> Snapshot:
-        """This one with ends at these coordinates [m] where it has none."""
+    def truncated(self, lower: FloatArray, upper: FloatArray) -> Snapshot:
+        """Return the snapshot with an infinite shape cut off at these coordinates [m]."""
         if np.all(np.isfinite(self.shape.extent)):
             return self
-        center = placed(self.shape, self.center, lower, upper)
-        return dataclasses.replace(self, shape=ended(self.shape, lower, upper), center=center)
+        center = truncated_centers(self.shape, self.center, lower, upper)
+        return dataclasses.replace(self, shape=truncated(self.shape, lower, upper), center=center)
 
 
-def ended(shape: Shape, lower: FloatArray, upper: FloatArray) -> Shape:
-    """The shape, with ends [m] if it is an endless cylinder; see `placed` for its centre."""
+def truncated(shape: Shape, lower: FloatArray, upper: FloatArray) -> Shape:
+    """Return the shape, with an infinite cylinder cut off at these coordinates [m].
+
+    `truncated_centers` returns the new centre.
+    """
     if not isinstance(shape, Cylinder) or shape.height is not None:
         return shape
     return dataclasses.replace(shape, height=float((upper - lower)["xyz".index(shape.axis)]))
 
 
-def placed(shape: Shape, centers: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Centres [m], shape (..., 3), of a shape that was given ends there."""
+def truncated_centers(
+    shape: Shape, centers: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    """Return the centres of a shape cut off at these coordinates [m], shape (..., 3)."""
     return np.where(np.isinf(shape.extent), (lower + upper) / 2.0, centers)
 
 
-def as_bodies(obstacles: Sequence[Shape | Obstacle]) -> tuple[Obstacle, ...]:
-    """Each as an `Obstacle`."""
+def as_obstacles(obstacles: Sequence[Shape | Obstacle]) -> tuple[Obstacle, ...]:
+    """Return each shape as an `Obstacle`, and obstacles unchanged."""
     return tuple(each if isinstance(each, Obstacle) else Obstacle(each) for each in obstacles)
 
 
-def called(number: int, obstacle: Obstacle) -> str:
-    """What an obstacle is called where there is little room: number, and name if any."""
+def short_label(number: int, obstacle: Obstacle) -> str:
+    """Return a short label of an obstacle: its number, and its shortened name if it has one."""
     name = "" if obstacle.name is None else as_text(brief(obstacle.name))
     return f"{number} {name}".strip()
 
@@ -86,23 +91,23 @@ def active_in_words(obstacle: Obstacle) -> str:
 
 
 def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
-    """What a still picture shows of the obstacles.
+    """Return the snapshots of obstacles in a still picture.
 
-    Those at rest as they are. A moving one as it is when a vehicle comes closest to it, and if
-    there are few, fainter where it is at first and at last; its label has the times. One that is
-    never near what else is shown is left out.
+    A static obstacle has one snapshot. A moving one is shown at the closest approach of a vehicle
+    and, if few obstacles move, more faintly at its first and last positions, with the times as
+    labels. A moving obstacle that is never near the rest of the scene is left out.
     """
     shown: list[Snapshot] = []
-    few = sum(obstacle.moves for obstacle in obstacles) <= MOST_FOLLOWED
-    numbered = 1 < len(obstacles) <= _MOST_NUMBERED
+    few = sum(obstacle.moves for obstacle in obstacles) <= MAX_FOLLOWED
+    numbered = 1 < len(obstacles) <= _MAX_NUMBERED
     for number, obstacle in enumerate(obstacles, start=1):
-        label = called(number, obstacle) if numbered or obstacle.name is not None else ""
+        label = short_label(number, obstacle) if numbered or obstacle.name is not None else ""
         if not obstacle.moves:
             (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
             words = ", ".join(filter(None, (label, active_in_words(obstacle))))
             shown.append(Snapshot(obstacle.shape, center, words))
             continue
-        clock, near = _near(plan, obstacle, obstacles)
+        clock, near = _near_scene(plan, obstacle, obstacles)
         if not np.any(near):
             continue
         times = np.array([plan.scenario.grid.start + nearest(plan, obstacle).time])
@@ -121,30 +126,31 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
 
 
 def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
-    """From vehicles to the nearest points of moving obstacles when these are nearest to any.
+    """Return the line from vehicle to obstacle at the closest approach to each moving obstacle.
 
     Returns:
-        For each moving obstacle, if there are few, both ends [m], shape (2, 3).
+        For each moving obstacle near the scene, the vehicle's position and the nearest point of
+        the obstacle [m], shape (2, 3); nothing if many obstacles move.
     """
     moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
-    for obstacle in moving if len(moving) <= MOST_FOLLOWED else []:
-        if not np.any(_near(plan, obstacle, obstacles)[1]):
+    for obstacle in moving if len(moving) <= MAX_FOLLOWED else []:
+        if not np.any(_near_scene(plan, obstacle, obstacles)[1]):
             continue
         at = nearest(plan, obstacle)
         position = plan.motion().at("position", at.time)[at.vehicle]
         x = position - obstacle.centers(np.array([plan.scenario.grid.start + at.time]))
-        way = obstacle.shape.signed_distance(x)[:, None] * obstacle.shape.outward(x)
-        found.append(np.concatenate([position, position - way]))
+        offset = obstacle.shape.signed_distance(x)[:, None] * obstacle.shape.outward(x)
+        found.append(np.concatenate([position, position - offset]))
     return found
 
 
-def ways(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
-    """The ways of moving obstacles near what else is shown [m], each of shape (M, 3)."""
+def obstacle_paths(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
+    """Return the paths of a few moving obstacles while near the scene [m], each of shape (M, 3)."""
     moving = [obstacle for obstacle in obstacles if obstacle.moves]
     found = []
-    for obstacle in moving if len(moving) <= MOST_FOLLOWED else []:
-        times, near = _near(plan, obstacle, obstacles)
+    for obstacle in moving if len(moving) <= MAX_FOLLOWED else []:
+        times, near = _near_scene(plan, obstacle, obstacles)
         runs = np.split(times, np.flatnonzero(np.diff(near)) + 1)
         firsts = np.concatenate([near[:1], near[1:][np.diff(near)]])
         found += [
@@ -156,7 +162,7 @@ def ways(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
 
 
 def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
-    """What has to be said of how obstacles are drawn, one line each."""
+    """Return notes that explain how obstacles are drawn, one line each."""
     notes = []
     radii = plan.scenario.fleet.radii
     if obstacles and radii.max() > 0.0:
@@ -164,29 +170,30 @@ def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
         far = f"{most:g}" if least == most else f"{least:g} to {most:g}"
         notes.append(f"vehicles keep {far} m from obstacles")
     count = sum(obstacle.moves for obstacle in obstacles)
-    if count > MOST_FOLLOWED:
-        notes.append("moving obstacles: where a vehicle comes closest to each")
+    if count > MAX_FOLLOWED:
+        notes.append("moving obstacles: at the closest approach of a vehicle to each")
     elif count > 0:
         notes.append(
-            "moving obstacles: when a vehicle comes closest (black line); faint: at first and last"
+            "moving obstacles: at the closest approach (black line); faint: at the start and end"
         )
     never = [
         str(number)
         for number, obstacle in enumerate(obstacles, start=1)
-        if obstacle.moves and not np.any(_near(plan, obstacle, obstacles)[1])
+        if obstacle.moves and not np.any(_near_scene(plan, obstacle, obstacles)[1])
     ]
     if never:
-        which = ", ".join(never) if len(never) <= MOST_FOLLOWED else f"{len(never)} of them"
-        notes.append(f"obstacles that are never near, not shown: {which}")
+        which = ", ".join(never) if len(never) <= MAX_FOLLOWED else f"{len(never)} of them"
+        notes.append(f"obstacles never near the scene, not shown: {which}")
     return notes
 
 
-def _near(
+def _near_scene(
     plan: Drawn, obstacle: Obstacle, obstacles: Sequence[Obstacle]
 ) -> tuple[FloatArray, np.ndarray]:
-    """Times of the flight on the clock [s], and whether an obstacle is near the scene then.
+    """Return the flight's times on the scenario's clock [s], and whether an obstacle is near then.
 
-    What comes from far away would make all else too small to be seen.
+    Only obstacles near the scene are shown, since distant ones would make all else too small to be
+    seen.
     """
     resting = [
         Snapshot(each.shape, each.centers(np.zeros(1))[0]).bounds
@@ -195,8 +202,8 @@ def _near(
     ]
     lower = np.min([plan.positions.min(axis=(0, 1)), *(low for low, _ in resting)], axis=0)
     upper = np.max([plan.positions.max(axis=(0, 1)), *(high for _, high in resting)], axis=0)
-    room = _AROUND * float(np.max(upper - lower))
+    margin = _AROUND * float(np.max(upper - lower))
     times = plan.scenario.grid.start + dense_times(plan)
     centers, extent = obstacle.centers(times), obstacle.shape.extent
-    beyond = (centers + extent < lower - room) | (centers - extent > upper + room)
+    beyond = (centers + extent < lower - margin) | (centers - extent > upper + margin)
     return times, obstacle.is_active(times) & ~np.any(beyond, axis=1)

@@ -1,4 +1,4 @@
-"""Faces and edges of shapes as the figures show them, in positions from the shape's centre [m]."""
+"""Faces and edges of shapes for drawing, relative to the shape's centre [m]."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 
 _AROUND = 40
-"""Points around what is round, the first and the last the same."""
+"""Number of points around a circle; the first and last coincide."""
 _FLAT = 1e-6
-"""How far triangles of one facet may be turned, and in parts of the size be apart."""
+"""Tolerance for triangles of one facet: of the normals' angle, and of the offset over the size."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Surface:
-    """What is drawn of a shape."""
+    """Faces and edges of a shape."""
 
     faces: list[FloatArray]
     """convex polygons, each of shape (n, 3), counter-clockwise as seen from outside"""
     edges: list[FloatArray]
-    """lines where faces meet at an angle, each of shape (n, 3); none on what is round"""
+    """polylines where faces meet at an angle, each of shape (n, 3); none on smooth surfaces"""
 
 
 @singledispatch
 def surface(shape: Shape) -> Surface:
-    """The surface of a shape that has ends; what is round becomes flat faces with corners on it."""
+    """Approximate the surface of a bounded shape by flat faces with their corners on it."""
     raise NotImplementedError(f"{type(shape).__name__} has no surface to be drawn")
 
 
@@ -50,7 +50,9 @@ def _(shape: Box) -> Surface:
     faces = []
     for axis, side in np.ndindex(3, 2):
         ring = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=np.float64)
-        ring = np.roll(ring, axis + 1, axis=1)  # a face across z turned to be across this axis
+        ring = np.roll(
+            ring, axis + 1, axis=1
+        )  # rotate the face normal to z so that it is normal to this axis
         faces.append(shape.extent * (ring if side else -ring[::-1]))
     return Surface(faces, _sides(faces))
 
@@ -58,7 +60,7 @@ def _(shape: Box) -> Surface:
 @surface.register
 def _(shape: Cylinder) -> Surface:
     if shape.height is None:
-        raise ValueError("shape: got an endless cylinder, expected one that is cut")
+        raise ValueError("shape: got an infinite cylinder, expected one with a height")
     angles = np.linspace(0.0, 2.0 * np.pi, _AROUND)
     ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(_AROUND)], axis=1)
     half = np.array([0.0, 0.0, shape.height / 2.0])
@@ -84,7 +86,7 @@ def _(shape: Polytope) -> Surface:
 
 
 def _unit_sphere() -> FloatArray:
-    """Faces of the unit sphere between meridians and parallels, shape (F, 4, 3)."""
+    """Return the faces of the unit sphere between meridians and parallels, shape (F, 4, 3)."""
     u, v = np.mgrid[0 : 2 * np.pi : _AROUND * 1j, 0 : np.pi : _AROUND // 2 * 1j]
     points = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
     corners = (points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1])
@@ -92,7 +94,7 @@ def _unit_sphere() -> FloatArray:
 
 
 def _ring(points: FloatArray, normal: FloatArray) -> FloatArray:
-    """The corners of a flat convex polygon, each once, counter-clockwise around its normal."""
+    """Order the corners of a planar convex polygon counter-clockwise, without duplicates."""
     corners = np.unique(points, axis=0)
     offsets = corners - corners.mean(axis=0)
     across = np.cross(normal, offsets[0])
@@ -100,7 +102,7 @@ def _ring(points: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def _sides(faces: list[FloatArray]) -> list[FloatArray]:
-    """The sides of polygons that share them, each once, of shape (2, 3)."""
+    """Return the sides shared by polygons, each once, of shape (2, 3)."""
     ends = [np.stack([face, np.roll(face, -1, axis=0)], axis=1) for face in faces]
     every = np.concatenate(ends)
     return [side for side in every if tuple(side[0]) < tuple(side[1])]

@@ -1,4 +1,4 @@
-"""What drawings have in common: colours, markers, where a scene is seen from, instants."""
+"""Common style of all drawings: colours, markers, viewpoint, sampling times."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from matplotlib.colors import to_hex
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.scenario.fields import FloatArray
 
-# The first six are Okabe and Ito's, which the colour-blind can tell apart, without their yellow
-# (too pale on white) and black (kept for limits). Each of the others was put where it is farthest
-# from those before it, as OKLab measures what is seen, most of all from those of its marker.
+# The first six are Okabe and Ito's, which colour-blind readers can distinguish, without their
+# yellow (too pale on white) and black (reserved for limits). Each further colour is the one
+# farthest from its predecessors in the perceptual space OKLab, with more weight on those that have
+# the same marker.
 COLOURS = (
     *("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"),
     *("#66E085", "#8F00FF", "#700066", "#005200", "#0000C2", "#7A5247"),
@@ -24,61 +25,61 @@ COLOURS = (
 )
 MARKERS = ("o", "s", "^", "D", "v", "P")
 FORBIDDEN = "#888888"
-"""Colour of where no vehicle may be."""
+"""Colour of regions that vehicles must not enter."""
 LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.8}
 PLANNED_STYLE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.0, "alpha": 0.8}
-"""Of what was planned, beside the true motion."""
-LEAST_STYLE: dict[str, Any] = {
+"""Style of planned motions beside the true motion."""
+EXTREMUM_STYLE: dict[str, Any] = {
     **{"color": "black", "marker": "o", "markersize": 6.0, "fillstyle": "none"},
     **{"linestyle": "none", "zorder": 3.0, "clip_on": False},
 }
-"""Of the ring around the least, or greatest, of all."""
+"""Style of the ring around the overall minimum or maximum."""
 VIEW_ELEVATION, VIEW_AZIMUTH = 22.0, -58.0
-"""Where a scene is seen from, above the horizon and around the vertical axis [deg]."""
+"""Viewpoint of a scene: angle above the horizon and around the vertical axis [deg]."""
 PER_STEP = 12
-"""Fewest points drawn of the exact motion in each step."""
-MOST_NAMED = len(COLOURS)
-"""Most vehicles that are told apart: named in a legend, with colours of their own and marked
-knots. More are drawn as a swarm, in which nothing but lines can be seen."""
+"""Least number of points at which the exact motion is drawn in each step."""
+MAX_NAMED = len(COLOURS)
+"""Largest number of vehicles drawn individually: named in a legend, with a colour of their own and
+marked knots. More are drawn as a swarm, of lines only."""
 
 
 def palette(count: int) -> tuple[str, ...]:
-    """The colours of so many vehicles: one for each, or six in turn if they are a swarm."""
-    return COLOURS[: count if count <= MOST_NAMED else len(MARKERS)]
+    """Return the colours for a number of vehicles: one each, or six to be repeated in a swarm."""
+    return COLOURS[: count if count <= MAX_NAMED else len(MARKERS)]
 
 
 def vehicle_colours(count: int) -> list[str]:
-    """A colour for each vehicle; in a swarm, from the first again after six."""
+    """Return a colour for each vehicle; in a swarm, six colours repeat."""
     colours = palette(count)
     return [colours[index % len(colours)] for index in range(count)]
 
 
 def vehicle_marker(index: int) -> str:
-    """The marker of a vehicle; with its colour, no other vehicle's up to `MOST_NAMED`."""
+    """Return a vehicle's marker; up to `MAX_NAMED` vehicles, marker and colour are unique."""
     return MARKERS[index % len(MARKERS)]
 
 
 def window_colours(count: int) -> list[str]:
-    """A colour for each window of a receding horizon, in their order from dark to light."""
+    """Return a colour for each receding-horizon window, from dark to light in their order."""
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0.0, 0.95, count))]
 
 
 def view() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unit vectors: to the right and up on the screen, and from the scene to the viewer."""
+    """Return unit vectors to the right and up on the screen, and from the scene to the viewer."""
     azimuth, elevation = np.radians(VIEW_AZIMUTH), np.radians(VIEW_ELEVATION)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    towards = np.array(
+    to_viewer = np.array(
         [
             np.cos(azimuth) * np.cos(elevation),
             np.sin(azimuth) * np.cos(elevation),
             np.sin(elevation),
         ]
     )
-    return right, np.cross(towards, right), towards
+    return right, np.cross(to_viewer, right), to_viewer
 
 
 def dense_times(plan: Drawn) -> FloatArray:
-    """Times since the first knot at which the exact motion is drawn, the knots among them [s]."""
+    """Return the times since the first knot at which the motion is drawn, knots included [s]."""
     grid = plan.scenario.grid
     per_step = max(PER_STEP, round(grid.step / plan.motion().step))
     return np.linspace(0.0, grid.duration, per_step * (grid.knots - 1) + 1)

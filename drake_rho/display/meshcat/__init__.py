@@ -1,4 +1,5 @@
-"""The swarm in Meshcat: vehicles, obstacles, trails, tubes and their animation.
+"""Animation in Meshcat: vehicles, obstacles, trails, tubes and wind.
 
-A plan, flight or simulation comes in; a running Meshcat with the recorded animation goes out.
+The input is a plan, flight or simulation; the output is a running Meshcat with the recorded
+animation.
 """

@@ -1,4 +1,4 @@
-"""What vehicles look like: aircraft and quadrotors, as meshes that fit into a ball."""
+"""Meshes of aircraft and quadrotors, scaled to fit into a ball."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import Airframe, Limits
 
 FAST = 30.0
-"""Speed from which on a vehicle is taken for an aircraft [m/s]: few quadrotors reach it."""
+"""Least top speed of a vehicle that is drawn as an aircraft [m/s]; few quadrotors reach it."""
 _ROTORS = np.pi / 4.0 + np.pi / 2.0 * np.arange(4)
-"""Where the rotors are around a quadrotor [rad]."""
+"""Angles of the rotors around a quadrotor [rad]."""
 
 
 def airframes(shown: Drawn) -> list[Airframe]:
-    """What each vehicle is drawn as: what the scenario says, or else by its limits.
+    """Choose the airframe of each vehicle: the scenario's, or else one that suits its limits.
 
-    Limits on thrust or tilt are a quadrotor's. Without these a speed of `FAST` is an aircraft's:
-    the largest that is allowed, or where there is no limit the largest that is flown.
+    A vehicle with limits on thrust or tilt is a quadrotor. Any other is an aircraft if its top
+    speed is at least `FAST`: the largest speed allowed or, without a limit, the largest flown.
     """
     fastest = np.linalg.norm(shown.velocities, axis=2).max(axis=1)
     return [
@@ -41,21 +41,21 @@ def _by_limits(limits: Limits, flown: float) -> Airframe:
 
 
 def body(airframe: Airframe, radius: float, *, light: bool) -> Mesh:
-    """The mesh of a vehicle around the origin, nose along +x and left along +y.
+    """Return the mesh of a vehicle around the origin, nose along +x and left along +y.
 
     Args:
-        airframe: what it looks like.
-        radius: of the smallest ball around the origin that holds it [m].
-        light: whether with as few triangles as show what it is.
+        airframe: kind of vehicle.
+        radius: of the smallest ball around the origin that contains the mesh [m].
+        light: whether to use the fewest triangles by which the airframe can be recognised.
     """
     triangles = _aircraft(4 if light else 8) if airframe == "aircraft" else _quadrotor(light)
     triangles *= radius / np.linalg.norm(triangles, axis=2).max()
-    corners = triangles.reshape(-1, 3)  # triangles share none: flat shading
+    corners = triangles.reshape(-1, 3)  # no shared vertices: flat shading
     return columns(corners, np.arange(len(corners)).reshape(-1, 3))
 
 
 def _aircraft(sides: int) -> FloatArray:
-    """Fuselage, swept wings, stabilisers and fin as triangles, shape (T, 3, 3)."""
+    """Build a fuselage, swept wings, stabilisers and a fin from triangles, shape (T, 3, 3)."""
     stations = [(0.62, 0.0), (0.5, 0.05), (0.25, 0.075), (-0.25, 0.07), (-0.55, 0.025), (-0.56, 0)]
     wing = [(0.22, 0.05, -0.02), (-0.12, 0.6, 0.02), (-0.25, 0.6, 0.02), (-0.14, 0.05, -0.02)]
     stabiliser = [(-0.36, 0.02, 0.02), (-0.5, 0.24, 0.03), (-0.58, 0.24, 0.03), (-0.54, 0.02, 0.02)]
@@ -66,7 +66,7 @@ def _aircraft(sides: int) -> FloatArray:
 
 
 def _quadrotor(light: bool) -> FloatArray:
-    """A hull with a nose, four arms and four rotors as triangles, shape (T, 3, 3)."""
+    """Build a hull with a nose, four arms and four rotors from triangles, shape (T, 3, 3)."""
     sides = 6 if light else 14
     middle = [(0.0, 0.2)] if light else [(0.12, 0.16), (-0.16, 0.16)]
     hull = _turned([(0.34, 0.0), *middle, (-0.24, 0.0)], 4 if light else 6)
@@ -74,8 +74,8 @@ def _quadrotor(light: bool) -> FloatArray:
     angles = 2.0 * np.pi / sides * np.arange(sides)
     for rotor in _ROTORS:
         out = np.array([np.cos(rotor), np.sin(rotor), 0.0])
-        aside = np.array([-out[1], out[0], 0.0])
-        for across in (aside,) if light else (aside, np.array([0.0, 0.0, 1.0])):
+        sideways = np.array([-out[1], out[0], 0.0])
+        for across in (sideways,) if light else (sideways, np.array([0.0, 0.0, 1.0])):
             parts.append(
                 _fan([0.04 * across, out + 0.03 * across, out - 0.03 * across, -0.04 * across])
             )
@@ -85,7 +85,7 @@ def _quadrotor(light: bool) -> FloatArray:
 
 
 def _turned(stations: list[tuple[float, float]], sides: int) -> FloatArray:
-    """What lies around the x axis, by x and radius at several stations, as triangles."""
+    """Build a surface of revolution about the x axis from its x and radius at several stations."""
     angles = 2.0 * np.pi / sides * (np.arange(sides) + 0.5)
     around = np.stack([np.zeros(sides), np.cos(angles), np.sin(angles)], axis=1)
     found = []
@@ -101,6 +101,6 @@ def _turned(stations: list[tuple[float, float]], sides: int) -> FloatArray:
 
 
 def _fan(corners: npt.ArrayLike) -> FloatArray:
-    """A convex polygon as triangles."""
+    """Split a convex polygon into triangles."""
     ring = np.asarray(corners, dtype=np.float64)
     return np.array([[ring[0], one, other] for one, other in pairwise(ring[1:])])

@@ -1,4 +1,4 @@
-"""The swarm in Meshcat, Drake's own: the vehicles' way through the scene, and the replanning."""
+"""Animation in Drake's Meshcat: the vehicles' motion through the scene, and the replanning."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from drake_rho.display.common.drawable import Drawn, Flown, drawn, windows_of
 from drake_rho.display.meshcat.obstacles import add_obstacles, record_obstacles
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.ports import address_of, on_free_port
 from drake_rho.display.meshcat.scene import (
     ROOT,
@@ -25,30 +25,30 @@ from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles, record_ve
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.arguments import checked
 
-_OF_EACH = 4
-"""What moves of each vehicle of a simulation: itself, its ghost, its ball, its wind."""
-_MOST_TRAILS = 100
-"""Most vehicles whose trails are drawn without being asked for: more would hide the vehicles."""
+_OBJECTS_PER_VEHICLE = 4
+"""Moving objects per vehicle of a simulation: vehicle, ghost, ball of the tube, wind arrow."""
+_MAX_TRAILS = 100
+"""Largest number of vehicles with trails by default: more would hide the vehicles."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stage:
-    """What is shown, and how: everything that a scene is drawn from."""
+    """Everything from which a scene is drawn: motions, geometry, playback, vehicles."""
 
     flown: Flown
-    """what was planned or flown"""
+    """plan, flight or simulation"""
     shown: Drawn
-    """the motions that are drawn"""
+    """motions to draw"""
     scene: Scene
-    """where everything is"""
-    pace: Pace
-    """when it is played"""
+    """extent of the scene and sizes of marks"""
+    playback: Playback
+    """mapping of flight time to playback time"""
     vehicles: Vehicles
-    """how vehicles are drawn"""
+    """appearance of the vehicles"""
 
     @classmethod
     def of(cls, flown: Flown, rate: float | None = None) -> Stage:
-        """How something is shown at `rate` seconds of flight in a second; see `animate`.
+        """Prepare the display of `flown` at `rate` seconds of flight per second; see `animate`.
 
         Raises:
             ValueError: `rate` is not positive.
@@ -58,13 +58,13 @@ class Stage:
         shown = drawn(flown)
         scene = Scene.of(shown)
         disturbed = isinstance(flown, Simulation) and not scene.light
-        pace = Pace.of(shown, rate, _OF_EACH if disturbed else 1)
-        return cls(flown, shown, scene, pace, Vehicles.of(scene, shown, pace))
+        playback = Playback.of(shown, rate, _OBJECTS_PER_VEHICLE if disturbed else 1)
+        return cls(flown, shown, scene, playback, Vehicles.of(scene, shown, playback))
 
     @property
     def few_enough_for_trails(self) -> bool:
-        """Whether trails are drawn without being asked for."""
-        return len(self.shown.positions) <= _MOST_TRAILS
+        """Whether trails are drawn by default."""
+        return len(self.shown.positions) <= _MAX_TRAILS
 
 
 @checked
@@ -79,34 +79,37 @@ def animate(
 ) -> Meshcat:
     """Show a plan, a flight or a simulation in the browser, with Meshcat's time slider.
 
-    Obstacles are translucent, and fainter until they are known; those that move do so. Trails grow
-    as they are flown, starts are small balls and goals larger ones; with a `Flight`, each window's
-    whole prediction is drawn as a thin line while it is the one that is flown. Colours are those of
-    the figures. A vehicle is drawn as an aircraft or a quadrotor, as `Vehicle.airframe` or its
-    limits say, and large enough to be seen, but smaller where it would reach into an obstacle, or
-    past the middle between it and another vehicle from which it keeps apart. A faint ball around it
-    is its radius, which it keeps from obstacles.
+    Obstacles are translucent, and fainter until they become known; moving obstacles move. Trails
+    grow as the vehicles fly. Starts are small balls and goals larger ones. For a `Flight`, the
+    whole prediction of the window in force is drawn as a thin line. Colours are those of the
+    figures.
 
-    This is the scene alone; `viewer_page` is the same with names, numbers and controls over it.
+    A vehicle is drawn as an aircraft or a quadrotor, according to `Vehicle.airframe` or its limits.
+    It is enlarged until it can be seen, but not so far that it would reach into an obstacle, or
+    past the midpoint to another vehicle from which a separation is required. A faint ball around
+    it shows its radius, which is its required distance from obstacles.
 
-    With a `Simulation` the vehicles are where they truly were. A ghost of each is where the plan in
-    force had it, in a ball of the radius that its tube has then: while the disturbance is as the
-    scenario says, the vehicle is in it. An arrow is the wind on the vehicle.
+    The result is the scene alone; `viewer_page` adds names, numbers and controls.
 
-    More than 24 vehicles make a light scene, in which little but the vehicles is an object: goals
-    are small, trails thin, and starts, predictions, ghosts and the wind are left out.
+    For a `Simulation` the vehicles follow their true motion. A ghost of each vehicle shows the
+    position in the plan in force, inside a ball with the current radius of the error tube: while
+    the disturbance stays within the scenario's bounds, the vehicle is in that ball. An arrow shows
+    the wind on the vehicle.
+
+    More than 24 vehicles make a light scene with few objects: goals are small, trails thin, and
+    starts, predictions, ghosts and the wind are left out.
 
     Args:
-        flown: what to show.
-        meshcat: where to show it, emptied first; a new server if not given.
-        host: network interface of a new server; "*" is every one.
+        flown: plan, flight or simulation to show.
+        meshcat: Meshcat in which to show it, emptied first; a new server if not given.
+        host: network interface of a new server; "*" for all interfaces.
         port: of a new server, or the next free one; from 7000 if not given.
-        rate: seconds of flight in a second of playback; if not given, 1 for flights of up to a
-            minute and what makes longer ones a minute at most.
-        trails: whether to draw them; if not given, for up to a hundred vehicles.
+        rate: seconds of flight per second of playback; if not given, 1 for flights of up to a
+            minute, and for longer ones a rate that limits the playback to a minute.
+        trails: whether to draw trails; if not given, for up to a hundred vehicles.
 
     Returns:
-        The Meshcat; `web_url()` is its address, `StaticHtml()` the same as one page.
+        The Meshcat; `web_url()` is its address, `StaticHtml()` returns it as a single page.
 
     Raises:
         ValueError: `rate` is not positive.
@@ -120,7 +123,7 @@ def animate(
 
 def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
     """Draw and record a stage in a Meshcat, which is emptied first."""
-    plan, scene, vehicles, pace = stage.shown, stage.scene, stage.vehicles, stage.pace
+    plan, scene, vehicles, playback = stage.shown, stage.scene, stage.vehicles, stage.playback
     meshcat.Delete(ROOT)
     meshcat.DeleteRecording()
     set_camera(meshcat, scene)
@@ -132,30 +135,30 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
         add_ends(meshcat, scene, plan.scenario)
     add_vehicles(meshcat, scene, plan, vehicles)
     meshcat.StartRecording(
-        frames_per_second=pace.frames_per_second, set_visualizations_while_recording=False
+        frames_per_second=playback.frames_per_second, set_visualizations_while_recording=False
     )
-    record_vehicles(meshcat, plan, vehicles, pace)
-    record_obstacles(meshcat, scene, plan, pace)
+    record_vehicles(meshcat, plan, vehicles, playback)
+    record_obstacles(meshcat, scene, plan, playback)
     if trails:
-        (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, pace)
+        (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, playback)
     if not scene.light:
-        record_predictions(meshcat, windows_of(stage.flown), pace)
+        record_predictions(meshcat, windows_of(stage.flown), playback)
         if isinstance(stage.flown, Simulation):
             add_disturbed(meshcat, scene, stage.flown, vehicles)
-            record_disturbed(meshcat, stage.flown, vehicles, pace)
+            record_disturbed(meshcat, stage.flown, vehicles, playback)
     meshcat.StopRecording()
     meshcat.PublishRecording()
 
 
 def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
-    """A new Meshcat server on `port`, or on the next free one.
+    """Start a new Meshcat server on `port`, or on the next free one.
 
     Args:
-        host: network interface; "*" is every one.
+        host: network interface; "*" for all interfaces.
         port: first port to try, at least 1024; 7000 if not given.
 
     Raises:
-        OSError: no port is free, or the interface is not there.
+        OSError: no port is free, or the interface does not exist.
         ValueError: the port is out of range.
     """
     address = address_of(host)
@@ -163,7 +166,7 @@ def start_meshcat(host: str = "localhost", port: int | None = None) -> Meshcat:
     def start(number: int) -> Meshcat | None:
         try:
             return Meshcat(MeshcatParams(host=address, port=number, show_stats_plot=False))
-        except RuntimeError:  # in use
+        except RuntimeError:  # port in use
             return None
 
     return on_free_port(start, host, port)

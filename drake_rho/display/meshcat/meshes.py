@@ -1,7 +1,7 @@
-"""Triangle meshes and lines of the things in a Meshcat scene, as plain arrays.
+"""Triangle meshes and lines of the objects in a Meshcat scene, as plain arrays.
 
 A mesh is a pair: vertices [m], shape (3, V), and faces, indices of vertices, shape (3, F), both in
-the column-major order that Drake asks for.
+the column-major order that Drake requires.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Mesh = tuple[FloatArray, IntArray]
 
 
 def columns(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Mesh:
-    """Vertices and faces, a row each, as a mesh."""
+    """Return the mesh of vertices and faces given as rows."""
     return (
         np.asfortranarray(np.asarray(vertices, dtype=np.float64).T),
         np.asfortranarray(np.asarray(faces, dtype=np.int32).T),
@@ -26,7 +26,7 @@ def columns(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Mesh:
 
 
 def arrow(length: float) -> Mesh:
-    """An arrow along +x that begins at the origin, square in section, `length` [m] long."""
+    """Return an arrow of `length` [m] along +x from the origin, with a square cross-section."""
     shaft, neck, head = 0.03, 0.68, 0.09
     around = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
     sections = ((0.0, shaft), (neck, shaft), (neck, head))
@@ -41,7 +41,7 @@ def arrow(length: float) -> Mesh:
 
 
 def octahedron(radius: float) -> Mesh:
-    """A ball of eight faces around the origin, its corners `radius` [m] from it."""
+    """Return an octahedron around the origin, with corners at the distance `radius` [m]."""
     corners = radius * np.concatenate([np.eye(3), -np.eye(3)])
     faces = [  # every second one is a mirror image
         (x, y, z) if (x + y + z) % 2 == 1 else (x, z, y)
@@ -51,7 +51,7 @@ def octahedron(radius: float) -> Mesh:
 
 
 def scattered(mesh: Mesh, places: FloatArray) -> Mesh:
-    """Copies of a mesh at several places [m], shape (M, 3), as one mesh."""
+    """Return copies of a mesh at several positions [m], shape (M, 3), as one mesh."""
     vertices, faces = mesh
     count = vertices.shape[1]
     copies = (vertices.T + places[:, None]).reshape(-1, 3)
@@ -60,12 +60,12 @@ def scattered(mesh: Mesh, places: FloatArray) -> Mesh:
 
 
 def tube(points: FloatArray, radius: float | FloatArray, sides: int = 3) -> Mesh:
-    """A tube along a line; WebGL draws lines one pixel wide whatever is asked.
+    """Return a tube along a polyline, since WebGL draws all lines one pixel wide.
 
     Args:
         points: along the line [m], shape (M, 3), M >= 2.
-        radius: of the tube [m], one or one for each point, shape (M,).
-        sides: of its section, three for a thin one.
+        radius: of the tube [m], a number or one for each point, shape (M,).
+        sides: number of sides of the cross-section, three for a thin tube.
     """
     ahead = np.gradient(points, axis=0)
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-300)
@@ -87,7 +87,7 @@ def tube(points: FloatArray, radius: float | FloatArray, sides: int = 3) -> Mesh
 
 
 def box_edges(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The twelve edges of a box: their starts and ends [m], each of shape (3, 12)."""
+    """Return the starts and ends of the twelve edges of a box [m], each of shape (3, 12)."""
     corners = np.array(list(product((0, 1), repeat=3)))
     pairs = [
         (one, other)
@@ -100,10 +100,10 @@ def box_edges(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def ground_grid(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lines of a square grid on the floor of a box, 1, 2 or 5 times a power of ten [m] apart.
+    """Return a square grid on the floor of a box, spaced by 1, 2 or 5 times a power of ten [m].
 
     Returns:
-        Their starts and ends [m], each of shape (3, G).
+        Starts and ends of the lines [m], each of shape (3, G).
     """
     spacing = nice_step(float(np.max(upper[:2] - lower[:2])) / 8)
     low, high = np.floor(lower / spacing) * spacing, np.ceil(upper / spacing) * spacing
@@ -119,7 +119,7 @@ def ground_grid(lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, Float
 
 
 def nice_step(least: float) -> float:
-    """The smallest of 1, 2 and 5 times a power of ten that is at least `least`."""
+    """Return the smallest of 1, 2 and 5 times a power of ten that is at least `least`."""
     power = 10.0 ** np.floor(np.log10(least))
     return float(
         next(power * factor for factor in (1, 2, 5, 10) if power * factor >= least * 0.999)

@@ -1,7 +1,8 @@
-"""Obstacles in Meshcat: where they are at every time, as ghosts until they are known.
+"""Obstacles in Meshcat: their motion, and their discovery.
 
-/flight/obstacles/<number> in the scene tree is the obstacle's pose; under it are `known`, the
-obstacle, if it is known late `unknown`, its ghost, and if it has some its `edges`.
+In the scene tree, /flight/obstacles/<number> is the obstacle's pose. Its children are `known`, the
+obstacle itself, `unknown`, a fainter copy shown until an obstacle with a later `known_from` becomes
+known, and `edges`, if the shape has edges.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
 
 from drake_rho.display.common.drawable import Drawn
-from drake_rho.display.common.obstacle_snapshots import ended, placed, ways
+from drake_rho.display.common.obstacle_snapshots import obstacle_paths, truncated, truncated_centers
 from drake_rho.display.common.shape_faces import surface
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene
 from drake_rho.display.meshcat.shape_objects import put
 from drake_rho.display.meshcat.trails import segments, show_between
@@ -23,15 +24,15 @@ from drake_rho.scenario.obstacles import Obstacle
 _SOLID = Rgba(0.6, 0.63, 0.7, 0.5)
 _GHOST = Rgba(0.6, 0.63, 0.7, 0.12)
 _EDGES = Rgba(0.5, 0.5, 0.55)
-_WAY = Rgba(0.6, 0.6, 0.65)
+_PATH = Rgba(0.6, 0.6, 0.65)
 
 
 def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
-    """Put all obstacles where they are at the first knot, the ways of a few that move as lines."""
+    """Add all obstacles as they are at the first knot, and lines along the paths of moving ones."""
     start, bodies = plan.scenario.grid.start, plan.scenario.bodies
     for number, obstacle in enumerate(bodies, start=1):
         path = _path(number)
-        shape = ended(obstacle.shape, scene.lower, scene.upper)
+        shape = truncated(obstacle.shape, scene.lower, scene.upper)
         put(shape, meshcat, f"{path}/known", _SOLID)
         if _known_late(plan, obstacle):
             put(shape, meshcat, f"{path}/unknown", _GHOST)
@@ -39,34 +40,29 @@ def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
             meshcat.SetLineSegments(f"{path}/edges", *segments(edges), rgba=_EDGES)
         (place,) = _places(scene, obstacle, np.array([start]))
         meshcat.SetTransform(path, RigidTransform(place))
-    for number, way in enumerate(ways(plan, bodies), start=1):
-        path = f"{ROOT}/ways/{number}"
-        meshcat.SetLineSegments(path, *segments([way]), rgba=_WAY)
+    for number, line in enumerate(obstacle_paths(plan, bodies), start=1):
+        path = f"{ROOT}/obstacle_paths/{number}"
+        meshcat.SetLineSegments(path, *segments([line]), rgba=_PATH)
 
 
-def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
-    """Record how obstacles move, and from when on they are known."""
+def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
+    """Record the motion of obstacles, and the times from which they are known."""
     start = plan.scenario.grid.start
     for number, obstacle in enumerate(plan.scenario.bodies, start=1):
         path = _path(number)
         if _known_late(plan, obstacle):
-            known = pace.playback(obstacle.known_from - start)
+            known = playback.time_at(obstacle.known_from - start)
             show_between(meshcat, f"{path}/known", known, None)
             show_between(meshcat, f"{path}/unknown", 0.0, known)
         if obstacle.active is not None:
-            show_between(meshcat, path, *_playback(obstacle.active, plan, pace))
+            first, last = (max(0.0, time - start) for time in obstacle.active)
+            show_between(meshcat, path, playback.time_at(first), playback.time_at(last))
         if not obstacle.moves:
             continue
-        places = _places(scene, obstacle, start + pace.times)
-        turns = _turns(pace.times, places)
-        for time, place in zip(pace.times[turns], places[turns], strict=True):
-            meshcat.SetTransform(path, RigidTransform(place), pace.playback(time))
-
-
-def _playback(active: tuple[float, float], plan: Drawn, pace: Pace) -> tuple[float, float]:
-    """Return the times of playback at which an obstacle begins and ends to be active [s]."""
-    first, last = np.clip(np.array(active) - plan.scenario.grid.start, 0.0, None)
-    return pace.playback(float(first)), pace.playback(float(last))
+        places = _places(scene, obstacle, start + playback.times)
+        turns = _turns(playback.times, places)
+        for time, place in zip(playback.times[turns], places[turns], strict=True):
+            meshcat.SetTransform(path, RigidTransform(place), playback.time_at(time))
 
 
 def _path(number: int) -> str:
@@ -78,12 +74,12 @@ def _known_late(plan: Drawn, obstacle: Obstacle) -> bool:
 
 
 def _places(scene: Scene, obstacle: Obstacle, times: FloatArray) -> FloatArray:
-    """Centres [m], shape (M, 3), at times on the clock [s]; of an endless one the part in sight."""
-    return placed(obstacle.shape, obstacle.centers(times), scene.lower, scene.upper)
+    """Return the centres of an obstacle's visible part at clock times [s], in m, shape (M, 3)."""
+    return truncated_centers(obstacle.shape, obstacle.centers(times), scene.lower, scene.upper)
 
 
 def _turns(times: FloatArray, places: FloatArray) -> BoolArray:
-    """Where a polyline is not straight, and its ends: Meshcat draws a straight line between."""
+    """Mark the ends and corners of a polyline; Meshcat interpolates linearly between them."""
     turns = np.ones(len(times), dtype=np.bool_)
     if len(times) > 2:
         part = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]

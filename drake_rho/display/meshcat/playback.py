@@ -1,4 +1,4 @@
-"""How time in flight becomes time of playback."""
+"""Mapping of flight time to playback time."""
 
 from __future__ import annotations
 
@@ -11,38 +11,42 @@ from drake_rho.display.meshcat.meshes import nice_step
 from drake_rho.scenario.fields import FloatArray
 
 _FRAMES = 32.0
-"""Recorded poses a second."""
+"""Recorded poses per second of playback."""
 _LONGEST = 60.0
-"""Longest playback [s]; a flight of up to this runs in real time."""
-_MOST_POSES = 50_000
-"""Most recorded poses, of all vehicles and moving obstacles together."""
+"""Longest default playback [s]; flights of up to this duration run in real time."""
+_MAX_POSES = 50_000
+"""Largest number of recorded poses, of all vehicles and moving obstacles together."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Pace:
-    """How time in flight becomes time of playback."""
+class Playback:
+    """Mapping of flight time to playback time."""
 
     rate: float
+    """seconds of flight per second of playback"""
     frames_per_second: float
-    times: FloatArray  # of the recorded poses, since the first knot [s]
+    """recorded poses per second of playback"""
+    times: FloatArray
+    """times of the recorded poses since the first knot [s], shape (M,)"""
 
     @classmethod
-    def of(cls, plan: Drawn, rate: float | None, of_each: int = 1) -> Pace:
-        """The pace of a plan at `rate` seconds of flight a second; see `animate`.
+    def of(cls, plan: Drawn, rate: float | None, objects_per_vehicle: int = 1) -> Playback:
+        """Return the playback of a plan at `rate` seconds of flight per second; see `animate`.
 
-        So many objects of each vehicle move.
+        The number of moving objects, `objects_per_vehicle` times the vehicles and the moving
+        obstacles, limits the number of frames.
         """
         duration = plan.scenario.grid.duration
         if rate is None:
             rate = 1.0 if duration <= _LONGEST else nice_step(duration / _LONGEST)
         playback = duration / rate
         moving = sum(obstacle.moves for obstacle in plan.scenario.bodies)
-        most = _MOST_POSES / (of_each * len(plan.positions) + moving)
+        most = _MAX_POSES / (objects_per_vehicle * len(plan.positions) + moving)
         frames_per_second = min(_FRAMES, max(4.0, most / playback))
         frames = int(np.ceil(playback * frames_per_second))
         times = np.minimum(np.arange(frames + 1) * rate / frames_per_second, duration)
         return cls(rate, frames_per_second, times)
 
-    def playback(self, time: float) -> float:
-        """When an instant, in seconds since the first knot, is shown [s of playback]."""
+    def time_at(self, time: float) -> float:
+        """Return the playback time at which a time since the first knot [s] is shown [s]."""
         return float(time) / self.rate

@@ -1,4 +1,4 @@
-"""The interface that a server listens on, and the next port that is free."""
+"""Network interface and free port of a server."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _TRIED = 100
 
 
 def address_of(host: str) -> str:
-    """Return the address to listen on: `host`, but for a localhost that the system cannot resolve.
+    """Return the address to listen on: `host`, or 127.0.0.1 if localhost cannot be resolved.
 
-    A minimal Debian 12 has no /etc/hosts, in which that name would stand.
+    A minimal Debian 12 has no /etc/hosts, which would define the name localhost.
     """
     if host == "localhost":
         try:
@@ -30,7 +30,7 @@ def on_free_port(
     """Start a server on `port`, or on the next one that is free.
 
     Args:
-        start: makes a server on a port, or None if that is taken.
+        start: starts a server on a port, or returns None if the port is in use.
         host: network interface, for the message.
         port: first port to try, at least 1024; 7000 if not given.
 

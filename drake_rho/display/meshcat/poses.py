@@ -1,4 +1,4 @@
-"""Where vehicles point: aircraft along their way, quadrotors with their rotors along the thrust."""
+"""Attitudes of vehicles: aircraft point along their velocity, quadrotors tilt with their thrust."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import GRAVITY, Airframe
@@ -18,12 +18,12 @@ _LEFT = np.array([0.0, 1.0, 0.0])
 
 
 def headings(velocities: FloatArray) -> FloatArray:
-    """Directions of flight, shape (N, M, 3): the last one kept where a vehicle stands still."""
+    """Return the directions of flight, shape (N, M, 3); a vehicle at rest keeps its last one."""
     speeds = np.linalg.norm(velocities, axis=2)
     still = speeds <= 1e-3 * speeds.max(axis=1, keepdims=True)
     latest = np.where(still, -1, np.arange(speeds.shape[1]))
     latest = np.maximum.accumulate(latest, axis=1)
-    earliest = np.argmin(still, axis=1)  # for a vehicle that has not moved yet
+    earliest = np.argmin(still, axis=1)  # of a vehicle that has not moved yet
     latest = np.where(latest < 0, earliest[:, None], latest)
     headings = np.take_along_axis(velocities, latest[:, :, None], axis=1)
     lengths = np.linalg.norm(headings, axis=2, keepdims=True)
@@ -31,10 +31,10 @@ def headings(velocities: FloatArray) -> FloatArray:
 
 
 def lifts(motion: Motion, times: FloatArray, step: float) -> FloatArray:
-    """What keeps vehicles in the air, a + g e_z [m/s²], shape (N, M, 3).
+    """Return the specific lift a + g e_z of the vehicles [m/s²], shape (N, M, 3).
 
-    The acceleration is the mean over a step around each time, since a plan's own is constant in
-    each step and would tilt vehicles in jumps. The part upwards is at least g/2.
+    The acceleration is averaged over a step around each time, since a plan's acceleration is
+    constant in each step and the attitude would jump. The vertical component is at least g/2.
     """
     half = min(step, float(motion.step) * motion.accelerations.shape[1]) / 2.0
     end = motion.step * motion.accelerations.shape[1]
@@ -48,7 +48,7 @@ def lifts(motion: Motion, times: FloatArray, step: float) -> FloatArray:
 def vehicle_poses(
     kinds: Sequence[Airframe], positions: FloatArray, velocities: FloatArray, up: FloatArray
 ) -> FloatArray:
-    """Poses of vehicles of several kinds, shape (N, M, 3, 4), that lean as their lift asks for."""
+    """Return the poses of aircraft and quadrotors banked along their lift, shape (N, M, 3, 4)."""
     quadrotors = np.array([kind == "quadrotor" for kind in kinds])[:, None, None, None]
     level = velocities * [1.0, 1.0, 0.0]
     hovering = poses(positions, headings(level), up, nose_first=False)
@@ -58,22 +58,26 @@ def vehicle_poses(
 def poses(
     positions: FloatArray, headings: FloatArray, up: FloatArray = _UP, *, nose_first: bool = True
 ) -> FloatArray:
-    """Nose along the heading, and upright as far as that goes, or the other way round.
+    """Return poses with the nose along the heading and the upper side along `up`.
+
+    Only one of the two can hold exactly; the other holds as closely as possible.
 
     Args:
         positions: [m], shape (N, M, 3).
         headings: unit vectors, shape (N, M, 3).
-        up: where the upper side is to point, of any length, shape (..., 3).
-        nose_first: whether the nose points exactly along the heading, or else the upper side along
-            `up`.
+        up: desired direction of the upper side, of any length, shape (..., 3).
+        nose_first: whether the nose points exactly along the heading, rather than the upper side
+            exactly along `up`.
 
     Returns:
-        Axes ahead, to the left and up, and positions, as columns, shape (N, M, 3, 4).
+        Forward, left and upward axes, and positions, as columns, shape (N, M, 3, 4).
     """
     left = np.cross(up, headings)
     lengths = np.linalg.norm(left, axis=2, keepdims=True)
     steep = lengths <= 1e-6
-    level = _LEFT - (headings @ _LEFT)[..., None] * headings  # of one that flies along its lift
+    level = (
+        _LEFT - (headings @ _LEFT)[..., None] * headings
+    )  # if the heading is parallel to the lift
     left = np.where(steep, level, left)
     left = left / np.linalg.norm(left, axis=2, keepdims=True)
     if nose_first:
@@ -83,15 +87,15 @@ def poses(
     return np.stack([np.cross(left, above), left, above, positions], axis=3)
 
 
-def record_poses(meshcat: Meshcat, path: str, values: FloatArray, pace: Pace) -> None:
-    """Record poses, shape (M, 3, 4), of an object at the times of a pace; it begins in the first.
+def record_poses(meshcat: Meshcat, path: str, values: FloatArray, playback: Playback) -> None:
+    """Record the poses of an object over a playback, and set the first of them.
 
     Args:
-        meshcat: which is recording.
-        path: of the object.
-        values: rotations, and positions [m] as their last columns.
-        pace: how time in flight becomes time of playback.
+        meshcat: a Meshcat that is recording.
+        path: of the object in the scene tree.
+        values: rotations, with positions [m] as last columns, shape (M, 3, 4).
+        playback: mapping of flight time to playback time.
     """
     meshcat.SetTransform(path, RigidTransform(values[0]))
-    for time, pose in zip(pace.times, values, strict=True):
-        meshcat.SetTransform(path, RigidTransform(pose), pace.playback(time))
+    for time, pose in zip(playback.times, values, strict=True):
+        meshcat.SetTransform(path, RigidTransform(pose), playback.time_at(time))

@@ -1,6 +1,6 @@
-"""The scene in Meshcat: everything that stands still, at a size at which it is seen.
+"""Static objects of the scene in Meshcat, at sizes at which they can be seen.
 
-Everything is under /flight in the scene tree, in the scenario's own coordinates and metres.
+All objects are under /flight in the scene tree, in the scenario's own coordinates and metres.
 """
 
 from __future__ import annotations
@@ -25,43 +25,47 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Scenario, Vehicle
 
 ROOT = "/flight"
-MOST_DETAILED = 24
-"""Most vehicles with ends, trails and predictions of their own; more make a light scene."""
+MAX_DETAILED = 24
+"""Largest number of vehicles with starts, goals, trails and predictions as objects of their own.
+
+More vehicles make a light scene.
+"""
 _SEEN = 0.25
-"""Least radius of a vehicle that is seen as what it is, in lengths at which things are drawn."""
-_MOST_OUTLINE = 400
-"""Most places of vehicles that a picture is made to hold."""
+"""Least radius at which a vehicle can be recognised, over `Scene.mark_length`."""
+_MAX_OUTLINE = 400
+"""Largest number of vehicle positions that the camera is fitted to."""
 _BOX, _GROUND = Rgba(0.62, 0.64, 0.68), Rgba(0.8, 0.82, 0.85)
 _LIGHT = [-6.0, 10.0, 8.0]
-"""Where the light comes from, in three.js' axes (y is up)."""
+"""Position of the light, in the axes of three.js (y is up)."""
 _ASPECT = 1.4
-"""Least width of a window over its height for which the whole scene is seen."""
+"""Least aspect ratio, width over height, of a window in which the whole scene is visible."""
 _FIELD_OF_VIEW = 40.0
-"""Of the camera, from top to bottom [deg]."""
+"""Vertical field of view of the camera [deg]."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """Where everything is, and how large it has to be drawn to be seen."""
+    """Extent of the scene, and the sizes at which marks can be seen."""
 
     lower: FloatArray
-    """least coordinates of all that is shown [m], shape (3,)"""
+    """least coordinates of the scene [m], shape (3,)"""
     upper: FloatArray
-    """greatest coordinates [m], shape (3,)"""
+    """greatest coordinates of the scene [m], shape (3,)"""
     vehicles: int
-    """how many have to find room"""
+    """number of vehicles"""
     outline: FloatArray
-    """places that a picture holds, of vehicles and corners around obstacles [m], shape (M, 3)"""
+    """points that the camera is fitted to, positions of vehicles and corners of the obstacles'
+    bounding boxes [m], shape (M, 3)"""
 
     @classmethod
     def of(cls, plan: Drawn) -> Scene:
-        """The scene of a plan: its positions, obstacles, and the flyable boxes."""
+        """Return the scene that contains a plan's positions, obstacles and position limits."""
         scenario = plan.scenario
         bounds = [(plan.positions.min(axis=(0, 1)), plan.positions.max(axis=(0, 1)))]
         bounds += [each.bounds for each in snapshots(plan, scenario.bodies)]
         ends = [each for each in bounds if np.all(np.isfinite(each))]
         flown = plan.positions.reshape(-1, 3)
-        flown = flown[:: max(1, len(flown) // _MOST_OUTLINE)]
+        flown = flown[:: max(1, len(flown) // _MAX_OUTLINE)]
         outline = np.concatenate([flown, *(_corners(*each) for each in ends[1:])])
         bounds += [(box.lower, box.upper) for box in flyable_boxes(scenario)]
         lower = np.min([low for low, _ in bounds], axis=0)
@@ -71,57 +75,58 @@ class Scene:
 
     @property
     def size(self) -> float:
-        """Diagonal [m]."""
+        """Length of the diagonal [m]."""
         return float(np.linalg.norm(self.upper - self.lower))
 
     @property
     def light(self) -> bool:
-        """Whether there are so many vehicles that they are drawn without detail."""
-        return self.vehicles > MOST_DETAILED
+        """Whether the number of vehicles requires that they are drawn without detail."""
+        return self.vehicles > MAX_DETAILED
 
     @property
     def mark_length(self) -> float:
-        """Length at which things are drawn [m]: large enough to be seen, small enough for all."""
+        """Reference length of marks [m]: large enough to be seen, small enough not to overlap."""
         return float(self.size * 0.06 / max(1.0, self.vehicles / 4) ** 0.25)
 
     @property
     def seen(self) -> float:
-        """Least radius of a vehicle that is drawn so that it can be seen [m]."""
+        """Least radius at which a vehicle can be recognised [m]."""
         return _SEEN * self.mark_length
 
     @property
     def trail_radius(self) -> float:
-        """Half the width of a trail [m]: thin beside the vehicle."""
+        """Radius of a trail [m], thin in comparison with the vehicle."""
         return 0.07 * self.seen
 
 
 def _corners(lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Corners of a box [m], shape (8, 3)."""
+    """Return the corners of a box [m], shape (8, 3)."""
     return np.array(list(product(*np.array([lower, upper]).T)))
 
 
 def set_camera(meshcat: Meshcat, scene: Scene) -> None:
-    """Look at the whole scene from where the figures do."""
+    """Show the whole scene, from the viewpoint of the figures."""
     centre = (scene.lower + scene.upper) / 2
     camera = Meshcat.PerspectiveCamera(
         fov=_FIELD_OF_VIEW, near=scene.size / 1e3, far=scene.size * 1e2
     )
     meshcat.SetCamera(camera)
-    right, up, towards = view()
+    right, up, to_viewer = view()
     corners = _corners(scene.lower, scene.upper) - centre
     half = np.tan(np.radians(_FIELD_OF_VIEW / 2))
-    # From a distance d a corner is seen if its offset is within the half-angle of d less its depth.
-    sideways = np.abs(corners @ right) / (_ASPECT * half) + corners @ towards
-    upwards = np.abs(corners @ up) / half + corners @ towards
+    # From a distance d a corner at a depth z towards the camera is visible if its offset is at most
+    # (d - z) times the tangent of the half-angle.
+    sideways = np.abs(corners @ right) / (_ASPECT * half) + corners @ to_viewer
+    upwards = np.abs(corners @ up) / half + corners @ to_viewer
     distance = 1.05 * max(float(sideways.max()), float(upwards.max()))
-    meshcat.SetCameraPose(centre + distance * towards, centre)
+    meshcat.SetCameraPose(centre + distance * to_viewer, centre)
 
 
 def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
-    """Light, flyable boxes, a ground grid; Meshcat's own grid and axes are of 1 m."""
+    """Add light, flyable boxes and a ground grid, and hide Meshcat's own grid and axes of 1 m."""
     for name in ("/Grid", "/Axes"):
         meshcat.SetProperty(name, "visible", False)
-    # Meshcat's lamps hang a metre or two from the origin; light from afar suits every scale.
+    # Meshcat's lamps are a metre or two from the origin; distant light suits every scale.
     for lamp in ("PointLightNegativeX", "PointLightPositiveX"):
         meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.4)
@@ -139,14 +144,14 @@ def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None
 
 
 def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
-    """Starts and goals in the vehicles' colours, as small and larger balls."""
+    """Add starts and goals, as small and larger balls in the vehicles' colours."""
     size = 2.0 * scene.seen
     shared = Counter(tuple(vehicle.goal.position) for vehicle in scenario.vehicles)
     for vehicle, colour in coloured(scenario):
-        alone = shared[tuple(vehicle.goal.position)] == 1
+        unique = shared[tuple(vehicle.goal.position)] == 1
         for kind, state, radius, shown in (
             ("starts", vehicle.start, 0.13, colour),
-            ("goals", vehicle.goal, 0.25, colour if alone else Rgba(0.1, 0.1, 0.1)),
+            ("goals", vehicle.goal, 0.25, colour if unique else Rgba(0.1, 0.1, 0.1)),
         ):
             path = f"{ROOT}/{kind}/{as_path(vehicle.name)}"
             meshcat.SetObject(path, Ball(radius * size), shown)
@@ -154,7 +159,7 @@ def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
 
 
 def add_light_goals(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
-    """Goals as small octahedra in the vehicles' colours, those of one colour in one object."""
+    """Add goals as small octahedra in the vehicles' colours, one object per colour."""
     mark = octahedron(0.24 * scene.seen)
     goals = np.array([vehicle.goal.position for vehicle in scenario.vehicles])
     colours = palette(len(goals))
@@ -164,7 +169,7 @@ def add_light_goals(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
 
 
 def flyable_boxes(scenario: Scenario) -> list[Box]:
-    """The position boxes of all vehicles, each once."""
+    """Return the distinct position limits of all vehicles."""
     boxes: list[Box] = []
     for vehicle in scenario.vehicles:
         box = scenario.limits_of(vehicle).position
@@ -174,7 +179,7 @@ def flyable_boxes(scenario: Scenario) -> list[Box]:
 
 
 def coloured(scenario: Scenario) -> Iterator[tuple[Vehicle, Rgba]]:
-    """The vehicles with the colours they have in the figures."""
+    """Yield the vehicles with their colours in the figures."""
     colours = vehicle_colours(len(scenario.vehicles))
     for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
         yield vehicle, Rgba(*to_rgb(colour))

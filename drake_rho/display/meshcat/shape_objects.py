@@ -17,7 +17,7 @@ from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 
 @singledispatch
 def put(shape: Shape, meshcat: Meshcat, path: str, colour: Rgba) -> None:
-    """Put a shape that has ends at a path, with its centre at the path's origin."""
+    """Add a bounded shape at a path of the scene tree, with its centre at the path's origin."""
     raise NotImplementedError(f"{type(shape).__name__} has no object in Meshcat")
 
 
@@ -39,16 +39,16 @@ def _(shape: Box, meshcat: Meshcat, path: str, colour: Rgba) -> None:
 @put.register
 def _(shape: Cylinder, meshcat: Meshcat, path: str, colour: Rgba) -> None:
     if shape.height is None:
-        raise ValueError("shape: got an endless cylinder, expected one that is cut")
+        raise ValueError("shape: got an infinite cylinder, expected one with a height")
     meshcat.SetObject(path, geometry.Cylinder(shape.radius, shape.height), colour)
-    along = np.eye(3)["xyz".index(shape.axis)]  # Drake's own lie along z
+    along = np.eye(3)["xyz".index(shape.axis)]  # Drake's cylinders lie along z
     turn = RotationMatrix.MakeFromOneVector(along, 2)
     meshcat.SetTransform(path, RigidTransform(turn, np.zeros(3)))
 
 
 @put.register
 def _(shape: Polytope, meshcat: Meshcat, path: str, colour: Rgba) -> None:
-    corners = (shape.triangles - shape.center).reshape(-1, 3)  # facets share none: flat shading
+    corners = (shape.triangles - shape.center).reshape(-1, 3)  # no shared vertices: flat shading
     faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
     mesh = np.asfortranarray(corners.T), np.asfortranarray(faces.T)
     meshcat.SetTriangleMesh(path, *mesh, rgba=colour)

@@ -1,7 +1,7 @@
-"""What appears in Meshcat while it is flown: trails, and the predictions of a flight's windows.
+"""Objects that appear in Meshcat during the flight: trails, and predictions of its windows.
 
-Meshcat records poses and properties only, so each piece is an object of its own that is made
-visible.
+Meshcat records only poses and properties, so each piece is a separate object that is made visible
+at its time.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.style import palette, window_colours
 from drake_rho.display.meshcat.meshes import tube
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
 from drake_rho.motion.plan import Window
 from drake_rho.scenario.fields import FloatArray, IntArray
 
-_MOST_PIECES = 1200
-"""Most pieces of trail in a scene."""
+_MAX_PIECES = 1200
+"""Largest number of pieces of trail in a scene."""
 _PER_STEP = 4
-"""Straight parts of a curve in each step."""
+"""Straight segments of a curve in each step."""
 
 
-def record_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
-    """A tube for every few steps of every vehicle, to be seen from when it has been flown."""
+def record_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
+    """Add trails as tubes of a few steps each, visible once they have been flown."""
     for first, last in _pieces(plan, len(plan.positions)):
         for (vehicle, colour), path in zip(
             coloured(plan.scenario), _paths(plan, first, last, _PER_STEP), strict=True
         ):
             name = f"{ROOT}/trails/{as_path(vehicle.name)}/{first}"
             meshcat.SetTriangleMesh(name, *tube(path, scene.trail_radius), rgba=colour)
-            show_between(meshcat, name, _middle(plan, pace, first, last), None)
+            show_between(meshcat, name, _middle(plan, playback, first, last), None)
 
 
-def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace) -> None:
-    """Trails as lines, all of one colour in one object: few objects, however many vehicles fly."""
+def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Playback) -> None:
+    """Add trails as lines, one object per colour, so that large fleets need few objects."""
     colours = palette(len(plan.positions))
     for first, last in _pieces(plan, len(colours)):
         paths = _paths(plan, first, last, 1)
@@ -48,62 +48,64 @@ def record_light_trails(meshcat: Meshcat, scene: Scene, plan: Drawn, pace: Pace)
             name = f"{ROOT}/trails/{number}/{first}"
             lines = segments(paths[number - 1 :: len(colours)])
             meshcat.SetLineSegments(name, *lines, rgba=Rgba(*to_rgb(colour)))
-            show_between(meshcat, name, _middle(plan, pace, first, last), None)
+            show_between(meshcat, name, _middle(plan, playback, first, last), None)
 
 
-def record_predictions(meshcat: Meshcat, windows: Sequence[Window], pace: Pace) -> None:
-    """Each window's whole prediction, while it is the one that is flown, as lines."""
+def record_predictions(meshcat: Meshcat, windows: Sequence[Window], playback: Playback) -> None:
+    """Add each window's whole prediction as lines, visible while the window is in force."""
     for number, (window, colour) in enumerate(
         zip(windows, window_colours(len(windows)), strict=True), start=1
     ):
         paths = _paths(window.plan, 0, window.plan.scenario.grid.knots - 1, _PER_STEP)
         name = f"{ROOT}/predictions/{number}"
         meshcat.SetLineSegments(name, *segments(paths), rgba=Rgba(*to_rgb(colour)))
-    record_windows(meshcat, f"{ROOT}/predictions", windows, pace)
+    record_windows(meshcat, f"{ROOT}/predictions", windows, playback)
 
 
-def record_windows(meshcat: Meshcat, path: str, windows: Sequence[Window], pace: Pace) -> None:
-    """Record that what is at `path`/<number> is seen while that window, from 1, is flown."""
+def record_windows(
+    meshcat: Meshcat, path: str, windows: Sequence[Window], playback: Playback
+) -> None:
+    """Show the object at `path`/<number> only while that window, counted from 1, is in force."""
     starts = first_times(windows)
     for number in range(1, len(windows) + 1):
-        until = pace.playback(starts[number]) if number < len(windows) else None
-        show_between(meshcat, f"{path}/{number}", pace.playback(starts[number - 1]), until)
+        until = playback.time_at(starts[number]) if number < len(windows) else None
+        show_between(meshcat, f"{path}/{number}", playback.time_at(starts[number - 1]), until)
 
 
 def first_times(windows: Sequence[Window]) -> list[float]:
-    """When each window began to be flown, since the first knot of the flight [s]."""
+    """Return the times from which windows are in force, since the flight's first knot [s]."""
     return [window.plan.scenario.grid.step * window.first_knot for window in windows]
 
 
 def _pieces(plan: Drawn, trails: int) -> list[tuple[int, int]]:
-    """First and last knot of every piece of a trail: a step each, or more if they are many."""
+    """Return the first and last knots of a trail's pieces: one step each, or more to limit them."""
     steps = plan.scenario.grid.knots - 1
-    count = max(1, min(steps, _MOST_PIECES // trails))
+    count = max(1, min(steps, _MAX_PIECES // trails))
     knots: IntArray = np.unique(np.linspace(0, steps, count + 1).round().astype(int))
     return list(pairwise(knots.tolist()))
 
 
 def _paths(plan: Drawn, first: int, last: int, per_step: int) -> FloatArray:
-    """Points along all ways between two knots [m], shape (N, M, 3)."""
+    """Return points along all vehicles' paths between two knots [m], shape (N, M, 3)."""
     elapsed = plan.scenario.grid.elapsed
     times = np.linspace(elapsed[first], elapsed[last], per_step * (last - first) + 1)
     return plan.motion().at("position", times)
 
 
 def segments(paths: Sequence[FloatArray] | FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The straight parts of several lines: their starts and ends [m], each of shape (3, S)."""
+    """Return the starts and ends of the segments of several polylines [m], each of shape (3, S)."""
     begins = np.concatenate([path[:-1] for path in paths])
     ends = np.concatenate([path[1:] for path in paths])
     return np.asfortranarray(begins.T), np.asfortranarray(ends.T)
 
 
-def _middle(plan: Drawn, pace: Pace, first: int, last: int) -> float:
+def _middle(plan: Drawn, playback: Playback, first: int, last: int) -> float:
     elapsed = plan.scenario.grid.elapsed
-    return pace.playback((elapsed[first] + elapsed[last]) / 2)
+    return playback.time_at((elapsed[first] + elapsed[last]) / 2)
 
 
 def show_between(meshcat: Meshcat, path: str, begin: float, end: float | None) -> None:
-    """Record that the object is seen from `begin` to `end` [s of playback] only."""
+    """Record that an object is visible only from `begin` to `end` [s of playback]."""
     if begin > 0.0:
         meshcat.SetProperty(path, "visible", False, 0.0)
     meshcat.SetProperty(path, "visible", True, begin)

@@ -1,9 +1,9 @@
-"""What a simulation adds to the scene in Meshcat: plans as ghosts, their tubes, and the wind.
+"""Objects of a simulation in Meshcat: planned positions as ghosts, error tubes, and the wind.
 
-Under /flight in the scene tree, `planned/<name>` is where a vehicle was to be, x along the planned
-velocity, `tube/<name>` the ball around it in which the vehicle can be, scaled by its radius [m],
-`tubes/<window>/<name>` all these balls along a window's prediction, and `wind/<name>` an arrow
-along the wind, scaled by its part of the strongest.
+Under /flight in the scene tree, `planned/<name>` is a vehicle's planned pose, x along the planned
+velocity. `tube/<name>` is the ball around the planned position that contains the vehicle, scaled by
+its radius [m]. `tubes/<window>/<name>` is the tube of these balls along a window's prediction.
+`wind/<name>` is an arrow along the wind, scaled by its ratio to the strongest wind.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from drake_rho.display.common.drawable import drawn
 from drake_rho.display.common.names import as_path
 from drake_rho.display.meshcat.airframes import body
 from drake_rho.display.meshcat.meshes import arrow, tube
-from drake_rho.display.meshcat.playback import Pace
+from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.poses import headings, poses, record_poses, vehicle_poses
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
 from drake_rho.display.meshcat.trails import record_windows
@@ -28,23 +28,23 @@ from drake_rho.scenario.fields import FloatArray
 
 _DARK = Rgba(0.15, 0.15, 0.18)
 _GHOST, _BALL, _TUBE = 0.35, 0.18, 0.08
-"""How opaque things are."""
-_LEAST = 1e-6
-"""Least that anything is scaled by: no object can be shown at a size of zero."""
+"""Opacities of planned positions, balls and tubes."""
+_MIN_SCALE = 1e-6
+"""Least scale of an object; Meshcat cannot show a size of zero."""
 _SIDES = 12
-"""Of a tube's section."""
+"""Number of sides of a tube's cross-section."""
 _PER_STEP = 4
-"""Most sections of a tube in each step."""
-_MOST_SECTIONS = 8000
-"""Most sections of all tubes together."""
-_FEWEST = 8
-"""Fewest sections of a tube."""
+"""Largest number of cross-sections of a tube in each step."""
+_MAX_SECTIONS = 8000
+"""Largest number of cross-sections of all tubes together."""
+_MIN_SECTIONS = 8
+"""Least number of cross-sections of a tube."""
 
 
 def add_disturbed(
     meshcat: Meshcat, scene: Scene, simulation: Simulation, vehicles: Vehicles
 ) -> None:
-    """Put ghosts, tubes and arrows into the scene."""
+    """Add ghosts of the plans, error tubes and wind arrows to the scene."""
     along = arrow(_arrow_length(vehicles, scene))
     looks = zip(vehicles.kinds, vehicles.radii.tolist(), strict=True)
     for (vehicle, colour), (kind, radius) in zip(coloured(simulation.scenario), looks, strict=True):
@@ -53,48 +53,53 @@ def add_disturbed(
         meshcat.SetTriangleMesh(f"{ROOT}/planned/{name}", *ghost, rgba=_faint(colour, _GHOST))
         if has_tube(simulation):
             meshcat.SetObject(f"{ROOT}/tube/{name}", Ball(1.0), _faint(colour, _BALL))
-            _see_through(meshcat, f"{ROOT}/tube/{name}")
-        if strongest(simulation) > 0.0:
+            _disable_depth_write(meshcat, f"{ROOT}/tube/{name}")
+        if strongest_wind(simulation) > 0.0:
             meshcat.SetTriangleMesh(f"{ROOT}/wind/{name}", *along, rgba=_DARK)
     if has_tube(simulation):
         _add_tubes(meshcat, simulation)
 
 
 def record_disturbed(
-    meshcat: Meshcat, simulation: Simulation, vehicles: Vehicles, pace: Pace
+    meshcat: Meshcat, simulation: Simulation, vehicles: Vehicles, playback: Playback
 ) -> None:
-    """Record where plans were, how wide their tubes, and how the wind blew."""
-    times = np.minimum(simulation.scenario.grid.start + pace.times, simulation.times[-1])
+    """Record the planned positions, the radii of their tubes, and the wind."""
+    times = np.minimum(simulation.scenario.grid.start + playback.times, simulation.times[-1])
     places = np.swapaxes(simulation.nominal("position", times), 0, 1)
     velocities = np.swapaxes(simulation.nominal("velocity", times), 0, 1)
     planned = vehicle_poses(vehicles.kinds, places, velocities, np.array([0.0, 0.0, 1.0]))
-    wind, radii, most = _wind(simulation, times), _radii(simulation, times), strongest(simulation)
-    blown = poses(drawn(simulation).motion().at("position", pace.times), headings(wind))
+    wind, radii, most = (
+        _wind(simulation, times),
+        _radii(simulation, times),
+        strongest_wind(simulation),
+    )
+    blown = poses(drawn(simulation).motion().at("position", playback.times), headings(wind))
     for i, vehicle in enumerate(simulation.scenario.vehicles):
         name = as_path(vehicle.name)
-        record_poses(meshcat, f"{ROOT}/planned/{name}", planned[i], pace)
+        record_poses(meshcat, f"{ROOT}/planned/{name}", planned[i], playback)
         if np.any(vehicles.scales[i] < 1.0):
-            record_scale(meshcat, f"{ROOT}/planned/{name}", vehicles.scales[i], pace)
+            record_scale(meshcat, f"{ROOT}/planned/{name}", vehicles.scales[i], playback)
         if has_tube(simulation):
-            record_poses(meshcat, f"{ROOT}/tube/{name}", planned[i], pace)
-            record_scale(meshcat, f"{ROOT}/tube/{name}", np.maximum(radii, _LEAST), pace)
+            record_poses(meshcat, f"{ROOT}/tube/{name}", planned[i], playback)
+            record_scale(meshcat, f"{ROOT}/tube/{name}", np.maximum(radii, _MIN_SCALE), playback)
         if most > 0.0:
-            record_poses(meshcat, f"{ROOT}/wind/{name}", blown[i], pace)
+            record_poses(meshcat, f"{ROOT}/wind/{name}", blown[i], playback)
             parts = np.linalg.norm(wind[i], axis=1) / most
-            record_scale(meshcat, f"{ROOT}/wind/{name}", np.maximum(parts, _LEAST), pace)
+            record_scale(meshcat, f"{ROOT}/wind/{name}", np.maximum(parts, _MIN_SCALE), playback)
     if has_tube(simulation):
-        record_windows(meshcat, f"{ROOT}/tubes", simulation.flight.windows, pace)
+        record_windows(meshcat, f"{ROOT}/tubes", simulation.flight.windows, playback)
 
 
 def has_tube(simulation: Simulation) -> bool:
-    """Whether vehicles can be anywhere but where they were to be, by what the scenario says."""
+    """Tell whether the scenario's disturbance lets vehicles deviate from their plans."""
     return bool(np.any(simulation.radii() > 0.0))
 
 
-def strongest(simulation: Simulation) -> float:
-    """The wind of an arrow of full length [m/s²]; 0 where none blew.
+def strongest_wind(simulation: Simulation) -> float:
+    """Return the wind that an arrow of full length stands for [m/s²]; 0 without wind.
 
-    The strongest that the scenario says there is, or that blew if that was stronger.
+    It is the scenario's bound on the disturbance, or the strongest simulated wind if that was
+    stronger.
     """
     around = simulation.scenario.disturbance
     blew = float(np.linalg.norm(simulation.wind, axis=2).max())
@@ -102,49 +107,49 @@ def strongest(simulation: Simulation) -> float:
 
 
 def _add_tubes(meshcat: Meshcat, simulation: Simulation) -> None:
-    """The tube of every window, with fewer sections where windows and vehicles are many."""
+    """Add the tube of every window, with fewer cross-sections if windows and vehicles are many."""
     windows, vehicles = simulation.flight.windows, len(simulation.scenario.vehicles)
     steps = sum(window.plan.scenario.grid.knots - 1 for window in windows)
-    per_step = min(_PER_STEP, _MOST_SECTIONS / (steps * vehicles))
+    per_step = min(_PER_STEP, _MAX_SECTIONS / (steps * vehicles))
     for number, (window, around) in enumerate(zip(windows, simulation.tubes, strict=True), start=1):
         paths, radii = _sections(window.plan, around, per_step)
         for (vehicle, colour), path in zip(coloured(simulation.scenario), paths, strict=True):
             name = f"{ROOT}/tubes/{number}/{as_path(vehicle.name)}"
             mesh = tube(path, radii, _SIDES)
             meshcat.SetTriangleMesh(name, *mesh, rgba=_faint(colour, _TUBE))
-            _see_through(meshcat, name)
+            _disable_depth_write(meshcat, name)
 
 
 def _sections(plan: Plan, around: ErrorTube, per_step: float) -> tuple[FloatArray, FloatArray]:
-    """Middles of a tube's sections [m], shape (N, S, 3), and their radii [m], shape (S,)."""
+    """Return the centres [m], shape (N, S, 3), and radii [m], shape (S,), of a tube's sections."""
     grid = plan.scenario.grid
-    count = max(_FEWEST, round(per_step * (grid.knots - 1)) + 1)
+    count = max(_MIN_SECTIONS, round(per_step * (grid.knots - 1)) + 1)
     times = np.linspace(0.0, grid.duration, count)
     radii = around.position(np.minimum(grid.start + times, grid.end))
-    return plan.motion().at("position", times), np.maximum(radii, _LEAST)
+    return plan.motion().at("position", times), np.maximum(radii, _MIN_SCALE)
 
 
-def _see_through(meshcat: Meshcat, path: str) -> None:
-    """Keep a translucent object from hiding other ones that are inside it or behind it."""
+def _disable_depth_write(meshcat: Meshcat, path: str) -> None:
+    """Keep a translucent object from hiding objects inside it or behind it."""
     meshcat.SetProperty(f"{path}/<object>", "material.depthWrite", False)
 
 
 def _wind(simulation: Simulation, times: FloatArray) -> FloatArray:
-    """The wind at times on the scenario's clock [m/s²], shape (N, T, 3)."""
+    """Return the wind at times on the scenario's clock [m/s²], shape (N, T, 3)."""
     late = times + simulation.scenario.grid.rounding
     m = np.searchsorted(simulation.times, late, side="right") - 1
     return np.swapaxes(simulation.wind[np.maximum(m, 0)], 0, 1)
 
 
 def _radii(simulation: Simulation, times: FloatArray) -> FloatArray:
-    """Radii of the tubes in force at times on the scenario's clock [m], shape (T,)."""
+    """Return the radii of the tubes in force at times on the scenario's clock [m], shape (T,)."""
     numbers = simulation.in_force(times)
     found = [simulation.tubes[n].position(time) for n, time in zip(numbers, times, strict=True)]
     return np.array(found, dtype=np.float64)
 
 
 def _arrow_length(vehicles: Vehicles, scene: Scene) -> float:
-    """Length of the arrow of the strongest wind [m]."""
+    """Return the length of the arrow of the strongest wind [m]."""
     return max(0.7 * scene.mark_length, 2.0 * float(vehicles.radii.max()))
 
 

@@ -19,11 +19,11 @@ from drake_rho.display.common.style import VIEW_AZIMUTH, VIEW_ELEVATION, view
 from drake_rho.display.plots.legends import figure_of, renderer_of
 from drake_rho.scenario.fields import FloatArray
 
-_LEAST_SIDE = 0.3
+_MIN_SIDE = 0.3
 """Least side of the box over its longest: a flat scene has some room above and below."""
 _OUTWARDS = np.array([[0.0, -1.0, -1.0], [1.0, 0.0, -1.0], [1.0, 1.0, 0.0]])
 """Where matplotlib puts the ticks and the label of each axis, as seen from the box's centre."""
-_LEAST_REACH = 0.62
+_MIN_REACH = 0.62
 """How far one of these is seen to lie from its axis where matplotlib's own distances are enough."""
 _TICKS, _LABEL = 8.0, 21.0
 """What matplotlib adds to the distances that are given for ticks and labels [points]."""
@@ -65,7 +65,7 @@ def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) ->
     lower = np.min([positions.min(axis=0), *(low for low, _ in bounds)], axis=0)
     upper = np.max([positions.max(axis=0), *(high for _, high in bounds)], axis=0)
     longest = float(np.max(upper - lower)) or 5.0
-    half = np.maximum((upper - lower) / 2 + 0.04 * longest, _LEAST_SIDE / 2 * longest)
+    half = np.maximum((upper - lower) / 2 + 0.04 * longest, _MIN_SIDE / 2 * longest)
     lower, upper = (lower + upper) / 2 - half, (lower + upper) / 2 + half
     ax.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
     ax.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
@@ -83,7 +83,7 @@ def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) ->
         along = sides[index] * np.array([right[index], up[index]])
         x, y = np.array([right, up]) @ (_OUTWARDS[index] * sides)
         reach = abs(along[0] * y - along[1] * x) / np.linalg.norm(along)
-        farther = max(1.0, _LEAST_REACH / reach)
+        farther = max(1.0, _MIN_REACH / reach)
         axis.set_tick_params(pad=_TICKS * (farther - 1.0))
         axis.labelpad = 3.0 * farther + _LABEL * (farther - 1.0)
 

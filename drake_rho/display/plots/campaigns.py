@@ -21,9 +21,9 @@ _LINE = 0.26
 """Height of a line of a figure with names at its side [in]."""
 _DASHES = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (6, 1.5, 1.5, 1.5)))
 """Of the methods' lines in turn."""
-_MOST_LINES = 40
+_MAX_LINES = 40
 """Sources, or kinds of failure, that a figure has room for."""
-_MOST_POINTS = 2000
+_MAX_POINTS = 2000
 """Points of a curve: more cannot be told apart."""
 
 
@@ -66,7 +66,7 @@ def write_campaign_figures(
 @styled
 def success_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Success of each method on each source of scenarios, with 95 % intervals."""
-    lines = min(len(results.scenarios), _MOST_LINES) * len(results.methods) / 2 + 2
+    lines = min(len(results.scenarios), _MAX_LINES) * len(results.methods) / 2 + 2
     figure, ax = _lines(lines, width)
     draw_success(ax, results)
     _legend(figure, ax)
@@ -94,14 +94,14 @@ def costs_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
 @styled
 def failures_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
     """Runs without a plan that holds, by method and status."""
-    figure, ax = _lines(min(len(results.failures), _MOST_LINES) + 2, width)
+    figure, ax = _lines(min(len(results.failures), _MAX_LINES) + 2, width)
     draw_failures(ax, results)
     return figure
 
 
 def draw_success(ax: Axes, results: Results) -> None:
     """Draw points and intervals, a line for each source, methods one above the other."""
-    shown = results.scenarios[:_MOST_LINES]
+    shown = results.scenarios[:_MAX_LINES]
     colours = vehicle_colours(len(results.methods))
     for j, method in enumerate(results.methods):
         groups = [each for each in results.groups if each.method == method]
@@ -164,7 +164,7 @@ def draw_cost_ratios(ax: Axes, results: Results) -> None:
 
 def draw_failures(ax: Axes, results: Results) -> None:
     """Draw a bar for each method and status."""
-    shown = results.failures[:_MOST_LINES]
+    shown = results.failures[:_MAX_LINES]
     colours = dict(zip(results.methods, vehicle_colours(len(results.methods)), strict=True))
     ax.barh(
         range(len(shown)),
@@ -192,7 +192,7 @@ def _line(results: Results, method: str) -> dict[str, Any]:
 
 def _spread_places(count: int) -> np.ndarray:
     """Places among so many, evenly spread, the first and the last among them."""
-    return np.unique(np.linspace(0, count - 1, min(count, _MOST_POINTS)).astype(np.int64))
+    return np.unique(np.linspace(0, count - 1, min(count, _MAX_POINTS)).astype(np.int64))
 
 
 def _lines(count: float, width: float) -> tuple[Figure, Axes]:

@@ -25,10 +25,10 @@ from drake_rho.display.common.drawable import (
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.style import (
     COLOURS,
+    EXTREMUM_STYLE,
     FORBIDDEN,
-    LEAST_STYLE,
     LIMIT_STYLE,
-    MOST_NAMED,
+    MAX_NAMED,
     PLANNED_STYLE,
     dense_times,
     vehicle_colours,
@@ -36,7 +36,7 @@ from drake_rho.display.common.style import (
 )
 from drake_rho.display.plots.labels import Labels, along
 from drake_rho.display.plots.legends import add_above, width_of
-from drake_rho.display.plots.overlapping_curves import marks_every, show_hidden
+from drake_rho.display.plots.overlapping_curves import marks_every, show_overlapping
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.norms import Norm
 
@@ -85,7 +85,7 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     closest = (vehicles[index].name for index in (found.one[m], found.other[m]))
     names = " and ".join(as_text(brief(name)) for name in closest)
     label = f"{found.distances[m]:.4g} m at {times[m]:.4g} s: {names}"
-    (ring,) = ax.plot(times[m], found.distances[m], label=label, **LEAST_STYLE)
+    (ring,) = ax.plot(times[m], found.distances[m], label=label, **EXTREMUM_STYLE)
     add_above(ax, [ring])
     flat = "" if separation.downwash == 1.0 else f", z / {separation.downwash:g}"
     ax.set(xlabel="time [s]", ylabel=f"least distance of any two{flat} [m]")
@@ -102,8 +102,8 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
 def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
     """Velocity components over time with their bounds; one axes for each of x, y and z."""
     times = dense_times(plan)
-    exact = _as_seen(plan.motion().at("velocity", times))
-    knots, drawn = _as_seen(plan.velocities), plan.scenario.grid.start + times
+    exact = _rounded(plan.motion().at("velocity", times))
+    knots, drawn = _rounded(plan.velocities), plan.scenario.grid.start + times
     lines = []
     for axis, ax in enumerate(axes):
         lines += [
@@ -111,8 +111,8 @@ def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
             for i in range(len(exact))
         ]
         _finish_component(ax, plan, "velocity", "v", "m/s", axis)
-        _show_no_rounding(ax, exact)
-        _show_hidden(ax, plan, lines[-len(exact) :])
+        _widen_flat_range(ax, exact)
+        _show_overlapping(ax, plan, lines[-len(exact) :])
     axes[-1].set_xlabel("time [s]")
     return lines
 
@@ -121,12 +121,12 @@ def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
     """Acceleration components, constant in each step, with their bounds; one axes an axis."""
     lines = []
     times, values = commands(plan)
-    values = _as_seen(values)
+    values = _rounded(values)
     for axis, ax in enumerate(axes):
         lines += [_draw_steps(ax, plan, i, times, values[i, :, axis]) for i in range(len(values))]
         _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
-        _show_no_rounding(ax, values)
-        _show_hidden(ax, plan, lines[-len(values) :])
+        _widen_flat_range(ax, values)
+        _show_overlapping(ax, plan, lines[-len(values) :])
     axes[-1].set_xlabel("time [s]")
     return lines
 
@@ -144,8 +144,8 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
         ax.axhline(most, **LIMIT_STYLE)
     if limit.kind.quantity == "velocity":
         times, start = dense_times(plan), plan.scenario.grid.start
-        exact = _as_seen(limit.kind.measured(plan.motion().at("velocity", times)))
-        knots = _as_seen(limit.kind.measured(plan.velocities))
+        exact = _rounded(limit.kind.measured(plan.motion().at("velocity", times)))
+        knots = _rounded(limit.kind.measured(plan.velocities))
         lines = [
             draw_curve(ax, plan, index, (start + times, exact[index]), (plan.times, knots[index]))
             for index in range(len(exact))
@@ -154,15 +154,15 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
         ends, values = plan.times, planned_jerks(plan)
         if limit.kind.quantity == "acceleration":
             ends, values = commands(plan)
-        steps = _as_seen(limit.kind.measured(values))
+        steps = _rounded(limit.kind.measured(values))
         lines = [_draw_steps(ax, plan, index, ends, steps[index]) for index in range(len(steps))]
     ax.set(xlabel="time [s]", ylabel=_NORM_LABELS[norm], ylim=(0, None))
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
-    _show_hidden(ax, plan, lines)
+    _show_overlapping(ax, plan, lines)
     return lines
 
 
-def _as_seen(values: FloatArray) -> FloatArray:
+def _rounded(values: FloatArray) -> FloatArray:
     """Return values without the digits that nobody sees.
 
     Some of these differ from processor to processor, and with them whether points are on one line,
@@ -199,7 +199,7 @@ def draw_curve(
     colour = vehicle_colours(len(plan.positions))[index]
     name = as_text(plan.scenario.vehicles[index].name)
     (line,) = ax.plot(*exact, color=colour, label=name)
-    if len(plan.positions) <= MOST_NAMED:
+    if len(plan.positions) <= MAX_NAMED:
         every = marks_every(len(knots[0]), width_of(ax))
         ax.plot(
             *(each[::every] for each in knots),
@@ -224,18 +224,18 @@ def draw_planned(ax: Axes, piece: Planned, times: FloatArray, values: FloatArray
     start, colours = piece.plan.scenario.grid.start, vehicle_colours(len(values))
     lines = []
     for each, at, colour in zip(values, np.broadcast_to(times, values.shape), colours, strict=True):
-        flown = piece.flown(at)
+        flown = piece.in_force(at)
         lines += ax.plot(start + at[flown], each[flown], color=colour, **PLANNED_STYLE)
     return lines
 
 
-def _show_hidden(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
+def _show_overlapping(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
     """Tell curves that lie on each other apart, where vehicles are."""
-    if len(plan.positions) <= MOST_NAMED:
-        show_hidden(ax, lines)
+    if len(plan.positions) <= MAX_NAMED:
+        show_overlapping(ax, lines)
 
 
-def _show_no_rounding(ax: Axes, values: FloatArray) -> None:
+def _widen_flat_range(ax: Axes, values: FloatArray) -> None:
     """Keep axes on which nothing changes from being filled with rounding.
 
     Args:

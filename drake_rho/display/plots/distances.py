@@ -14,19 +14,19 @@ from matplotlib.lines import Line2D
 
 from drake_rho.display.common.clearances import (
     Clearances,
-    Closest,
+    ClosestApproaches,
     closest,
     distances,
-    kept,
     least_clearances,
+    required_distances,
 )
 from drake_rho.display.common.drawable import Drawn, planned
 from drake_rho.display.common.names import as_text, brief
-from drake_rho.display.common.obstacle_snapshots import called
+from drake_rho.display.common.obstacle_snapshots import short_label
 from drake_rho.display.common.style import (
+    EXTREMUM_STYLE,
     FORBIDDEN,
-    LEAST_STYLE,
-    MOST_NAMED,
+    MAX_NAMED,
     dense_times,
     vehicle_colours,
     vehicle_marker,
@@ -34,7 +34,7 @@ from drake_rho.display.common.style import (
 from drake_rho.display.plots.curves import draw_curve, draw_limit, draw_planned
 from drake_rho.display.plots.labels import Labels, around, beside
 from drake_rho.display.plots.legends import add_above
-from drake_rho.display.plots.overlapping_curves import show_hidden
+from drake_rho.display.plots.overlapping_curves import show_overlapping
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import TOLERANCE
@@ -42,9 +42,9 @@ from drake_rho.scenario.shapes.quadrics import Sphere
 
 _BELOW = 0.08
 """Room below the lowest that is drawn, in parts of the range of distances: that of a word."""
-_MOST_ANNOTATED = 14
+_MAX_ANNOTATED = 14
 """Most vehicles at whose closest approach the obstacle is named."""
-_MOST_DISCOVERIES = 6
+_MAX_DISCOVERIES = 6
 """Most times at which an obstacle becomes known that are named."""
 
 
@@ -53,7 +53,7 @@ def draw_distances(
 ) -> list[Line2D]:
     """Distance of each vehicle from an obstacle's surface over time, with what is kept."""
     lines = _draw_distances(ax, plan, obstacle, lambda each, at: distances(each, obstacle, at))
-    least = sorted(set(kept(plan, obstacle).tolist()))
+    least = sorted(set(required_distances(plan, obstacle).tolist()))
     values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])
     values = values[np.isfinite(values)]  # while it is active
     bottom, top = float(values.min(initial=0.0)), float(values.max(initial=0.0))
@@ -85,14 +85,16 @@ def draw_distances_from_centre(
         offsets: FloatArray = np.linalg.norm(each.motion().at("position", times) - centers, axis=2)
         return offsets
 
-    for least in sorted(set(kept(plan, obstacle).tolist())):
+    for least in sorted(set(required_distances(plan, obstacle).tolist())):
         more = f" + {least:g} m" if least > 0.0 else ""
         draw_limit(ax, sphere.radius + least, f"R{more} = {sphere.radius + least:g} m")
     lines = _draw_distances(ax, plan, obstacle, from_centre)
     ax.set(ylabel="distance from the centre [m]", ylim=(0, None))
     _finish(ax, plan, lines)
     near = closest(plan, obstacle)
-    _mark_least(ax, plan, obstacle, Closest(near.times, near.distances + sphere.radius), title)
+    _mark_least(
+        ax, plan, obstacle, ClosestApproaches(near.times, near.distances + sphere.radius), title
+    )
     return lines
 
 
@@ -117,7 +119,7 @@ def _draw_distances(
 
 
 def _mark_least(
-    ax: Axes, plan: Drawn, obstacle: Obstacle, found: Closest, title: str | None
+    ax: Axes, plan: Drawn, obstacle: Obstacle, found: ClosestApproaches, title: str | None
 ) -> None:
     """Mark where vehicles come closest, and above the axes who does of all, as near as kept."""
     start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))
@@ -125,16 +127,18 @@ def _mark_least(
         add_above(ax, [], title)
         return
     for i, (time, value) in enumerate(zip(found.times, found.distances, strict=True)):
-        if len(plan.positions) <= _MOST_ANNOTATED:
-            _mark_low(ax, plan, i, (start + time, value), colours[i])
-    i = int(np.argmin(found.distances - kept(plan, obstacle)))
-    label = _said(plan, i, float(found.distances[i]), float(found.times[i]), obstacle)
+        if len(plan.positions) <= _MAX_ANNOTATED:
+            _mark_minimum(ax, plan, i, (start + time, value), colours[i])
+    i = int(np.argmin(found.distances - required_distances(plan, obstacle)))
+    label = _description(plan, i, float(found.distances[i]), float(found.times[i]), obstacle)
     time, value = start + found.times[i], found.distances[i]
-    (ring,) = ax.plot(time, value, label=label, **LEAST_STYLE)
+    (ring,) = ax.plot(time, value, label=label, **EXTREMUM_STYLE)
     add_above(ax, [ring], title)
 
 
-def _mark_low(ax: Axes, plan: Drawn, index: int, place: tuple[float, float], colour: str) -> None:
+def _mark_minimum(
+    ax: Axes, plan: Drawn, index: int, place: tuple[float, float], colour: str
+) -> None:
     """A vehicle's own mark, larger and open, at the lowest of its curve."""
     ax.plot(
         *place,
@@ -148,7 +152,7 @@ def _mark_low(ax: Axes, plan: Drawn, index: int, place: tuple[float, float], col
     )
 
 
-def _said(plan: Drawn, vehicle: int, value: float, time: float, obstacle: Obstacle) -> str:
+def _description(plan: Drawn, vehicle: int, value: float, time: float, obstacle: Obstacle) -> str:
     """How near, when, and which vehicle."""
     touches = abs(value) <= TOLERANCE * obstacle.shape.size
     far = "0" if touches else f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
@@ -174,24 +178,26 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     for i, vehicle in enumerate(plan.scenario.vehicles):
         name, times = as_text(vehicle.name), start + found.times[i]
         lines += ax.plot(times, found.clearances[i], color=colours[i], label=name)
-        if len(plan.positions) <= _MOST_ANNOTATED:
+        if len(plan.positions) <= _MAX_ANNOTATED:
             m = lowest[i]
             place = (float(times[m]), float(found.clearances[i, m]))
             number = int(found.nearest[i, m]) + 1
-            _mark_low(ax, plan, i, place, colours[i])
-            words = called(number, obstacles[number - 1])
+            _mark_minimum(ax, plan, i, place, colours[i])
+            words = short_label(number, obstacles[number - 1])
             Labels.of(ax).add(words, around(ax, *place), rank=1, color=colours[i])
     for piece in planned(plan):
         near = least_clearances(piece.plan, obstacles)
         draw_planned(ax, piece, near.times, near.clearances)
     curves = list(lines)
     lines.append(_draw_closest(ax, plan, obstacles, found))
-    known = {each.known_from: f"{called(n, each)} known" for n, each in enumerate(obstacles, 1)}
+    known = {
+        each.known_from: f"{short_label(n, each)} known" for n, each in enumerate(obstacles, 1)
+    }
     _draw_discoveries(ax, plan, known)
     finite = found.clearances[np.isfinite(found.clearances)]  # while an obstacle is active
     bottom = float(finite.min(initial=0.0))
     bottom -= _BELOW * (float(finite.max(initial=0.0)) - bottom)
-    least = max(float(kept(plan, obstacle).max()) for obstacle in obstacles)
+    least = max(float(required_distances(plan, obstacle).max()) for obstacle in obstacles)
     draw_limit(ax, 0.0, "the radius from the surface" if least > 0.0 else "surface", bottom)
     ax.set(ylabel="clearance from the nearest obstacle [m]", ylim=(bottom, None))
     _finish(ax, plan, curves)
@@ -206,13 +212,13 @@ def _draw_closest(
     time, least = float(found.times[i, m]), float(found.clearances[i, m])
     number = int(found.nearest[i, m]) + 1
     obstacle = obstacles[number - 1]
-    label = _said(plan, int(i), least, time, obstacle)
-    label += f" and obstacle {called(number, obstacle)}"
-    (ring,) = ax.plot(plan.scenario.grid.start + time, least, label=label, **LEAST_STYLE)
+    label = _description(plan, int(i), least, time, obstacle)
+    label += f" and obstacle {short_label(number, obstacle)}"
+    (ring,) = ax.plot(plan.scenario.grid.start + time, least, label=label, **EXTREMUM_STYLE)
     handles = [ring]
-    if len(plan.positions) <= _MOST_ANNOTATED:
+    if len(plan.positions) <= _MAX_ANNOTATED:
         words = "least of each vehicle, and the obstacle's number"
-        handles.append(Line2D([], [], **(LEAST_STYLE | {"markersize": 4.5}), label=words))
+        handles.append(Line2D([], [], **(EXTREMUM_STYLE | {"markersize": 4.5}), label=words))
     add_above(ax, handles)
     return ring
 
@@ -223,7 +229,7 @@ def _draw_discoveries(ax: Axes, plan: Drawn, known: dict[float, str]) -> None:
     later = {time: words for time, words in known.items() if time > max(grid.start, 0.0)}
     for time, words in later.items():
         ax.axvline(time, color="black", linestyle=":", linewidth=0.9)
-        if len(later) <= _MOST_DISCOVERIES:
+        if len(later) <= _MAX_DISCOVERIES:
             Labels.of(ax).add(f"{words} from {time:g} s", beside(ax, time))
 
 
@@ -241,5 +247,5 @@ def _draw_inactive(ax: Axes, plan: Drawn, obstacle: Obstacle) -> None:
 def _finish(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
     ax.set_xlabel("time [s]")
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)
-    if len(plan.positions) <= MOST_NAMED:
-        show_hidden(ax, lines)
+    if len(plan.positions) <= MAX_NAMED:
+        show_overlapping(ax, lines)

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from drake_rho.display.common.drawable import Drawn, Flown, drawn, planned
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import (
-    as_bodies,
-    called,
+    as_obstacles,
+    short_label,
 )
 from drake_rho.display.common.style import LIMIT_STYLE, PLANNED_STYLE
 from drake_rho.display.plots.curves import (
@@ -42,7 +42,7 @@ from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.quadrics import Sphere
 
-_MOST_PANELS = 4
+_MAX_PANELS = 4
 """Most obstacles with a panel each."""
 _ONE_ROW = 0.25
 """Height of a legend for which curves have room anyway [in]."""
@@ -71,11 +71,11 @@ def distances_figure(
         ValueError: there is no obstacle, or the width is none that letters can be read at.
     """
     plan = drawn(flown)
-    bodies = as_bodies(plan.scenario.obstacles if obstacles is None else obstacles)
+    bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
     if not bodies:
         raise ValueError("obstacles: got none, expected at least one to measure from")
     handles = [*vehicle_handles(plan.scenario), _limit_handle(), *_planned_handles(plan)]
-    if len(bodies) > _MOST_PANELS:
+    if len(bodies) > _MAX_PANELS:
         figure = _panels(width, 1, 1.35)
         draw_least_clearances(figure.subplots(), plan, bodies)
         return _with_legend(figure, handles)
@@ -84,7 +84,7 @@ def distances_figure(
     spheres = [each.shape for each in bodies if isinstance(each.shape, Sphere)]
     for index, (ax, body) in enumerate(zip(axes, bodies, strict=True)):
         name = None if body.name is None else as_text(brief(body.name))
-        title = f"obstacle {called(index + 1, body) if len(bodies) > 1 else name}"
+        title = f"obstacle {short_label(index + 1, body) if len(bodies) > 1 else name}"
         title_of = title if len(bodies) > 1 or name is not None else None
         if len(spheres) == len(bodies):
             draw_distances_from_centre(ax, plan, body, spheres[index], title=title_of)

@@ -15,12 +15,12 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from drake_rho.display.common.names import as_text, in_lines
-from drake_rho.display.common.style import MOST_NAMED, vehicle_colours, vehicle_marker
+from drake_rho.display.common.style import MAX_NAMED, vehicle_colours, vehicle_marker
 from drake_rho.scenario.records import Scenario
 
-_MOST_LARGE = 14
+_MAX_LARGE = 14
 """Most entries in letters of the usual size, and in one column."""
-_MOST_BESIDE = 0.7
+_MAX_BESIDE = 0.7
 """Widest name in a legend beside a drawing [in]."""
 _AROUND = 3.8
 """Width of an entry's line and the gaps around it, in sizes of the letters."""
@@ -29,8 +29,8 @@ _BESIDE_AXES = 0.75
 
 
 def vehicle_handles(scenario: Scenario) -> list[Line2D]:
-    """Legend entries of the vehicles, as they are drawn; none with more than `MOST_NAMED`."""
-    if len(scenario.vehicles) > MOST_NAMED:
+    """Legend entries of the vehicles, as they are drawn; none with more than `MAX_NAMED`."""
+    if len(scenario.vehicles) > MAX_NAMED:
         return []
     colours = vehicle_colours(len(scenario.vehicles))
     return [
@@ -40,7 +40,7 @@ def vehicle_handles(scenario: Scenario) -> list[Line2D]:
 
 
 def start_handles(scenario: Scenario) -> list[Line2D]:
-    """Legend entries of the vehicles' starts; none with more than `MOST_NAMED`."""
+    """Legend entries of the vehicles' starts; none with more than `MAX_NAMED`."""
     handles = vehicle_handles(scenario)
     for handle in handles:
         handle.set(linestyle="none", marker="o", markersize=5, fillstyle="none")
@@ -54,7 +54,7 @@ def _entry(name: str, **style: Any) -> Line2D:
 def width_beside(figure: Figure, handles: Sequence[Line2D]) -> float | None:
     """How wide a legend at the right is [in]; None if it is too large for there."""
     widest = _widest(figure, handles)
-    if not 0 < len(handles) <= _MOST_LARGE or widest > _MOST_BESIDE:
+    if not 0 < len(handles) <= _MAX_LARGE or widest > _MAX_BESIDE:
         return None
     return widest + _AROUND * _letters(handles) / 72
 
@@ -140,7 +140,7 @@ def text_width(figure: Figure, line: str, size: float) -> float:
 
 
 def _letters(handles: Sequence[Artist]) -> float:
-    return 7.0 if len(handles) <= _MOST_LARGE else 6.0
+    return 7.0 if len(handles) <= _MAX_LARGE else 6.0
 
 
 def _widest(figure: Figure, handles: Sequence[Artist]) -> float:

@@ -23,7 +23,7 @@ _APART = 2.5
 """Least distance of marks along a curve [points]."""
 _LENGTH = 0.6
 """Usual length of a curve, in parts of the figure's width."""
-_MOST_POINTS = 5000
+_MAX_POINTS = 5000
 """Most that a curve is told apart by."""
 
 Dashes = tuple[float, tuple[float, float]]
@@ -47,7 +47,7 @@ class Piece:
     """with which it leaves others to be seen"""
 
 
-def show_hidden(ax: Axes, lines: Sequence[Line2D]) -> list[Line2D]:
+def show_overlapping(ax: Axes, lines: Sequence[Line2D]) -> list[Line2D]:
     """Draw curves that lie under later ones again as dashes over them, so that all can be seen.
 
     Args:
@@ -74,7 +74,7 @@ def show_hidden(ax: Axes, lines: Sequence[Line2D]) -> list[Line2D]:
     return dashes
 
 
-def hidden_pieces(paths: FloatArray) -> list[Piece]:
+def overlapping_pieces(paths: FloatArray) -> list[Piece]:
     """The pieces of paths in space, shape (N, M, 3), that lie under those of later vehicles."""
     from scipy.spatial import cKDTree  # slow to load, so only where needed
 
@@ -95,7 +95,7 @@ def hidden_pieces(paths: FloatArray) -> list[Piece]:
 def evenly(points: FloatArray, spacing: float) -> FloatArray:
     """Points along a polyline, shape (M, D), evenly and so far apart at most."""
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    at = np.linspace(0.0, along[-1], int(min(along[-1] / spacing, _MOST_POINTS)) + 2)
+    at = np.linspace(0.0, along[-1], int(min(along[-1] / spacing, _MAX_POINTS)) + 2)
     return np.stack([np.interp(at, along, each) for each in points.T], axis=1)
 
 

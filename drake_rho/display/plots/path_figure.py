@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from drake_rho.display.common.drawable import Flown, drawn, planned, windows_of
 from drake_rho.display.common.obstacle_snapshots import (
     approaches,
-    as_bodies,
+    as_obstacles,
     obstacle_notes,
+    obstacle_paths,
     snapshots,
-    ways,
 )
-from drake_rho.display.common.style import MOST_NAMED, window_colours
+from drake_rho.display.common.style import MAX_NAMED, window_colours
 from drake_rho.display.plots.axes3d import Room, SceneAxes, fit_scene, frame_scene
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
 from drake_rho.display.plots.layout import EDGE, grow
@@ -33,13 +33,13 @@ from drake_rho.display.plots.legends import (
 from drake_rho.display.plots.overlapping_curves import marks_every
 from drake_rho.display.plots.publish import styled
 from drake_rho.display.plots.space import (
-    MOST_LABELLED,
+    MAX_LABELLED,
     draw_approaches,
     draw_obstacle_labels,
+    draw_obstacle_paths,
     draw_obstacles,
     draw_paths,
     draw_planned_paths,
-    draw_ways,
     draw_windows,
 )
 from drake_rho.motion.plan import Flight
@@ -53,9 +53,9 @@ _BAR = 0.7
 """Width of the bar of windows with its labels [in]."""
 _BAR_WIDTH = 0.12
 """Without them [in]."""
-_MOST_TICKS = 12
+_MAX_TICKS = 12
 """Most windows that are numbered."""
-_LEAST_BESIDE = 5.0
+_MIN_BESIDE = 5.0
 """Narrowest figure with a legend beside its scene [in]."""
 _HIGHEST = (1.1, 0.45)
 """Most height of a scene: so much [in], and so much of its figure's width."""
@@ -84,7 +84,7 @@ def paths_figure(
         >>> path = rho.save_figure(figure, folder / "paths.png")
     """
     plan, figure = drawn(flown), Figure(figsize=(check_width(width), width))
-    bodies = as_bodies(plan.scenario.obstacles if obstacles is None else obstacles)
+    bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
     shown, windows = snapshots(plan, bodies), windows_of(flown)
     in_windows = len(windows) > 1 or isinstance(flown, Flight)
     ax = figure.add_subplot(axes_class=SceneAxes)
@@ -92,13 +92,13 @@ def paths_figure(
     flights = [plan, *(window.plan for window in windows)]
     places = [each.positions.reshape(-1, 3) for each in flights]
     frame_scene(ax, np.concatenate([*places, np.reshape(passed, (-1, 3))]), shown)
-    named = in_windows and len(plan.positions) <= MOST_LABELLED
+    named = in_windows and len(plan.positions) <= MAX_LABELLED
     handles = (start_handles if in_windows else vehicle_handles)(plan.scenario)
     handles = [] if named else handles
     notes = _notes(figure, flown, bodies)
     below = 2 * EDGE + _LINE * len(notes)
     aside = _BAR if in_windows else width_beside(figure, handles)
-    if aside is None or not (in_windows or width >= _LEAST_BESIDE):
+    if aside is None or not (in_windows or width >= _MIN_BESIDE):
         aside = 0.0
     most_height = _HIGHEST[0] + _HIGHEST[1] * width
     room = Room(EDGE, below, width - 2 * EDGE - aside, most_height)
@@ -106,7 +106,7 @@ def paths_figure(
     aside_at = scene.x1 + (room.left + room.width - scene.x1) / 2  # half of what is left between
     grow(figure, above=EDGE)
     draw_obstacles(ax, shown)
-    draw_ways(ax, ways(plan, bodies), shown)
+    draw_obstacle_paths(ax, obstacle_paths(plan, bodies), shown)
     draw_approaches(ax, approaches(plan, bodies))
     draw_obstacle_labels(ax, shown)
     if in_windows:
@@ -133,7 +133,7 @@ def _notes(figure: Figure, flown: Flown, bodies: Sequence[Obstacle]) -> list[str
     if len(windows) > 1 or isinstance(flown, Flight):
         words = ["thick: flown", "thin: the rest of each window's prediction", *words]
     else:
-        if len(plan.positions) <= MOST_NAMED:
+        if len(plan.positions) <= MAX_NAMED:
             every = marks_every(len(plan.times), figure.get_figwidth())
             words.append("a mark at every knot" if every == 1 else f"a mark every {every} knots")
         words += ["dotted: planned"] if planned(plan) else []
@@ -151,7 +151,7 @@ def _add_window_bar(figure: Figure, count: int, place: tuple[float, ...]) -> Non
     mappable = ScalarMappable(BoundaryNorm(edges, count), colours)
     x, y, wide, high = np.array(place) / np.tile(figure.get_size_inches(), 2)
     bar = figure.colorbar(mappable, cax=figure.add_axes((x, y, wide, high)))
-    numbers = range(1, count + 1, ceil(count / _MOST_TICKS))
+    numbers = range(1, count + 1, ceil(count / _MAX_TICKS))
     bar.set_ticks(numbers, labels=[str(number) for number in numbers])
     bar.minorticks_off()
     bar.set_label("window")

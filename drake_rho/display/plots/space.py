@@ -22,7 +22,7 @@ from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.shape_faces import surface
 from drake_rho.display.common.style import (
     FORBIDDEN,
-    MOST_NAMED,
+    MAX_NAMED,
     PLANNED_STYLE,
     dense_times,
     vehicle_colours,
@@ -32,15 +32,15 @@ from drake_rho.display.common.style import (
 from drake_rho.display.plots.draw_order import draw_line, layers, ranks
 from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import width_of
-from drake_rho.display.plots.overlapping_curves import hidden_pieces, marks_every
+from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
-MOST_LABELLED = 6
+MAX_LABELLED = 6
 """Most vehicles whose names are written beside their starts."""
-_MOST_LARGE = 14
+_MAX_LARGE = 14
 """Most vehicles whose starts and goals are drawn large."""
-_LEAST_NUMBERED = 0.02
+_MIN_NUMBERED = 0.02
 """Least size of an obstacle with its number, in parts of the axes, if there are many."""
 _TOP = 1000
 """Layer above all obstacles."""
@@ -54,7 +54,7 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     bodies = []
     for each, rank in zip(shown, ranks(shown), strict=True):
-        cut = each.between(lower, upper)
+        cut = each.truncated(lower, upper)
         skin, layer = surface(cut.shape), 2 * rank + 2
         body = Poly3DCollection(
             [cut.center + face for face in skin.faces],
@@ -84,10 +84,10 @@ def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
     """
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     artists: list[Text] = []
-    many = len(shown) > _MOST_LARGE
+    many = len(shown) > _MAX_LARGE
     for each in shown:
-        cut, number = each.between(lower, upper), each.label.isdecimal()
-        narrow = cut.shape.size < _LEAST_NUMBERED * np.max(upper - lower)
+        cut, number = each.truncated(lower, upper), each.label.isdecimal()
+        narrow = cut.shape.size < _MIN_NUMBERED * np.max(upper - lower)
         if not each.label or (many and number and narrow):
             continue
         above = 0.0 if number else cut.shape.extent[2]
@@ -109,7 +109,7 @@ def draw_approaches(ax: Axes3D, found: Sequence[FloatArray]) -> list[Line3D]:
     return [ax.plot(*ends.T, zorder=_TOP, **style)[0] for ends in found]
 
 
-def draw_ways(
+def draw_obstacle_paths(
     ax: Axes3D, ways: Sequence[FloatArray], shown: Sequence[Snapshot] = ()
 ) -> list[Line3D]:
     """Ways of moving obstacles [m], each of shape (M, 3), as dashed lines."""
@@ -120,7 +120,7 @@ def draw_ways(
 def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
     """Each vehicle's path, its knots, its start (ring) and its goal (star).
 
-    With more than `MOST_NAMED` vehicles there are no knots, and starts and goals are smaller.
+    With more than `MAX_NAMED` vehicles there are no knots, and starts and goals are smaller.
 
     Args:
         ax: where to draw.
@@ -138,11 +138,11 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
         style = {"color": colours[index]}
         pieces = draw_line(ax, paths[index], shown, linewidth=1.2, **style)
         pieces[0].set_label(as_text(vehicle.name))
-        if len(paths) <= MOST_NAMED:
+        if len(paths) <= MAX_NAMED:
             _draw_knots(ax, plan.positions[index], index, shown, markersize=2.4, **style)
         lines += pieces
-    if len(paths) <= MOST_NAMED:
-        for piece in hidden_pieces(paths):
+    if len(paths) <= MAX_NAMED:
+        for piece in overlapping_pieces(paths):
             dashes = {"color": colours[piece.owner], "linestyle": piece.dashes, "linewidth": 1.2}
             draw_line(ax, piece.points, shown, **dashes)
     draw_ends(ax, plan.scenario)
@@ -155,7 +155,7 @@ def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) 
     lines = []
     for piece in planned(plan):
         times = dense_times(piece.plan)
-        paths = piece.plan.motion().at("position", times[piece.flown(times)])
+        paths = piece.plan.motion().at("position", times[piece.in_force(times)])
         for path, colour in zip(paths, colours, strict=True):
             lines += draw_line(ax, path, shown, color=colour, **PLANNED_STYLE)
     return lines
@@ -186,10 +186,10 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
             lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=1.5)
-            if len(paths) <= MOST_NAMED:
+            if len(paths) <= MAX_NAMED:
                 knots = whole.positions[index, first : last + 1]
                 _draw_knots(ax, knots, index, shown, color=colour, markersize=2.8)
-    named = len(true) <= MOST_LABELLED
+    named = len(true) <= MAX_LABELLED
     draw_ends(ax, whole.scenario, ["black"] * len(true) if named else None)
     return lines
 
@@ -197,11 +197,11 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
 def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = None) -> list[Artist]:
     """Starts as rings, waypoints as diamonds, goals as stars.
 
-    Up to `MOST_LABELLED` vehicles have their names beside their starts.
+    Up to `MAX_LABELLED` vehicles have their names beside their starts.
     """
     artists: list[Artist] = []
     colours = colours or vehicle_colours(len(scenario.vehicles))
-    size = 5.5 if len(scenario.vehicles) <= _MOST_LARGE else 3.0
+    size = 5.5 if len(scenario.vehicles) <= _MAX_LARGE else 3.0
     for vehicle, colour in zip(scenario.vehicles, colours, strict=True):
         start, goal = vehicle.start.position, vehicle.goal.position
         artists += ax.plot(
@@ -229,7 +229,7 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
                 color=colour,
                 zorder=_TOP,
             )
-        if len(scenario.vehicles) <= MOST_LABELLED:
+        if len(scenario.vehicles) <= MAX_LABELLED:
             name = as_text(brief(vehicle.name))
             artists.append(Labels.of(ax).add(name, around(ax, *start)))
     return artists

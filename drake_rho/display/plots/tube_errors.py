@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from drake_rho.display.common.names import as_text, brief
-from drake_rho.display.common.style import FORBIDDEN, LEAST_STYLE, vehicle_colours
+from drake_rho.display.common.style import EXTREMUM_STYLE, FORBIDDEN, vehicle_colours
 from drake_rho.display.plots.legends import add_above
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
@@ -120,7 +120,7 @@ def _draw_greatest(
     if any(window.radii.max() > 0.0 for window in windows):
         rounding = _ROUNDING * simulation.scenario.fleet.scale(quantity)
         label += f"; at most {100.0 * greatest_ratio(windows, rounding):.1f} % of the radius"
-    (ring,) = ax.plot(time, error, label=label, **LEAST_STYLE)
+    (ring,) = ax.plot(time, error, label=label, **EXTREMUM_STYLE)
     add_above(ax, [ring])
     return ring
 

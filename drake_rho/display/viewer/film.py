@@ -152,7 +152,7 @@ def _write_mp4(pictures: Iterator[bytes], path: Path) -> None:
             for picture in pictures:
                 encoder.stdin.write(picture)
         except BrokenPipeError:
-            pass  # it says below why it ended
+            pass  # the error is raised below
         _, said = encoder.communicate()
     if encoder.returncode != 0:
         raise FilmError(f"ffmpeg failed: {said.decode(errors='replace').strip()}")

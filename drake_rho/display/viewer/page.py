@@ -44,10 +44,10 @@ def viewer_page(flown: Flown, *, rate: float | None = None, trails: bool | None 
     stage = Stage.of(flown, rate)
     meshcat = start_meshcat()
     draw(meshcat, stage, trails=stage.few_enough_for_trails if trails is None else trails)
-    return laid_over(meshcat.StaticHtml(), told(stage))
+    return with_overlay(meshcat.StaticHtml(), told(stage))
 
 
-def laid_over(page: str, data: dict[str, object]) -> str:
+def with_overlay(page: str, data: dict[str, object]) -> str:
     """Meshcat's page with the overlay in it, which says what the data hold."""
     head, end, tail = page.rpartition(_END)
     return "".join(

@@ -11,9 +11,9 @@ from drake_rho.display.common.drawable import windows_of
 from drake_rho.display.common.names import as_path, brief
 from drake_rho.display.common.style import VIEW_AZIMUTH, VIEW_ELEVATION, vehicle_colours
 from drake_rho.display.meshcat.animation import Stage
-from drake_rho.display.meshcat.scene import MOST_DETAILED
+from drake_rho.display.meshcat.scene import MAX_DETAILED
 from drake_rho.display.meshcat.trails import first_times
-from drake_rho.display.meshcat.tubes_and_wind import has_tube, strongest
+from drake_rho.display.meshcat.tubes_and_wind import has_tube, strongest_wind
 from drake_rho.display.viewer.readings import Curve, Readings
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
@@ -25,8 +25,8 @@ _DIGITS = 7
 
 def told(stage: Stage) -> dict[str, object]:
     """All that the page says of a stage, in SI units; times are since the first knot."""
-    scenario, scene, pace = stage.shown.scenario, stage.scene, stage.pace
-    found = Readings.of(stage.shown, pace.times)
+    scenario, scene, playback = stage.shown.scenario, stage.scene, stage.playback
+    found = Readings.of(stage.shown, playback.times)
     decimals = max(4, _DIGITS - int(np.floor(np.log10(scene.size))))
     apart = scenario.separation
     return {
@@ -34,8 +34,8 @@ def told(stage: Stage) -> dict[str, object]:
         "start": scenario.grid.start,
         "duration": scenario.grid.duration,
         "step": scenario.grid.step,
-        "rate": pace.rate,
-        "times": np.round(pace.times, 6).tolist(),
+        "rate": playback.rate,
+        "times": np.round(playback.times, 6).tolist(),
         "vehicles": _vehicles(stage),
         "obstacles": _obstacles(stage),
         "speeds": np.round(found.speeds, decimals).tolist(),
@@ -50,7 +50,7 @@ def told(stage: Stage) -> dict[str, object]:
         "view": [VIEW_AZIMUTH, VIEW_ELEVATION],
         "shell": None if apart is None else (apart.shape.semi_axes / 2.0).tolist(),
         "light": scene.light,
-        "fleet": MOST_DETAILED,
+        "fleet": MAX_DETAILED,
         "ranges": _ranges(found),
         "layers": _layers(stage),
         "legend": _legend(stage),
@@ -139,7 +139,7 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
         ("Predictions", ["predictions"], detailed and len(windows_of(stage.flown)) > 0),
         ("Tubes", ["tube", "tubes"], simulation is not None and has_tube(simulation)),
         ("Plans", ["planned"], simulation is not None),
-        ("Wind", ["wind"], simulation is not None and strongest(simulation) > 0.0),
+        ("Wind", ["wind"], simulation is not None and strongest_wind(simulation) > 0.0),
         ("Starts and goals", ["starts", "goals"], True),
         ("Radii", ["radii"], detailed and bool(np.any(scenario.fleet.radii > 0.0))),
         ("Shells", [], scenario.separation is not None),
@@ -184,7 +184,7 @@ def _disturbed(stage: Stage, simulation: Simulation) -> list[tuple[str, str]]:
         most = float(simulation.radii().max())
         small = ", too little to be seen" if most < 2e-3 * stage.scene.size else ""
         entries.append(("tube", f"where it can be, at most {most:.2g} m from there{small}"))
-    if (most := strongest(simulation)) > 0.0:
+    if (most := strongest_wind(simulation)) > 0.0:
         entries.append(("wind", f"wind, full length for {most:.3g} m/s²"))
     return entries
 
