@@ -14,7 +14,7 @@ import pytest
 from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.planning.programs import solve
+from drake_rho.planning.programs import backend, solve
 from drake_rho.planning.scp import cutting_planes
 from drake_rho.scenario.files import scenario_from_yaml
 from tests.scenarios import box, single, through_the_middle
@@ -134,7 +134,7 @@ def _raise(error: Exception) -> None:
 def test_failures_come_back_from_another_process_as_they_were(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(solve, "DEFAULT", ClarabelSolver)  # as in the other process
+    monkeypatch.setattr(backend, "DEFAULT", ClarabelSolver)  # as in the other process
     errors = [_error(name, monkeypatch) for name in ("limits", "obstacle", "solver")]
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         for error in errors:
