@@ -64,7 +64,7 @@ def test_solutions_come_in_the_order_of_the_programs(
 def test_a_program_without_a_solution_is_told_from_those_that_have_one(
     solver: SolverInterface,
 ) -> None:
-    found = solve.solve([nearest(2.0), empty(), nearest(3.0)], solver)
+    found = solve.solve([nearest(2.0), empty(), nearest(3.0)], Backend(solver))
     assert [each.feasible for each in found] == [True, False, True]
     assert [value_of(found[index]) for index in (0, 2)] == pytest.approx([2.0, 3.0])
     assert {each.solver for each in found} == {str(solver.solver_id().name())}
