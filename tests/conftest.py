@@ -9,7 +9,7 @@ from pydrake.solvers import ClarabelSolver, OsqpSolver, SolverInterface
 
 import drake_rho as rho
 from drake_rho.paper.study import Study, run_study
-from drake_rho.planning.programs import solve
+from drake_rho.planning.programs import backend
 
 # No deadline: how long a program takes is no property to test. Fixtures that hypothesis reuses
 # are frozen records. What fails comes again from its seed, and needs no database.
@@ -48,7 +48,7 @@ def _default_solver(request: pytest.FixtureRequest) -> Iterator[None]:
     """The solver that is taken where none is given."""
     with pytest.MonkeyPatch.context() as patched:
         if request.config.getoption("--solver") == "daqp":
-            patched.setattr(solve, "DEFAULT", rho.Daqp)
+            patched.setattr(backend, "DEFAULT", rho.Daqp)
         yield
 
 

@@ -10,8 +10,9 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.planning.constraints.separation import Coupling
-from drake_rho.planning.planners import plan as best
-from drake_rho.planning.programs import solve
+from drake_rho.planning.planners import first_plan
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs import backend, solve
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from tests.scenarios import box, fleet, single, through_the_middle
 from tests.tolerances import INDEX
@@ -123,7 +124,7 @@ def test_what_is_said_of_convergence_is_true_of_fleets(coupling: Coupling) -> No
     plan = rho.plan(asked, coupling=coupling, options=options)
     assert plan.statistics.converged
     assert plan.statistics.tolerance == 1e-4
-    again = Subproblem(asked, coupling).around(plan)
+    again = Subproblem(Problem.of(asked), coupling).around(plan)
     assert again.cost <= plan.cost * (1 + INDEX)
     assert plan.cost - again.cost < 1e-3 * plan.cost
     crowd = rho.random_transitions(6, np.random.default_rng(1), duration=4.6, step=0.2)
@@ -248,7 +249,7 @@ def test_statistics_count_every_step_on_the_way() -> None:
         rho.plan_convex(asked)
     plan = rho.plan(asked)
     assert plan.statistics.programs > caught.value.statistics.programs + 2
-    assert plan.statistics.solver == solve.DEFAULT().solver_id().name()
+    assert plan.statistics.solver == backend.DEFAULT().solver_id().name()
     assert plan.statistics.seconds > 0.0
 
 
@@ -261,7 +262,7 @@ def test_where_the_solvers_fail_ways_round_are_tried_if_there_is_an_obstacle(
     def failing(*args: object, **options: object) -> rho.Plan:
         raise rho.SolverError("numerically")
 
-    monkeypatch.setattr(best, "linearised_once", failing)
+    monkeypatch.setattr(first_plan, "linearised_once", failing)
     plan = rho.plan(asked)
     assert rho.verify(plan).ok
     assert plan.cost == pytest.approx(known.cost, rel=INDEX)

@@ -13,11 +13,13 @@ import pytest
 from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.planning.constraints.separation import coupled, pairs_of
+from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs import backend
 from drake_rho.planning.programs import parallel as blocks
-from drake_rho.planning.programs import solve
-from drake_rho.planning.programs.parallel import OnWorkers, solve_all
+from drake_rho.planning.programs.backend import Backend
+from drake_rho.planning.programs.parallel import solve_all
 from drake_rho.planning.programs.rows import Rows, about, groups_of
 
 
@@ -60,7 +62,7 @@ def fleet(seed: int = 0, vehicles: int = 20) -> rho.Scenario:
 def test_processes_give_the_same_plan_to_the_last_digit(
     solver: rho.Daqp | None, processes: ProcessPoolExecutor
 ) -> None:
-    if solver is None and solve.DEFAULT is not ClarabelSolver:
+    if solver is None and backend.DEFAULT is not ClarabelSolver:
         pytest.skip("other processes do not know of another default")
     here = rho.plan(fleet(), solver=solver)
     there = rho.plan(fleet(), solver=solver, executor=processes)
@@ -109,8 +111,8 @@ def test_what_cannot_be_met_is_told_from_afar_with_the_same_reasons() -> None:
 def test_blocks_hold_every_row_once_and_keep_groups_together() -> None:
     asked = fleet(3, 40)
     effort = MinimumEffort.of(asked)
-    pairs = pairs_of(asked, effort.motion, coupled)
-    rows = about(effort.motion, [pairs.violated(effort.motion, np.arange(40))])
+    pairs = Problem.of(asked).pairs_around(effort.motion, coupled)
+    rows = about(effort.motion, [pairs.violated_rows(effort.motion, np.arange(40))])
     assert len(rows[0]) > 50
     groups = groups_of(40, rows)
     seen = list(blocks._in_blocks(40, rows))
@@ -123,12 +125,12 @@ def test_blocks_hold_every_row_once_and_keep_groups_together() -> None:
 def test_multipliers_come_back_with_the_answers() -> None:
     asked = fleet(4)
     effort = MinimumEffort.of(asked)
-    pairs = pairs_of(asked, effort.motion, rho.decoupled)
+    pairs = Problem.of(asked).pairs_around(effort.motion, rho.decoupled)
     rows: list[Rows] = about(
-        effort.motion, [pairs.softened(1e3).violated(effort.motion, np.arange(20))]
+        effort.motion, [pairs.softened(1e3).violated_rows(effort.motion, np.arange(20))]
     )
     here = solve_all(effort.changes, rows)
-    there = solve_all(effort.changes, rows, OnWorkers(None, Sent()))
+    there = solve_all(effort.changes, rows, Backend(executor=Sent()))
     assert len(here) == len(there) > 1
     for one, other in zip(here, there, strict=True):
         np.testing.assert_array_equal(one.groups, other.groups)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ _LOOSE_NORMS = {"max_speed": 9.0, "max_thrust": 15.0, "max_tilt": 1.0}
 def _scenario(kind: str) -> rho.Scenario:
     """Return a scenario that has a kind of requirement."""
     if kind in LIMITS:
-        value = box(_LOOSE[kind]) if kind in _LOOSE else _LOOSE_NORMS.get(kind, 9.0)
+        value: Any = box(_LOOSE[kind]) if kind in _LOOSE else _LOOSE_NORMS.get(kind, 9.0)
         return single(limits=rho.Limits(**{kind: value}))
     if kind in _OBSTACLES:
         return single(obstacles=[_OBSTACLES[kind]], between_knots=True)
@@ -79,7 +79,7 @@ def test_every_kind_is_planned_for_and_verified(kind: str) -> None:
     plan = rho.plan(scenario)
     constraints = {each.kind for each in Problem.of(scenario).linearized(plan, coupled)}
     of_their_own = {*LIMITS, "waypoints", "obstacles", "separation"}
-    known = kinds_of(dataclasses.replace(scenario, obstacles=scenario.known and scenario.obstacles))
+    known = kinds_of(scenario if scenario.known else scenario.without_obstacles())
     assert constraints == known & of_their_own
     flown = rho.plan_rho(scenario) if kind == "late obstacles" else plan
     assert rho.verify(flown).ok

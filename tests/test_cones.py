@@ -9,7 +9,8 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.planning.planners.from_paths import plan_along_ways
-from drake_rho.planning.scp import cutting_planes
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.scp import curved_sets
 from drake_rho.scenario.convex_sets import Balls, ConvexSets, UprightCones
 from tests.cones import TWIN, twin_cost
 from tests.scenarios import single
@@ -28,7 +29,7 @@ LIMITS = {
 @pytest.fixture(params=[0, 10], ids=["cones", "tangents"])
 def creeping(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Rounds of tangent planes before cones enter: none, and as many as the package takes."""
-    monkeypatch.setattr(cutting_planes, "_CREEPING", request.param)
+    monkeypatch.setattr(curved_sets, "_CREEPING", request.param)
     return int(request.param)
 
 
@@ -99,7 +100,7 @@ def _nearly_impossible(duration: float) -> rho.Scenario:
 
 def test_near_the_boundary_of_feasibility_there_is_an_answer_after_few_programs() -> None:
     """Tangent planes came to thousands of rows a program, and to no answer in minutes."""
-    found = plan_along_ways(_nearly_impossible(6.40625))
+    found = plan_along_ways(Problem.of(_nearly_impossible(6.40625)))
     assert found.plan is None
     assert found.spent.programs < 2000
     assert found.spent.rows < 20_000

@@ -18,6 +18,7 @@ from scipy.optimize import nnls
 import drake_rho as rho
 from drake_rho.planning.programs import daqp
 from drake_rho.planning.programs import reduced as program
+from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import DenseProgram
 from drake_rho.planning.programs.dual import is_optimal
 from drake_rho.planning.programs.solution import Solution
@@ -99,7 +100,7 @@ def _bound(asked: DenseProgram, y: FloatArray) -> float:
 
 
 def _one(asked: Any, solver: Any = None) -> Solution:
-    (found,) = solve([asked], solver)
+    (found,) = solve([asked], Backend(solver))
     return found
 
 

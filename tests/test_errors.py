@@ -14,8 +14,8 @@ import pytest
 from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.planning.programs import solve
-from drake_rho.planning.scp import cutting_planes
+from drake_rho.planning.programs import backend, solve
+from drake_rho.planning.scp import group_programs
 from drake_rho.scenario.files import scenario_from_yaml
 from tests.scenarios import box, single, through_the_middle
 
@@ -100,7 +100,7 @@ def _error(name: str, monkeypatch: pytest.MonkeyPatch) -> rho.InfeasibleError | 
 def test_the_error_of_a_failure_is_plain_data(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """It prints, compares and is pickled without a solver."""
     error = _error(name, monkeypatch)
-    monkeypatch.setattr(cutting_planes, "solve_all", None)
+    monkeypatch.setattr(group_programs, "solve_all", None)
     monkeypatch.setattr(solve, "solve_side_by_side", None)
     monkeypatch.setattr(solve, "solve", None)
     copy = pickle.loads(pickle.dumps(error))  # noqa: S301  # own
@@ -134,7 +134,7 @@ def _raise(error: Exception) -> None:
 def test_failures_come_back_from_another_process_as_they_were(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(solve, "DEFAULT", ClarabelSolver)  # as in the other process
+    monkeypatch.setattr(backend, "DEFAULT", ClarabelSolver)  # as in the other process
     errors = [_error(name, monkeypatch) for name in ("limits", "obstacle", "solver")]
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         for error in errors:

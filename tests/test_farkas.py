@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 import drake_rho as rho
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from tests.scenarios import box, random_scenario, single
 from tests.tolerances import INDEX
@@ -133,7 +134,7 @@ def test_what_is_named_cannot_be_met_together(seed: int) -> None:
 
 
 def test_both_sides_of_a_box_are_broken_where_both_have_to_be() -> None:
-    plan = minimum_violation(BACK_AND_FORTH)
+    plan = minimum_violation(Problem.of(BACK_AND_FORTH))
     x = plan.positions[0, :, 0]
     assert x.max() > 1.0 + 1.0
     assert x.min() < -1.0 - 0.01
@@ -200,7 +201,7 @@ def test_no_plan_breaks_less_than_the_one_of_minimum_violation(seed: int | None)
     if seed is not None:
         scenario = random_scenario(seed, tight=True).without_obstacles()
     known = sum(_least_violation(scenario, vehicle) for vehicle in scenario.vehicles)
-    found = _violation(scenario, minimum_violation(scenario))
+    found = _violation(scenario, minimum_violation(Problem.of(scenario)))
     unit = float(scenario.fleet.scale("acceleration").max())
     # of many rows each may be left broken by a hundredth of a tolerance
     assert found == pytest.approx(known, rel=10 * INDEX, abs=10 * INDEX * unit**2)

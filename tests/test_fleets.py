@@ -17,12 +17,14 @@ from scipy.optimize import minimize
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.planning.constraints.close_pairs import pairs_within
-from drake_rho.planning.constraints.separation import coupled, decoupled, pairs_of
+from drake_rho.planning.constraints.separation import coupled, decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced as program
 from drake_rho.planning.programs import solve
 from drake_rho.planning.programs.reduced import programs_of
 from drake_rho.planning.programs.rows import about
+from drake_rho.planning.scp.restoration import SoftRows
 from drake_rho.planning.scp.subproblem import Subproblem
 from tests.scenarios import (
     box,
@@ -174,7 +176,7 @@ def test_directions_where_references_coincide_do_not_depend_on_the_order_of_the_
     found = []
     for each in (asked, swapped):
         free = rho.plan_scp(each.without_separation()).motion()
-        pairs = pairs_of(each, free, coupled, penalty=1.0, aside=True)
+        pairs = Problem.of(each).pairs_around(free, coupled, penalty=1.0, aside=True)
         assert len(pairs.places) > 0
         x = pairs.offsets(free, pairs.places)
         n = pairs.directions(pairs.places)[np.linalg.norm(x, axis=1) < 1.0]
@@ -363,7 +365,7 @@ def test_the_converged_plan_is_the_one_that_a_nonlinear_solver_finds(
 def test_the_span_of_rows_that_couple_loses_nothing(between_knots: bool) -> None:
     """The same rows in all accelerations, with states beside them, give the same solution."""
     asked = through_the_middle(4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots)
-    subproblem = Subproblem(asked, coupled)
+    subproblem = Subproblem(Problem.of(asked), coupled)
     known = subproblem.around(rho.plan_scp(asked, coupling=decoupled)).accelerations
     assert subproblem.planes is not None
     effort, steps = MinimumEffort.of(asked), asked.grid.knots - 1
@@ -392,6 +394,27 @@ def test_two_that_cross_are_proved_globally_optimal(two: tuple[rho.Scenario, rho
         for each in proof.vehicles:
             assert each.stationarity < 1e-4
             assert each.complementarity < 1e-5
+
+
+def crowd(n: int = 48, duration: float = 6.8, distance: float = 0.32) -> rho.Scenario:
+    """Vehicles that all meet in the middle of a circle, with little time to spare."""
+    return rho.circle_swap(
+        n,
+        radius=0.22 * n,
+        duration=duration,
+        step=0.2,
+        height=1.5,
+        limits=rho.Limits(acceleration=rho.Box([-3] * 3, [3] * 3)),
+        separation=rho.Separation(distance),
+    )
+
+
+def test_what_meets_at_one_point_is_brought_apart() -> None:
+    scenario = crowd()
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
+    again = rho.plan(scenario)
+    np.testing.assert_array_equal(plan.accelerations, again.accelerations)
 
 
 @pytest.mark.slow
@@ -439,14 +462,14 @@ def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> No
 def test_a_penalty_that_no_solver_knows_ends_in_the_names_of_the_pairs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    restored = Subproblem.restored
+    step = SoftRows.__call__
 
-    def numerical(self: Subproblem, reference: rho.Plan, penalty: float, number: int) -> rho.Plan:
+    def numerical(self: SoftRows, reference: rho.Plan, penalty: float, number: int) -> rho.Plan:
         if penalty > 1e3:
             raise rho.SolverError("too large")
-        return restored(self, reference, penalty, number)
+        return step(self, reference, penalty, number)
 
-    monkeypatch.setattr(Subproblem, "restored", numerical)
+    monkeypatch.setattr(SoftRows, "__call__", numerical)
     with pytest.raises(rho.InfeasibleError, match="separation from v1 at"):
         rho.plan_scp(fleet(*HEAD_ON, limits=TUBE))
 
@@ -459,7 +482,7 @@ def test_a_linearisation_without_a_solution_is_infeasible_and_no_failure(
     asked = random_fleet(seed)
     careless = rho.plan_convex(asked.without_separation())
     with pytest.raises(rho.InfeasibleError, match="separation from v"):
-        Subproblem(asked, decoupled).around(careless)
+        Subproblem(Problem.of(asked), decoupled).around(careless)
 
 
 def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(

@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.planning.constraints.base import near
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced as program
 from drake_rho.planning.programs.reduced import programs_of, rows_of
 from drake_rho.planning.programs.rows import about
 from drake_rho.planning.programs.solve import solve
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
-from drake_rho.planning.scp.subproblem import constraints_around, plan_around
+from drake_rho.planning.scp.subproblem import plan_around
 from tests.scenarios import box, random_scenario, scenarios, single
 from tests.tolerances import MOTION
 
@@ -53,7 +54,9 @@ def test_a_window_moved_on_is_planned_like_a_fresh_scenario(seed: int) -> None:
             continue
         fresh = _fresh(window.plan.scenario)
         assert fresh == window.plan.scenario
-        around = plan_around(fresh.without_obstacles(), None) if fresh.obstacles else None
+        around = (
+            plan_around(Problem.of(fresh.without_obstacles()), None) if fresh.obstacles else None
+        )
         plan = rho.plan_convex(fresh, reference=around)
         largest = max(1e-12, np.abs(plan.accelerations).max())
         np.testing.assert_allclose(
@@ -65,10 +68,11 @@ def test_a_window_moved_on_is_planned_like_a_fresh_scenario(seed: int) -> None:
 @settings(max_examples=13)
 def test_the_span_of_the_rows_loses_nothing(scenario: rho.Scenario) -> None:
     """The same rows in all accelerations, with states beside them, give the same solution."""
+    problem = Problem.of(scenario)
     try:
         reference = rho.plan_convex(scenario.without_obstacles())
-        solved = CuttingPlanes(scenario)
-        solved.keep_to(constraints_around(scenario, reference))
+        solved = CuttingPlanes(problem)
+        solved.keep_to(problem.linearized(reference))
     except rho.InfeasibleError:
         return
     rows = list(solved.working.rows.values())
@@ -94,15 +98,15 @@ def test_multipliers_do_not_depend_on_the_form() -> None:
     limits = rho.Limits(
         position=rho.Box([-1, -1, -3], [10.2, 6, 1]), velocity=box(1.6), jerk=box(2)
     )
-    scenario = single(limits=limits, start=rho.State([0, 0, 0], [1.5, 0, 0]))
+    problem = Problem.of(single(limits=limits, start=rho.State([0, 0, 0], [1.5, 0, 0])))
     found = []
     for few in (10_000, 0):
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(program, "_FEW", few)
             patched.setattr(program, "_SPARSE", 0)
-            solved = CuttingPlanes(scenario)
-            solved.keep_to(constraints_around(scenario, None))
-        effort, multipliers = solved.effort, solved.working.multipliers(0)
+            solved = CuttingPlanes(problem)
+            solved.keep_to(problem.linearized(None))
+        effort, multipliers = solved.problem.effort, solved.working.multipliers(0)
         for rows, y in multipliers:
             matrix, needed, _ = rows_of(
                 effort.changes, np.zeros(1, dtype=int), about(effort.motion, [rows])

@@ -15,8 +15,10 @@ from drake_rho.motion.dynamics import Motion, sparse_response
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.boxes import boxes_of
 from drake_rho.planning.constraints.goals import goals_of
-from drake_rho.planning.constraints.obstacles import across, obstacles_of, side_of
-from drake_rho.planning.constraints.separation import Coupling, coupled, decoupled, pairs_of
+from drake_rho.planning.constraints.margins import margins_of
+from drake_rho.planning.constraints.obstacles import across, side_of
+from drake_rho.planning.constraints.separation import Coupling, coupled, decoupled
+from drake_rho.planning.problem import Problem
 from tests.scenarios import box, fleet, single
 from tests.tolerances import ROUNDING
 
@@ -87,9 +89,9 @@ def _slow_box_rows(
 def test_a_box_gives_a_row_for_every_side_and_knot_that_is_broken(seed: int) -> None:
     scenario = _three()
     motion = _flown(scenario, seed)
-    for constraint in boxes_of(scenario):
+    for constraint in boxes_of(scenario, margins_of(scenario)):
         for asked in ([0, 1, 2], [1], [0, 2]):
-            rows = constraint.violated(motion, np.array(asked))
+            rows = constraint.violated_rows(motion, np.array(asked))
             slow = _slow_box_rows(scenario, motion, constraint.quantity, asked)
             assert _places(rows) == slow
             assert len(rows) == len(slow)
@@ -101,9 +103,9 @@ def test_a_box_gives_a_row_for_every_side_and_knot_that_is_broken(seed: int) -> 
 def test_neighbours_of_a_broken_row_are_the_same_side_at_the_next_knots(seed: int) -> None:
     scenario = _three()
     motion, every = _flown(scenario, seed, 0.4), np.arange(3)
-    for constraint in boxes_of(scenario):
-        few = _places(constraint.violated(motion, every))
-        more = _places(constraint.violated(motion, every, reach=1))
+    for constraint in boxes_of(scenario, margins_of(scenario)):
+        few = _places(constraint.violated_rows(motion, every))
+        more = _places(constraint.violated_rows(motion, every, reach=1))
         h, inner = scenario.grid.step, constraint.quantity in ("position", "velocity")
         wanted = set()
         for vehicle, side, time in few:
@@ -118,9 +120,9 @@ def test_neighbours_of_a_broken_row_are_the_same_side_at_the_next_knots(seed: in
 def test_a_motion_inside_its_boxes_gives_no_rows() -> None:
     scenario = _three()
     still = rho.Plan.from_accelerations(scenario, np.zeros((3, 20, 3))).motion()
-    for constraint in boxes_of(scenario)[:3]:
-        assert len(constraint.violated(still, np.arange(3))) == 0
-        assert len(constraint.violated(still, np.arange(3), reach=4)) == 0
+    for constraint in boxes_of(scenario, margins_of(scenario))[:3]:
+        assert len(constraint.violated_rows(still, np.arange(3))) == 0
+        assert len(constraint.violated_rows(still, np.arange(3), reach=4)) == 0
 
 
 @given(seed=seeds)
@@ -128,11 +130,11 @@ def test_a_motion_inside_its_boxes_gives_no_rows() -> None:
 def test_between_knots_a_box_gives_a_row_where_a_coordinate_turns_beyond_it(seed: int) -> None:
     scenario = _three(between_knots=True)
     motion = _flown(scenario, seed, 6.0)
-    position, *others = boxes_of(scenario)
+    position, *others = boxes_of(scenario, margins_of(scenario))
     assert position.searches > 0
     assert not any(each.searches for each in others)
     vehicles = np.array([0, 2])
-    rows = position.violated(motion, vehicles, between=True)
+    rows = position.violated_rows(motion, vehicles, between=True)
     assert np.all(rows.margins(motion) < 0.0)
     bounds = scenario.limits.position
     assert bounds is not None
@@ -160,9 +162,9 @@ def test_margins_answer_to_accelerations_as_the_responses_say(coupling: Coupling
     motion, every = _flown(scenario, 1, 0.1), np.arange(3)
     other = _flown(scenario, 2, 2.0)
     constraints: list[Constraint] = [
-        *boxes_of(scenario),
-        *obstacles_of(scenario, motion),
-        pairs_of(scenario, motion, coupling),
+        *boxes_of(scenario, margins_of(scenario)),
+        *Problem.of(scenario).obstacles_around(motion),
+        Problem.of(scenario).pairs_around(motion, coupling),
         *goals_of(scenario),
     ]
     kinds = set()
@@ -170,7 +172,7 @@ def test_margins_answer_to_accelerations_as_the_responses_say(coupling: Coupling
         for between in (False, True):
             if between and not constraint.searches:
                 continue
-            rows = constraint.violated(other, every, between=between)
+            rows = constraint.violated_rows(other, every, between=between)
             if len(rows) == 0:
                 continue
             kinds.add((constraint.quantity, constraint.coupled))
@@ -197,8 +199,8 @@ def test_the_rows_of_an_obstacle_support_it_and_a_reference_outside_keeps_its_ow
 ) -> None:
     scenario = _three()
     reference, other = _flown(scenario, seed, 0.5), _flown(scenario, seed + 1)
-    (constraint,) = obstacles_of(scenario, reference)
-    rows = constraint.violated(other, np.arange(3), reach=scenario.grid.knots)
+    (constraint,) = Problem.of(scenario).obstacles_around(reference)
+    rows = constraint.violated_rows(other, np.arange(3), reach=scenario.grid.knots)
     np.testing.assert_allclose(np.linalg.norm(rows.normals, axis=1), 1.0, rtol=ROUNDING)
     depth = rows.bounds - rows.normals @ SPHERE.center  # of the centre below the tangent plane
     np.testing.assert_allclose(depth, SPHERE.radius, rtol=ROUNDING)
@@ -212,9 +214,9 @@ def test_the_rows_of_an_obstacle_support_it_and_a_reference_outside_keeps_its_ow
 def test_an_obstacle_gives_the_rows_that_are_broken_at_the_knots(seed: int) -> None:
     scenario = _three()
     reference, other = _flown(scenario, seed, 0.5), _flown(scenario, seed + 1)
-    (constraint,) = obstacles_of(scenario, reference)
+    (constraint,) = Problem.of(scenario).obstacles_around(reference)
     for vehicles in ([0, 1, 2], [1], [0, 2]):
-        rows = constraint.violated(other, np.array(vehicles))
+        rows = constraint.violated_rows(other, np.array(vehicles))
         slow = set()
         for vehicle in vehicles:
             for k in range(1, scenario.grid.knots - 1):
@@ -243,8 +245,8 @@ def test_a_motion_through_an_obstacle_gives_a_row_at_its_worst_instant(
         between_knots=between_knots,
     )
     motion = rho.plan_convex(scenario.without_obstacles()).motion()
-    (constraint,) = obstacles_of(scenario, motion)
-    rows = constraint.violated(motion, np.array([0]), between=True)
+    (constraint,) = Problem.of(scenario).obstacles_around(motion)
+    rows = constraint.violated_rows(motion, np.array([0]), between=True)
     if between_knots:
         worst = int(np.argmin(rows.margins(motion)))
         assert rows.times[worst] == pytest.approx(4.8)
@@ -263,7 +265,7 @@ def test_a_motion_through_an_obstacle_gives_a_row_at_its_worst_instant(
 def test_rows_about_differences_support_the_ellipsoid(downwash: float) -> None:
     scenario = dataclasses.replace(_three(), separation=rho.Separation(2.5, downwash))
     reference = _flown(scenario, 4, 0.2)
-    pairs = pairs_of(scenario, reference, coupled)
+    pairs = Problem.of(scenario).pairs_around(reference, coupled)
     rows = pairs.rows(pairs.places)
     assert len(rows) > 5
     ellipsoid = 2.5 * np.array([1.0, 1.0, downwash])
@@ -285,7 +287,9 @@ def test_two_vehicles_share_what_the_reference_leaves_between_them(seed: int) ->
     """Their two rows add up to the one about their difference, and both have half its room."""
     scenario = _three()
     reference, other = _flown(scenario, seed, 0.2), _flown(scenario, seed + 1)
-    whole, halves = (pairs_of(scenario, reference, each) for each in (coupled, decoupled))
+    whole, halves = (
+        Problem.of(scenario).pairs_around(reference, each) for each in (coupled, decoupled)
+    )
     one, two = whole.rows(whole.places), halves.rows(halves.places)
     assert len(two) == 2 * len(one)
     margins = {
@@ -314,14 +318,14 @@ def test_pairs_of_which_one_is_looked_at_give_their_broken_rows(
 ) -> None:
     scenario = _three(between_knots=False)
     reference, other = _flown(scenario, 4, 0.2), _flown(scenario, 5, 0.3)
-    pairs = pairs_of(scenario, reference, coupling)
+    pairs = Problem.of(scenario).pairs_around(reference, coupling)
     every = pairs.rows(pairs.places)
     broken = every.margins(other) < -1e-7
     looked_at = np.isin(every.vehicles, asked)
     if coupling.together:
         looked_at |= np.isin(every.partners, asked)
     expected = every.select(broken & looked_at)
-    found = pairs.violated(other, np.array(asked))
+    found = pairs.violated_rows(other, np.array(asked))
     assert len(expected) > 0
     for name in ("vehicles", "partners", "times", "bounds"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
@@ -333,9 +337,9 @@ def test_rows_of_pairs_are_asked_for_where_the_reference_is_near_and_not_at_the_
         ends = np.array([[0, 0, 0], [0, gap, 0]])
         asked = fleet(ends, ends + np.array([10, 0, 0]))
         motion = rho.plan_scp(asked.without_separation()).motion()
-        pairs = pairs_of(asked, motion, coupled)
+        pairs = Problem.of(asked).pairs_around(motion, coupled)
         assert len(np.unique(pairs.rows(pairs.places).times)) == count
-        assert len(pairs.violated(motion, np.arange(2))) == 0
+        assert len(pairs.violated_rows(motion, np.arange(2))) == 0
 
 
 @pytest.mark.parametrize("downwash", [0.5, 1.0, 2.0])
@@ -343,11 +347,11 @@ def test_quadratics_are_what_the_rows_were_linearised_from(downwash: float) -> N
     """Around the reference, norm(scales (x - c))² - size² has the row as its tangent's cut."""
     scenario = dataclasses.replace(_three(), separation=rho.Separation(2.5, downwash))
     reference = _flown(scenario, 6, 0.2)
-    pairs = pairs_of(scenario, reference, coupled)
-    (obstacle,) = obstacles_of(scenario, reference)
+    pairs = Problem.of(scenario).pairs_around(reference, coupled)
+    (obstacle,) = Problem.of(scenario).obstacles_around(reference)
     for constraint, rows in (
         (pairs, pairs.rows(pairs.places)),
-        (obstacle, obstacle.violated(_flown(scenario, 7), np.arange(3))),
+        (obstacle, obstacle.violated_rows(_flown(scenario, 7), np.arange(3))),
     ):
         quadratic = constraint.quadratics(rows)
         assert quadratic is not None
@@ -365,7 +369,7 @@ def test_quadratics_are_what_the_rows_were_linearised_from(downwash: float) -> N
             quadratic.sizes / quadratic.lengths,
             rtol=ROUNDING,
         )
-    assert boxes_of(scenario)[0].quadratics(rows) is None
+    assert boxes_of(scenario, margins_of(scenario))[0].quadratics(rows) is None
 
 
 @given(seed=seeds)
@@ -398,7 +402,7 @@ def test_a_goal_gives_a_row_for_the_side_on_which_it_is_missed(size: float) -> N
                 for each in goals
                 if each.quantity == quantity and each.name == f"goal {'xyz'[axis]}"
             ]
-            rows = goal.violated(motion, np.array([0, 2]))
+            rows = goal.violated_rows(motion, np.array([0, 2]))
             assert rows.vehicles.tolist() == [0, 2]
             np.testing.assert_allclose(rows.times, scenario.grid.duration)
             last = motion.values(goal.quantity)[[0, 2], -1, axis]
@@ -409,7 +413,7 @@ def test_a_goal_gives_a_row_for_the_side_on_which_it_is_missed(size: float) -> N
             assert np.unique(rows.sides).size == np.unique(last > wanted).size
     reached = _flown(scenario, 0, 0.0)
     for goal in goals:
-        assert len(goal.violated(reached, np.arange(3))) == 0
+        assert len(goal.violated_rows(reached, np.arange(3))) == 0
 
 
 def test_each_encounter_has_one_direction_all_along_where_that_is_asked_for() -> None:
@@ -422,7 +426,7 @@ def test_each_encounter_has_one_direction_all_along_where_that_is_asked_for() ->
     asked = fleet(ends, goals, grid=rho.Grid(0.5, 33))
     flown = np.stack([np.zeros((32, 3)), np.concatenate(legs)])
     reference = rho.Plan.from_accelerations(asked, flown).motion()
-    pairs = pairs_of(asked, reference, coupled, penalty=1.0, aside=True)
+    pairs = Problem.of(asked).pairs_around(reference, coupled, penalty=1.0, aside=True)
     places = pairs.places
     close = np.linalg.norm(pairs.offsets(reference, places), axis=1) < 1.0
     for passing, y in ((places.times < 8.0, -1.0), (places.times > 8.0, 1.0)):
@@ -432,7 +436,7 @@ def test_each_encounter_has_one_direction_all_along_where_that_is_asked_for() ->
         assert directions[0] @ [0.0, y, 0.0] > 0.98
         way = pairs.ways(places)[close & passing]
         assert np.abs(way @ directions[0]).max() < 0.1 * np.linalg.norm(way, axis=1).max()
-    plain = pairs_of(asked, reference, coupled, penalty=1.0).directions(places)
+    plain = Problem.of(asked).pairs_around(reference, coupled, penalty=1.0).directions(places)
     x = pairs.offsets(reference, places)
     along = x / np.linalg.norm(x, axis=1)[:, None]
     np.testing.assert_allclose(plain, along, atol=ROUNDING)
@@ -443,7 +447,8 @@ def test_rows_that_may_be_broken_ask_for_a_little_more_than_the_separation() -> 
     scenario = _three()
     reference = _flown(scenario, 4, 0.2)
     hard, soft = (
-        pairs_of(scenario, reference, coupled, penalty=penalty) for penalty in (np.inf, 1.0)
+        Problem.of(scenario).pairs_around(reference, coupled, penalty=penalty)
+        for penalty in (np.inf, 1.0)
     )
     one, two = hard.rows(soft.places), soft.rows(soft.places)
     np.testing.assert_allclose(two.bounds, 1.02 * one.bounds, rtol=ROUNDING)
@@ -455,7 +460,10 @@ def test_rows_that_may_be_broken_ask_for_a_little_more_than_the_separation() -> 
 @pytest.mark.parametrize("coupling", [coupled, decoupled])
 def test_rows_are_renewed_around_another_reference_at_the_same_places(coupling: Coupling) -> None:
     scenario = _three(between_knots=False)
-    old, new = (pairs_of(scenario, _flown(scenario, 4, size), coupling) for size in (0.2, 0.21))
+    old, new = (
+        Problem.of(scenario).pairs_around(_flown(scenario, 4, size), coupling)
+        for size in (0.2, 0.21)
+    )
     rows = old.rows(old.places).select(slice(None, None, 2))
     renewed = new.renewed(rows)
     assert renewed.constraint is new
@@ -484,12 +492,12 @@ def test_rows_are_renewed_around_another_reference_at_the_same_places(coupling: 
 def test_rows_in_words_are_the_constraint_its_axes_or_partners_and_its_times() -> None:
     scenario = _three()
     names = ["v0", "v1", "v2"]
-    _, velocity, *_ = boxes_of(scenario)
+    _, velocity, *_ = boxes_of(scenario, margins_of(scenario))
     sides, times = np.array([0, 3, 2]), np.array([1.0, 2.5, 1.5])
     rows = velocity.rows(np.zeros(3, dtype=int), sides, times)  # type: ignore[attr-defined]
     assert velocity.describe(rows, names, 0.0) == "velocity box x/z from 1 s to 2.5 s"
     assert velocity.describe(rows.select(slice(1)), names, 0.0) == "velocity box x at 1 s"
-    pairs = pairs_of(scenario, _flown(scenario, 4, 0.2), coupled)
+    pairs = Problem.of(scenario).pairs_around(_flown(scenario, 4, 0.2), coupled)
     every = pairs.rows(pairs.places)
     own = every.select((every.vehicles == 0) & (every.partners == 2))
     assert pairs.describe(own, names, 0.0).startswith("separation from v2 ")

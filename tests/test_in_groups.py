@@ -16,19 +16,19 @@ from scipy.optimize import lsq_linear
 import drake_rho as rho
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.constraints.boxes import boxes_of
-from drake_rho.planning.constraints.separation import coupled, grouped, pairs_of
+from drake_rho.planning.constraints.separation import coupled, grouped
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.planners.plan import first_plan
+from drake_rho.planning.planners.first_plan import first_plan
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import group_duals
+from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import add_rows
 from drake_rho.planning.programs.dual import multipliers_of
 from drake_rho.planning.programs.group_duals import GroupDuals
-from drake_rho.planning.programs.parallel import OnWorkers
 from drake_rho.planning.programs.reduced import rows_of
 from drake_rho.planning.programs.rows import Rows
-from drake_rho.planning.scp.fleet_subproblem import Improvement
+from drake_rho.planning.scp.fleet_improvement import AroundReferences
 from drake_rho.planning.scp.group_references import InGroups
 from drake_rho.planning.scp.groups import groups_that_press
 from drake_rho.planning.scp.subproblem import Subproblem
@@ -57,7 +57,7 @@ def asked() -> rho.Scenario:
 @pytest.fixture(scope="module")
 def first(asked: rho.Scenario) -> Plan:
     """Their first plan, which is strict."""
-    return first_plan(asked)
+    return first_plan(Problem.of(asked))
 
 
 # Partitions
@@ -114,8 +114,9 @@ def _rows(asked: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
     effort, everyone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
     tighter = box(0.9 * np.abs(effort.motion.accelerations).max())
     asked = dataclasses.replace(asked, limits=rho.Limits(acceleration=tighter))
-    constraints = [*boxes_of(asked), pairs_of(asked, reference.motion(), coupled)]
-    found = [constraint.violated(effort.motion, everyone) for constraint in constraints]
+    problem = Problem.of(asked)
+    constraints = [*problem.convex, problem.pairs_around(reference.motion(), coupled)]
+    found = [constraint.violated_rows(effort.motion, everyone) for constraint in constraints]
     return [rows for rows in found if len(rows) > 0]
 
 
@@ -255,8 +256,8 @@ def test_programs_on_an_executor_are_the_same_to_the_last_digit(
     monkeypatch.setattr(group_duals, "_BLOCK", 10)
     effort, alone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
     with ThreadPoolExecutor(2) as executor:
-        workers = OnWorkers(None, executor)
-        programs = [GroupDuals(effort, alone, solver=each) for each in (None, workers)]
+        workers = Backend(executor=executor)
+        programs = [GroupDuals(effort, alone, backend=each) for each in (None, workers)]
         for program in programs:
             program.add(_rows(asked, first)[0])
             program.solve()
@@ -329,7 +330,7 @@ def test_mirrored_the_references_are_mirror_images(asked: rho.Scenario, first: P
     other = mapped(asked, mirror, np.array([0.3, -2.0, 1.0]))
     motion = first.motion()
     mirrored = Plan.from_accelerations(other, motion.accelerations @ mirror).motion()
-    one, two = (InGroups(each, MinimumEffort.of(each), 3) for each in (asked, other))
+    one, two = (InGroups(Problem.of(each), 3) for each in (asked, other))
     for _ in range(3):
         motion, mirrored = one.around(motion)[0], two.around(mirrored)[0]
         largest = np.abs(motion.accelerations).max()
@@ -340,10 +341,10 @@ def test_mirrored_the_references_are_mirror_images(asked: rho.Scenario, first: P
 
 
 def test_the_cost_never_rises_and_every_iterate_is_strict(asked: rho.Scenario, first: Plan) -> None:
-    subproblem = Improvement(asked, grouped, most=3)
+    improve = AroundReferences(Subproblem(Problem.of(asked), grouped), most=3)
     everyone, plans = np.arange(len(asked.vehicles)), [first]
     for _ in range(4):
-        plans.append(subproblem.improved(plans[-1], everyone, 1e-3))
+        plans.append(improve(plans[-1], everyone, 1e-3)[0])
         assert rho.verify(plans[-1]).ok
     for before, after in pairwise(plans):
         assert after.cost <= before.cost * (1 + INDEX)
@@ -353,7 +354,7 @@ def test_the_cost_never_rises_and_every_iterate_is_strict(asked: rho.Scenario, f
 def test_references_cost_no_more_than_the_plan_and_groups_change(
     asked: rho.Scenario, first: Plan
 ) -> None:
-    in_groups = InGroups(asked, MinimumEffort.of(asked), 3)
+    in_groups = InGroups(Problem.of(asked), 3)
     assert in_groups.groups is None
     assert in_groups.reference(first, 1e-3).cost < first.cost
     motion, seen = first.motion(), set[tuple[int, ...]]()
@@ -368,12 +369,11 @@ def test_references_cost_no_more_than_the_plan_and_groups_change(
 
 
 def test_a_fleet_no_larger_than_two_groups_is_one() -> None:
-    asked = crowd(1)
-    effort = MinimumEffort.of(asked)
-    groups = InGroups(asked, effort, 4).groups
+    problem = Problem.of(crowd(1))
+    groups = InGroups(problem, 4).groups
     assert groups is not None
     assert len(np.unique(groups)) == 1
-    assert InGroups(asked, effort, 3).groups is None
+    assert InGroups(problem, 3).groups is None
 
 
 @pytest.mark.parametrize("useless", ["none", "far", "dear"])
@@ -381,7 +381,7 @@ def test_where_groups_are_of_no_use_each_yields_half(
     asked: rho.Scenario, first: Plan, useless: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     everyone = np.arange(len(asked.vehicles))
-    halves = Subproblem(asked, rho.decoupled).around(first)
+    halves = Subproblem(Problem.of(asked), rho.decoupled).around(first)
 
     def reference(self: InGroups, plan: Plan, tolerance: float) -> Plan:
         if useless == "none":
@@ -392,7 +392,8 @@ def test_where_groups_are_of_no_use_each_yields_half(
         return Plan.from_accelerations(asked, accelerations)
 
     monkeypatch.setattr(InGroups, "reference", reference)
-    plan = Improvement(asked, grouped).improved(first, everyone, 1e-3)
+    improve = AroundReferences(Subproblem(Problem.of(asked), grouped))
+    plan, _ = improve(first, everyone, 1e-3)
     assert rho.verify(plan).ok
     assert plan.cost <= first.cost
     if useless == "none":

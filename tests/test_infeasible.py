@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 
 import drake_rho as rho
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.programs import solve
+from drake_rho.planning.programs import backend, solve
 from drake_rho.planning.scp.working_set import WorkingSet
 from drake_rho.scenario.fields import FloatArray
 from tests.scenarios import box, scenarios, single
@@ -199,7 +199,7 @@ def test_the_work_of_a_failure_is_counted(paper: rho.Scenario) -> None:
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_convex(slow, steps=[0.5])
     assert caught.value.statistics.programs >= 8
-    assert caught.value.statistics.solver == solve.DEFAULT().solver_id().name()
+    assert caught.value.statistics.solver == backend.DEFAULT().solver_id().name()
 
 
 COARSE = rho.Grid(4.0, 3)

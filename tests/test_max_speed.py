@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
 from drake_rho.analysis.diagnose import PRECISION, is_monotone
-from drake_rho.planning.constraints.norms import norms_of
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.fields import FloatArray
@@ -270,7 +270,11 @@ def test_the_least_breach_is_about_that_of_the_program_with_cones(
     grid = rho.Grid(8.0 / (knots - 1), knots)
     scenario = single(limits=rho.Limits(max_speed=most), grid=grid, start=rho.State([0, 0, 0]))
     least = _least_breach(scenario)
-    assert least * (1.0 - 1e-6) <= _breach(minimum_violation(scenario)) <= least * (1.0 + precision)
+    assert (
+        least * (1.0 - 1e-6)
+        <= _breach(minimum_violation(Problem.of(scenario)))
+        <= least * (1.0 + precision)
+    )
 
 
 def _breach(plan: rho.Plan) -> float:
@@ -397,13 +401,13 @@ def side_by_side(count: int, *, knots: int, most: float) -> rho.Scenario:
 def test_known_tangent_planes_take_memory_in_proportion() -> None:
     """Looking rows up compares each with those of its own instant, not with all there are."""
     scenario = side_by_side(100, knots=101, most=1.01)
-    (ball,) = norms_of(scenario)
+    (ball,) = Problem.of(scenario).convex
     motion = MinimumEffort.of(scenario).motion
-    rows = ball.violated(motion, np.arange(100))
+    rows = ball.violated_rows(motion, np.arange(100))
     working = WorkingSet(RowKeys(100, scenario.grid))
     working.add(rows)
     faster = motion.with_accelerations(1.1 * motion.accelerations)
-    working.add(ball.violated(faster, np.arange(100)))
+    working.add(ball.violated_rows(faster, np.arange(100)))
     tracemalloc.start()
     known = working.known(rows, motion)
     most = tracemalloc.get_traced_memory()[1]

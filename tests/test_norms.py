@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
 from drake_rho.analysis.diagnose import PRECISION, is_monotone
-from drake_rho.planning.constraints.catalogue import convex_constraints
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
@@ -259,7 +259,7 @@ def test_the_least_violation_of_each_is_finite_and_told() -> None:
             for name, value in dataclasses.asdict(limits).items()
             if value is not None
         }
-        plan = minimum_violation(single(limits=rho.Limits(**tight)))
+        plan = minimum_violation(Problem.of(single(limits=rho.Limits(**tight))))
         assert np.abs(plan.accelerations).max() < 100.0
         assert not rho.verify(plan).ok
 
@@ -384,7 +384,7 @@ def test_files_and_schema_hold_them() -> None:
 
 def test_every_constraint_has_a_key_of_its_own() -> None:
     limits = rho.Limits(box(50), box(5), box(5), box(5), 3.0, 4.0, 15.0, 0.6)
-    constraints = convex_constraints(single(limits=limits))
+    constraints = Problem.of(single(limits=limits)).convex
     assert len(constraints) == 8
     assert len({each.key for each in constraints}) == 8
     assert len({each.name for each in constraints}) == 8

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.penetration import deepest, pieces_near
-from drake_rho.planning.programs.solve import Solver
+from drake_rho.planning.programs.backend import Solver
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Shape
 from tests.shapes import KINDS, random_shape

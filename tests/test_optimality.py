@@ -10,8 +10,8 @@ from hypothesis import given, settings
 
 import drake_rho as rho
 from drake_rho.analysis.lagrangian import Lagrangian
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
-from drake_rho.planning.scp.subproblem import constraints_around
 from tests.scenarios import box, scenarios, single
 from tests.tolerances import INDEX
 
@@ -103,8 +103,8 @@ def test_no_feasible_plan_of_random_restarts_is_below_the_bound(scenario: rho.Sc
 
 def test_any_multipliers_give_a_bound_and_too_large_ones_none() -> None:
     scenario, best, _ = _on_the_other_side()
-    solved = CuttingPlanes(scenario)
-    solved.keep_to(constraints_around(scenario, best))
+    solved = CuttingPlanes(Problem.of(scenario))
+    solved.keep_to(Problem.of(scenario).linearized(best))
     lagrangian = Lagrangian(solved, np.array([0]))
     index = best.cost / lagrangian.unit**2
     rng = np.random.default_rng(1)
@@ -119,8 +119,8 @@ def test_any_multipliers_give_a_bound_and_too_large_ones_none() -> None:
 
 def test_the_closed_form_is_the_minimum_and_its_slopes_are_true() -> None:
     scenario, best, _ = _on_the_other_side()
-    solved = CuttingPlanes(scenario)
-    solved.keep_to(constraints_around(scenario, best))
+    solved = CuttingPlanes(Problem.of(scenario))
+    solved.keep_to(Problem.of(scenario).linearized(best))
     lagrangian = Lagrangian(solved, np.array([0]))
     weights, multipliers = 0.7 * lagrangian.weights, lagrangian.multipliers
     found = lagrangian.minimum(weights, multipliers)

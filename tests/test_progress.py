@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.constraints.separation import decoupled
-from drake_rho.planning.scp.subproblem import Subproblem
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.scp.violations import violations_of
 from tests.scenarios import box, single
 from tests.studies import small
 
-BREACH = r"(, worst breach [\d.e+-]+ m, \d+ vehicles in trouble)?"
+BREACH = r"(, worst violation [\d.e+-]+ m, \d+ vehicles violating)?"
 LINEARISED = r"linearised (once|\d+ times), cost [\d.e+-]+ m²/s⁴" + BREACH
 
 
@@ -36,8 +36,8 @@ def test_planners_tell_each_linearisation(
     iterations = [each for each in told if re.fullmatch(LINEARISED, each)]
     assert iterations[0].startswith("linearised once, cost")
     assert f"linearised {plan.statistics.linearisations} times" in iterations[-1]
-    assert "worst breach" in iterations[0]  # they meet in the middle
-    assert "worst breach" not in iterations[-1]
+    assert "worst violation" in iterations[0]  # they meet in the middle
+    assert "worst violation" not in iterations[-1]
     last = float(iterations[-1].split()[4])
     assert last == pytest.approx(plan.cost, rel=0.03)  # it was given up as saving too little
 
@@ -51,7 +51,7 @@ def test_the_worst_breach_is_what_pairs_lack_of_their_separation(swap: rho.Scena
     apart = min(
         np.linalg.norm(paths[i] - paths[j], axis=-1).min() for i in range(6) for j in range(i)
     )
-    breach = Subproblem(swap, decoupled).worst_breach(plan)
+    breach = violations_of(Problem.of(swap), plan).worst
     assert breach == pytest.approx(swap.separation.distance - apart, abs=1e-4)
 
 
@@ -59,8 +59,8 @@ def test_the_worst_breach_of_an_obstacle_is_how_deep_a_plan_is_inside() -> None:
     plan = rho.plan_convex(single())  # straight through (5, 2, -1)
     asked = single(obstacles=[rho.Sphere([5.0, 2.0, -1.0], 1.5)], between_knots=True)
     inside = rho.Plan.from_accelerations(asked, plan.accelerations)
-    assert Subproblem(asked).worst_breach(inside) == pytest.approx(1.5, abs=1e-6)
-    assert Subproblem(asked).worst_breach(rho.plan(asked)) == 0.0
+    assert violations_of(Problem.of(asked), inside).worst == pytest.approx(1.5, abs=1e-6)
+    assert violations_of(Problem.of(asked), rho.plan(asked)).worst == 0.0
 
 
 def test_a_receding_horizon_tells_each_window(paper: rho.Scenario) -> None:

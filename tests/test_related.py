@@ -10,11 +10,9 @@ import pytest
 import drake_rho as rho
 from benchmarks.gap_scenes import KINDS, GapScene, gap_scene
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.options import Options
-from drake_rho.planning.planners import plan as best
+from drake_rho.planning.planners.first_plan import FirstPlan
 from drake_rho.planning.planners.related import can_be_slower, fitted, rescaled
-from drake_rho.planning.programs.solve import Solver
-from drake_rho.planning.progress import Progress
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.subproblem import Subproblem
 from tests.scenarios import slow
 
@@ -76,22 +74,17 @@ def test_what_moves_or_begins_elsewhere_is_not_stretched() -> None:
 def test_a_longer_flight_without_a_plan_of_its_own_is_a_shorter_one_flown_slower(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    first, asked, told = best._first, rescaled(ASKED, 2.0), list[str]()
+    first, asked, told = FirstPlan.of, rescaled(ASKED, 2.0), list[str]()
 
-    def missed(
-        scenario: rho.Scenario,
-        reference: rho.Plan | None,
-        solver: Solver | None,
-        progress: Progress | None,
-        options: Options,
-    ) -> rho.Plan:
+    def missed(self: FirstPlan, problem: Problem, reference: rho.Plan | None = None) -> rho.Plan:
+        scenario = problem.scenario
         if reference is None and scenario.grid == asked.grid:
             names = [vehicle.name for vehicle in scenario.vehicles]
             told_of = dict.fromkeys(names, frozenset({1}))
             raise rho.InfeasibleError(dict.fromkeys(names, ("obstacle 1",)), obstacles=told_of)
-        return first(scenario, reference, solver, progress, options)
+        return first(self, problem, reference)
 
-    monkeypatch.setattr(best, "_first", missed)
+    monkeypatch.setattr(FirstPlan, "of", missed)
     assert can_be_slower(asked)
     plan = rho.plan(asked, progress=told.append)
     assert rho.verify(plan).ok

@@ -14,6 +14,7 @@ from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
 from drake_rho.planning.horizon.windows import Planner
+from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs import parallel as blocks
 from drake_rho.planning.programs.reduced import programs_of
 from tests.scenarios import box, scenarios, single
@@ -198,9 +199,9 @@ def test_a_window_that_fails_is_not_explained(
     """No program in which constraints may be broken is written unless an explanation is asked."""
     written: list[bool] = []
 
-    def counted(*args: Any, linear: bool, **options: Any) -> Iterator[Any]:
-        written.append(linear)
-        return programs_of(*args, linear=linear, **options)
+    def counted(changes: Changes, *args: Any, **options: Any) -> Iterator[Any]:
+        written.append(changes.free)
+        return programs_of(changes, *args, **options)
 
     monkeypatch.setattr(blocks, "programs_of", counted)
     weak = dataclasses.replace(paper, limits=rho.Limits(acceleration=box(6.0)))

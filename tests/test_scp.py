@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Sequence
+from itertools import pairwise, repeat
 
 import numpy as np
 import pytest
@@ -12,10 +12,14 @@ from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
 from drake_rho.planning.constraints.separation import decoupled
-from drake_rho.planning.scp.sequential_convex import PATIENCE, DeadEnds, iterate, restored
+from drake_rho.planning.options import DEFAULTS
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.scp.patience import PATIENCE, DeadEnds
+from drake_rho.planning.scp.restoration import SoftRows, restore_feasibility
+from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
-from tests.scenarios import fleet, scenarios, through_the_middle
+from tests.scenarios import careless, fleet, scenarios, through_the_middle
 from tests.tolerances import INDEX
 
 
@@ -76,55 +80,64 @@ def test_a_reference_on_another_grid_is_refused(paper: rho.Scenario) -> None:
         rho.plan_scp(paper, reference=tail)
 
 
-class Scripted(Subproblem):
-    """A subproblem whose plans are known: accelerations of so many m/s² of each vehicle.
+class Scripted:
+    """Iterations whose plans are known: accelerations of so many m/s² of each vehicle.
 
     Args:
         scenario: of some vehicles.
         script: for each iteration a number for each vehicle, or an error.
-        together: whether all stop together.
-        apart: from which of the restorations on the vehicles keep apart.
     """
 
     def __init__(
-        self,
-        scenario: rho.Scenario,
-        script: Sequence[Sequence[float] | Exception],
-        *,
-        together: bool = False,
-        apart: int = 0,
+        self, scenario: rho.Scenario, script: Sequence[Sequence[float] | Exception]
     ) -> None:
-        super().__init__(scenario.without_separation())
-        if together:
-            self.labels = np.zeros(len(scenario.vehicles), dtype=int)
-        self.script, self.apart = list(script), apart
+        self.scenario, self.script = scenario, list(script)
         self.planned: list[list[int]] = []
-        self.penalties: list[tuple[float, int]] = []
 
-    def _next(self) -> rho.Plan:
+    def __call__(
+        self, plan: rho.Plan, vehicles: IntArray, tolerance: float
+    ) -> tuple[rho.Plan, bool]:
+        """Return the next plan."""
+        self.planned.append(vehicles.tolist())
         after = self.script.pop(0)
         if isinstance(after, Exception):
             raise after
-        return flown(self.scenario, after)
+        return flown(self.scenario, after), False
 
-    def around(self, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
-        """The next plan."""
-        assert vehicles is not None
-        self.planned.append(vehicles.tolist())
-        return self._next()
 
-    def restored(self, reference: rho.Plan, penalty: float, number: int) -> rho.Plan:
-        """The next plan."""
+class Steps:
+    """Steps of a restoration whose plans are known.
+
+    Args:
+        script: the plan of each step.
+    """
+
+    steepest = SoftRows.steepest
+
+    def __init__(self, script: Iterable[rho.Plan]) -> None:
+        self.script = iter(script)
+        self.penalties: list[tuple[float, int]] = []
+
+    def __call__(self, reference: rho.Plan, penalty: float, number: int) -> rho.Plan:
+        """Return the next plan."""
         self.penalties.append((penalty, number))
-        return self._next()
+        return next(self.script)
 
-    def holds(self, plan: rho.Plan) -> bool:
-        """As it is said when it is made."""
-        return len(self.penalties) >= self.apart
 
-    def failure(self, plan: rho.Plan, spent: rho.Statistics) -> rho.InfeasibleError | None:
-        """An error, unless they keep apart."""
-        return None if self.holds(plan) else rho.InfeasibleError({}, statistics=spent)
+def iterated(
+    improve: Scripted,
+    start: rho.Plan,
+    tolerance: float,
+    *,
+    together: bool = False,
+    most: int = DEFAULTS.max_iterations,
+) -> rho.Plan:
+    """Return the plan that known iterations end with, whose vehicles may all stop together."""
+    subproblem = Subproblem(Problem.of(start.scenario))
+    labels = np.zeros(len(start.accelerations), dtype=int) if together else None
+    return sequential_convex(
+        subproblem, start, tolerance, improve=improve, labels=labels, most=most
+    )
 
 
 def flown(scenario: rho.Scenario, each: Sequence[float]) -> rho.Plan:
@@ -144,9 +157,9 @@ def two() -> rho.Scenario:
 def test_vehicles_stop_by_themselves_and_keep_their_better_plan(two: rho.Scenario) -> None:
     """The second rises at first, so it stops where it was; the first goes on until it is level."""
     script = [[3.0, 5.0], [2.0, 1.0], [2.0, 1.0]]
-    subproblem = Scripted(two, script)
-    plan = iterate(subproblem, flown(two, [4.0, 4.0]), 1e-6)
-    assert subproblem.planned == [[0, 1], [0], [0]]
+    improve = Scripted(two, script)
+    plan = iterated(improve, flown(two, [4.0, 4.0]), 1e-6)
+    assert improve.planned == [[0, 1], [0], [0]]
     assert plan.statistics.converged
     assert plan.accelerations[0, 0, 0] == 2.0
     assert plan.statistics.linearisations == 1 + 3
@@ -156,7 +169,7 @@ def test_vehicles_stop_by_themselves_and_keep_their_better_plan(two: rho.Scenari
 def test_a_rise_of_one_vehicle_is_not_taken_over_where_nothing_couples_it(
     two: rho.Scenario,
 ) -> None:
-    plan = iterate(Scripted(two, [[3.0, 5.0]]), flown(two, [4.0, 4.0]), 1e-6, most=1)
+    plan = iterated(Scripted(two, [[3.0, 5.0]]), flown(two, [4.0, 4.0]), 1e-6, most=1)
     assert plan.accelerations[:, 0, 0].tolist() == [3.0, 4.0]
     assert not plan.statistics.converged
 
@@ -164,17 +177,17 @@ def test_a_rise_of_one_vehicle_is_not_taken_over_where_nothing_couples_it(
 def test_vehicles_that_pairs_couple_take_the_plan_that_costs_less_in_total(
     two: rho.Scenario,
 ) -> None:
-    subproblem = Scripted(two, [[3.0, 4.5], [4.0, 4.0]], together=True)
-    plan = iterate(subproblem, flown(two, [4.0, 4.0]), 1e-6)
+    improve = Scripted(two, [[3.0, 4.5], [4.0, 4.0]])
+    plan = iterated(improve, flown(two, [4.0, 4.0]), 1e-6, together=True)
     assert plan.accelerations[:, 0, 0].tolist() == [3.0, 4.5]  # 29.25 is less than 32
-    assert subproblem.planned == [[0, 1], [0, 1]]
+    assert improve.planned == [[0, 1], [0, 1]]
     assert plan.statistics.converged
 
 
 def test_a_cost_that_rises_is_left_and_counts_as_converged(two: rho.Scenario) -> None:
     for together in (True, False):
         start = flown(two, [4.0, 4.0])
-        plan = iterate(Scripted(two, [[4.1, 4.1]], together=together), start, 1e-6)
+        plan = iterated(Scripted(two, [[4.1, 4.1]]), start, 1e-6, together=together)
         np.testing.assert_array_equal(plan.accelerations, start.accelerations)
         assert plan.statistics.converged
 
@@ -185,9 +198,9 @@ def test_the_tolerance_is_relative_to_the_whole_cost(
 ) -> None:
     """The cost falls by 36 %, by 9.8 %, by 4 % and by nothing."""
     script = [[3.2, 3.2], [3.04, 3.04], [2.98, 2.98], [2.98, 2.98]]
-    subproblem = Scripted(two, script, together=True)
-    plan = iterate(subproblem, flown(two, [4.0, 4.0]), tolerance)
-    assert len(subproblem.planned) == count
+    improve = Scripted(two, script)
+    plan = iterated(improve, flown(two, [4.0, 4.0]), tolerance, together=True)
+    assert len(improve.planned) == count
     assert plan.statistics.converged
 
 
@@ -195,52 +208,64 @@ def test_the_tolerance_is_relative_to_the_whole_cost(
 def test_a_linearisation_that_fails_by_rounding_ends_with_the_plan_before_it(
     two: rho.Scenario, error: Exception
 ) -> None:
-    subproblem = Scripted(two, [[3.0, 3.0], error])
-    plan = iterate(subproblem, flown(two, [4.0, 4.0]), 1e-6)
+    plan = iterated(Scripted(two, [[3.0, 3.0], error]), flown(two, [4.0, 4.0]), 1e-6)
     assert plan.accelerations[:, 0, 0].tolist() == [3.0, 3.0]
     assert not plan.statistics.converged
 
 
-def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart(
-    two: rho.Scenario,
-) -> None:
+def _apart_or_not() -> tuple[rho.Plan, rho.Plan]:
+    """Return a motion of two that meet, and their plan; each was linearised once."""
+    asked, once = through_the_middle(2), rho.Statistics(linearisations=1)
+    return careless(asked).with_statistics(once), rho.plan(asked).with_statistics(once)
+
+
+def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart() -> None:
     said: list[str] = []
-    subproblem = Scripted(two, [[5.0, 5.0], [6.0, 6.0], [7.0, 7.0]], apart=2)
-    start = flown(two, [4.0, 4.0])
-    plan = iterate(subproblem, start, 1.0, [10.0, 20.0, 40.0], progress=said.append)
-    assert subproblem.penalties == [(10.0, 0), (20.0, 1)]
-    assert plan.accelerations[:, 0, 0].tolist() == [6.0, 6.0]  # though the cost has risen
+    start, apart = _apart_or_not()
+    subproblem = Subproblem(Problem.of(start.scenario), decoupled)
+    step = Steps([start, apart, start])
+    plan = restore_feasibility(subproblem, start, step=step, progress=said.append)
+    first = step.penalties[0][0]
+    assert step.penalties == [(first, 0), (3.0 * first, 1)]
+    np.testing.assert_array_equal(plan.accelerations, apart.accelerations)
+    assert plan.cost > start.cost
     assert plan.statistics.converged
     assert plan.statistics.linearisations == 3
     assert said == [
-        "linearised 2 times, cost 500 m²/s⁴",
-        "linearised 3 times, cost 720 m²/s⁴",
+        f"linearised 2 times, cost {start.cost:.6g} m²/s⁴, "
+        "worst violation 1 m, 2 vehicles violating",
+        f"linearised 3 times, cost {apart.cost:.6g} m²/s⁴",
     ]
+    step = Steps([start, start, apart])
     with pytest.raises(rho.InfeasibleError) as caught:
-        iterate(Scripted(two, [[5.0, 5.0]] * 2, apart=3), start, 1.0, [1.0, 2.0])
+        restore_feasibility(subproblem, start, step=step, most=2)
     assert caught.value.statistics.linearisations == 3
 
 
+def test_steps_may_count_as_taken_before_the_first() -> None:
+    start, apart = _apart_or_not()
+    subproblem = Subproblem(Problem.of(start.scenario), decoupled)
+    step, later = Steps([apart]), Steps([start, apart])
+    restore_feasibility(subproblem, start, step=step)
+    restore_feasibility(subproblem, start, step=later, offset=2)
+    first = step.penalties[0][0]
+    assert later.penalties == [(9.0 * first, 2), (27.0 * first, 3)]
+
+
 def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -> None:
-    asked = through_the_middle(2)
-    careless = rho.plan(asked.without_separation())
-    start = rho.Plan.from_accelerations(asked, careless.accelerations)
-    noted: list[tuple[float, int]] = []
-
-    class Noted(Subproblem):
-        def restored(self, reference: rho.Plan, penalty: float, number: int) -> rho.Plan:
-            noted.append((penalty, number))
-            return reference
-
+    start = careless(through_the_middle(2))
+    step = Steps(repeat(start))
+    subproblem = Subproblem(Problem.of(start.scenario), decoupled)
     with pytest.raises(rho.InfeasibleError, match="separation from v1 at 5 s") as caught:
-        restored(start, Noted(asked, decoupled))
+        restore_feasibility(subproblem, start, step=step)
     assert set(caught.value.conflicts) == {"v0", "v1"}
-    penalties = np.array([penalty for penalty, _ in noted])
-    assert [number for _, number in noted] == list(range(1 + PATIENCE))  # nobody is out of trouble
+    penalties = np.array([penalty for penalty, _ in step.penalties])
+    numbers = [number for _, number in step.penalties]
+    assert numbers == list(range(1 + PATIENCE))  # nobody is out of trouble
     np.testing.assert_allclose(penalties[1:11] / penalties[:10], 3.0)
     np.testing.assert_allclose(penalties[11:], 1e5 * penalties[0])
     # a plan's cost for each vehicle, and that of a metre aside and back at 4 d / T² all along
-    known = careless.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
+    known = start.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
     assert penalties[0] == pytest.approx(known)
 
 
@@ -256,13 +281,13 @@ def test_a_restoration_that_comes_no_further_is_given_up() -> None:
     start, ends = rho.plan(asked.without_obstacles()), DeadEnds(asked)
     for _ in range(2):
         with pytest.raises(rho.InfeasibleError) as caught:
-            restored(start, Subproblem(asked, decoupled), dead_ends=ends)
+            restore_feasibility(Subproblem(Problem.of(asked), decoupled), start, dead_ends=ends)
         assert caught.value.statistics.linearisations < PATIENCE
     assert len(ends) == 1  # the second time, a place that is known
     assert not ends.is_near(start)
 
 
 def test_vehicles_that_cost_nothing_have_converged(two: rho.Scenario) -> None:
-    subproblem = Scripted(two, [[0.0, 0.0]])
-    assert iterate(subproblem, flown(two, [0.0, 0.0]), 1e-6).statistics.converged
-    assert len(subproblem.planned) == 1
+    improve = Scripted(two, [[0.0, 0.0]])
+    assert iterated(improve, flown(two, [0.0, 0.0]), 1e-6).statistics.converged
+    assert len(improve.planned) == 1

@@ -20,6 +20,7 @@ from drake_rho.planning.path_search.reachable import reach_of
 from drake_rho.planning.path_search.resolution import resolutions
 from drake_rho.planning.path_search.space_time import TimeExpandedGraph
 from drake_rho.planning.planners.from_paths import plan_along_ways
+from drake_rho.planning.problem import Problem
 from drake_rho.scenario.files import load_scenario
 
 CASES = Path(__file__).parent / "cases"
@@ -101,7 +102,7 @@ def test_where_no_grid_is_small_enough_it_is_said(moving: bool) -> None:
     assert "max_memory" in str(found.searched)
     options = rho.Options()
     object.__setattr__(options, "max_memory", 1.0)  # less than anyone may ask for
-    along = plan_along_ways(scenario, options=options)
+    along = plan_along_ways(Problem.of(scenario), options=options)
     assert along.plan is None
     assert "max_memory" in str(along.spent.searched)
 

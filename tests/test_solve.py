@@ -10,7 +10,8 @@ import pytest
 from pydrake.solvers import ClarabelSolver, SolverInterface
 
 import drake_rho as rho
-from drake_rho.planning.programs import solve
+from drake_rho.planning.programs import backend, solve
+from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import DenseProgram, Program
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve_side_by_side
@@ -23,7 +24,7 @@ SLOW = rho.Limits(velocity=box(1.5))
 @pytest.fixture(autouse=True)
 def _clarabel_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the suite runs with, this is about who follows whom after the usual default."""
-    monkeypatch.setattr(solve, "DEFAULT", ClarabelSolver)
+    monkeypatch.setattr(backend, "DEFAULT", ClarabelSolver)
 
 
 def nearest(value: float) -> DenseProgram:
@@ -63,7 +64,7 @@ def test_solutions_come_in_the_order_of_the_programs(
 def test_a_program_without_a_solution_is_told_from_those_that_have_one(
     solver: SolverInterface,
 ) -> None:
-    found = solve.solve([nearest(2.0), empty(), nearest(3.0)], solver)
+    found = solve.solve([nearest(2.0), empty(), nearest(3.0)], Backend(solver))
     assert [each.feasible for each in found] == [True, False, True]
     assert [value_of(found[index]) for index in (0, 2)] == pytest.approx([2.0, 3.0])
     assert {each.solver for each in found} == {str(solver.solver_id().name())}
@@ -218,7 +219,7 @@ def test_one_attempt_that_is_off_is_not_held_against_the_next_program(
 
 def test_retries_go_to_another_solver(solver: SolverInterface) -> None:
     given = str(solver.solver_id().name())
-    for retry in range(solve.MAX_RETRIES + 1):
-        (found,) = solve.solve([nearest(2.0)], solver, retry=retry)
+    for again in (False, True):
+        (found,) = solve.solve([nearest(2.0)], Backend(solver, others_first=again))
         assert value_of(found) == pytest.approx(2.0, rel=INDEX)
-        assert (found.solver == given) == (retry == 0)
+        assert (found.solver == given) == (not again)

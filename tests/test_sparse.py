@@ -11,9 +11,10 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
-from drake_rho.planning.constraints.obstacles import obstacles_of
-from drake_rho.planning.constraints.separation import coupled, pairs_of
+from drake_rho.planning.constraints.margins import margins_of
+from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.reduced import rows_of
 from drake_rho.planning.programs.rows import about
 from drake_rho.planning.programs.sparse import SparseRows
@@ -46,9 +47,9 @@ def _rows(scenario: rho.Scenario, kinds: set[str]) -> list[HalfSpaces]:
     """Rows of the group that a wild motion breaks, at knots and between them."""
     reference, wild = _flown(scenario, 1, 0.1), _flown(scenario, 2, 5.0)
     constraints = [
-        *boxes_of(scenario),
-        *obstacles_of(scenario, reference),
-        pairs_of(scenario, reference, coupled),
+        *boxes_of(scenario, margins_of(scenario)),
+        *Problem.of(scenario).obstacles_around(reference),
+        Problem.of(scenario).pairs_around(reference, coupled),
     ]
     found = []
     for place, constraint in enumerate(constraints):
@@ -56,7 +57,7 @@ def _rows(scenario: rho.Scenario, kinds: set[str]) -> list[HalfSpaces]:
             continue
         each = dataclasses.replace(constraint, penalty=3.0 + place)
         for between in {False, constraint.searches > 0}:
-            rows = each.violated(wild, np.arange(3), between=between)
+            rows = each.violated_rows(wild, np.arange(3), between=between)
             own = np.isin(rows.vehicles, GROUP) & np.isin(rows.partners, GROUP)
             if own.any():
                 found.append(rows.select(own))
@@ -127,7 +128,9 @@ def test_dense_rows_have_length_one_and_are_the_margins(scenario: rho.Scenario) 
 def test_sparse_rows_hold_at_any_time_from_the_first_step_to_the_last(
     scenario: rho.Scenario, quantity: str
 ) -> None:
-    (constraint,) = [each for each in boxes_of(scenario) if each.quantity == quantity]
+    (constraint,) = [
+        each for each in boxes_of(scenario, margins_of(scenario)) if each.quantity == quantity
+    ]
     assert isinstance(constraint, KeepInBox)
     h, steps = scenario.grid.step, scenario.grid.knots - 1
     times = h * np.array([0.3, 0.5, 1.0, 1.5, 7.25, steps - 0.25, steps])

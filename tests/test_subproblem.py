@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,17 +13,19 @@ import drake_rho as rho
 from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.constraints import violations as module_of_breaches
+from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.close_pairs import separation_of, too_close
-from drake_rho.planning.constraints.margins import margins_of
-from drake_rho.planning.constraints.separation import KeepApart, coupled, decoupled, pairs_of
-from drake_rho.planning.constraints.violations import breaches_of
-from drake_rho.planning.scp import subproblem as module
+from drake_rho.planning.constraints.separation import KeepApart, coupled, decoupled
+from drake_rho.planning.planners.first_plan import brought_apart
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend
+from drake_rho.planning.scp import violations
+from drake_rho.planning.scp.fleet_steps import FleetSteps
 from drake_rho.planning.scp.group_references import InGroups
 from drake_rho.planning.scp.minimum_violation import minimum_violation
-from drake_rho.planning.scp.restoration import Restoration
-from drake_rho.planning.scp.sequential_convex import restored
+from drake_rho.planning.scp.restoration import SoftRows
 from drake_rho.planning.scp.subproblem import Subproblem, plan_around
+from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.fields import IntArray
 from tests.scenarios import box, careless, fleet, single, through_the_middle
 from tests.tolerances import INDEX, MOTION
@@ -36,9 +39,9 @@ def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
         obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),),
     )
     reference = rho.plan_convex(asked)
-    warm = Subproblem(asked, coupled)
+    warm = Subproblem(Problem.of(asked), coupled)
     first, second = warm.around(reference), warm.around(reference)
-    cold = Subproblem(asked, coupled).around(reference)
+    cold = Subproblem(Problem.of(asked), coupled).around(reference)
     largest = np.abs(cold.accelerations).max()
     for each in (first, second):
         np.testing.assert_allclose(each.accelerations, cold.accelerations, atol=MOTION * largest)
@@ -53,9 +56,9 @@ def test_who_is_not_planned_flies_the_reference() -> None:
     ends = np.array([[0, 0, 0], [0, 10, 0]])
     asked = fleet(ends, ends + np.array([10, 0, 0]), obstacles=spheres).without_separation()
     reference = rho.plan_convex(asked)
-    after = Subproblem(asked).around(reference, np.array([1]))
+    after = Subproblem(Problem.of(asked)).around(reference, np.array([1]))
     np.testing.assert_array_equal(after.accelerations[0], reference.accelerations[0])
-    both = Subproblem(asked).around(reference)
+    both = Subproblem(Problem.of(asked)).around(reference)
     np.testing.assert_allclose(after.accelerations[1], both.accelerations[1], atol=1e-6)
     assert not np.array_equal(both.accelerations[0], reference.accelerations[0])
 
@@ -64,13 +67,13 @@ def test_vehicles_in_nobodys_way_fly_the_reference_while_others_are_brought_apar
     starts = np.array([[-5, 0, 0], [0, 30, 0], [5, 0, 0]])
     asked = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
     start = careless(asked)
-    subproblem = Subproblem(asked, decoupled)
+    subproblem = Subproblem(Problem.of(asked), decoupled)
     assert not subproblem.holds(start)
-    after = subproblem.restored(start, 1e3, 0)
+    after = SoftRows(subproblem)(start, 1e3, 0)
     np.testing.assert_array_equal(after.accelerations[1], start.accelerations[1])
     assert asked.separation is not None
     close = [
-        too_close(asked.separation, plan.motion(), margins_of(asked), between=True)
+        too_close(asked.separation, plan.motion(), Problem.of(asked).margins.inner, between=True)
         for plan in (start, after)
     ]
     gaps = [found.distances.min(initial=1.0) for found in close]
@@ -82,7 +85,7 @@ def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -
     starts = np.array([[-5, 0, 0], [5, 0, 0], [0.0, -5, 0]])
     asked = fleet(starts, np.array([[5, 0, 0], [-5, 0, 0], [0.8, 5, 0]]))
     alone = rho.plan(asked.without_separation())
-    error = Subproblem(asked).failure(alone, rho.Statistics(programs=7))
+    error = Subproblem(Problem.of(asked)).violations(alone).error(rho.Statistics(programs=7))
     assert isinstance(error, rho.InfeasibleError)
     times = np.linspace(0.0, 10.0, 100_001)
     x = alone.motion().at("position", times)
@@ -98,14 +101,14 @@ def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -
     assert error.scenario == asked
     assert error.about_linearisation
     assert set(error.obstacles.values()) == {frozenset([0])}
-    assert Subproblem(asked).failure(rho.plan(asked), rho.Statistics()) is None
+    assert Subproblem(Problem.of(asked)).violations(rho.plan(asked)).none
 
 
 def test_a_coupled_fleet_without_a_solution_says_the_reasons_of_each_vehicle() -> None:
     asked = through_the_middle(2, grid=rho.Grid(5.0, 3))
     alone = rho.plan(asked.without_separation())
     with pytest.raises(rho.InfeasibleError) as caught:
-        Subproblem(asked, coupled).around(dataclasses.replace(alone, scenario=asked))
+        Subproblem(Problem.of(asked), coupled).around(dataclasses.replace(alone, scenario=asked))
     for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
         assert f"separation from {partner} at 5 s" in caught.value.conflicts[vehicle]
         assert caught.value.obstacles[vehicle] == frozenset([0])
@@ -113,8 +116,10 @@ def test_a_coupled_fleet_without_a_solution_says_the_reasons_of_each_vehicle() -
 
 def test_a_fleet_iterates_together_where_it_keeps_apart_and_alone_elsewhere() -> None:
     asked = through_the_middle(3)
-    assert len(set(Subproblem(asked).labels.tolist())) == 1
-    assert len(set(Subproblem(asked.without_separation()).labels.tolist())) == 3
+    assert len(set(Subproblem(Problem.of(asked)).stopping_together.tolist())) == 1
+    assert (
+        len(set(Subproblem(Problem.of(asked).without_separation()).stopping_together.tolist())) == 3
+    )
 
 
 @pytest.mark.parametrize("wrong", ["vehicles", "knots", "step"])
@@ -127,7 +132,7 @@ def test_a_reference_that_does_not_fit_is_refused(wrong: str) -> None:
     }
     reference = rho.plan_convex(others[wrong])
     with pytest.raises(ValueError, match=r"reference: got . vehicles on .* expected 1 vehicles on"):
-        plan_around(asked, reference)
+        plan_around(Problem.of(asked), reference)
 
 
 def test_obstacles_that_are_in_the_way_are_numbered_as_in_the_scenario() -> None:
@@ -147,9 +152,9 @@ def test_the_plan_of_minimum_violation_minds_obstacles_and_accelerations() -> No
     asked = single(
         goal=rho.State([10, 0, 0]), limits=walls, obstacles=(rho.Sphere([5, 0.1, 0], 2),)
     )
-    plan = minimum_violation(asked)
+    plan = minimum_violation(Problem.of(asked))
     assert np.abs(plan.accelerations).max() <= 5.0 * (1 + INDEX)
-    free = minimum_violation(asked.without_obstacles())
+    free = minimum_violation(Problem.of(asked).without_obstacles())
     assert rho.verify(free).ok
     depth = [
         2.0 - np.linalg.norm(each.positions[0] - [5, 0.1, 0], axis=1).min() for each in (plan, free)
@@ -167,13 +172,20 @@ def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones
     start = careless(asked)
     made: list[KeepApart] = []
 
-    def noted(*args: Any, **options: Any) -> KeepApart:
-        made.append(pairs_of(*args, **options))
-        return made[-1]
+    solved = Subproblem.solved
 
-    monkeypatch.setattr(module, "pairs_of", noted)
+    def noted(
+        self: Subproblem,
+        reference: rho.Plan,
+        constraints: Sequence[Constraint],
+        vehicles: IntArray | None = None,
+    ) -> rho.Plan:
+        made.extend(each for each in constraints if isinstance(each, KeepApart))
+        return solved(self, reference, constraints, vehicles)
+
+    monkeypatch.setattr(Subproblem, "solved", noted)
     for number in range(4):
-        Subproblem(asked, decoupled).restored(start, 7.0, number)
+        SoftRows(Subproblem(Problem.of(asked), decoupled))(start, 7.0, number)
     assert [each.aside for each in made] == [True, False, False, False]
     assert [each.rounds for each in made] == [1, 1, 2, 2]
     assert {each.penalty for each in made} == {7.0}
@@ -192,32 +204,36 @@ def test_pairs_are_brought_apart_by_references_which_hold_nothing(
         return around(self, reference, **options)
 
     monkeypatch.setattr(InGroups, "around", noted)
-    subproblem = Restoration(asked)
-    breaches = [subproblem.worst_breach(plan)]
+    subproblem = Subproblem(Problem.of(asked), decoupled)
+    step = FleetSteps(subproblem)
+    breaches = [subproblem.violations(plan).worst]
     for number in range(20):
-        if subproblem.almost_holds(plan):
+        if subproblem.violations(plan).is_small:
             break
-        plan = subproblem.restored(plan, 10.0 * 3.0**number, number)
-        breaches.append(subproblem.worst_breach(plan))
+        plan = step(plan, 10.0 * 3.0**number, number)
+        breaches.append(subproblem.violations(plan).worst)
         assert not subproblem.holds(plan)  # whatever it looks like
     assert breaches[-1] < 0.05 < breaches[0]
     assert [each["aside"] for each in made] == [True] + [False] * (len(made) - 1)
     assert [each["rounds"] for each in made] == [min(k + 1, 4) for k in range(len(made))]
     assert [each["penalty"] for each in made] == [10.0 * 3.0**k for k in range(len(made))]
-    plan = subproblem.restored(plan, 1e6, 20)
+    plan = step(plan, 1e6, 20)
     assert subproblem.holds(plan)
     assert rho.verify(plan).ok
 
 
-def test_what_keeps_every_constraint_is_a_plan_however_it_was_found() -> None:
+def test_what_keeps_every_constraint_is_a_plan_however_it_was_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """References that are far enough apart need no program with hard rows."""
     asked = through_the_middle(3)
 
-    class Refusing(Restoration):
-        def around(self, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
-            raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=self.scenario)
+    def refused(*args: object) -> rho.Plan:
+        raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=asked)
 
-    plan = restored(careless(asked), Refusing(asked))
+    start = careless(asked)
+    monkeypatch.setattr(Subproblem, "around", refused)
+    plan = brought_apart(Problem.of(asked), start, Backend())
     assert plan.statistics.linearisations > 1
     assert rho.verify(plan).ok
 
@@ -231,7 +247,7 @@ def test_only_those_in_trouble_have_programs_at_the_end_of_a_restoration(
 
     def noted(self: Subproblem, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
         assert vehicles is not None
-        np.testing.assert_array_equal(vehicles, self.in_trouble(reference))
+        np.testing.assert_array_equal(vehicles, self.violations(reference).vehicles)
         plan = kept(self, reference, vehicles)
         planned.append(len(vehicles))
         others = np.setdiff1d(np.arange(12), vehicles)
@@ -239,7 +255,7 @@ def test_only_those_in_trouble_have_programs_at_the_end_of_a_restoration(
         return plan
 
     monkeypatch.setattr(Subproblem, "around", noted)
-    plan = restored(careless(asked), Restoration(asked))
+    plan = brought_apart(Problem.of(asked), careless(asked), Backend())
     assert 0 < planned[-1] < 12
     assert rho.verify(plan).ok
 
@@ -257,12 +273,12 @@ def test_who_is_stuck_is_planned_in_a_group_with_those_next_to_it(
     ) -> rho.Plan:
         if stuck:
             return hard(self, reference, vehicles)
-        stuck.append(int(self.in_trouble(reference)[0]))
+        stuck.append(int(self.violations(reference).vehicles[0]))
         x = reference.motion().at("position", np.linspace(0.1, 4.9, 2000))
         x /= np.array([1.0, 1.0, separation_of(asked).downwash])
         distances = np.linalg.norm(x - x[stuck[0]], axis=2).min(axis=1)
         beside[:] = distances < 1.05 * separation_of(asked).distance
-        beside[self.in_trouble(reference)] = False
+        beside[self.violations(reference).vehicles] = False
         names = [asked.vehicles[each].name for each in stuck]
         raise rho.InfeasibleError({names[0]: ("separation",)}, scenario=asked)
 
@@ -279,7 +295,7 @@ def test_who_is_stuck_is_planned_in_a_group_with_those_next_to_it(
 
     monkeypatch.setattr(Subproblem, "around", refused_once)
     monkeypatch.setattr(InGroups, "around", noted)
-    plan = restored(careless(asked), Restoration(asked))
+    plan = brought_apart(Problem.of(asked), careless(asked), Backend())
     assert seen  # and somebody was next to it who was in nobody's way
     assert rho.verify(plan).ok
 
@@ -294,7 +310,7 @@ def test_where_groups_fail_slack_takes_over(monkeypatch: pytest.MonkeyPatch) -> 
         return around(self, *args, **options)
 
     monkeypatch.setattr(InGroups, "around", at_times)
-    plan = restored(careless(asked), Restoration(asked))
+    plan = brought_apart(Problem.of(asked), careless(asked), Backend())
     assert not fails
     assert rho.verify(plan).ok
 
@@ -329,7 +345,9 @@ def test_who_leaves_a_box_between_the_knots_only_breaks_it() -> None:
         asked = single(start=start, goal=goal, limits=rho.Limits(room), grid=rho.Grid(1.0, 3))
         for strict in (True, False):
             each = dataclasses.replace(asked, between_knots=strict)
-            found = breaches_of(each, rho.Plan.from_accelerations(each, accelerations))
+            found = violations_of(
+                Problem.of(each), rho.Plan.from_accelerations(each, accelerations)
+            )
             assert found.beyond.tolist() == (beyond if strict else [])
 
 
@@ -338,7 +356,7 @@ def test_what_did_not_move_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatc
     rng = np.random.default_rng(5)
     asked = rho.random_transitions(12, rng, duration=5.0)
     plan = careless(asked)
-    found, looked = breaches_of(asked, plan), list[int]()
+    found, looked = violations_of(Problem.of(asked), plan), list[int]()
 
     def noted(*args: Any, **options: Any) -> CloseApproaches:
         looked.append(len(options["of"]))
@@ -350,9 +368,9 @@ def test_what_did_not_move_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatc
         accelerations[some] += rng.normal(size=accelerations[some].shape)
         after = rho.Plan.from_accelerations(asked, accelerations)
         with monkeypatch.context() as patched:
-            patched.setattr(module_of_breaches, "too_close", noted)
-            again = breaches_of(asked, after, (plan, found))
-        plan, found = after, breaches_of(asked, after)
+            patched.setattr(violations, "too_close", noted)
+            again = violations_of(Problem.of(asked), after, (plan, found))
+        plan, found = after, violations_of(Problem.of(asked), after)
         assert len(found.pairs) > 0
         for name in ("one", "other", "times", "distances"):
             one, other = getattr(again.pairs, name), getattr(found.pairs, name)

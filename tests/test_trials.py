@@ -10,7 +10,7 @@ import pytest
 from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.planning.programs import solve
+from drake_rho.planning.programs import backend
 
 pytest.importorskip("benchmarks")  # a source archive has the tests without them
 
@@ -22,7 +22,7 @@ FOUR = [partial(scenario, 4, seed) for seed in range(3)]
 
 
 def test_a_campaign_of_fleets_finds_what_planning_each_does() -> None:
-    if solve.DEFAULT is not ClarabelSolver:
+    if backend.DEFAULT is not ClarabelSolver:
         pytest.skip("other processes do not know of another default")
 
     def twice(plan: rho.Plan) -> float:

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import drake_rho as rho
 from drake_rho.analysis.diagnose import is_monotone
-from drake_rho.planning.constraints.catalogue import convex_constraints
 from drake_rho.planning.path_search.initial_guesses import find_paths
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_yaml
@@ -308,7 +308,7 @@ def test_one_that_cannot_be_reached_is_named_and_diagnosed() -> None:
     assert not reason.is_monotone
     assert reason.violations
     assert "waypoint 2" in str(reason)
-    least = minimum_violation(scenario)
+    least = minimum_violation(Problem.of(scenario))
     assert max(_missed(least)) < 2.0
 
 
@@ -324,7 +324,7 @@ def test_many_of_them_have_constraints_of_their_own() -> None:
     waypoints = [rho.Waypoint(t, p, 0.3) for t, p in zip(times.tolist(), way, strict=True)]
     spheres = (rho.Sphere([5.0, -3.0, 1.0], 0.5),) * 2
     scenario = single(waypoints=waypoints, obstacles=spheres, grid=rho.Grid(0.2, 41))
-    assert len({each.key for each in convex_constraints(scenario)}) == 30
+    assert len({each.key for each in Problem.of(scenario).convex}) == 30
     plan = rho.plan(scenario)
     assert rho.verify(plan).ok
     assert len([each for each in rho.verify(plan).checks if "way" in each.constraint]) == 30

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.catalogue import convex_constraints
 from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.minimum_effort import MinimumEffort
+from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.reduced import rows_of
 from drake_rho.planning.programs.rows import about
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
@@ -32,7 +32,7 @@ COUNT = 7
 class OnVelocities(Constraint):
     """A constraint of which nothing but its rows matters."""
 
-    def violated(self, motion: Motion, vehicles: Any, **options: Any) -> HalfSpaces:
+    def violated_rows(self, motion: Motion, vehicles: Any, **options: Any) -> HalfSpaces:
         """None."""
         return self.none
 
@@ -216,7 +216,7 @@ def test_active_rows_are_those_without_room() -> None:
 
 def _pull(planes: CuttingPlanes, vehicle: int) -> tuple[np.ndarray, np.ndarray]:
     """2 u and M' y of the program of a vehicle's group, which (KKT) are the same."""
-    effort, group = planes.effort, planes.working.group(vehicle)
+    effort, group = planes.problem.effort, planes.working.group(vehicle)
     parts = planes.working.multipliers(vehicle)
     matrix, _, _ = rows_of(effort.changes, group, about(effort.motion, [part for part, _ in parts]))
     pull = matrix.T @ np.concatenate([y for _, y in parts])
@@ -233,8 +233,9 @@ def test_multipliers_balance_the_cost() -> None:
         [[10, 4, -2], [5, 9, 0], [9, 18, 3]],
         limits=rho.Limits(velocity=box(1.2)),
     ).without_separation()
-    planes = CuttingPlanes(scenario)
-    planes.keep_to(convex_constraints(scenario))
+    problem = Problem.of(scenario)
+    planes = CuttingPlanes(problem)
+    planes.keep_to(problem.convex)
     for vehicle, binding in ((0, True), (1, False), (2, True)):
         assert bool(planes.working.multipliers(vehicle)) == binding
         assert planes.working.group(vehicle).tolist() == [vehicle]
@@ -248,7 +249,7 @@ def test_multipliers_of_a_coupled_group_balance_the_cost_of_all_of_it() -> None:
     """Two that cross share a program; a third far off has none."""
     starts = np.array([[-5, 0.3, 0], [0, 50, 0], [0, -5, 0]])
     asked = fleet(starts, np.array([[5, 0, 0], [9, 50, 0], [0, 5, 0.2]]))
-    subproblem = Subproblem(asked, coupled)
+    subproblem = Subproblem(Problem.of(asked), coupled)
     subproblem.around(rho.plan_scp(asked))
     planes = subproblem.planes
     assert planes is not None
