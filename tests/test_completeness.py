@@ -86,7 +86,9 @@ def test_every_kind_is_planned_for_and_verified(kind: str) -> None:
     assert rho.certify(plan).lower_bound <= plan.cost * (1.0 + 1e-6)
 
 
-@pytest.mark.parametrize("kind", set(KINDS) - {"dynamics", "goals", "disturbance"})
+@pytest.mark.parametrize(
+    "kind", [each for each in KINDS if each not in ("dynamics", "goals", "disturbance")]
+)
 def test_what_breaks_a_requirement_is_not_said_to_hold(kind: str) -> None:
     """A motion with too much of everything, past which nothing gets: the verifier sees it."""
     scenario, rng = _scenario(kind), np.random.default_rng(0)
