@@ -20,6 +20,7 @@ from drake_rho.planning.programs import daqp
 from drake_rho.planning.programs import reduced as program
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import DenseProgram
+from drake_rho.planning.programs.dense_duals import contradiction
 from drake_rho.planning.programs.dual import is_optimal
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve
@@ -207,6 +208,11 @@ def test_what_is_hardly_a_row_is_told(
     assert found.feasible is feasible
     if feasible:
         np.testing.assert_allclose(found.x, [1.0, 0.0], atol=1e-8)
+
+
+def test_no_rows_contradict_each_other() -> None:
+    """A program whose rows are all soft has none, and DAQP may give up on it."""
+    assert contradiction(np.zeros((0, 2)), np.zeros(0)) is None
 
 
 def _written() -> MathematicalProgram:

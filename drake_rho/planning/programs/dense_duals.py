@@ -87,13 +87,15 @@ def contradiction(matrix: FloatArray, needed: FloatArray) -> FloatArray | None:
         matrix: shape (R, V).
         needed: shape (R,).
     """
+    if len(needed) == 0:  # which nnls would free twice
+        return None
     lengths = np.linalg.norm(matrix, axis=1)
     alone = (lengths < _ZERO) & (needed > _ZERO)
     if alone.any():  # 0 x >= b > 0
         return np.where(alone, 1.0, 0.0)
     lengths = np.where(lengths < _ZERO, np.inf, lengths)
     least = needed / lengths
-    least /= max(np.abs(least).max(initial=0.0), np.finfo(float).tiny)
+    least /= max(np.abs(least).max(), np.finfo(float).tiny)
     rows = np.concatenate([(matrix / lengths[:, None]).T, least[None]])
     try:
         weights, left = nnls(rows, np.append(np.zeros(len(rows) - 1), 1.0))
