@@ -97,6 +97,7 @@ def _tightened(scenario: rho.Scenario, kinds: Any, part: float) -> rho.Limits | 
         "max_acceleration": part * judged["maximum acceleration"],
         "max_thrust": G + part * max(1e-3, judged["maximum thrust"] - G),
         "max_tilt": min(1.5, part * judged["maximum tilt"]),
+        "max_jerk": part * float(np.nanmax(np.linalg.norm(plan.motion().jerks(), axis=2))),
     }
     limits = dataclasses.replace(scenario.limits, **{kind: most[kind] for kind in kinds})
     try:
