@@ -211,7 +211,7 @@ def test_separation_is_the_least_distance_of_any_two_with_the_limit(fleet: rho.P
     assert 0.35 in _levels(ax)
     low, high = ax.get_ylim()
     assert low < 0.35 <= distances.max() < high
-    assert ax.get_ylabel() == "least distance of any two, z / 2 [m]"
+    assert ax.get_ylabel() == "minimum vehicle distance, z / 2 [m]"
 
 
 def test_separation_is_drawn_where_there_is_one(plan: rho.Plan) -> None:

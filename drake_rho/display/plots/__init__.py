@@ -1,4 +1,5 @@
 """Figures with matplotlib, for papers and reports.
 
-Plans, flights, simulations and results of campaigns come in; figures go out, or files of them.
+The input is plans, flights, simulations and results of campaigns; the output is figures or their
+files.
 """

@@ -1,4 +1,4 @@
-"""Axes in space around what is drawn on them: equal, and as large as a figure has room for."""
+"""Three-dimensional axes of equal scale, as large as fits into a figure."""
 
 from __future__ import annotations
 
@@ -20,44 +20,45 @@ from drake_rho.display.plots.legends import figure_of, renderer_of
 from drake_rho.scenario.fields import FloatArray
 
 _MIN_SIDE = 0.3
-"""Least side of the box over its longest: a flat scene has some room above and below."""
+"""Least ratio of a side of the box to the longest one, as space above and below flat scenes."""
 _OUTWARDS = np.array([[0.0, -1.0, -1.0], [1.0, 0.0, -1.0], [1.0, 1.0, 0.0]])
-"""Where matplotlib puts the ticks and the label of each axis, as seen from the box's centre."""
+"""Directions from the box's centre in which matplotlib places each axis's ticks and label."""
 _MIN_REACH = 0.62
-"""How far one of these is seen to lie from its axis where matplotlib's own distances are enough."""
+"""Least projected distance of such a direction from its axis for which matplotlib's own distances
+of ticks and labels are sufficient."""
 _TICKS, _LABEL = 8.0, 21.0
-"""What matplotlib adds to the distances that are given for ticks and labels [points]."""
+"""Offsets that matplotlib adds to the given distances of ticks and labels [points]."""
 _PER_INCH = 3.2
-"""Most intervals between ticks along an axis."""
+"""Largest number of tick intervals per inch of an axis."""
 _TRIES = 4
-"""How often a scene's size is corrected for its ticks and labels, which keep theirs."""
+"""Number of corrections of a scene's size for its ticks and labels, which do not scale with it."""
 
 
-class SceneAxes(Axes3D):  # type: ignore[misc]  # which has no types
-    """Axes in space whose square, of which a part is drawn in, may be larger than the figure."""
+class SceneAxes(Axes3D):  # type: ignore[misc]  # Axes3D is untyped
+    """Three-dimensional axes whose square, which is only partly used, may exceed the figure."""
 
     def get_tightbbox(self, *args: Any, **kwargs: Any) -> Bbox | None:
-        """What they take of the figure."""
+        """Return the bounding box of the axes, clipped to the figure."""
         found: Bbox | None = super().get_tightbbox(*args, **kwargs)
         return None if found is None else Bbox.intersection(found, figure_of(self).bbox)
 
 
 @dataclasses.dataclass(frozen=True)
-class Room:
-    """Where a scene with its ticks and labels may be in a figure [in]."""
+class Area:
+    """Area of a figure that is available for a scene with its ticks and labels [in]."""
 
     left: float
     bottom: float
     width: float
-    most_height: float
+    max_height: float
 
 
 def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) -> None:
-    """Equal axes around the positions [m] and the obstacles, named with their unit.
+    """Set equal axes around the positions and the obstacles, and label them with units.
 
     Args:
-        ax: where to draw.
-        positions: of all that is drawn beside the obstacles [m], shape (..., 3).
+        ax: axes to set.
+        positions: of everything drawn except the obstacles [m], shape (..., 3).
         shown: the obstacles.
     """
     positions = positions.reshape(-1, 3)
@@ -70,60 +71,60 @@ def frame_scene(ax: Axes3D, positions: FloatArray, shown: Sequence[Snapshot]) ->
     ax.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
     ax.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     sides = half / np.linalg.norm(half)
-    ax.set_box_aspect(tuple(sides))  # an array would be written to
-    # Lines and surfaces are drawn in the order of their layers, which parallel lines of sight make
-    # exact; matplotlib's own order goes by the middle of each and hides what is in front.
+    ax.set_box_aspect(tuple(sides))  # matplotlib would modify an array in place
+    # Lines and surfaces are drawn in the order of their layers, which is exact for parallel lines
+    # of sight. Matplotlib's own order compares centres, which can hide objects in front.
     ax.computed_zorder = False
     ax.set_proj_type("ortho")
     ax.view_init(elev=VIEW_ELEVATION, azim=VIEW_AZIMUTH)
     right, up, _ = view()
     for index, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis)):
-        # matplotlib moves ticks and labels by so many points times the other sides, beside thin
-        # ones less than the height of a letter.
+        # Matplotlib's offset of ticks and labels is proportional to the other two sides. Beside
+        # thin boxes it would be less than the height of a letter.
         along = sides[index] * np.array([right[index], up[index]])
         x, y = np.array([right, up]) @ (_OUTWARDS[index] * sides)
         reach = abs(along[0] * y - along[1] * x) / np.linalg.norm(along)
-        farther = max(1.0, _MIN_REACH / reach)
-        axis.set_tick_params(pad=_TICKS * (farther - 1.0))
-        axis.labelpad = 3.0 * farther + _LABEL * (farther - 1.0)
+        factor = max(1.0, _MIN_REACH / reach)
+        axis.set_tick_params(pad=_TICKS * (factor - 1.0))
+        axis.labelpad = 3.0 * factor + _LABEL * (factor - 1.0)
 
 
-def fit_scene(figure: Figure, ax: Axes3D, room: Room) -> Bbox:
-    """Make the empty axes as large as there is room for, ticks and labels included.
+def fit_scene(figure: Figure, ax: Axes3D, area: Area) -> Bbox:
+    """Make the empty axes, with ticks and labels, as large as the available area allows.
 
     Args:
-        figure: whose only axes these are; it is made as high as needed.
-        ax: framed by `frame_scene`.
-        room: where they may be; what is above is cut off.
+        figure: figure with no other axes; its height is set as needed.
+        ax: axes framed by `frame_scene`.
+        area: available area; the figure ends at the top of the axes.
 
     Returns:
-        Where they are, with ticks and labels [in]; a third of what is left is at their left.
+        The bounding box with ticks and labels [in]; a third of the unused width is on its left.
     """
-    side = room.width
+    side = area.width
     for _ in range(_TRIES):
         _place(ax, side, (0.0, 0.0))
-        box, whole = _seen(figure, ax)
+        box, whole = _extents(figure, ax)
         rest = np.asarray(whole.size) - np.asarray(box.size)
-        sizes = (np.array([room.width, room.most_height]) - rest) / box.size
+        sizes = (np.array([area.width, area.max_height]) - rest) / box.size
         side *= float(np.clip(sizes.min(), 0.2, 5.0))
     _place(ax, side, (0.0, 0.0))
-    _, whole = _seen(figure, ax)
-    _thin(figure, ax)
-    left = room.left + (room.width - whole.width) / 3
-    figure.set_figheight(room.bottom + whole.height)
-    _place(ax, side, (left - whole.x0, room.bottom - whole.y0))
-    return Bbox.from_bounds(left, room.bottom, whole.width, whole.height)
+    _, whole = _extents(figure, ax)
+    _drop_overlapping_ticks(figure, ax)
+    left = area.left + (area.width - whole.width) / 3
+    figure.set_figheight(area.bottom + whole.height)
+    _place(ax, side, (left - whole.x0, area.bottom - whole.y0))
+    return Bbox.from_bounds(left, area.bottom, whole.width, whole.height)
 
 
 def _place(ax: Axes3D, side: float, corner: tuple[float, float]) -> None:
-    """Give the axes a square in the figure, all [in]; it is larger than what is drawn in it."""
+    """Set the square of the axes in the figure [in], of which only a part is drawn in."""
     figure = ax.get_figure(True)
     wide, high = figure.get_size_inches()
     ax.set_position((corner[0] / wide, corner[1] / high, side / wide, side / high))
 
 
-def _seen(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
-    """The box of the axes, and all of it with ticks and labels, as they are drawn [in]."""
+def _extents(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
+    """Return the drawn extents of the axes' box, without and with ticks and labels [in]."""
     ends = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
     ax.apply_aspect()
     x, y, _ = proj3d.proj_transform(*np.array(list(product(*ends))).T, ax.get_proj())
@@ -143,15 +144,15 @@ def _seen(figure: Figure, ax: Axes3D) -> tuple[Bbox, Bbox]:
     return box, Bbox.union([box, *labels])
 
 
-def _thin(figure: Figure, ax: Axes3D) -> None:
-    """Leave out ticks whose numbers would lie on those of another axis, or of the same."""
-    renderer, taken = renderer_of(figure), list[Bbox]()
+def _drop_overlapping_ticks(figure: Figure, ax: Axes3D) -> None:
+    """Leave out ticks whose numbers would overlap others, of any axis."""
+    renderer, occupied = renderer_of(figure), list[Bbox]()
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         low, high = sorted(axis.get_view_interval())
-        left = []
+        remaining = []
         for tick in axis.get_major_ticks():
             number = tick.label1.get_window_extent(renderer)
-            if low <= tick.get_loc() <= high and not any(map(number.overlaps, taken)):
-                taken.append(number)
-                left.append(tick.get_loc())
-        axis.set_major_locator(FixedLocator(left))
+            if low <= tick.get_loc() <= high and not any(map(number.overlaps, occupied)):
+                occupied.append(number)
+                remaining.append(tick.get_loc())
+        axis.set_major_locator(FixedLocator(remaining))

@@ -1,4 +1,4 @@
-"""Figures of a campaign: success, times, costs of methods compared, failures."""
+"""Figures of a campaign: success rates, planning times, cost ratios, failures."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from drake_rho.display.plots.legends import add_below
 from drake_rho.display.plots.publish import save_figure, styled
 
 _LINE = 0.26
-"""Height of a line of a figure with names at its side [in]."""
+"""Height per line in a figure with names at its side [in]."""
 _DASHES = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (6, 1.5, 1.5, 1.5)))
-"""Of the methods' lines in turn."""
+"""Line styles of the methods, repeated if there are more methods."""
 _MAX_LINES = 40
-"""Sources, or kinds of failure, that a figure has room for."""
+"""Largest number of sources, or kinds of failure, in a figure."""
 _MAX_POINTS = 2000
-"""Points of a curve: more cannot be told apart."""
+"""Largest number of points of a curve; more cannot be distinguished."""
 
 
 def write_campaign_figures(
@@ -34,19 +34,19 @@ def write_campaign_figures(
     file_format: str = "png",
     width: float = DOUBLE_COLUMN,
 ) -> list[Path]:
-    """Draw a campaign into a folder, made if it is not there; what says nothing is left out.
+    """Write the figures of a campaign into a folder, leaving out those that would be empty.
 
     Args:
         results: of the campaign.
-        folder: where to draw.
+        folder: folder of the files, created if it does not exist.
         file_format: png, pdf or svg.
-        width: of each figure [in], 3.5 in one column of a journal of the IEEE, 7.16 in both.
+        width: of each figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
 
     Returns:
-        The files.
+        Paths of the files.
 
     Raises:
-        ValueError: there is no such format, or the width is none that letters can be read at.
+        ValueError: the format is unknown, or the text would be illegible at the width.
         OSError: the folder cannot be written to.
     """
     check_format(file_format)
@@ -65,9 +65,9 @@ def write_campaign_figures(
 
 @styled
 def success_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """Success of each method on each source of scenarios, with 95 % intervals."""
+    """Plot each method's success rate on each source of scenarios, with 95 % intervals."""
     lines = min(len(results.scenarios), _MAX_LINES) * len(results.methods) / 2 + 2
-    figure, ax = _lines(lines, width)
+    figure, ax = _figure_of_lines(lines, width)
     draw_success(ax, results)
     _legend(figure, ax)
     return figure
@@ -75,8 +75,8 @@ def success_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
 
 @styled
 def times_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """Part of all runs that each method has solved within a time."""
-    figure, ax = _lines(8, width)
+    """Plot the percentage of runs that each method solves, over planning time."""
+    figure, ax = _figure_of_lines(8, width)
     draw_times(ax, results)
     _legend(figure, ax)
     return figure
@@ -84,8 +84,8 @@ def times_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
 
 @styled
 def costs_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """Costs of each method over those of the first, from the least to the greatest."""
-    figure, ax = _lines(8, width)
+    """Plot the ratios of each method's costs to those of the first method, in ascending order."""
+    figure, ax = _figure_of_lines(8, width)
     draw_cost_ratios(ax, results)
     _legend(figure, ax)
     return figure
@@ -93,14 +93,14 @@ def costs_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
 
 @styled
 def failures_figure(results: Results, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """Runs without a plan that holds, by method and status."""
-    figure, ax = _lines(min(len(results.failures), _MAX_LINES) + 2, width)
+    """Plot the number of runs without a valid plan, by method and status."""
+    figure, ax = _figure_of_lines(min(len(results.failures), _MAX_LINES) + 2, width)
     draw_failures(ax, results)
     return figure
 
 
 def draw_success(ax: Axes, results: Results) -> None:
-    """Draw points and intervals, a line for each source, methods one above the other."""
+    """Draw success rates with intervals, one line per source, with the methods stacked in it."""
     shown = results.scenarios[:_MAX_LINES]
     colours = vehicle_colours(len(results.methods))
     for j, method in enumerate(results.methods):
@@ -110,8 +110,8 @@ def draw_success(ax: Axes, results: Results) -> None:
             continue
         rates = 100.0 * np.array([each.success.rate for each in groups])
         ends = 100.0 * np.array([each.success.interval for each in groups]).T
-        aside = 0.5 * ((j + 0.5) / len(results.methods) - 0.5)
-        heights = np.array([shown.index(each.scenario) for each in groups]) + aside
+        offset = 0.5 * ((j + 0.5) / len(results.methods) - 0.5)
+        heights = np.array([shown.index(each.scenario) for each in groups]) + offset
         ax.errorbar(
             rates,
             heights,
@@ -125,17 +125,17 @@ def draw_success(ax: Axes, results: Results) -> None:
     ax.set_yticks(range(len(shown)), [as_text(brief(name)) for name in shown])
     ax.set_ylim(len(shown) - 0.5, -0.5)
     ax.set_xlim(-3.0, 103.0)
-    ax.set_xlabel("success, with 95 % intervals [%]")
+    ax.set_xlabel("success rate, with 95 % confidence intervals [%]")
 
 
 def draw_times(ax: Axes, results: Results) -> None:
-    """Draw a curve for each method, up to its success."""
+    """Draw a curve of solved runs over planning time for each method."""
     for method in results.methods:
         seconds, runs = results.seconds_of(method), results.runs_of(method)
         if not len(seconds):
             continue
         parts = 100.0 * np.arange(1, len(seconds) + 1) / runs
-        here = _spread_places(len(seconds))
+        here = _sampled_indices(len(seconds))
         ax.step(seconds[here], parts[here], where="post", **_line(results, method))
     ax.set_xscale("log")
     ax.set_ylim(0.0, 103.0)
@@ -144,13 +144,13 @@ def draw_times(ax: Axes, results: Results) -> None:
 
 
 def draw_cost_ratios(ax: Axes, results: Results) -> None:
-    """Draw a curve for each method but the first."""
+    """Draw a curve of sorted cost ratios for each method except the first."""
     base, *others = results.methods
     for method in others:
         ratios = results.cost_ratios(method, base)
         if not len(ratios):
             continue
-        here = _spread_places(len(ratios))
+        here = _sampled_indices(len(ratios))
         parts = 100.0 * np.arange(1, len(ratios) + 1) / len(ratios)
         ax.plot(parts[here], ratios[here], **_line(results, method))
     ax.axhline(1.0, **LIMIT_STYLE)
@@ -158,8 +158,8 @@ def draw_cost_ratios(ax: Axes, results: Results) -> None:
     for axis_of in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
         axis_of("{x:.3g}")
     ax.set_xlim(0.0, 100.0)
-    ax.set_xlabel("runs that both solve, by ratio [%]")
-    ax.set_ylabel(f"cost over that of {as_text(brief(base))}")
+    ax.set_xlabel("runs solved by both methods, sorted by ratio [%]")
+    ax.set_ylabel(f"cost relative to {as_text(brief(base))}")
 
 
 def draw_failures(ax: Axes, results: Results) -> None:
@@ -172,37 +172,37 @@ def draw_failures(ax: Axes, results: Results) -> None:
         height=0.6,
         color=[colours.get(each.method, "black") for each in shown],
     )
-    status = {"solved": "breaks a constraint"}
+    status = {"solved": "violates a constraint"}
     names = [
         f"{as_text(brief(each.method))}: {status.get(each.status, each.status)}" for each in shown
     ]
     ax.set_yticks(range(len(shown)), names)
     ax.set_ylim(len(shown) - 0.4, -0.6)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set_xlabel("runs without a plan that holds")
+    ax.set_xlabel("runs without a valid plan")
 
 
 def _line(results: Results, method: str) -> dict[str, Any]:
-    """A method's colour and dashes, by which lines on each other are told apart, and its name."""
+    """Return a method's name and line style, with dashes that distinguish overlapping lines."""
     number = results.methods.index(method)
     colour = vehicle_colours(len(results.methods))[number]
     dashes = _DASHES[number % len(_DASHES)]
     return {"color": colour, "linestyle": dashes, "label": as_text(in_lines(method))}
 
 
-def _spread_places(count: int) -> np.ndarray:
-    """Places among so many, evenly spread, the first and the last among them."""
+def _sampled_indices(count: int) -> np.ndarray:
+    """Return at most `_MAX_POINTS` evenly spaced indices, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(count, _MAX_POINTS)).astype(np.int64))
 
 
-def _lines(count: float, width: float) -> tuple[Figure, Axes]:
+def _figure_of_lines(count: float, width: float) -> tuple[Figure, Axes]:
     height = 0.7 + _LINE * max(count, 3)
     figure = Figure(figsize=(check_width(width), height), layout="constrained")
     return figure, figure.add_subplot()
 
 
 def _legend(figure: Figure, ax: Axes) -> None:
-    """The methods below, in as many columns as there is room for."""
+    """Add a legend of the methods below the axes, in as many columns as fit."""
     handles, _ = ax.get_legend_handles_labels()
     if handles:
         add_below(figure, handles)

@@ -1,8 +1,8 @@
-"""Drawing a plan over time on axes that are given: separation, velocities, accelerations.
+"""Curves of a plan over time, drawn on given axes: separation, velocities, accelerations.
 
-Times are those of the scenario's clock. Curves are the exact motion between the knots, not lines
-from knot to knot; the knots are marked, unless there are more vehicles than can be told apart.
-Every function takes the axes first and returns the artists it has drawn.
+Times are those of the scenario's clock. Curves show the exact motion, not straight lines from knot
+to knot. The knots are marked, unless there are too many vehicles to distinguish. Every function
+takes the axes first and returns the artists it has drawn.
 """
 
 from __future__ import annotations
@@ -49,32 +49,32 @@ _NORM_LABELS: dict[Norm, str] = {
 }
 
 _NO_CHANGE = 1e-6
-"""Range of a component, in parts of the largest of all, that is put down to rounding."""
-_SEEN = 6
-"""Digits of values that are drawn, counted from the largest."""
-_LEVEL = 0.05
-"""Half the range of the axes of such a component, in parts of the largest of all."""
+"""Range of a component below which its changes are rounding, over the largest value of all."""
+_DIGITS = 6
+"""Significant digits of drawn values, counted from the largest value."""
+_FLAT_RANGE = 0.05
+"""Half the axis range of a component without changes, over the largest value of all."""
 
 
 def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
-    """The least distance of any two vehicles over time, exact, with the separation.
+    """Draw the exact minimum distance between vehicles over time, with the required separation.
 
-    Distances are those of the separation: z divided by its downwash.
+    Distances are measured as for the separation: z is divided by its downwash factor.
 
     Args:
         ax: where to draw.
-        plan: what to draw.
+        plan: motion to draw.
 
     Returns:
-        The curve, and a ring where two come closest; its label names these.
+        The curve, and a ring at the closest approach; its label names the two vehicles.
 
     Raises:
-        ValueError: the scenario has no separation, or one vehicle only.
+        ValueError: the scenario has no separation, or only one vehicle.
     """
     separation, vehicles = plan.scenario.separation, plan.scenario.vehicles
     if separation is None or len(vehicles) < 2:
         got = "none" if separation is None else "one for a single vehicle"
-        raise ValueError(f"separation: got {got}, expected one, and two vehicles to keep apart")
+        raise ValueError(f"separation: got {got}, expected one and at least two vehicles")
     found = closest_two(plan, separation)
     times = plan.scenario.grid.start + found.times
     (curve,) = ax.plot(times, found.distances, color=COLOURS[0])
@@ -87,9 +87,9 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
     label = f"{found.distances[m]:.4g} m at {times[m]:.4g} s: {names}"
     (ring,) = ax.plot(times[m], found.distances[m], label=label, **EXTREMUM_STYLE)
     add_above(ax, [ring])
-    flat = "" if separation.downwash == 1.0 else f", z / {separation.downwash:g}"
-    ax.set(xlabel="time [s]", ylabel=f"least distance of any two{flat} [m]")
-    # A dense fleet is never far from its limit: seen from zero the curve would be a line.
+    scaled = "" if separation.downwash == 1.0 else f", z / {separation.downwash:g}"
+    ax.set(xlabel="time [s]", ylabel=f"minimum vehicle distance{scaled} [m]")
+    # A dense fleet is always close to its limit; on an axis from zero the curve would look flat.
     low, high = min(separation.distance, found.distances[m]), float(found.distances.max())
     span = max(high - low, 0.02 * separation.distance)
     bottom, top = max(0.0, low - 0.5 * span), high + 0.1 * span
@@ -100,7 +100,7 @@ def draw_separation(ax: Axes, plan: Drawn) -> list[Line2D]:
 
 
 def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
-    """Velocity components over time with their bounds; one axes for each of x, y and z."""
+    """Draw velocity components over time with their bounds, one axes for each of x, y and z."""
     times = dense_times(plan)
     exact = _rounded(plan.motion().at("velocity", times))
     knots, drawn = _rounded(plan.velocities), plan.scenario.grid.start + times
@@ -118,7 +118,7 @@ def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
 
 
 def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
-    """Acceleration components, constant in each step, with their bounds; one axes an axis."""
+    """Draw the piecewise constant acceleration components with their bounds, one axes for each."""
     lines = []
     times, values = commands(plan)
     values = _rounded(values)
@@ -132,12 +132,12 @@ def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
 
 
 def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
-    """What a limit on a norm is about, of each vehicle over time, with the limits.
+    """Draw the quantity bounded by a limit on a norm over time, for each vehicle, with the limits.
 
     Args:
         ax: where to draw.
-        plan: what to draw.
-        norm: the field of `Limits`; some vehicle has such a limit.
+        plan: motion to draw.
+        norm: the field of `Limits`; at least one vehicle has such a limit.
     """
     limit = plan.scenario.fleet.norms[norm]
     for most in np.unique(limit.most[np.isfinite(limit.most)]):
@@ -163,17 +163,17 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
 
 
 def _rounded(values: FloatArray) -> FloatArray:
-    """Return values without the digits that nobody sees.
+    """Round values to the digits that can be seen.
 
-    Some of these differ from processor to processor, and with them whether points are on one line,
-    which pixels tell.
+    The last digits differ between processors. They decide whether points are collinear, and so
+    would change single pixels.
     """
     largest = float(np.nanmax(np.abs(values), initial=0.0))
-    return np.round(values, _SEEN - math.ceil(math.log10(largest))) if largest else values
+    return np.round(values, _DIGITS - math.ceil(math.log10(largest))) if largest else values
 
 
 def _draw_steps(ax: Axes, plan: Drawn, index: int, times: FloatArray, values: FloatArray) -> Line2D:
-    """Values of one vehicle, shape (S,), each constant between two times, shape (S + 1,)."""
+    """Draw piecewise constant values of a vehicle, shape (S,), between times, shape (S + 1,)."""
     steps = (np.repeat(times, 2)[1:-1], np.repeat(values, 2))
     begins = plan.times[:-1]
     late = begins + plan.scenario.grid.rounding
@@ -182,7 +182,7 @@ def _draw_steps(ax: Axes, plan: Drawn, index: int, times: FloatArray, values: Fl
 
 
 def draw_limit(ax: Axes, least: float, name: str, bottom: float = 0.0) -> None:
-    """The least distance that is allowed [m], with its name, and grey from there to `bottom`."""
+    """Draw a required distance [m] with its name, and grey out the range from it to `bottom`."""
     ax.axhspan(bottom, least, color=FORBIDDEN, alpha=0.18, linewidth=0)
     ax.axhline(least, **LIMIT_STYLE)
     Labels.of(ax).add(name, along(ax, least), bbox=None)
@@ -195,7 +195,7 @@ def draw_curve(
     exact: tuple[FloatArray, FloatArray],
     knots: tuple[FloatArray, FloatArray],
 ) -> Line2D:
-    """One vehicle's curve in its colour, and its marks at the knots if these are told apart."""
+    """Draw a vehicle's curve in its colour, with marks at the knots if vehicles are named."""
     colour = vehicle_colours(len(plan.positions))[index]
     name = as_text(plan.scenario.vehicles[index].name)
     (line,) = ax.plot(*exact, color=colour, label=name)
@@ -207,46 +207,46 @@ def draw_curve(
             linestyle="none",
             marker=vehicle_marker(index),
             markersize=2.4,
-            clip_on=False,  # whole at both ends of the flight
+            clip_on=False,  # whole marks at both ends of the flight
         )
     return line
 
 
 def draw_planned(ax: Axes, piece: Planned, times: FloatArray, values: FloatArray) -> list[Line2D]:
-    """What a window planned for each vehicle, dotted, beside what truly was.
+    """Draw the values that a window planned for each vehicle as dotted lines.
 
     Args:
         ax: where to draw.
-        piece: what was planned, and how long it was in force.
+        piece: the plan, and the time for which it was in force.
         times: since its first knot [s], shape (M,) or (N, M).
-        values: of all vehicles then, shape (N, M).
+        values: of all vehicles at these times, shape (N, M).
     """
     start, colours = piece.plan.scenario.grid.start, vehicle_colours(len(values))
     lines = []
     for each, at, colour in zip(values, np.broadcast_to(times, values.shape), colours, strict=True):
-        flown = piece.in_force(at)
-        lines += ax.plot(start + at[flown], each[flown], color=colour, **PLANNED_STYLE)
+        shown = piece.in_force(at)
+        lines += ax.plot(start + at[shown], each[shown], color=colour, **PLANNED_STYLE)
     return lines
 
 
 def _show_overlapping(ax: Axes, plan: Drawn, lines: Sequence[Line2D]) -> None:
-    """Tell curves that lie on each other apart, where vehicles are."""
+    """Make overlapping curves visible, if vehicles are named."""
     if len(plan.positions) <= MAX_NAMED:
         show_overlapping(ax, lines)
 
 
 def _widen_flat_range(ax: Axes, values: FloatArray) -> None:
-    """Keep axes on which nothing changes from being filled with rounding.
+    """Widen the range of axes on which nothing changes, where rounding would fill them.
 
     Args:
-        ax: of one component.
+        ax: axes of one component.
         values: all components of all vehicles.
     """
     low, high = ax.get_ylim()
     largest = float(np.max(np.abs(values), initial=0.0))
     if high - low < _NO_CHANGE * largest:
         middle = (low + high) / 2.0
-        ax.set_ylim(middle - _LEVEL * largest, middle + _LEVEL * largest)
+        ax.set_ylim(middle - _FLAT_RANGE * largest, middle + _FLAT_RANGE * largest)
 
 
 def _finish_component(

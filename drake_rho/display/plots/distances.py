@@ -1,4 +1,4 @@
-"""Drawing how far vehicles are from obstacles over time, on axes that are given.
+"""Distances of vehicles from obstacles over time, drawn on given axes.
 
 Times are those of the scenario's clock. Every function takes the axes first and returns the
 artists it has drawn.
@@ -41,17 +41,17 @@ from drake_rho.scenario.shapes.base import TOLERANCE
 from drake_rho.scenario.shapes.quadrics import Sphere
 
 _BELOW = 0.08
-"""Room below the lowest that is drawn, in parts of the range of distances: that of a word."""
+"""Space below the lowest value, over the range of distances: enough for a line of text."""
 _MAX_ANNOTATED = 14
-"""Most vehicles at whose closest approach the obstacle is named."""
+"""Largest number of vehicles whose closest approaches are marked."""
 _MAX_DISCOVERIES = 6
-"""Most times at which an obstacle becomes known that are named."""
+"""Largest number of labelled times at which obstacles become known."""
 
 
 def draw_distances(
     ax: Axes, plan: Drawn, obstacle: Obstacle, *, title: str | None = None
 ) -> list[Line2D]:
-    """Distance of each vehicle from an obstacle's surface over time, with what is kept."""
+    """Draw each vehicle's distance from an obstacle's surface, with the required distances."""
     lines = _draw_distances(ax, plan, obstacle, lambda each, at: distances(each, obstacle, at))
     least = sorted(set(required_distances(plan, obstacle).tolist()))
     values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])
@@ -59,7 +59,7 @@ def draw_distances(
     bottom, top = float(values.min(initial=0.0)), float(values.max(initial=0.0))
     bottom -= _BELOW * max(top - bottom, 1e-9)
     for most in least:
-        words = "surface" if most == 0.0 else f"least distance: {most:g} m"
+        words = "surface" if most == 0.0 else f"required distance: {most:g} m"
         draw_limit(ax, most, words, bottom)
     ax.set(ylabel="distance from the obstacle [m]", ylim=(bottom, None))
     _finish(ax, plan, lines)
@@ -70,14 +70,14 @@ def draw_distances(
 def draw_distances_from_centre(
     ax: Axes, plan: Drawn, obstacle: Obstacle, sphere: Sphere, *, title: str | None = None
 ) -> list[Line2D]:
-    """Distance of each vehicle from the centre of a sphere over time, with the radius.
+    """Draw each vehicle's distance from the centre of a sphere over time, with the radius.
 
     Args:
         ax: where to draw.
-        plan: what to draw.
-        obstacle: where the sphere is.
-        sphere: its shape.
-        title: what is written above.
+        plan: motion to draw.
+        obstacle: obstacle whose shape is the sphere.
+        sphere: shape of the obstacle.
+        title: title of the axes.
     """
 
     def from_centre(each: Drawn, times: FloatArray) -> FloatArray:
@@ -121,7 +121,7 @@ def _draw_distances(
 def _mark_least(
     ax: Axes, plan: Drawn, obstacle: Obstacle, found: ClosestApproaches, title: str | None
 ) -> None:
-    """Mark where vehicles come closest, and above the axes who does of all, as near as kept."""
+    """Mark each vehicle's closest approach, and describe above the axes the one of least margin."""
     start, colours = plan.scenario.grid.start, vehicle_colours(len(plan.positions))
     if not np.isfinite(found.distances).any():  # it is not active in the flight
         add_above(ax, [], title)
@@ -139,7 +139,7 @@ def _mark_least(
 def _mark_minimum(
     ax: Axes, plan: Drawn, index: int, place: tuple[float, float], colour: str
 ) -> None:
-    """A vehicle's own mark, larger and open, at the lowest of its curve."""
+    """Draw a vehicle's marker, larger and open, at the minimum of its curve."""
     ax.plot(
         *place,
         color=colour,
@@ -153,23 +153,23 @@ def _mark_minimum(
 
 
 def _description(plan: Drawn, vehicle: int, value: float, time: float, obstacle: Obstacle) -> str:
-    """How near, when, and which vehicle."""
+    """Describe an approach by its distance, its time and the vehicle's name."""
     touches = abs(value) <= TOLERANCE * obstacle.shape.size
     far = "0" if touches else f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
-    who = as_text(brief(plan.scenario.vehicles[vehicle].name))
-    return f"{far} m at {plan.scenario.grid.start + time:.4g} s: {who}"
+    name = as_text(brief(plan.scenario.vehicles[vehicle].name))
+    return f"{far} m at {plan.scenario.grid.start + time:.4g} s: {name}"
 
 
 def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Line2D]:
-    """Each vehicle's least clearance from all obstacles over time.
+    """Draw each vehicle's least clearance from all obstacles over time.
 
-    Where it is least of all, the number of the obstacle stands beside a mark.
+    The minimum of each curve has a mark with the obstacle's number.
 
-    A clearance is the distance from an obstacle's surface less the vehicle's radius, and less how
-    far the obstacle may be from its track.
+    A clearance is the distance from an obstacle's surface minus the vehicle's radius and minus the
+    largest deviation of the obstacle from its track.
 
     Returns:
-        The curves, and a ring at the least of all.
+        The curves, and a ring at the overall minimum.
     """
     found, start = least_clearances(plan, obstacles), plan.scenario.grid.start
     colours = vehicle_colours(len(plan.positions))
@@ -198,7 +198,7 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     bottom = float(finite.min(initial=0.0))
     bottom -= _BELOW * (float(finite.max(initial=0.0)) - bottom)
     least = max(float(required_distances(plan, obstacle).max()) for obstacle in obstacles)
-    draw_limit(ax, 0.0, "the radius from the surface" if least > 0.0 else "surface", bottom)
+    draw_limit(ax, 0.0, "vehicle radius from the surface" if least > 0.0 else "surface", bottom)
     ax.set(ylabel="clearance from the nearest obstacle [m]", ylim=(bottom, None))
     _finish(ax, plan, curves)
     return lines
@@ -207,7 +207,7 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
 def _draw_closest(
     ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle], found: Clearances
 ) -> Line2D:
-    """Draw a ring at the least clearance of all, and above the axes what it is of whom."""
+    """Draw a ring at the least clearance of all, and describe it above the axes."""
     i, m = np.unravel_index(np.argmin(found.clearances), found.clearances.shape)
     time, least = float(found.times[i, m]), float(found.clearances[i, m])
     number = int(found.nearest[i, m]) + 1
@@ -217,14 +217,14 @@ def _draw_closest(
     (ring,) = ax.plot(plan.scenario.grid.start + time, least, label=label, **EXTREMUM_STYLE)
     handles = [ring]
     if len(plan.positions) <= _MAX_ANNOTATED:
-        words = "least of each vehicle, and the obstacle's number"
+        words = "minimum of each vehicle, with the obstacle's number"
         handles.append(Line2D([], [], **(EXTREMUM_STYLE | {"markersize": 4.5}), label=words))
     add_above(ax, handles)
     return ring
 
 
 def _draw_discoveries(ax: Axes, plan: Drawn, known: dict[float, str]) -> None:
-    """Lines at the times from which obstacles are known, where these are in the flight."""
+    """Draw lines at the times during the flight from which obstacles are known."""
     grid = plan.scenario.grid
     later = {time: words for time, words in known.items() if time > max(grid.start, 0.0)}
     for time, words in later.items():

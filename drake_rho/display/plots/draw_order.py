@@ -1,4 +1,4 @@
-"""What is drawn over what: lines before and behind obstacles, as one looks at a scene."""
+"""Drawing order of lines and obstacles: lines in front of obstacles are drawn over them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 
 def ranks(shown: Sequence[Snapshot]) -> IntArray:
-    """The places of obstacles in the order in which they are drawn, the farthest first."""
-    _, _, towards = view()
-    depths = np.array([each.center @ towards for each in shown])
+    """Return the position of each obstacle in the drawing order, the farthest first."""
+    _, _, to_viewer = view()
+    depths = np.array([each.center @ to_viewer for each in shown])
     order: IntArray = np.argsort(np.argsort(depths, kind="stable"), kind="stable")
     return order
 
 
 def layers(points: FloatArray, shown: Sequence[Snapshot]) -> IntArray:
-    """How many of the obstacles, the farthest first, each point is drawn over.
+    """Return the number of obstacles, counted from the farthest, that each point is drawn over.
 
-    Where no number of them is right for all, it is wrong for the least, and first of all right
-    for those that the point is before or behind on the picture.
+    If no number is correct for all obstacles, the chosen one is wrong for as few as possible.
+    Obstacles that overlap the point in the picture take precedence over all others.
 
     Args:
         points: positions [m], shape (M, 3).
@@ -43,7 +43,7 @@ def layers(points: FloatArray, shown: Sequence[Snapshot]) -> IntArray:
 
 
 def _gains(points: FloatArray, each: Snapshot, count: int) -> FloatArray:
-    """What drawing points over an obstacle is worth, negative where they are behind it, (M,)."""
+    """Return the gain of drawing points over an obstacle, negative if behind it, shape (M,)."""
     right, up, _ = view()
     x = points - each.center
     sides = np.stack([right, up])
@@ -53,14 +53,14 @@ def _gains(points: FloatArray, each: Snapshot, count: int) -> FloatArray:
 
 
 def before(points: FloatArray, each: Snapshot) -> BoolArray:
-    """Whether points are on the viewer's side of an obstacle, shape (M,).
+    """Tell which points are on the viewer's side of an obstacle, shape (M,).
 
-    The sides part where lines of sight touch the ellipsoid of the same extent: all these points
-    lie in a plane through its centre.
+    The boundary is the plane of the points at which lines of sight touch the ellipsoid of the same
+    extent; it contains the ellipsoid's centre.
     """
-    _, _, towards = view()
+    _, _, to_viewer = view()
     narrow = np.min(each.shape.extent)
-    normal = towards * (narrow / each.shape.extent) ** 2
+    normal = to_viewer * (narrow / each.shape.extent) ** 2
     nearer: BoolArray = (points - each.center) @ normal > 0.0
     return nearer
 
@@ -68,7 +68,7 @@ def before(points: FloatArray, each: Snapshot) -> BoolArray:
 def draw_line(
     ax: Axes3D, points: FloatArray, shown: Sequence[Snapshot], **style: Any
 ) -> list[Line3D]:
-    """A line in pieces, each over the obstacles behind it and under those in front of it."""
+    """Draw a line in pieces, each over the obstacles behind it and under those in front of it."""
     over = layers(points, shown)
     cuts = [0, *(np.flatnonzero(np.diff(over)) + 1), len(points) - 1]
     return [

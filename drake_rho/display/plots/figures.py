@@ -1,4 +1,4 @@
-"""Whole figures of a plan, a flight, or a simulation."""
+"""Complete figures of a plan, a flight or a simulation."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.quadrics import Sphere
 
 _MAX_PANELS = 4
-"""Most obstacles with a panel each."""
+"""Largest number of obstacles with one panel each."""
 _ONE_ROW = 0.25
-"""Height of a legend for which curves have room anyway [in]."""
+"""Height of a one-row legend, for which the figure need not grow [in]."""
 
 
 @checked
@@ -56,19 +56,19 @@ def distances_figure(
     obstacles: Sequence[Shape | Obstacle] | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:
-    """The vehicles' distances from the obstacles over time.
+    """Plot the vehicles' distances from the obstacles over time.
 
-    From each of a few: from their centres if all are spheres, else from their surfaces. Of more
-    obstacles, each vehicle's least clearance from all of them: the distance from the surface less
-    the vehicle's radius.
+    Up to four obstacles have one panel each, with distances from the centre if all obstacles are
+    spheres, else from the surface. With more obstacles, one panel shows each vehicle's least
+    clearance: the distance from the surface minus the vehicle's radius.
 
     Args:
-        flown: what to draw.
-        obstacles: measured from these, if not from the scenario's own.
+        flown: plan, flight or simulation to draw.
+        obstacles: obstacles to measure from; the scenario's if not given.
         width: of the figure [in], see `paths_figure`.
 
     Raises:
-        ValueError: there is no obstacle, or the width is none that letters can be read at.
+        ValueError: there is no obstacle, or the text would be illegible at the width.
     """
     plan = drawn(flown)
     bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
@@ -96,10 +96,10 @@ def distances_figure(
 @checked
 @styled
 def separation_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """The least distance of any two vehicles over time, exact, with the separation.
+    """Plot the exact minimum distance between vehicles over time, with the required separation.
 
     Raises:
-        ValueError: the scenario has no separation, or one vehicle only.
+        ValueError: the scenario has no separation, or only one vehicle.
     """
     figure = _panels(width, 1, 1.1)
     plan = drawn(flown)
@@ -110,9 +110,9 @@ def separation_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
 @checked
 @styled
 def errors_figure(simulation: Simulation, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """How far the vehicles were off their plans, and what the feedback did, beside the tube.
+    """Plot the tracking errors and the feedback over time, with the radii of the error tube.
 
-    Where a window begins anew, so do the errors and the tube.
+    If a window starts from the measured state, its errors and its tube start anew.
     """
     figure = _panels(width, 4, 0.8)
     axes = figure.subplots(len(LABELS), sharex=True, height_ratios=(2, 1, 1))
@@ -129,16 +129,16 @@ def errors_figure(simulation: Simulation, *, width: float = DOUBLE_COLUMN) -> Fi
 @checked
 @styled
 def velocities_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """The components of the velocities over time, with their bounds; speeds if they are limited."""
+    """Plot velocity components over time with their bounds, and the speeds if they are limited."""
     return _components(drawn(flown), draw_velocities, "velocity", width)
 
 
 @checked
 @styled
 def accelerations_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """The components of the accelerations over time, with their bounds.
+    """Plot acceleration components over time, with their bounds.
 
-    Below them norms, also of the jerk, thrusts and tilts, each if it is limited.
+    Further panels show norms (of the jerk too), thrusts and tilts, each if it is limited.
     """
     return _components(drawn(flown), draw_accelerations, "acceleration", width)
 
@@ -146,16 +146,16 @@ def accelerations_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figur
 def write_figures(
     flown: Flown, folder: str | Path, *, file_format: str = "png", width: float = DOUBLE_COLUMN
 ) -> list[Path]:
-    """Write every figure that there is of a plan, flight or simulation, as `paths.png`.
+    """Write all applicable figures of a plan, flight or simulation into files such as `paths.png`.
 
     Args:
-        flown: what to draw.
-        folder: made if it is not there.
+        flown: plan, flight or simulation to draw.
+        folder: folder of the files, created if it does not exist.
         file_format: png, pdf or svg.
         width: of each figure [in], see `paths_figure`.
 
     Raises:
-        ValueError: there is no such format, or the width is none that letters can be read at.
+        ValueError: the format is unknown, or the text would be illegible at the width.
         OSError: a file cannot be written.
     """
     check_format(file_format)
@@ -182,7 +182,7 @@ def _components(
     quantity: Quantity,
     width: float,
 ) -> Figure:
-    """The components of a quantity, and below them what limits on norms of it are about."""
+    """Plot the components of a quantity and, below them, its limited norms."""
     limited = plan.scenario.fleet.norms
     shown = (quantity, "jerk") if quantity == "acceleration" else (quantity,)
     norms = [norm for norm in limited if limited[norm].kind.quantity in shown]
@@ -200,7 +200,7 @@ def _components(
 
 
 def _planned_handles(plan: Drawn) -> list[Line2D]:
-    """Legend entry of what was planned, where it is drawn beside the true motion."""
+    """Return the legend entry of planned motions, if they are drawn beside the true motion."""
     if not planned(plan):
         return []
     return [Line2D([], [], label="planned", color="black", **PLANNED_STYLE)]
@@ -211,13 +211,13 @@ def _limit_handle() -> Line2D:
 
 
 def _with_legend(figure: Figure, handles: Sequence[Line2D]) -> Figure:
-    """The figure with a legend below the axes, which keep their height."""
+    """Add a legend below the axes, and enlarge the figure so that these keep their height."""
     height = add_below(figure, handles)
     figure.set_figheight(figure.get_figheight() + max(0.0, height - _ONE_ROW))
     return figure
 
 
 def _panels(width: float, count: int, part: float) -> Figure:
-    """A figure for panels below each other, each so high in parts of the usual height."""
+    """Return an empty figure for stacked panels, each of `part` times the default height."""
     height = 0.5 + count * part * (1.15 + 0.21 * check_width(width))
     return Figure(figsize=(width, height), layout="constrained")

@@ -1,20 +1,20 @@
-"""Formats and widths of figures: what is known of them without loading what draws."""
+"""Formats and widths of figures, in a module that does not import matplotlib."""
 
 from __future__ import annotations
 
 FORMATS = ("png", "pdf", "svg")
-"""Of files, by their endings."""
+"""Formats of files, by their endings."""
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16
-"""Widths of figures in journals of the IEEE, in one column and across both [in]."""
+"""Widths of figures in IEEE journals, for one column and for two [in]."""
 _NARROWEST, _WIDEST = 3.0, 20.0
-"""Widths between which letters of the sheet's sizes suit a figure [in]."""
+"""Range of widths for which the font sizes of the style sheet are suitable [in]."""
 
 
 def check_format(file_format: str) -> str:
-    """The format, if there is such a one.
+    """Return the format if it is known.
 
     Raises:
-        ValueError: there is none.
+        ValueError: the format is unknown.
     """
     if file_format not in FORMATS:
         raise ValueError(f"format: got {file_format!r}, expected {', '.join(FORMATS)}")
@@ -22,10 +22,10 @@ def check_format(file_format: str) -> str:
 
 
 def check_width(width: float) -> float:
-    """The width of a figure [in], if letters can be read at it.
+    """Return the width of a figure [in] if its text is legible at it.
 
     Raises:
-        ValueError: it is too narrow or too wide, or no number.
+        ValueError: the width is too small, too large or not a number.
     """
     if not _NARROWEST <= width <= _WIDEST:
         raise ValueError(f"width: got {width:g}, expected {_NARROWEST:g} to {_WIDEST:g} inches")

@@ -1,6 +1,6 @@
-"""Texts inside axes, placed whenever they are drawn: none over another, few over a curve.
+"""Texts inside axes, placed at drawing time so that none overlap and few cover a curve.
 
-Where a text fits depends on the figure's final size, so that is not settled before.
+Placement depends on the figure's final size, which is known only then.
 """
 
 from __future__ import annotations
@@ -25,40 +25,40 @@ from drake_rho.display.plots.overlapping_curves import evenly
 from drake_rho.scenario.fields import FloatArray
 
 _GAP = 3.0
-"""Between a text and what it is about [points]."""
+"""Distance between a text and the point or line that it labels [points]."""
 _ROWS = 6
-"""How many lines of text away from there it may be."""
-_WAYS = ((0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0))
-"""To which sides, the first first."""
+"""Largest distance from there, in lines of text."""
+_DIRECTIONS = ((0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0))
+"""Directions in which a text is placed, in order of preference."""
 _PER_ROW = 12.0
-"""Points of curves that a text rather covers than to be a line farther away."""
+"""Cost of one more line of distance, in covered points of curves."""
 _SPACING = 2.0
-"""Between the points of a curve that a text may cover [points]."""
+"""Spacing of the points of a curve that count as covered [points]."""
 _MARK = 14.0
-"""How many points of a curve a mark counts for."""
+"""Cost of covering a mark, in covered points of curves."""
 
 Spots = Callable[[float, float, float], Iterator["Spot"]]
-"""Where a text may be, of its width and height and the length of a point, all in pixels."""
+"""Generator of possible places of a text from its width, its height and one point, in pixels."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Spot:
-    """A place for a text."""
+    """Possible place of a text."""
 
     x: float
-    """of its lower left corner [pixels]"""
+    """abscissa of the text's lower left corner [pixels]"""
     y: float
-    """the same"""
+    """ordinate of that corner [pixels]"""
     cost: float = 0.0
-    """against other places, in points of curves covered"""
+    """cost in comparison with other places, in covered points of curves"""
     leader: tuple[float, float] | None = None
-    """what it is about, if it is so far from there that a line has to lead to it [pixels]"""
+    """start of a leader line, if the text is far from the point that it labels [pixels]"""
 
 
 class Labels(Artist):
-    """The texts of one axes; drawn first of all in it, it moves the others to their places.
+    """Manager of the texts of one axes, drawn before them to move them to their places.
 
-    Texts for which there is no room are not shown.
+    Texts that fit nowhere are hidden.
     """
 
     def __init__(self, ax: Axes) -> None:
@@ -71,7 +71,7 @@ class Labels(Artist):
 
     @classmethod
     def of(cls, ax: Axes) -> Labels:
-        """Those of an axes, made at the first call."""
+        """Return the labels of an axes, created at the first call."""
         found = [each for each in ax.artists if isinstance(each, cls)]
         return found[0] if found else cls(ax)
 
@@ -87,21 +87,21 @@ class Labels(Artist):
         return text
 
     def draw(self, renderer: RendererBase) -> None:
-        """Place the texts; they draw themselves later."""
+        """Place the texts, which draw themselves later."""
         if not self._texts:
             return
         point = float(np.asarray(renderer.points_to_pixels(1.0)))
-        room = self.ax.bbox if not isinstance(self.ax, Axes3D) else self.ax.get_figure(True).bbox
-        curves, taken = _curves(self.ax, point), _taken(self.ax, renderer)
+        area = self.ax.bbox if not isinstance(self.ax, Axes3D) else self.ax.get_figure(True).bbox
+        curves, occupied = _curves(self.ax, point), _occupied(self.ax, renderer)
         for _, text, spots in sorted(self._texts, key=lambda each: each[0]):
             text.set_visible(True)
             width, height = text.get_window_extent(renderer).size
             best, least = None, np.inf
             for spot in spots(width, height, point):
                 around = Bbox.from_bounds(spot.x, spot.y, width, height).padded(point)
-                if spot.cost >= least or not _inside(around, room):
+                if spot.cost >= least or not _inside(around, area):
                     continue
-                if any(around.overlaps(other) for other in taken):
+                if any(around.overlaps(other) for other in occupied):
                     continue
                 cost = spot.cost + _covered(curves, around)
                 if cost < least:
@@ -110,12 +110,14 @@ class Labels(Artist):
             if best is not None:
                 spot, around = best
                 text.set_position((spot.x, spot.y))
-                taken.append(around)
+                occupied.append(around)
                 if spot.leader is not None:
-                    self._lead(spot.leader, around, renderer)
+                    self._draw_leader(spot.leader, around, renderer)
 
-    def _lead(self, begin: tuple[float, float], around: Bbox, renderer: RendererBase) -> None:
-        """A thin line from a point to the nearest one of a text's outline."""
+    def _draw_leader(
+        self, begin: tuple[float, float], around: Bbox, renderer: RendererBase
+    ) -> None:
+        """Draw a thin line from a point to the nearest point of a text's outline."""
         x, y = np.clip(begin, around.min, around.max)
         line = Line2D([begin[0], x], [begin[1], y], color="black", linewidth=0.4)
         line.set_transform(IdentityTransform())
@@ -126,13 +128,13 @@ class Labels(Artist):
 
 
 def around(ax: Axes, *place: float, middle: bool = False, rows: int = _ROWS) -> Spots:
-    """Spots around a point in data of the axes, first on it if `middle`, in rows farther away."""
+    """Return spots around a point in data coordinates, first centred on it if `middle` is set."""
 
     def spots(width: float, height: float, point: float) -> Iterator[Spot]:
-        ((x, y),) = _seen(ax, np.array([place], dtype=np.float64))
+        ((x, y),) = _in_pixels(ax, np.array([place], dtype=np.float64))
         if middle:
             yield Spot(x - width / 2, y - height / 2, -_PER_ROW)
-        for row, (rank, (right, up)) in product(range(rows), enumerate(_WAYS)):
+        for row, (rank, (right, up)) in product(range(rows), enumerate(_DIRECTIONS)):
             far = _GAP * point * (0.7 if right and up else 1.0) + row * height
             corner = (
                 x + right * (far + width / 2) - width / 2,
@@ -144,21 +146,21 @@ def around(ax: Axes, *place: float, middle: bool = False, rows: int = _ROWS) -> 
 
 
 def along(ax: Axes, height: float, *, above: bool = False) -> Spots:
-    """Spots below (or, first, above) a level line across the axes."""
+    """Return spots below and above a horizontal line across the axes, above first if `above`."""
 
     def spots(width: float, tall: float, point: float) -> Iterator[Spot]:
         _, y = ax.transData.transform((0.0, height))
         left = ax.bbox.x0 + _GAP * point
         free = ax.bbox.width - width - 2 * _GAP * point
         for rank, (over, part) in enumerate(product((above, not above), np.linspace(0, 1, 9))):
-            aside = _GAP * point / 2
-            yield Spot(left + part * free, y + aside if over else y - aside - tall, rank / 2)
+            gap = _GAP * point / 2
+            yield Spot(left + part * free, y + gap if over else y - gap - tall, rank / 2)
 
     return spots
 
 
 def beside(ax: Axes, time: float) -> Spots:
-    """Spots beside an upright line in the axes, from the top down."""
+    """Return spots beside a vertical line in the axes, from the top down."""
 
     def spots(width: float, height: float, point: float) -> Iterator[Spot]:
         x, _ = ax.transData.transform((time, 0.0))
@@ -170,26 +172,26 @@ def beside(ax: Axes, time: float) -> Spots:
     return spots
 
 
-def _seen(ax: Axes, points: FloatArray) -> FloatArray:
-    """Points of the axes, shape (M, 2) or (M, 3), where they are drawn [pixels], shape (M, 2)."""
+def _in_pixels(ax: Axes, points: FloatArray) -> FloatArray:
+    """Transform points in data coordinates, shape (M, 2) or (M, 3), to pixels, shape (M, 2)."""
     if isinstance(ax, Axes3D):
         x, y, _ = proj3d.proj_transform(*points.T, ax.get_proj())
         points = np.stack([x, y], axis=1)
-    seen: FloatArray = ax.transData.transform(points)
-    return seen
+    pixels: FloatArray = ax.transData.transform(points)
+    return pixels
 
 
 def _curves(ax: Axes, point: float) -> FloatArray:
-    """Where curves and marks are drawn [pixels] and how much each counts, shape (P, 3)."""
+    """Return points of curves and marks [pixels] with the cost of covering them, shape (P, 3)."""
     found = [np.zeros((0, 3))]
     for line in ax.lines:
         if isinstance(line, Line3D):
-            seen = _seen(ax, np.stack(line.get_data_3d(), axis=1).astype(np.float64))
+            drawn = _in_pixels(ax, np.stack(line.get_data_3d(), axis=1).astype(np.float64))
         else:
-            seen = line.get_transform().transform(line.get_xydata())
+            drawn = line.get_transform().transform(line.get_xydata())
         marks = line.get_linestyle() == "None"
-        seen = seen if marks else evenly(seen, _SPACING * point)
-        found.append(np.column_stack([seen, np.full(len(seen), _MARK if marks else 1.0)]))
+        drawn = drawn if marks else evenly(drawn, _SPACING * point)
+        found.append(np.column_stack([drawn, np.full(len(drawn), _MARK if marks else 1.0)]))
     return np.concatenate(found)
 
 
@@ -198,12 +200,12 @@ def _covered(curves: FloatArray, around: Bbox) -> float:
     return float(curves[inside, 2].sum())
 
 
-def _inside(around: Bbox, room: Bbox) -> bool:
-    return bool(np.all(around.min >= room.min) and np.all(around.max <= room.max))
+def _inside(around: Bbox, area: Bbox) -> bool:
+    return bool(np.all(around.min >= area.min) and np.all(around.max <= area.max))
 
 
-def _taken(ax: Axes, renderer: RendererBase) -> list[Bbox]:
-    """What is in the figure beside an axes in space, and what names its coordinates."""
+def _occupied(ax: Axes, renderer: RendererBase) -> list[Bbox]:
+    """Return the boxes of other elements of a figure with 3D axes, and of their tick labels."""
     figure = ax.get_figure(True)
     if figure is None or not isinstance(ax, Axes3D):
         return []

@@ -1,4 +1,4 @@
-"""Room in figures: for titles above, for legends below."""
+"""Space in figures for titles above and legends below."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from matplotlib.figure import Figure
 from drake_rho.display.plots.publish import styled
 
 EDGE = 0.06
-"""Between what is in a figure and its edge [in]."""
+"""Margin between a figure's contents and its edge [in]."""
 _TITLE = 0.2
 """Height of a title [in]."""
 
 
 @styled
 def add_title(figure: Figure, words: str) -> None:
-    """Write a title above all that is in a figure."""
+    """Write a title above a figure's contents."""
     if figure.get_layout_engine() is None:
         grow(figure, above=_TITLE)
     figure.suptitle(words, y=None if figure.get_layout_engine() else 1.0 - EDGE / 2, va="top")
 
 
 def grow(figure: Figure, *, below: float = 0.0, above: float = 0.0) -> None:
-    """Make room below or above all that is in a figure [in]."""
+    """Enlarge a figure by space below or above its contents [in]."""
     old = figure.get_figheight()
     new = old + below + above
     figure.set_figheight(new)

@@ -1,4 +1,4 @@
-"""Legends of the vehicles, beside a drawing or below it, never over it; words above axes."""
+"""Legends beside or below a drawing, never over it, and explanations of marks above axes."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from drake_rho.display.common.style import MAX_NAMED, vehicle_colours, vehicle_m
 from drake_rho.scenario.records import Scenario
 
 _MAX_LARGE = 14
-"""Most entries in letters of the usual size, and in one column."""
+"""Largest number of entries in the default font size, and in a legend beside a drawing."""
 _MAX_BESIDE = 0.7
-"""Widest name in a legend beside a drawing [in]."""
+"""Largest width of a name in a legend beside a drawing [in]."""
 _AROUND = 3.8
-"""Width of an entry's line and the gaps around it, in sizes of the letters."""
+"""Width of an entry's line and the gaps around it, over the font size."""
 _BESIDE_AXES = 0.75
-"""Most that ticks and labels take of a figure's width [in]."""
+"""Largest width of ticks and labels beside the axes [in]."""
 
 
 def vehicle_handles(scenario: Scenario) -> list[Line2D]:
-    """Legend entries of the vehicles, as they are drawn; none with more than `MAX_NAMED`."""
+    """Return the vehicles' legend entries; none for more than `MAX_NAMED` vehicles."""
     if len(scenario.vehicles) > MAX_NAMED:
         return []
     colours = vehicle_colours(len(scenario.vehicles))
@@ -40,7 +40,7 @@ def vehicle_handles(scenario: Scenario) -> list[Line2D]:
 
 
 def start_handles(scenario: Scenario) -> list[Line2D]:
-    """Legend entries of the vehicles' starts; none with more than `MAX_NAMED`."""
+    """Return legend entries of the vehicles' starts; none for more than `MAX_NAMED` vehicles."""
     handles = vehicle_handles(scenario)
     for handle in handles:
         handle.set(linestyle="none", marker="o", markersize=5, fillstyle="none")
@@ -52,32 +52,32 @@ def _entry(name: str, **style: Any) -> Line2D:
 
 
 def width_beside(figure: Figure, handles: Sequence[Line2D]) -> float | None:
-    """How wide a legend at the right is [in]; None if it is too large for there."""
+    """Return the width of a legend to the right of a drawing [in]; None if it does not fit."""
     widest = _widest(figure, handles)
     if not 0 < len(handles) <= _MAX_LARGE or widest > _MAX_BESIDE:
         return None
-    return widest + _AROUND * _letters(handles) / 72
+    return widest + _AROUND * _font_size(handles) / 72
 
 
 def add_beside(figure: Figure, handles: Sequence[Line2D], left: float) -> Legend:
-    """A legend from so far on [in] to the right."""
+    """Add a legend to the right of the abscissa `left` [in]."""
     at = (left / figure.get_figwidth(), 0.5)
     return figure.legend(handles=handles, loc="center left", bbox_to_anchor=at)
 
 
 def add_below(figure: Figure, handles: Sequence[Artist]) -> float:
-    """A legend at the bottom, in as many columns as there is room for.
+    """Add a legend at the bottom, in as many columns as fit.
 
     Args:
         figure: where to draw.
-        handles: the entries; the legend's labels are theirs.
+        handles: labelled artists, one for each entry.
 
     Returns:
-        Its height [in].
+        The legend's height [in].
     """
     if not handles:
         return 0.0
-    size = _letters(handles)
+    size = _font_size(handles)
     column = _widest(figure, handles) + _AROUND * size / 72
     most = max(1, int(figure.get_figwidth() // column))
     columns = ceil(len(handles) / ceil(len(handles) / most))  # rows of about the same length
@@ -88,14 +88,14 @@ def add_below(figure: Figure, handles: Sequence[Artist]) -> float:
 
 
 def add_above(ax: Axes, handles: Sequence[Line2D], title: str | None = None) -> Legend:
-    """What marks mean, right above the axes in lines that are no wider; over it a title."""
+    """Explain marks above the right end of the axes, in lines no wider than these, with a title."""
     legend = ax.legend(
         handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), handlelength=1.0
     )
     figure = figure_of(ax)
-    room = figure.get_figwidth() - _BESIDE_AXES - 2.5 * 7.0 / 72
+    width = figure.get_figwidth() - _BESIDE_AXES - 2.5 * 7.0 / 72
     for text in legend.get_texts():
-        text.set_text(in_width(figure, text.get_text(), room))
+        text.set_text(in_width(figure, text.get_text(), width))
     if title is not None:
         height = legend.get_window_extent(renderer_of(figure)).height / figure.dpi
         ax.set_title(title, pad=72 * height + 2.0)
@@ -103,20 +103,20 @@ def add_above(ax: Axes, handles: Sequence[Line2D], title: str | None = None) -> 
 
 
 def figure_of(ax: Axes) -> Figure:
-    """The figure that axes are in."""
+    """Return the figure that contains the axes."""
     figure = ax.get_figure(True)
     if figure is None:
-        raise ValueError("ax: got axes that were removed, expected those of a figure")
+        raise ValueError("ax: got axes that were removed, expected axes of a figure")
     return figure
 
 
 def width_of(ax: Axes) -> float:
-    """Width of the figure that axes are in [in]."""
+    """Return the width of the figure that contains the axes [in]."""
     return float(figure_of(ax).get_figwidth())
 
 
 def in_width(figure: Figure, words: str, width: float, size: float = 7.0) -> str:
-    """Words in lines of at most a width [in], unless one alone is wider."""
+    """Break a text into lines of at most a width [in], unless a single word is wider."""
     lines = [""]
     for word in words.split(" "):
         longer = f"{lines[-1]} {word}".lstrip()
@@ -127,23 +127,23 @@ def in_width(figure: Figure, words: str, width: float, size: float = 7.0) -> str
     return "\n".join(lines)
 
 
-def renderer_of(figure: Figure) -> Any:  # matplotlib has no types for it
-    """By which texts are measured."""
+def renderer_of(figure: Figure) -> Any:  # untyped in matplotlib
+    """Return a renderer that measures texts."""
     return FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
 
 
 def text_width(figure: Figure, line: str, size: float) -> float:
-    """Width of a line of text [in]."""
+    """Return the width of a line of text [in]."""
     font = FontProperties(size=size)
     measured = renderer_of(figure).get_text_width_height_descent(line, font, False)
     return float(measured[0]) / figure.dpi
 
 
-def _letters(handles: Sequence[Artist]) -> float:
+def _font_size(handles: Sequence[Artist]) -> float:
     return 7.0 if len(handles) <= _MAX_LARGE else 6.0
 
 
 def _widest(figure: Figure, handles: Sequence[Artist]) -> float:
-    """Width of the widest name [in]."""
+    """Return the width of the widest label [in]."""
     lines = [line for handle in handles for line in str(handle.get_label()).split("\n")]
-    return max((text_width(figure, line, _letters(handles)) for line in lines), default=0.0)
+    return max((text_width(figure, line, _font_size(handles)) for line in lines), default=0.0)

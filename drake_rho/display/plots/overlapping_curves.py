@@ -1,4 +1,4 @@
-"""Curves that lie on each other told apart, and marks that do not run together."""
+"""Dashes that make overlapping curves visible, and marks with sufficient spacing."""
 
 from __future__ import annotations
 
@@ -14,48 +14,48 @@ from matplotlib.lines import Line2D
 from drake_rho.scenario.fields import BoolArray, FloatArray
 
 _WIDTH = 0.006
-"""Half the width of a curve, in parts of the height of its axes."""
+"""Half the width of a curve, over the height of its axes."""
 _SHORTEST = 0.03
-"""Shortest piece on another curve that is no mere crossing, in parts of the axes' width."""
+"""Least length of an overlap that is not a mere crossing, over the axes' width."""
 _DASH = 3.5
-"""Length of a dash, in widths of its line."""
+"""Length of a dash, over the width of its line."""
 _APART = 2.5
-"""Least distance of marks along a curve [points]."""
+"""Least spacing of marks along a curve [points]."""
 _LENGTH = 0.6
-"""Usual length of a curve, in parts of the figure's width."""
+"""Typical length of a curve, over the figure's width."""
 _MAX_POINTS = 5000
-"""Most that a curve is told apart by."""
+"""Largest number of points at which curves are compared."""
 
 Dashes = tuple[float, tuple[float, float]]
-"""Where a pattern begins, and its dash and gap, in widths of the line."""
+"""Offset of a dash pattern, and its dash and gap, over the width of the line."""
 
 
 def marks_every(knots: int, width: float) -> int:
-    """Which of so many knots are marked on a curve in a figure so wide [in]: every so many."""
+    """Return n such that every n-th knot is marked on a curve in a figure of a width [in]."""
     return ceil(_APART * knots / (72.0 * _LENGTH * width))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Piece:
-    """A piece of a curve that lies under others."""
+    """A piece of a curve that lies under other curves."""
 
     owner: int
     """index of the curve"""
     points: FloatArray
-    """on it, shape (M, D)"""
+    """points on the curve, shape (M, D)"""
     dashes: Dashes
-    """with which it leaves others to be seen"""
+    """dash pattern that leaves the other curves visible"""
 
 
 def show_overlapping(ax: Axes, lines: Sequence[Line2D]) -> list[Line2D]:
-    """Draw curves that lie under later ones again as dashes over them, so that all can be seen.
+    """Draw hidden pieces of curves again, as dashes over the curves that cover them.
 
     Args:
-        ax: its limits are settled.
-        lines: curves over the same span of time, in the order in which they were drawn.
+        ax: axes with their final limits.
+        lines: curves over the same span of time, in drawing order.
 
     Returns:
-        The dashes.
+        The dashed lines.
     """
     times = np.asarray(lines[0].get_xdata(), dtype=np.float64)
     values = np.stack([_values(line, times) for line in lines])
@@ -75,8 +75,8 @@ def show_overlapping(ax: Axes, lines: Sequence[Line2D]) -> list[Line2D]:
 
 
 def overlapping_pieces(paths: FloatArray) -> list[Piece]:
-    """The pieces of paths in space, shape (N, M, 3), that lie under those of later vehicles."""
-    from scipy.spatial import cKDTree  # slow to load, so only where needed
+    """Find the pieces of paths, shape (N, M, 3), that lie under those of later vehicles."""
+    from scipy.spatial import cKDTree  # slow to import
 
     longest = float(np.max(np.ptp(paths, axis=(0, 1))))
     within, shortest = _WIDTH / 2 * longest, _SHORTEST * longest
@@ -93,14 +93,20 @@ def overlapping_pieces(paths: FloatArray) -> list[Piece]:
 
 
 def evenly(points: FloatArray, spacing: float) -> FloatArray:
-    """Points along a polyline, shape (M, D), evenly and so far apart at most."""
+    """Resample a polyline, shape (M, D), evenly with the given spacing or less."""
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     at = np.linspace(0.0, along[-1], int(min(along[-1] / spacing, _MAX_POINTS)) + 2)
     return np.stack([np.interp(at, along, each) for each in points.T], axis=1)
 
 
 def _pieces(index: int, points: FloatArray, near: BoolArray) -> list[Piece]:
-    """Pieces of one curve under later ones, by which curves are near at each point, (N, M)."""
+    """Find the pieces of a curve that lie under later ones.
+
+    Args:
+        index: of the curve.
+        points: on the curve, shape (M, D).
+        near: whether each curve is near at each point, shape (N, M).
+    """
     found = []
     under = np.any(near[index + 1 :], axis=0)
     for first, last in _runs(np.atleast_1d(under)):
@@ -112,12 +118,12 @@ def _pieces(index: int, points: FloatArray, near: BoolArray) -> list[Piece]:
 
 
 def _values(line: Line2D, times: FloatArray) -> FloatArray:
-    """The curve at times; as it is, jumps included, if it has these."""
+    """Return the curve's values at `times`; its own values, jumps included, if times coincide."""
     own, values = (np.asarray(each, dtype=np.float64) for each in line.get_data())
     return values if np.array_equal(own, times) else np.interp(times, own, values)
 
 
 def _runs(here: BoolArray) -> list[tuple[int, int]]:
-    """First and last index of each run of what is true."""
+    """Return the first and last indices of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(np.int8)))
     return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]

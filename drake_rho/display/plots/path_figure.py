@@ -1,4 +1,4 @@
-"""The figure of a plan, a flight, or a simulation in space."""
+"""Three-dimensional figure of the paths of a plan, a flight or a simulation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drake_rho.display.common.obstacle_snapshots import (
     snapshots,
 )
 from drake_rho.display.common.style import MAX_NAMED, window_colours
-from drake_rho.display.plots.axes3d import Room, SceneAxes, fit_scene, frame_scene
+from drake_rho.display.plots.axes3d import Area, SceneAxes, fit_scene, frame_scene
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
 from drake_rho.display.plots.layout import EDGE, grow
 from drake_rho.display.plots.legends import (
@@ -50,15 +50,15 @@ from drake_rho.scenario.shapes.base import Shape
 _LINE = 0.135
 """Height of a line of notes [in]."""
 _BAR = 0.7
-"""Width of the bar of windows with its labels [in]."""
+"""Width of the colour bar of windows with its labels [in]."""
 _BAR_WIDTH = 0.12
-"""Without them [in]."""
+"""Width of the colour bar without its labels [in]."""
 _MAX_TICKS = 12
-"""Most windows that are numbered."""
+"""Largest number of windows that are numbered."""
 _MIN_BESIDE = 5.0
-"""Narrowest figure with a legend beside its scene [in]."""
+"""Least width of a figure with a legend beside its scene [in]."""
 _HIGHEST = (1.1, 0.45)
-"""Most height of a scene: so much [in], and so much of its figure's width."""
+"""Largest height of a scene: a constant [in] plus a fraction of the figure's width."""
 
 
 @checked
@@ -69,15 +69,17 @@ def paths_figure(
     obstacles: Sequence[Shape | Obstacle] | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:
-    """The vehicles' paths in space, around the obstacles; each window of a flight in its colour.
+    """Plot the vehicles' paths and the obstacles in space, with a colour for each window.
+
+    A plan has no windows; each of its vehicles has a colour of its own.
 
     Args:
-        flown: what to draw.
-        obstacles: what to draw in the way, if not the scenario's own.
-        width: of the figure [in], 3.5 in one column of a journal of the IEEE, 7.16 in both.
+        flown: plan, flight or simulation to draw.
+        obstacles: obstacles to draw; the scenario's if not given.
+        width: of the figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
 
     Raises:
-        ValueError: the width is none that letters can be read at.
+        ValueError: the text would be illegible at the width.
 
     Examples:
         >>> figure = rho.paths_figure(rho.plan(rho.load_scenario("paper")))
@@ -97,13 +99,13 @@ def paths_figure(
     handles = [] if named else handles
     notes = _notes(figure, flown, bodies)
     below = 2 * EDGE + _LINE * len(notes)
-    aside = _BAR if in_windows else width_beside(figure, handles)
-    if aside is None or not (in_windows or width >= _MIN_BESIDE):
-        aside = 0.0
-    most_height = _HIGHEST[0] + _HIGHEST[1] * width
-    room = Room(EDGE, below, width - 2 * EDGE - aside, most_height)
-    scene = fit_scene(figure, ax, room)
-    aside_at = scene.x1 + (room.left + room.width - scene.x1) / 2  # half of what is left between
+    beside = _BAR if in_windows else width_beside(figure, handles)
+    if beside is None or not (in_windows or width >= _MIN_BESIDE):
+        beside = 0.0
+    max_height = _HIGHEST[0] + _HIGHEST[1] * width
+    area = Area(EDGE, below, width - 2 * EDGE - beside, max_height)
+    scene = fit_scene(figure, ax, area)
+    beside_at = scene.x1 + (area.left + area.width - scene.x1) / 2  # middle of the unused width
     grow(figure, above=EDGE)
     draw_obstacles(ax, shown)
     draw_obstacle_paths(ax, obstacle_paths(plan, bodies), shown)
@@ -111,7 +113,7 @@ def paths_figure(
     draw_obstacle_labels(ax, shown)
     if in_windows:
         draw_windows(ax, flown, shown)
-        place = (aside_at + EDGE, scene.y0 + 0.2 * scene.height, _BAR_WIDTH, 0.6 * scene.height)
+        place = (beside_at + EDGE, scene.y0 + 0.2 * scene.height, _BAR_WIDTH, 0.6 * scene.height)
         _add_window_bar(figure, len(windows), place)
     else:
         draw_paths(ax, plan, shown)
@@ -119,15 +121,15 @@ def paths_figure(
     for line, words in enumerate(notes):
         at = (EDGE + _LINE * line) / figure.get_figheight()
         figure.text(EDGE / width, at, words, fontsize=7, va="bottom")
-    if aside > 0.0 and not in_windows:
-        add_beside(figure, handles, aside_at)
+    if beside > 0.0 and not in_windows:
+        add_beside(figure, handles, beside_at)
     else:
         grow(figure, below=add_below(figure, handles))
     return figure
 
 
 def _notes(figure: Figure, flown: Flown, bodies: Sequence[Obstacle]) -> list[str]:
-    """What the marks and lines of paths mean, in lines from below as wide as the figure."""
+    """Explain the marks and lines of paths, in lines as wide as the figure, the lowest first."""
     plan, windows = drawn(flown), windows_of(flown)
     words = ["ring: start", "star: goal"]
     if len(windows) > 1 or isinstance(flown, Flight):
@@ -139,13 +141,13 @@ def _notes(figure: Figure, flown: Flown, bodies: Sequence[Obstacle]) -> list[str
         words += ["dotted: planned"] if planned(plan) else []
     if any(vehicle.waypoints for vehicle in plan.scenario.vehicles):
         words.append("diamond: waypoint")
-    room = figure.get_figwidth() - 2 * EDGE
+    width = figure.get_figwidth() - 2 * EDGE
     notes = ["; ".join(words), *obstacle_notes(plan, bodies)]
-    return [line for note in notes for line in in_width(figure, note, room).split("\n")][::-1]
+    return [line for note in notes for line in in_width(figure, note, width).split("\n")][::-1]
 
 
 def _add_window_bar(figure: Figure, count: int, place: tuple[float, ...]) -> None:
-    """The colours of the windows, at left, bottom, width and height [in]."""
+    """Add the colour bar of the windows at a place: left, bottom, width and height [in]."""
     colours = ListedColormap(window_colours(count))
     edges = [number + 0.5 for number in range(count + 1)]
     mappable = ScalarMappable(BoundaryNorm(edges, count), colours)

@@ -1,6 +1,6 @@
-"""How figures leave: the style sheet, and files of three formats.
+"""Style sheet of the figures, and their files in three formats.
 
-The same drawing is the same file, byte for byte: nothing in it tells the time, or who wrote it.
+The same drawing gives the same file, byte for byte: no file contains a date or its author.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ _METADATA: dict[str, dict[str, Any]] = {
     "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
     "svg": {"Creator": None, "Date": None, "Format": None, "Type": None},
 }
-"""What matplotlib would write that is not the drawing, taken out."""
+"""Metadata that suppress those that matplotlib writes by default."""
 
 styled = style.context(SHEET, after_reset=True)
-"""Decorator of what draws: the sheet over matplotlib's defaults, whatever else is set."""
+"""Decorator of drawing functions: applies the sheet to matplotlib's defaults, not to the user's
+settings."""
 
 
 @checked
 @styled
 def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write a figure in the format of the file's ending, whole or not at all.
+    """Write a figure atomically, in the format of the file's ending.
 
     Args:
-        figure: what to write.
-        path: ending in .png (300 dots per inch), .pdf (fonts embedded) or .svg (text as text).
+        figure: figure to write.
+        path: of the file, ending in .png (300 dots per inch), .pdf (embedded fonts) or .svg (text
+            remains text).
 
     Returns:
         The path.

@@ -1,7 +1,7 @@
-"""Drawing a plan in space on axes that are given: paths, windows, shown, starts and goals.
+"""Plans drawn in space on given axes: paths, windows, obstacles, starts and goals.
 
-Curves are the exact motion between the knots, not lines from knot to knot; the knots are marked.
-Every function takes the axes first and returns the artists it has drawn.
+Curves show the exact motion, not straight lines from knot to knot; the knots are marked. Every
+function takes the axes first and returns the artists it has drawn.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
 MAX_LABELLED = 6
-"""Most vehicles whose names are written beside their starts."""
+"""Largest number of vehicles with names beside their starts."""
 _MAX_LARGE = 14
-"""Most vehicles whose starts and goals are drawn large."""
+"""Largest number of vehicles with large starts and goals, and of obstacles with large labels."""
 _MIN_NUMBERED = 0.02
-"""Least size of an obstacle with its number, in parts of the axes, if there are many."""
+"""Least size of a numbered obstacle over that of the axes, if there are many obstacles."""
 _TOP = 1000
 """Layer above all obstacles."""
 
 
 def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollection]:
-    """Obstacles as translucent bodies, the nearer over the farther; paths go between them.
+    """Draw obstacles as translucent bodies, in layers between which paths can be drawn.
 
-    Endless ones go to the ends of the axes.
+    Infinite shapes are cut off at the limits of the axes.
     """
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     bodies = []
@@ -78,9 +78,9 @@ def draw_obstacles(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Poly3DCollecti
 
 
 def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
-    """The obstacles' numbers in their middles, names and times above them.
+    """Draw the obstacles' numbers in their centres, and names and times above them.
 
-    Where there are many, numbers that are wider than the obstacle are left out.
+    If there are many obstacles, the numbers of small ones are left out.
     """
     lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
     artists: list[Text] = []
@@ -104,32 +104,32 @@ def draw_obstacle_labels(ax: Axes3D, shown: Sequence[Snapshot]) -> list[Text]:
 
 
 def draw_approaches(ax: Axes3D, found: Sequence[FloatArray]) -> list[Line3D]:
-    """Ways from vehicles to the nearest points of obstacles [m], shape (2, 3), as black lines."""
+    """Draw lines from vehicles to the nearest points of obstacles [m], shape (2, 3), in black."""
     style: dict[str, Any] = {"color": "black", "linewidth": 1.0, "marker": ".", "markersize": 3}
     return [ax.plot(*ends.T, zorder=_TOP, **style)[0] for ends in found]
 
 
 def draw_obstacle_paths(
-    ax: Axes3D, ways: Sequence[FloatArray], shown: Sequence[Snapshot] = ()
+    ax: Axes3D, paths: Sequence[FloatArray], shown: Sequence[Snapshot] = ()
 ) -> list[Line3D]:
-    """Ways of moving obstacles [m], each of shape (M, 3), as dashed lines."""
+    """Draw the paths of moving obstacles [m], each of shape (M, 3), as dashed lines."""
     style: dict[str, Any] = {"color": FORBIDDEN, "linewidth": 0.9, "linestyle": (0, (4, 3))}
-    return [line for way in ways for line in draw_line(ax, way, shown, **style)]
+    return [line for path in paths for line in draw_line(ax, path, shown, **style)]
 
 
 def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
-    """Each vehicle's path, its knots, its start (ring) and its goal (star).
+    """Draw each vehicle's path, knots, start (ring) and goal (star).
 
-    With more than `MAX_NAMED` vehicles there are no knots, and starts and goals are smaller.
+    For more than `MAX_NAMED` vehicles, knots are not marked, and starts and goals are smaller.
 
     Args:
         ax: where to draw.
-        plan: what to draw.
-        shown: the obstacles drawn by `draw_obstacles`; what is in front of them is drawn over them.
+        plan: motion to draw.
+        shown: obstacles drawn by `draw_obstacles`, which hide the parts of paths behind them.
 
     Returns:
-        The paths, in pieces that lie before or behind an obstacle; the first of each vehicle
-        carries its name.
+        The paths, in pieces in front of or behind an obstacle; the first piece of each vehicle is
+        labelled with its name.
     """
     lines = []
     colours = vehicle_colours(len(plan.positions))
@@ -150,7 +150,7 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
 
 
 def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
-    """What was planned, dotted, where that is not what is drawn already; see `draw_paths`."""
+    """Draw planned paths as dotted lines, if they differ from those of `draw_paths`."""
     colours = vehicle_colours(len(plan.positions))
     lines = []
     for piece in planned(plan):
@@ -162,15 +162,15 @@ def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) 
 
 
 def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
-    """What was flown of each window in the window's colour, and the rest of it as a thin line.
+    """Draw the flown part of each window in its colour, and its whole prediction as a thin line.
 
     Args:
         ax: where to draw.
-        flown: what to draw, a flight or a simulation.
-        shown: the obstacles drawn by `draw_obstacles`; what is in front of them is drawn over them.
+        flown: flight or simulation to draw.
+        shown: obstacles drawn by `draw_obstacles`, which hide the parts of paths behind them.
 
     Returns:
-        For each window, the pieces of what was flown of it.
+        For each window, the pieces of its flown part.
     """
     lines: list[list[Line3D]] = []
     whole, windows = drawn(flown), windows_of(flown)
@@ -195,7 +195,7 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
 
 
 def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = None) -> list[Artist]:
-    """Starts as rings, waypoints as diamonds, goals as stars.
+    """Draw starts as rings, waypoints as diamonds and goals as stars.
 
     Up to `MAX_LABELLED` vehicles have their names beside their starts.
     """
@@ -216,7 +216,7 @@ def draw_ends(ax: Axes3D, scenario: Scenario, colours: Sequence[str] | None = No
             *goal[:, None],
             marker="*",
             markersize=1.5 * size,
-            fillstyle="none",  # the path's end is seen in it
+            fillstyle="none",  # the end of the path remains visible
             color="black",
             zorder=_TOP,
         )

@@ -1,4 +1,4 @@
-"""Drawing how far vehicles were off their plans, beside how far they can be: the tube's radii.
+"""Tracking errors over time, drawn on given axes with their bounds, the radii of the error tube.
 
 Times are those of the scenario's clock. Every function takes the axes first and returns the artists
 it has drawn.
@@ -21,18 +21,18 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import Quantity
 
 LABELS: dict[Quantity, str] = {
-    "position": "error of position [m]",
-    "velocity": "of velocity [m/s]",
+    "position": "position error [m]",
+    "velocity": "velocity error [m/s]",
     "acceleration": "feedback [m/s²]",
 }
-"""Of the quantities that have a tube."""
+"""Axis labels of the quantities that have a tube."""
 _TUBE = "#4A4A4A"
 """Colour of the radii."""
 _TOP = 1.1
-"""Height of the axes, in the greatest radius or error."""
+"""Upper limit of the axes, over the greatest radius or error."""
 _UNITS: dict[Quantity, str] = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 _ROUNDING = 1e-9
-"""Part of a motion's scale that rounding may be off, and no error."""
+"""Rounding error of a motion, over its scale, which does not count as a tracking error."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,15 +40,15 @@ class Errors:
     """Errors and radii while one window was in force, both ends of this time included."""
 
     times: FloatArray
-    """on the scenario's clock [s], shape (M,)"""
+    """times on the scenario's clock [s], shape (M,)"""
     errors: FloatArray
-    """of each vehicle, shape (M, N), in m, m/s or m/s²"""
+    """error of each vehicle [m, m/s or m/s²], shape (M, N)"""
     radii: FloatArray
-    """the most that these can be, shape (M,)"""
+    """upper bounds on the errors, shape (M,)"""
 
 
 def errors_of(simulation: Simulation, quantity: Quantity) -> list[Errors]:
-    """Errors window by window; where one ends and the next begins there are those of both."""
+    """Return the errors of each window; where one ends and the next begins, both have errors."""
     errors, radii = simulation.errors(quantity), simulation.radii(quantity)
     numbers = simulation.in_force(simulation.times)
     found = []
@@ -68,7 +68,7 @@ def errors_of(simulation: Simulation, quantity: Quantity) -> list[Errors]:
 
 
 def greatest_ratio(windows: list[Errors], rounding: float | FloatArray = 0.0) -> float:
-    """The greatest part of its radius that an error had, less rounding; 0 where all are zero."""
+    """Return the largest ratio of an error, less rounding, to its radius; 0 without a tube."""
     return max(
         float((np.maximum(each.errors[wide] - rounding, 0.0) / each.radii[wide, None]).max())
         if np.any(wide := each.radii > 0.0)
@@ -78,11 +78,11 @@ def greatest_ratio(windows: list[Errors], rounding: float | FloatArray = 0.0) ->
 
 
 def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Line2D]:
-    """Each vehicle's error over time, and the radius that the tube allows for it.
+    """Draw each vehicle's error over time, and the radius of the error tube.
 
     Args:
         ax: where to draw.
-        simulation: what was flown.
+        simulation: simulation to draw.
         quantity: position, velocity, or acceleration for the feedback.
 
     Returns:
@@ -111,12 +111,12 @@ def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Li
 def _draw_greatest(
     ax: Axes, simulation: Simulation, quantity: Quantity, windows: list[Errors]
 ) -> Line2D:
-    """A ring at the greatest error, and above the axes what it is and how near to the radius."""
+    """Draw a ring at the greatest error, and describe it above the axes with its ratio."""
     each = max(windows, key=lambda window: float(window.errors.max()))
     m, i = np.unravel_index(np.argmax(each.errors), each.errors.shape)
     error, time = each.errors[m, i], each.times[m]
-    who = as_text(brief(simulation.scenario.vehicles[int(i)].name))
-    label = f"{error:.3g} {_UNITS[quantity]} at {time:.4g} s: {who}"
+    name = as_text(brief(simulation.scenario.vehicles[int(i)].name))
+    label = f"{error:.3g} {_UNITS[quantity]} at {time:.4g} s: {name}"
     if any(window.radii.max() > 0.0 for window in windows):
         rounding = _ROUNDING * simulation.scenario.fleet.scale(quantity)
         label += f"; at most {100.0 * greatest_ratio(windows, rounding):.1f} % of the radius"
@@ -126,5 +126,5 @@ def _draw_greatest(
 
 
 def tube_handle() -> Line2D:
-    """Legend entry of the radii."""
-    return Line2D([], [], color=_TUBE, linewidth=1.0, label="radius of the tube")
+    """Return the legend entry of the tube's radii."""
+    return Line2D([], [], color=_TUBE, linewidth=1.0, label="tube radius")
