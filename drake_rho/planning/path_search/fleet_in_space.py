@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drake_rho.planning.path_search.homotopy_paths import SpacePath, SpacePathSearch
-from drake_rho.planning.path_search.lattice import (
-    BYTES_PER_POINT,
-    PEAK_BYTES_PER_POINT,
-    Lattice,
-    Raster,
-)
+from drake_rho.planning.path_search.lattice import PEAK_BYTES, STEADY_BYTES, Lattice, Raster
 from drake_rho.planning.path_search.resolution import Resolution, Size
 from drake_rho.planning.path_search.time_scaling import Leg, legs_of, time_scaled, usable_speeds
 from drake_rho.scenario.fields import FloatArray
@@ -76,7 +71,7 @@ class FleetSpaceSearch:
         kind = np.array([radius, *raster.lower, *raster.spacing, *raster.shape]).tobytes()
         if kind not in self._lattices:
             occupied = sum(lattice.raster.count for lattice in self._lattices.values())
-            if BYTES_PER_POINT * occupied + PEAK_BYTES_PER_POINT * raster.count > self._most:
+            if STEADY_BYTES * occupied + PEAK_BYTES * raster.count > self._most:
                 self._lattices.clear()
             self._lattices[kind] = Lattice(raster, self._bodies, radius)
             self.points = max(self.points, raster.count)
@@ -86,7 +81,7 @@ class FleetSpaceSearch:
 def space_size(scenario: Scenario, resolution: Resolution) -> Size:
     """Return the memory that the search for the vehicle with the largest lattice needs."""
     numbers = range(len(scenario.vehicles))
-    return Size(PEAK_BYTES_PER_POINT * max(_raster(resolution, number).count for number in numbers))
+    return Size(PEAK_BYTES * max(_raster(resolution, number).count for number in numbers))
 
 
 def _raster(resolution: Resolution, number: int) -> Raster:

@@ -114,9 +114,7 @@ class SpacePathSearch:
         corners, chosen = path.positions, [0]
         while (here := chosen[-1]) < len(corners) - 1:
             later = corners[here + 1 :]
-            seen = self._lattice.segments_are_clear(
-                np.tile(corners[here], (len(later), 1)), later, _SAMPLES
-            )
+            seen = self._lattice.are_clear(np.tile(corners[here], (len(later), 1)), later, _SAMPLES)
             chosen.append(here + 1 + int(np.max(np.flatnonzero(seen), initial=0)))
         return dataclasses.replace(path, positions=corners[chosen])
 
@@ -135,11 +133,10 @@ class SpacePathSearch:
         points = []
         for obstacle, side in zip(self._obstacles, path.sides, strict=True):
             x = path.positions - obstacle.first_center
-            distances = obstacle.shape.signed_distance(x) - required_distance(
-                obstacle, self._radius
-            )
-            k = int(np.argmin(distances))
-            if distances[k] > reach:
+            required = required_distance(obstacle, self._radius)
+            clearances = obstacle.shape.signed_distance(x) - required
+            k = int(np.argmin(clearances))
+            if clearances[k] > reach:
                 continue
             ahead = path.positions[min(k + 1, len(x) - 1)] - path.positions[max(k - 1, 0)]
             places = obstacle.first_center + self._around(obstacle, side, ahead)

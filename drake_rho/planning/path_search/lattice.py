@@ -36,10 +36,10 @@ STAY = 13
 _ROUNDING = 1e-6
 """Rounding tolerance, as a fraction of the grid spacing."""
 
-PEAK_BYTES_PER_POINT = 1100.0
+PEAK_BYTES = 1100.0
 """Peak memory [bytes] per point of the raster, reached while shortest paths are computed."""
 
-BYTES_PER_POINT = 600.0
+STEADY_BYTES = 600.0
 """Memory [bytes] per point of the raster that a lattice occupies after that."""
 
 BATCH_SIZE = 16_000
@@ -164,9 +164,7 @@ class Lattice:
         near: IntArray = numbers[numbers < len(self.points)]
         return near
 
-    def segments_are_clear(
-        self, one: FloatArray, other: FloatArray, samples: int = SAMPLES
-    ) -> BoolArray:
+    def are_clear(self, one: FloatArray, other: FloatArray, samples: int = SAMPLES) -> BoolArray:
         """Return which segments between positions, (E, 3), clear the obstacles at rest, (E,)."""
         parts = np.linspace(0.0, 1.0, samples)[:, None, None]
         x, lengths = one + parts * (other - one), np.linalg.norm(other - one, axis=1)
@@ -181,9 +179,7 @@ class Lattice:
         """Return the numbers of nearby points that a collision-free segment joins to a position."""
         for steps in (1, 2):
             near = self.near(position, steps)
-            near = near[
-                self.segments_are_clear(np.tile(position, (len(near), 1)), self.points[near])
-            ]
+            near = near[self.are_clear(np.tile(position, (len(near), 1)), self.points[near])]
             if len(near) > 0:
                 break
         return near

@@ -8,12 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.planning.path_search.lattice import (
-    BYTES_PER_POINT,
-    PEAK_BYTES_PER_POINT,
-    Lattice,
-    Raster,
-)
+from drake_rho.planning.path_search.lattice import PEAK_BYTES, STEADY_BYTES, Lattice, Raster
 from drake_rho.planning.path_search.moving_obstacles import (
     Bounds,
     Moving,
@@ -203,10 +198,8 @@ def space_time_size(scenario: Scenario, resolution: Resolution) -> Size:
     values = largest * len(resolution.times)
     legs = np.array([1 + len(vehicle.waypoints) for vehicle in scenario.vehicles])
     searches = _SEARCH_BYTES * float(np.sum(counts[kinds] * legs))
-    finding = max(
-        (PEAK_BYTES_PER_POINT - BYTES_PER_POINT) * largest, 4.0 * values + _MOVES_BYTES * largest
-    )
-    taken = BYTES_PER_POINT * float(counts.sum()) + searches + finding
+    finding = max((PEAK_BYTES - STEADY_BYTES) * largest, 4.0 * values + _MOVES_BYTES * largest)
+    taken = STEADY_BYTES * float(counts.sum()) + searches + finding
     return Size(taken / (1.0 - _BLOCKED), values)
 
 

@@ -166,7 +166,7 @@ class SpaceTimeSearch:
         if not np.isfinite(self.length):
             return None
         self._obstacles, self._vehicles = obstacles, vehicles
-        self._departure_costs, self._arrival_costs, self._waiting_costs = self._links()
+        self._exit_costs, self._entry_costs, self._wait_costs = self._links()
         lower, upper = (np.broadcast_to(side, (len(progress), 3)) for side in reach)
         values = self._filled(progress, lower, upper)
         return self._backtracked(values)
@@ -216,11 +216,9 @@ class SpaceTimeSearch:
             arrivals.ravel()[self._vehicles.blocked[t]] += _CONFLICT
             arrivals.ravel()[self._obstacles.blocked[t]] = np.inf
             np.min(arrivals, axis=0, out=after[:F])
-            after[self._begin] = np.minimum(
-                after[self._begin], values[t, F] + self._departure_costs[t]
-            )
-            after[F:] = values[t, F:] + self._waiting_costs[t]
-            after[F + 1] = min(after[F + 1], np.min(values[t, self._end] + self._arrival_costs[t]))
+            after[self._begin] = np.minimum(after[self._begin], values[t, F] + self._exit_costs[t])
+            after[F:] = values[t, F:] + self._wait_costs[t]
+            after[F + 1] = min(after[F + 1], np.min(values[t, self._end] + self._entry_costs[t]))
             after += timing_cost * (left - (1.0 - progress[t + 1])) ** 2
             self._bound(after, lower[t + 1], upper[t + 1])
         return values
@@ -242,20 +240,20 @@ class SpaceTimeSearch:
             return None
         path, conflicts = [F + 1], 0
         for t in range(M - 1, -1, -1):
-            origins, costs = self._arrivals(path[-1], t)
+            origins, costs = self._predecessors(path[-1], t)
             best = int(np.argmin(values[t, origins] + costs))
             conflicts += bool(costs[best] >= _CONFLICT)
             path.append(int(origins[best]))
         return SpaceTimePath(self._at(np.array(path[::-1])), conflicts)
 
-    def _arrivals(self, number: int, t: int) -> tuple[IntArray, FloatArray]:
+    def _predecessors(self, number: int, t: int) -> tuple[IntArray, FloatArray]:
         """Return the points from which a point can be reached in a layer, with the move costs."""
         F = self._count
         if number == F:
-            return np.array([F]), self._waiting_costs[t, :1]
+            return np.array([F]), self._wait_costs[t, :1]
         if number == F + 1:
             return np.append(self._end, F + 1), np.append(
-                self._arrival_costs[t], self._waiting_costs[t, 1]
+                self._entry_costs[t], self._wait_costs[t, 1]
             )
         moves = np.arange(len(MOVES)) * F + number
         costs = self._costs.copy()
@@ -264,9 +262,8 @@ class SpaceTimeSearch:
         origins = self._lattice.neighbors[::-1, number]
         origins, costs = origins[origins < F], costs[origins < F]
         first = self._begin == number
-        return np.append(origins, np.full(first.sum(), F)), np.append(
-            costs, self._departure_costs[t, first]
-        )
+        origins = np.append(origins, np.full(first.sum(), F))
+        return origins, np.append(costs, self._exit_costs[t, first])
 
 
 def _among(numbers: IntArray, known: IntArray) -> BoolArray:
