@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flown import Flown
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
 from drake_rho.scenario.records import Grid
@@ -55,7 +56,7 @@ def check_rate(rate: float | None) -> None:
         raise ValueError(f"rate: got {rate:g}, expected {expected}")
 
 
-def sample(flown: Plan | Flight | Simulation, elapsed: FloatArray) -> Samples:
+def sample(flown: Flown, elapsed: FloatArray) -> Samples:
     """Return the states at some times since the first knot [s], shape (M,).
 
     States at knots equal those of the plan to the last digit. From the last knot on, positions and
@@ -67,7 +68,10 @@ def sample(flown: Plan | Flight | Simulation, elapsed: FloatArray) -> Samples:
     """
     scenario = flown.scenario
     known = np.minimum(elapsed, scenario.grid.elapsed[-1])
-    p, v, a = _true(flown, known) if isinstance(flown, Simulation) else _planned(flown, known)
+    if flown.simulation is not None:
+        p, v, a = _true(flown.simulation, known)
+    else:
+        p, v, a = _planned(flown.plan, known)
     ended = elapsed >= scenario.grid.elapsed[-1] - _SAME * scenario.grid.step
     names = tuple(vehicle.name for vehicle in scenario.vehicles)
     a = np.where(ended[:, None], 0.0, a)
@@ -78,8 +82,7 @@ def sample(flown: Plan | Flight | Simulation, elapsed: FloatArray) -> Samples:
     return Samples(names, scenario.grid.start + elapsed, p, v, a)
 
 
-def _planned(flown: Plan | Flight, elapsed: FloatArray) -> tuple[FloatArray, ...]:
-    plan = flown.plan if isinstance(flown, Flight) else flown
+def _planned(plan: Plan, elapsed: FloatArray) -> tuple[FloatArray, ...]:
     motion, knots = plan.motion(), plan.scenario.grid.elapsed
     p, v, a = (motion.at(each, elapsed) for each in ("position", "velocity", "acceleration"))
     k = np.minimum(np.searchsorted(knots, elapsed), len(knots) - 1)
@@ -88,11 +91,11 @@ def _planned(flown: Plan | Flight, elapsed: FloatArray) -> tuple[FloatArray, ...
     return p, v, a
 
 
-def _true(flown: Simulation, elapsed: FloatArray) -> tuple[FloatArray, ...]:
-    times = flown.scenario.grid.start + elapsed
-    m = np.searchsorted(np.asarray(flown.elapsed), elapsed, side="right") - 1
-    a = flown.accelerations[np.clip(m, 0, len(flown.times) - 2)]
-    return *flown.states(times), np.moveaxis(a, 0, 1)
+def _true(simulation: Simulation, elapsed: FloatArray) -> tuple[FloatArray, ...]:
+    times = simulation.scenario.grid.start + elapsed
+    m = np.searchsorted(np.asarray(simulation.elapsed), elapsed, side="right") - 1
+    a = simulation.accelerations[np.clip(m, 0, len(simulation.times) - 2)]
+    return *simulation.states(times), np.moveaxis(a, 0, 1)
 
 
 def evenly(grid: Grid, rate: float) -> FloatArray:

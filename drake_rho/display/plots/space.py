@@ -16,7 +16,7 @@ from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import Drawn, Flown, drawn, planned, windows_of
+from drake_rho.display.common.drawable import Drawn, drawn, planned
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.shape_faces import surface
@@ -33,6 +33,7 @@ from drake_rho.display.plots.draw_order import draw_line, layers, ranks
 from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import width_of
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
+from drake_rho.motion.flown import Flown
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
@@ -173,7 +174,7 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
         For each window, the pieces of what was flown of it.
     """
     lines: list[list[Line3D]] = []
-    whole, windows = drawn(flown), windows_of(flown)
+    whole, windows = drawn(flown), flown.windows
     grid, times = whole.scenario.grid, dense_times(whole)
     true = whole.motion().at("position", times)
     ends = [*(window.first_knot for window in windows[1:]), grid.knots - 1]
