@@ -11,13 +11,12 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Grid
 
 RATES = (0.0, 1000.0)
 """Range of sample rates [1/s], from above the first to the second inclusive: clocks of autopilots
 and of drone shows count milliseconds."""
-_SAME = 1e-9
-"""Part of a step by which a time may differ from a knot and still count as that knot."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ def sample(flown: Flown, elapsed: FloatArray) -> Samples:
         p, v, a = _true(flown.simulation, known)
     else:
         p, v, a = _planned(flown.plan, known)
-    ended = elapsed >= scenario.grid.elapsed[-1] - _SAME * scenario.grid.step
+    ended = elapsed >= scenario.grid.elapsed[-1] - SAME_TIME * scenario.grid.step
     names = tuple(vehicle.name for vehicle in scenario.vehicles)
     a = np.where(ended[:, None], 0.0, a)
     if not all(np.all(np.abs(each) <= LARGEST) for each in (p, v, a)):
@@ -100,9 +99,9 @@ def _true(simulation: Simulation, elapsed: FloatArray) -> tuple[FloatArray, ...]
 
 def evenly(grid: Grid, rate: float) -> FloatArray:
     """Return times since the first knot at a rate [1/s], followed by the end [s], shape (M,)."""
-    count = int(grid.duration * rate * (1.0 + _SAME))
+    count = int(grid.duration * rate * (1.0 + SAME_TIME))
     times = np.arange(count + 1) / rate
-    return np.append(times[times < grid.elapsed[-1] - _SAME * grid.step], grid.elapsed[-1])
+    return np.append(times[times < grid.elapsed[-1] - SAME_TIME * grid.step], grid.elapsed[-1])
 
 
 def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
@@ -116,7 +115,7 @@ def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
         return knots, np.arange(len(knots))
     times = evenly(grid, rate)
     nearest = np.clip(np.rint(times / grid.step).astype(np.int64), 0, len(knots) - 1)
-    times = np.union1d(times[np.abs(times - knots[nearest]) > _SAME * grid.step], knots)
+    times = np.union1d(times[np.abs(times - knots[nearest]) > SAME_TIME * grid.step], knots)
     return times, np.searchsorted(times, knots)
 
 

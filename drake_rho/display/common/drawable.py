@@ -14,6 +14,7 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario, Separation
 
 _MAX_PLANNED = 14
@@ -117,7 +118,7 @@ class Planned:
 
     def in_force(self, times: FloatArray) -> BoolArray:
         """Tell at which times since its first knot [s] the plan was in force."""
-        return times <= self.until + 1e-9 * self.plan.scenario.grid.step
+        return times <= self.until + SAME_TIME * self.plan.scenario.grid.step
 
 
 def planned(shown: Drawn) -> list[Planned]:

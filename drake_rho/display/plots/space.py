@@ -35,6 +35,7 @@ from drake_rho.display.plots.legends import width_of
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 
 MAX_LABELLED = 6
@@ -182,7 +183,8 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
         first = window.first_knot
         paths = window.plan.motion().at("position", dense_times(window.plan))
         begin, end = grid.elapsed[[first, last]]
-        part = (times >= begin - 1e-9) & (times <= end + 1e-9)
+        slack = SAME_TIME * grid.step
+        part = (times >= begin - slack) & (times <= end + slack)
         lines.append([])
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
