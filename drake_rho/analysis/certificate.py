@@ -247,7 +247,7 @@ def certify(
         True
     """
     backend = Backend.of(solver)
-    plan = flown.plan if isinstance(flown, Flight) else flown
+    plan = flown.plan
     scenario, vehicles = plan.scenario, len(plan.scenario.vehicles)
     if vehicles > MOST_CERTIFIED_TOGETHER:  # without separation the bound is lower, but still valid
         scenario = scenario.without_separation()

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.simulation import Simulation
 from drake_rho.verification.report import Report
 from drake_rho.verification.verify import verify
@@ -33,12 +33,12 @@ class Evaluation:
     """number of quadratic programs solved"""
 
 
-def evaluate(flown: Plan | Flight | Simulation) -> Evaluation:
+def evaluate(flown: Flown) -> Evaluation:
     """Evaluate a plan, a flight as flown, or the true motion of a simulation."""
-    report, simulation = verify(flown), flown if isinstance(flown, Simulation) else None
+    report, simulation = verify(flown), flown.simulation
     return Evaluation(
         violated=_worst(report),
-        cost=flown.flight.cost if isinstance(flown, Simulation) else flown.cost,
+        cost=flown.cost,
         obstacle_clearance=_least(report, "obstacle "),
         separation_clearance=_least(report, "separation"),
         tube_share=None if simulation is None else _share_of_tube(simulation),

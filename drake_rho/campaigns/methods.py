@@ -16,8 +16,8 @@ from drake_rho.analysis.certificate import certify
 from drake_rho.campaigns.evaluation import Evaluation, evaluate
 from drake_rho.campaigns.functions import check_arguments, name_of, named
 from drake_rho.campaigns.wind_models import AnyWind
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Flight, Plan
-from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.constraints.separation import CouplingName
 from drake_rho.planning.horizon.receding_horizon import plan_rho
 from drake_rho.planning.horizon.windows import free_reference, tail_reference
@@ -30,7 +30,6 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import fly
 from drake_rho.simulation.simulate import simulate
 
-Planned = Plan | Flight | Simulation
 ReplanEvery = Annotated[Count, Field(ge=1)]
 
 _REFERENCES = {"free": free_reference, "tail": tail_reference}
@@ -45,7 +44,7 @@ _WINDOWS: dict[str, tuple[Any, Any]] = {
 class Found:
     """Result of a method for one scenario."""
 
-    planned: Planned
+    planned: Flown
     """plan, flight or simulation"""
     evaluation: Evaluation
     """evaluation of it by `verify`"""
@@ -213,7 +212,7 @@ class ByFunction(Method):
         began = time.perf_counter()
         planned = named(self.function)(scenario, **self.arguments)
         seconds = time.perf_counter() - began
-        if not isinstance(planned, Planned):
+        if not isinstance(planned, Flown):
             kind = type(planned).__name__
             raise TypeError(f"{self.function}: got {kind}, expected a plan, flight or simulation")
         if planned.scenario != scenario:  # else it would be verified against another scenario
@@ -233,11 +232,10 @@ def _found(work: Callable[..., Plan | Flight], solver: SolverName, bounded: bool
     return _evaluated(planned, planned.statistics.seconds, bounded)
 
 
-def _evaluated(planned: Planned, seconds: float, bounded: bool = False) -> Found:
+def _evaluated(planned: Flown, seconds: float, bounded: bool = False) -> Found:
     """Return a result with its evaluation and, if `bounded`, a lower bound of the cost."""
     began = time.perf_counter()
     evaluation = evaluate(planned)
     verify_seconds = time.perf_counter() - began
-    flight = planned.flight if isinstance(planned, Simulation) else planned
-    bound = certify(flight).lower_bound if bounded else None
+    bound = certify(planned.flight or planned.plan).lower_bound if bounded else None
     return Found(planned, evaluation, seconds, verify_seconds, bound)

@@ -28,14 +28,13 @@ from drake_rho.campaigns.statistics import (
 from drake_rho.campaigns.store import COLUMNS, StoreError, reading
 from drake_rho.campaigns.tables import tables
 from drake_rho.motion.files import load
+from drake_rho.motion.flown import Flown
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.files import replacing
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from drake_rho.motion.plan import Flight, Plan
-    from drake_rho.motion.simulation import Simulation
 
 ENDINGS = (".csv", ".parquet")
 """Endings of the files that `Results.export` writes."""
@@ -120,7 +119,7 @@ class Results:
                 writer.writerows(connection.execute(f"SELECT {', '.join(COLUMNS)} FROM runs"))  # noqa: S608
             text.detach()
 
-    def plan(self, key: str) -> Plan | Flight | Simulation:
+    def plan(self, key: str) -> Flown:
         """Return the plan, flight or simulation of a run, if the study keeps plans.
 
         Raises:

@@ -50,8 +50,9 @@ from drake_rho.cli.simulation import simulate
 from drake_rho.cli.sources import read, refuse_options
 from drake_rho.cli.streams import pipe_safe
 from drake_rho.cli.verification import certify, diagnose, verify
-from drake_rho.display.common.drawable import Flown, drawn
+from drake_rho.display.common.drawable import drawn
 from drake_rho.motion.files import load
+from drake_rho.motion.flown import Flown
 from drake_rho.paper.study import REPEATS, run_study
 from drake_rho.planning.horizon.receding_horizon import plan_rho
 from drake_rho.planning.planners.plan import plan as best_plan

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Literal
 
 import numpy as np
 
@@ -25,10 +24,8 @@ from drake_rho.cli.documents import (
     WindowRow,
 )
 from drake_rho.cli.summary import errors_of
-from drake_rho.display.common.drawable import Flown
 from drake_rho.exports.record import Exported as Written
-from drake_rho.motion.plan import Flight, Plan
-from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.flown import Flown
 from drake_rho.paper.study import Example, Study
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.report import Check, Report
@@ -51,18 +48,16 @@ def verified(
         file: path of the saved result; None if it was not saved.
         figures: paths of the figures.
     """
-    flight = flown.flight if isinstance(flown, Simulation) else flown
-    windows = flight.windows if isinstance(flight, Flight) else ()
-    statistics = flight.statistics
+    statistics, simulation = flown.statistics, flown.simulation
     return Verified(
         status=0 if report.ok else 1,
-        kind=_kind(flown),
+        kind=flown.kind,
         scenario=flown.scenario.name,
         vehicles=len(flown.scenario.vehicles),
         knots=flown.scenario.grid.knots,
         step_s=flown.scenario.grid.step,
         ok=report.ok,
-        cost=flight.cost,
+        cost=flown.cost,
         seconds=statistics.seconds,
         programs=statistics.programs,
         linearisations=statistics.linearisations,
@@ -72,10 +67,10 @@ def verified(
         solver=statistics.solver,
         clearance_m=_least(report, "obstacle "),
         separation_m=_least(report, "separation"),
-        windows=len(windows) if isinstance(flight, Flight) else None,
+        windows=None if flown.flight is None else len(flown.windows),
         windows_without_plan=[
             WindowRow(first_knot=each.first_knot + 1, kept=each.kept, reason=each.infeasible)
-            for each in windows
+            for each in flown.windows
             if each.infeasible
         ],
         sightings=[
@@ -87,7 +82,7 @@ def verified(
             )
             for each in report.sightings
         ],
-        errors=errors_of(flown) if isinstance(flown, Simulation) else [],
+        errors=[] if simulation is None else errors_of(simulation),
         wind=wind,
         notes=list(report.notes),
         violations=[_check(each) for each in report.violations],
@@ -217,12 +212,6 @@ def _check(check: Check) -> CheckRow:
         holds=check.holds,
         asked=check.asked,
     )
-
-
-def _kind(flown: Flown) -> Literal["plan", "flight", "simulation"]:
-    if isinstance(flown, Plan):
-        return "plan"
-    return "flight" if isinstance(flown, Flight) else "simulation"
 
 
 def _least(report: Report, constraint: str) -> float | None:

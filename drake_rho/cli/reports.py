@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from rich.markup import escape
 from rich.table import Table
@@ -11,10 +11,9 @@ from drake_rho.cli import described
 from drake_rho.cli.checks import Drawing
 from drake_rho.cli.console import out, tell, working
 from drake_rho.cli.summary import simulation_table
-from drake_rho.display.common.drawable import Flown
 from drake_rho.motion.files import save
-from drake_rho.motion.plan import Flight
-from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.flown import Flown
+from drake_rho.motion.plan import Window
 from drake_rho.verification.report import Report, verdict
 from drake_rho.verification.verify import verify
 
@@ -61,20 +60,19 @@ def report(flown: Flown) -> int:
 def _text(flown: Flown, verified: Report) -> Iterator[str | Table]:
     """Yield the report, then the cost and the work of planning, or the errors of a simulation."""
     yield from _report(verified)
-    if isinstance(flown, Simulation):
-        yield from _windows_without_plan(flown.flight)
-        yield simulation_table(flown)
+    if flown.simulation is not None:
+        yield from _windows_without_plan(flown.windows)
+        yield simulation_table(flown.simulation)
         return
-    plan = flown.plan if isinstance(flown, Flight) else flown
-    numbers = plan.statistics
+    numbers = flown.statistics
     yield (
-        f"cost {plan.cost:.6f} m²/s⁴; step {plan.scenario.grid.step:g} s; "
+        f"cost {flown.cost:.6f} m²/s⁴; step {flown.scenario.grid.step:g} s; "
         f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver or 'no solver'}"
     )
-    if isinstance(flown, Flight):
+    if flown.flight is not None:
         without = sum(bool(window.infeasible) for window in flown.windows)
         yield f"{len(flown.windows)} windows, {without} of them without a plan of their own"
-        yield from _windows_without_plan(flown)
+        yield from _windows_without_plan(flown.windows)
     if numbers.tolerance is not None and numbers.converged:
         decrease = f"less than {100 * numbers.tolerance:g} %"
         yield f"converged: the last linearisation lowered the cost by {decrease}"
@@ -109,9 +107,9 @@ def _report(verified: Report) -> Iterator[str | Table]:
     yield from printed.below
 
 
-def _windows_without_plan(flight: Flight) -> Iterator[str]:
+def _windows_without_plan(windows: Sequence[Window]) -> Iterator[str]:
     """Yield a line for each window without a plan of its own: what was flown, and the reason."""
-    for window in flight.windows:
+    for window in windows:
         if window.infeasible:
             flown = "previous plan" if window.kept else "least-violation motion"
             yield f"  from knot {window.first_knot + 1}, {flown}: {window.infeasible}"

@@ -7,8 +7,8 @@ from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 
-from drake_rho.display.common.drawable import Flown
 from drake_rho.motion.files import PlanFileError, load
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.tables import is_table
 from drake_rho.scenario.errors import ScenarioError, Words
 from drake_rho.scenario.files import library, load_scenario

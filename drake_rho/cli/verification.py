@@ -23,7 +23,6 @@ from drake_rho.cli.options import (
 )
 from drake_rho.cli.reports import report
 from drake_rho.cli.sources import load_result, read
-from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.programs.backend import SOLVERS
 
 
@@ -56,11 +55,14 @@ def certify(
     The exit status is 0 even if a gap remains.
     """
     flown = load_result(file)
-    if isinstance(flown, Simulation):
+    if flown.simulation is not None:
         raise ValueError(f"{file}: got a simulation, expected a plan or a flight")
     with working("computing a lower bound") as work, stopping_early():
         certificate = certificate_of(
-            flown, solver=SOLVERS[solver](), progress=work, time_limit=time_limit
+            flown.flight or flown.plan,
+            solver=SOLVERS[solver](),
+            progress=work,
+            time_limit=time_limit,
         )
     return answer(described.certified(certificate), str(certificate))
 

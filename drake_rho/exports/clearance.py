@@ -6,8 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.motion.plan import Flight, Plan
-from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.flown import Flown
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.report import Check
@@ -46,7 +45,7 @@ class Spare:
         return f"{spare}: they may now be violated by up to {-self.left:.3g} m"
 
 
-def spare(flown: Plan | Flight | Simulation, deviations: FloatArray) -> Spare:
+def spare(flown: Flown, deviations: FloatArray) -> Spare:
     """Return the clearance that remains wherever vehicles are within their deviations.
 
     Args:

@@ -12,8 +12,7 @@ from drake_rho.exports.format import Format, exported, planned
 from drake_rho.exports.pieces import DEGREE, Pieces, as_pieces
 from drake_rho.exports.record import Exported
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.plan import Flight, Plan
-from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.tables import write_rows
 
 MAX_PIECES = 31
@@ -30,7 +29,7 @@ class Crazyswarm(Format):
     folder = True
     rated = False
 
-    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write a file for each vehicle, named after it."""
         motion = _with_two_steps(planned(flown, self.name).motion())
         names = file_names((vehicle.name for vehicle in flown.scenario.vehicles), ".csv")

@@ -10,8 +10,7 @@ from drake_rho.exports.px4 import Px4
 from drake_rho.exports.record import Exported
 from drake_rho.exports.skybrush import Skybrush
 from drake_rho.exports.states import Csv, Json
-from drake_rho.motion.plan import Flight, Plan
-from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 
 FORMATS: dict[str, Format] = {
@@ -44,9 +43,7 @@ TREATMENT = {
 
 
 @checked
-def export(
-    flown: Plan | Flight | Simulation, path: str | Path, *, format: str, rate: float | None = None
-) -> Exported:
+def export(flown: Flown, path: str | Path, *, format: str, rate: float | None = None) -> Exported:
     """Write a motion in the format of another program, completely or not at all.
 
     `docs/export.md` describes the formats.

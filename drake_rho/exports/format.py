@@ -13,9 +13,9 @@ import numpy as np
 from drake_rho.exports.clearance import spare
 from drake_rho.exports.folders import check_folder
 from drake_rho.exports.record import Exported
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flown import Flown
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.samples import check_rate
-from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import check_replaceable
 
@@ -68,24 +68,24 @@ class Format(ABC):
         return ", or ".join(kinds)
 
     @abstractmethod
-    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write a motion, completely or not at all; None for `rate` [1/s] means the default."""
 
 
-def planned(flown: Plan | Flight | Simulation, format: str) -> Plan:
+def planned(flown: Flown, format: str) -> Plan:
     """Return the plan to write in a format for motions that are still to be flown.
 
     Raises:
         ValueError: a simulation was given, whose motion has already been flown.
     """
-    if isinstance(flown, Simulation):
+    if flown.simulation is not None:
         expected = f"a plan or a flight with {format}, as what is to be flown"
         raise ValueError(f"flown: got a simulation, expected {expected}")
-    return flown.plan if isinstance(flown, Flight) else flown
+    return flown.plan
 
 
 def exported(
-    flown: Plan | Flight | Simulation,
+    flown: Flown,
     path: Path,
     files: Iterable[Path],
     words: str,

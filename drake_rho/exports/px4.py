@@ -13,9 +13,8 @@ import numpy as np
 from drake_rho.exports.format import Format, exported, planned
 from drake_rho.exports.milliseconds import milliseconds
 from drake_rho.exports.record import Exported
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.samples import Samples, sample
-from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tables import write_rows
 from drake_rho.scenario.files import replacing
 
@@ -41,7 +40,7 @@ class Px4(Format):
     name = "px4"
     endings = (".csv",)
 
-    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write the rows in the order of time, and of vehicles at equal times.
 
         Raises:

@@ -11,9 +11,8 @@ from drake_rho.exports.folders import file_names, write_archive, write_folder
 from drake_rho.exports.format import Format, exported
 from drake_rho.exports.milliseconds import milliseconds
 from drake_rho.exports.record import Exported
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.samples import sample
-from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tables import write_rows
 from drake_rho.scenario.fields import FloatArray, IntArray
 
@@ -30,7 +29,7 @@ class Skybrush(Format):
     endings = (".zip",)
     folder = True
 
-    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write a file for each vehicle, named after it."""
         ticks = milliseconds(flown.scenario.grid, rate or RATE)
         samples = sample(flown, ticks / 1000.0)
@@ -53,18 +52,15 @@ def _table(ticks: IntArray, positions: FloatArray) -> bytes:
     return file.getvalue()
 
 
-def _chord_deviations(flown: Plan | Flight | Simulation, ticks: IntArray) -> FloatArray:
+def _chord_deviations(flown: Flown, ticks: IntArray) -> FloatArray:
     """Return upper bounds of the distance between motions and straight lines between samples [m].
 
     A motion whose acceleration is at most a is within a w²/8 of the line between two of its points
     that are a time w apart. The shape is (N,).
     """
-    if isinstance(flown, Simulation):
-        accelerations = np.moveaxis(flown.accelerations, 0, 1)
-    else:
-        accelerations = (
-            flown.plan.accelerations if isinstance(flown, Flight) else flown.accelerations
-        )
+    accelerations = flown.plan.accelerations
+    if flown.simulation is not None:
+        accelerations = np.moveaxis(flown.simulation.accelerations, 0, 1)
     longest = float(np.diff(ticks).max(initial=0)) / 1000.0
     most = np.linalg.norm(accelerations, axis=-1).max(axis=-1)
     return np.asarray(most * longest**2 / 8.0)

@@ -7,9 +7,8 @@ from pathlib import Path
 from drake_rho.exports.format import Format, exported
 from drake_rho.exports.record import Exported
 from drake_rho.motion.documents import write_document
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.samples import sample, with_knots
-from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.tables import write_table
 from drake_rho.scenario.files import replacing
 
@@ -23,7 +22,7 @@ class Csv(Format):
     name = "csv"
     endings = (".csv",)
 
-    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write one row for each vehicle and time."""
         times, _ = with_knots(flown.scenario.grid, rate or RATE)
         samples = sample(flown, times)
@@ -38,7 +37,7 @@ class Json(Format):
     name = "json"
     endings = (".json",)
 
-    def write(self, flown: Plan | Flight | Simulation, path: Path, rate: float | None) -> Exported:
+    def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write one document, which `load` reads as the same plan."""
         with replacing(path) as file:
             write_document(file, flown, rate)

@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flown import Flown
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.samples import sample, with_knots
-from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import scenario_from_json, scenario_to_json
@@ -47,14 +47,12 @@ class _Document:
 _DOCUMENT = TypeAdapter(_Document)
 
 
-def write_document(
-    file: IO[bytes], flown: Plan | Flight | Simulation, rate: float | None = None
-) -> None:
+def write_document(file: IO[bytes], flown: Flown, rate: float | None = None) -> None:
     """Write the states at every knot and, if a rate is given [1/s], at that rate as well."""
     times, knots = with_knots(flown.scenario.grid, rate)
     samples = sample(flown, times)
     content = {
-        "format": _TRUE if isinstance(flown, Simulation) else _PLAN,
+        "format": _PLAN if flown.simulation is None else _TRUE,
         "units": UNITS,
         "scenario": json.loads(scenario_to_json(flown.scenario)),
         "statistics": TypeAdapter(Statistics).dump_python(flown.statistics, mode="json"),

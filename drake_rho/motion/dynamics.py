@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.fleet import Fleet
-from drake_rho.scenario.parts import Quantity, State
+from drake_rho.scenario.parts import SAME_TIME, Quantity, State
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -219,9 +219,6 @@ def vectors_of(array: FloatArray, vehicles: IntArray, k: IntArray) -> FloatArray
 ORDERS: dict[Quantity, int] = {"position": 2, "velocity": 1, "acceleration": 0}
 """Number of integrations from the acceleration to each quantity."""
 
-_KNOT = 1e-9
-"""Part of a step by which a time may precede a knot and still count as that knot."""
-
 
 def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) -> FloatArray:
     """Return the response of a quantity to one unit of each acceleration, (10)-(11) at any time.
@@ -248,7 +245,7 @@ def response(quantity: Quantity, step: float, knots: int, times: npt.ArrayLike) 
         return jerk
     m, s = ORDERS[quantity], times[:, None] - h * np.arange(knots - 1)
     if m == 0:
-        acted: FloatArray = ((s >= -_KNOT * h) & (s < h - _KNOT * h)).astype(np.float64)
+        acted: FloatArray = ((s >= -SAME_TIME * h) & (s < h - SAME_TIME * h)).astype(np.float64)
         return acted
     acted = np.minimum(np.maximum(s, 0.0), h)  # time during which a[j] has acted: s+ - (s - h)+
     if m == 1:
@@ -277,5 +274,5 @@ def sparse_response(quantity: Quantity, step: float, knots: int, times: FloatArr
 
 def step_at(times: FloatArray, step: float) -> IntArray:
     """Return the number of the step, from 0, that contains or begins at each time; not clipped."""
-    k: IntArray = np.floor(times / step + _KNOT).astype(np.int64)
+    k: IntArray = np.floor(times / step + SAME_TIME).astype(np.int64)
     return k

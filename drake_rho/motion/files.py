@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 
 from drake_rho.motion.documents import is_document, read_document
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.statistics import Statistics
@@ -54,7 +55,7 @@ class PlanFileError(DrakeRhoError, ValueError):
 
 
 @checked
-def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
+def save(planned: Flown, path: str | Path) -> None:
     """Write a plan, a flight or a simulation. The file is written completely or not at all.
 
     Args:
@@ -75,19 +76,17 @@ def save(planned: Plan | Flight | Simulation, path: str | Path) -> None:
         raise ValueError(
             f"{path}: got {ending}, expected the ending {' or '.join(ENDINGS)} or none"
         )
-    content: dict[str, Any]
-    if isinstance(planned, Simulation):
-        content = {"format": _SIMULATION} | _pack_flight(planned.flight) | _pack_simulation(planned)
-    elif isinstance(planned, Flight):
-        content = {"format": _FLIGHT} | _pack_flight(planned)
-    else:
-        content = {"format": _PLAN} | _pack("plan", planned)
+    content = {"format": f"drake_rho {planned.kind} 1"} | _pack("plan", planned.plan)
+    if planned.flight is not None:
+        content |= _pack_windows(planned.windows)
+    if planned.simulation is not None:
+        content |= _pack_simulation(planned.simulation)
     with replacing(path) as file:
         np.savez_compressed(file, **content)
 
 
 @checked
-def load(path: str | Path, scenario: Scenario | None = None) -> Plan | Flight | Simulation:
+def load(path: str | Path, scenario: Scenario | None = None) -> Flown:
     """Read a file written by `save`, or a plan that `export` has written as JSON or CSV.
 
     Args:
@@ -141,7 +140,7 @@ def _read_text(path: str | Path, content: bytes, scenario: Scenario | None) -> P
     raise PlanFileError(f"{path}: not a plan or flight of drake_rho, or damaged")
 
 
-def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | Flight | Simulation:
+def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Flown:
     form = str(content["format"]) if "format" in content else ""
     if form not in {_PLAN, _FLIGHT, _SIMULATION}:
         raise PlanFileError(f"{path}: not a plan or flight of this version of drake_rho")
@@ -163,11 +162,11 @@ def _unpack_all(path: str | Path, content: Mapping[str, np.ndarray]) -> Plan | F
     return flight if form == _FLIGHT else _unpack_simulation(flight, content)
 
 
-def _pack_flight(flight: Flight) -> dict[str, Any]:
-    windows = flight.windows
-    content = _pack("plan", flight.plan)
-    content["first_knots"] = [window.first_knot for window in windows]
-    content["infeasible"] = [window.infeasible for window in windows]
+def _pack_windows(windows: Sequence[Window]) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "first_knots": [window.first_knot for window in windows],
+        "infeasible": [window.infeasible for window in windows],
+    }
     for name in _WINDOW_FIELDS:
         values = [getattr(window, name) for window in windows]
         if name != "unseen" or any(values):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
@@ -106,6 +106,34 @@ class Plan(metaclass=Described):
         """Return the plan with its reference, of which only the motion is stored."""
         motion = unchecked(reference, reference=None, statistics=Statistics())
         return unchecked(self, reference=motion)
+
+    @property
+    def kind(self) -> Literal["plan"]:
+        """Kind of the record."""
+        return "plan"
+
+    @property
+    def plan(self) -> Plan:
+        """The plan itself."""
+        return self
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """Windows of a receding horizon: none."""
+        return ()
+
+    @property
+    def sightings(self) -> tuple[Sighting, ...]:
+        """Obstacles that became known during the flight: none."""
+        return ()
+
+    @property
+    def flight(self) -> None:
+        """Flight in windows: none."""
+
+    @property
+    def simulation(self) -> None:
+        """Simulation of the motion: none."""
 
     @property
     def times(self) -> FloatArray:
@@ -296,6 +324,20 @@ class Flight(metaclass=Described):
         """Return '<Flight of paper: 4 vehicles, 50 knots, 10 windows, cost 17027.2 m²/s⁴>'."""
         scenario, windows = summary(self.scenario), len(self.windows)
         return f"<Flight of {scenario}, {windows} windows, cost {self.cost:.6g} m²/s⁴>"
+
+    @property
+    def kind(self) -> Literal["flight"]:
+        """Kind of the record."""
+        return "flight"
+
+    @property
+    def flight(self) -> Flight:
+        """The flight itself."""
+        return self
+
+    @property
+    def simulation(self) -> None:
+        """Simulation of the flight: none."""
 
     @property
     def scenario(self) -> Scenario:

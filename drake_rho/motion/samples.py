@@ -7,16 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flown import Flown
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Grid
 
 RATES = (0.0, 1000.0)
 """Range of sample rates [1/s], from above the first to the second inclusive: clocks of autopilots
 and of drone shows count milliseconds."""
-_SAME = 1e-9
-"""Part of a step by which a time may differ from a knot and still count as that knot."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ def check_rate(rate: float | None) -> None:
         raise ValueError(f"rate: got {rate:g}, expected {expected}")
 
 
-def sample(flown: Plan | Flight | Simulation, elapsed: FloatArray) -> Samples:
+def sample(flown: Flown, elapsed: FloatArray) -> Samples:
     """Return the states at some times since the first knot [s], shape (M,).
 
     States at knots equal those of the plan to the last digit. From the last knot on, positions and
@@ -67,8 +67,11 @@ def sample(flown: Plan | Flight | Simulation, elapsed: FloatArray) -> Samples:
     """
     scenario = flown.scenario
     known = np.minimum(elapsed, scenario.grid.elapsed[-1])
-    p, v, a = _true(flown, known) if isinstance(flown, Simulation) else _planned(flown, known)
-    ended = elapsed >= scenario.grid.elapsed[-1] - _SAME * scenario.grid.step
+    if flown.simulation is not None:
+        p, v, a = _true(flown.simulation, known)
+    else:
+        p, v, a = _planned(flown.plan, known)
+    ended = elapsed >= scenario.grid.elapsed[-1] - SAME_TIME * scenario.grid.step
     names = tuple(vehicle.name for vehicle in scenario.vehicles)
     a = np.where(ended[:, None], 0.0, a)
     if not all(np.all(np.abs(each) <= LARGEST) for each in (p, v, a)):
@@ -78,8 +81,7 @@ def sample(flown: Plan | Flight | Simulation, elapsed: FloatArray) -> Samples:
     return Samples(names, scenario.grid.start + elapsed, p, v, a)
 
 
-def _planned(flown: Plan | Flight, elapsed: FloatArray) -> tuple[FloatArray, ...]:
-    plan = flown.plan if isinstance(flown, Flight) else flown
+def _planned(plan: Plan, elapsed: FloatArray) -> tuple[FloatArray, ...]:
     motion, knots = plan.motion(), plan.scenario.grid.elapsed
     p, v, a = (motion.at(each, elapsed) for each in ("position", "velocity", "acceleration"))
     k = np.minimum(np.searchsorted(knots, elapsed), len(knots) - 1)
@@ -88,18 +90,18 @@ def _planned(flown: Plan | Flight, elapsed: FloatArray) -> tuple[FloatArray, ...
     return p, v, a
 
 
-def _true(flown: Simulation, elapsed: FloatArray) -> tuple[FloatArray, ...]:
-    times = flown.scenario.grid.start + elapsed
-    m = np.searchsorted(np.asarray(flown.elapsed), elapsed, side="right") - 1
-    a = flown.accelerations[np.clip(m, 0, len(flown.times) - 2)]
-    return *flown.states(times), np.moveaxis(a, 0, 1)
+def _true(simulation: Simulation, elapsed: FloatArray) -> tuple[FloatArray, ...]:
+    times = simulation.scenario.grid.start + elapsed
+    m = np.searchsorted(np.asarray(simulation.elapsed), elapsed, side="right") - 1
+    a = simulation.accelerations[np.clip(m, 0, len(simulation.times) - 2)]
+    return *simulation.states(times), np.moveaxis(a, 0, 1)
 
 
 def evenly(grid: Grid, rate: float) -> FloatArray:
     """Return times since the first knot at a rate [1/s], followed by the end [s], shape (M,)."""
-    count = int(grid.duration * rate * (1.0 + _SAME))
+    count = int(grid.duration * rate * (1.0 + SAME_TIME))
     times = np.arange(count + 1) / rate
-    return np.append(times[times < grid.elapsed[-1] - _SAME * grid.step], grid.elapsed[-1])
+    return np.append(times[times < grid.elapsed[-1] - SAME_TIME * grid.step], grid.elapsed[-1])
 
 
 def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
@@ -113,7 +115,7 @@ def with_knots(grid: Grid, rate: float | None) -> tuple[FloatArray, IntArray]:
         return knots, np.arange(len(knots))
     times = evenly(grid, rate)
     nearest = np.clip(np.rint(times / grid.step).astype(np.int64), 0, len(knots) - 1)
-    times = np.union1d(times[np.abs(times - knots[nearest]) > _SAME * grid.step], knots)
+    times = np.union1d(times[np.abs(times - knots[nearest]) > SAME_TIME * grid.step], knots)
     return times, np.searchsorted(times, knots)
 
 

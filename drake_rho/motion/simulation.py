@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.plan import Flight, summary
+from drake_rho.motion.plan import Flight, Plan, Sighting, Window, summary
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import ErrorTube, error_tube, tube_of
 from drake_rho.scenario.described import Described
@@ -80,6 +81,36 @@ class Simulation(metaclass=Described):
         return self.flight.scenario
 
     @property
+    def kind(self) -> Literal["simulation"]:
+        """Kind of the record."""
+        return "simulation"
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation itself."""
+        return self
+
+    @property
+    def plan(self) -> Plan:
+        """Motion that the accelerations of all windows give without wind."""
+        return self.flight.plan
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """Predictions of which the flight consists, in the order of time."""
+        return self.flight.windows
+
+    @property
+    def sightings(self) -> tuple[Sighting, ...]:
+        """Obstacles that became known during the flight, in the order of time."""
+        return self.flight.sightings
+
+    @property
+    def cost(self) -> float:
+        """Performance index (13) of the planned accelerations [m²/s⁴]."""
+        return self.flight.cost
+
+    @property
     def statistics(self) -> Statistics:
         """Planning statistics of all windows together."""
         return self.flight.statistics
@@ -142,7 +173,7 @@ class Simulation(metaclass=Described):
         values = np.empty((len(elapsed), len(self.scenario.vehicles), 3))
         in_force = self._window_at(elapsed)
         for number in np.unique(in_force):
-            window, here = self.flight.windows[number], in_force == number
+            window, here = self.windows[number], in_force == number
             found = window.plan.motion().at(quantity, elapsed[here] - h * window.first_knot)
             values[here] = np.moveaxis(found, 0, 1)
         return values
@@ -180,7 +211,7 @@ class Simulation(metaclass=Described):
     def tubes(self) -> tuple[ErrorTube, ...]:
         """Error tubes around the plans of all windows."""
         tubes: list[ErrorTube] = []
-        for window in self.flight.windows:
+        for window in self.windows:
             tube = tube_of(window.plan.scenario)
             same = bool(tubes) and (tube.grid, tube.initial) == (tubes[-1].grid, tubes[-1].initial)
             tubes.append(tubes[-1] if same else tube)
@@ -202,7 +233,7 @@ class Simulation(metaclass=Described):
     def _window_at(self, elapsed: FloatArray) -> IntArray:
         """Return the number of the window in force at times since the first knot [s], (T,)."""
         grid = self.scenario.grid
-        knots = np.array([window.first_knot for window in self.flight.windows])
+        knots = np.array([window.first_knot for window in self.windows])
         passed = (elapsed + grid.rounding) / grid.step
         return np.asarray(np.maximum(np.searchsorted(knots, passed, side="right") - 1, 0))
 

@@ -21,14 +21,11 @@ from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
-from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.scenario.parts import SAME_TIME, Grid, Quantity
 from drake_rho.scenario.records import Scenario
 
 _ROUND = 32
 """Number of steps to a multiple of which cached radii are computed."""
-
-_SAMPLE = 1e-9
-"""Part of a sample by which a time may precede a sample and still count as that sample."""
 
 
 class Greatest(NamedTuple):
@@ -225,7 +222,7 @@ class ErrorTube(metaclass=Described):
     def _slack(self) -> float:
         """Part of a sample that counts as zero, due to the rounding of a clock far from zero."""
         largest = max(abs(self.grid.start), abs(self.grid.end))
-        return max(_SAMPLE, 8.0 * np.finfo(np.float64).eps * largest / self.sample)
+        return max(SAME_TIME, 8.0 * np.finfo(np.float64).eps * largest / self.sample)
 
     @cached_property
     def _radii(self) -> Radii:

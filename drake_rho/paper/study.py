@@ -156,9 +156,8 @@ def run_study(advance: Callable[[str], None] = lambda done: None) -> Study:
 def _example(number: int, method: str, obstacle: str, runs: list[Plan | Flight]) -> Example:
     runs = sorted(runs, key=lambda run: run.statistics.seconds)
     result = runs[len(runs) // 2]  # the median; the runs differ only in time
-    flight = result if isinstance(result, Flight) else None
-    plan = result.plan if isinstance(result, Flight) else result
-    return Example(number, method, obstacle, plan, flight, verify(plan), certify(plan))
+    plan = result.plan
+    return Example(number, method, obstacle, plan, result.flight, verify(plan), certify(plan))
 
 
 def _obstacle_ignored(study: Study) -> Claim:

@@ -8,6 +8,7 @@ from rich.table import Table
 
 from drake_rho.paper.study import REPEATS, Example, Study
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import UNITS
 
 
 def study_table(study: Study) -> Table:
@@ -34,8 +35,8 @@ def study_table(study: Study) -> Table:
             name = escape(vehicle.name)
             table.add_row(f"clearance {when}, {name} {_unit('m')}", *row)
     for quantity, name, unit in (
-        ("speed", "velocities", "m/s"),
-        ("acceleration", "accelerations", "m/s²"),
+        ("speed", "velocities", UNITS["velocity"]),
+        ("acceleration", "accelerations", UNITS["acceleration"]),
     ):
         values = [getattr(example.plan, name) for example in examples]
         lengths = (np.linalg.norm(value, axis=2) for value in values)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import LARGEST, NO_TRUTH, Finite, Positive, record, unchecked
-from drake_rho.scenario.parts import Grid
+from drake_rho.scenario.parts import SAME_TIME, Grid
 
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NO_TRUTH]
 
@@ -93,7 +93,7 @@ class Disturbance:
         if self.feedback_every is None:
             return
         parts, most = grid.step / self.feedback_every, _most_per_step(grid)
-        if not 1 <= round(parts) <= most or abs(parts - round(parts)) > 1e-9 * parts:
+        if not 1 <= round(parts) <= most or abs(parts - round(parts)) > SAME_TIME * parts:
             expected = f"a time that divides the step, {grid.step:g} s, into 1 to {most} parts"
             raise ScenarioError("disturbance.feedback_every", self.feedback_every, expected)
 
@@ -115,7 +115,7 @@ class Disturbance:
         """
         if self.feedback_every is None:
             return self
-        parts = math.ceil(grid.step / self.feedback_every * (1.0 - 1e-9))
+        parts = math.ceil(grid.step / self.feedback_every * (1.0 - SAME_TIME))
         parts = min(max(parts, 1), _most_per_step(grid))
         return unchecked(self, feedback_every=grid.step / parts)
 

@@ -39,8 +39,17 @@ Quantity = Literal["position", "velocity", "acceleration", "jerk"]
 Airframe = Literal["aircraft", "quadrotor"]
 """Airframes as which a vehicle can be drawn."""
 
-_SAME = 1e-9
-"""Part of a step by which two times may differ and still count as equal."""
+UNITS: dict[Quantity, str] = {
+    "position": "m",
+    "velocity": "m/s",
+    "acceleration": "m/s²",
+    "jerk": "m/s³",
+}
+"""SI units of the quantities."""
+
+SAME_TIME = 1e-9
+"""Part of a step, or of a sample of the feedback, by which two times may differ and still count as
+equal."""
 
 _ROUNDINGS = 8.0
 """Multiple of the clock's rounding by which two times may differ and still count as equal: it
@@ -79,7 +88,7 @@ class Grid:
             if not 1.0 / LARGEST <= value <= LARGEST:  # also true for NaN
                 raise ScenarioError(field, value, "a time above 0 in seconds")
         steps = duration / step
-        if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
+        if round(steps) < 1 or abs(steps - round(steps)) > SAME_TIME * steps:
             raise ScenarioError("step", step, f"a step that divides the duration, {duration:g} s")
         return cls(duration / round(steps), round(steps) + 1, start)
 
@@ -110,7 +119,7 @@ class Grid:
         Times far from 0 are rounded: today's Unix time to 2.4e-7 s.
         """
         largest = max(abs(self.start), abs(self.end))
-        return max(_SAME * self.step, _ROUNDINGS * sys.float_info.epsilon * largest)
+        return max(SAME_TIME * self.step, _ROUNDINGS * sys.float_info.epsilon * largest)
 
     def from_knot(self, knot: int) -> Grid:
         """Return the remainder of the grid from a knot on, counted from 0."""

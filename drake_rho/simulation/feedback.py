@@ -21,6 +21,7 @@ from drake_rho.motion.plan import Flight, Window
 from drake_rho.motion.tube import error_tube
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 
 
@@ -133,7 +134,7 @@ class Feedback:
         """
         plan, h = window.plan, self.scenario.grid.step
         s = elapsed - h * window.first_knot
-        k = max(int(s / h + 1e-9), 0)
+        k = max(int(s / h + SAME_TIME), 0)
         if k >= plan.accelerations.shape[1]:
             k = plan.accelerations.shape[1]
             v = plan.velocities[:, k]

@@ -25,14 +25,12 @@ from drake_rho.motion.plan import Flight
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.estimates import EstimationErrors
 from drake_rho.simulation.feedback import Feedback, Horizon, Memory
 from drake_rho.simulation.timeline import Timeline
 from drake_rho.simulation.winds import Wind, checked_wind
-
-_EARLY = 1e-9
-"""Fraction of a sample by which a time may precede the sample and still count as it."""
 
 
 class RecedingHorizonController(LeafSystem):
@@ -82,7 +80,7 @@ class RecedingHorizonController(LeafSystem):
         return EventStatus.DidNothing()
 
     def _update(self, context: Context, state: State) -> EventStatus:
-        j = int(context.get_time() / self._feedback.sample + _EARLY)
+        j = int(context.get_time() / self._feedback.sample + SAME_TIME)
         estimate = self._states.Eval(context).reshape(-1, 6)
         memory = self._feedback.next(self._remembered(context), j, estimate)
         state.get_mutable_abstract_state(self._memory).set_value(memory)
@@ -189,6 +187,6 @@ class Estimator(LeafSystem):
         self.DeclareVectorOutputPort("states", count, self._estimate)
 
     def _estimate(self, context: Context, output: BasicVector) -> None:
-        j = int(context.get_time() / self._sample + _EARLY)
+        j = int(context.get_time() / self._sample + SAME_TIME)
         true: FloatArray = self._true.Eval(context).reshape(-1, 6)
         output.SetFromVector(self._errors.added_to(j, true).reshape(-1))

@@ -8,14 +8,12 @@ import numpy as np
 
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.winds import Wind
 
 _PARTS = 10
 """Smallest number of simulation steps in a sample of the feedback."""
-
-_SAME = 1e-9
-"""Fraction of a sample by which two times may differ and still count as equal."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,11 +38,11 @@ class Timeline:
         """
         grid, disturbance = scenario.grid, scenario.disturbance or Disturbance(0.0)
         sample, count = disturbance.sample(grid), disturbance.samples(grid)
-        parts = max(_PARTS, int(np.ceil(sample / longest * (1.0 - _SAME))))
+        parts = max(_PARTS, int(np.ceil(sample / longest * (1.0 - SAME_TIME))))
         begins = sample * np.arange(count + 1)
         regular = (begins[:-1, None] + sample / parts * np.arange(parts)).reshape(-1)
         regular = np.append(regular, begins[-1])
-        apart = max(_SAME * sample, grid.rounding)
+        apart = max(SAME_TIME * sample, grid.rounding)
         elapsed = np.union1d(regular, _between(_changes(scenario, wind), regular, apart))
         samples = np.searchsorted(elapsed, begins)
         times = grid.start + elapsed
@@ -56,7 +54,7 @@ class Timeline:
 
         The elapsed time is since the first knot [s]; rounding errors in it do not matter.
         """
-        early = _SAME * self.elapsed[self.samples[1]]
+        early = SAME_TIME * self.elapsed[self.samples[1]]
         k = int(np.searchsorted(self.elapsed, elapsed + early, side="right")) - 1
         return float(self.times[max(k, 0)])
 

@@ -19,12 +19,9 @@ from drake_rho.motion.tube import ErrorTube, error_tube
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
-from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.parts import SAME_TIME, Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.winds import WindOverTime, unit
-
-_EARLY = 1e-9
-"""Fraction of a sample by which a time may precede a switching time and still count as it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -109,7 +106,7 @@ def worst_case(
         locked(disturbance.velocity_error * np.multiply.outer(errors[1], d)),
         locked(tube.initial[0] * first[0] * d),
         locked(tube.initial[1] * first[1] * d),
-        max(_EARLY * tube.sample, tube.grid.rounding),
+        max(SAME_TIME * tube.sample, tube.grid.rounding),
     )
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.norms import NormLimit
-from drake_rho.scenario.parts import GRAVITY
+from drake_rho.scenario.parts import GRAVITY, UNITS
 from drake_rho.verification.between_samples import Greatest, greatest_velocity
-from drake_rho.verification.report import UNITS, Column
+from drake_rho.verification.report import Column
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 

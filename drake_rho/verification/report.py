@@ -11,18 +11,10 @@ from drake_rho.motion.plan import Sighting
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.records import Quantity, Scenario
+from drake_rho.scenario.records import Scenario
 
 AT_KNOTS, AT_ALL_TIMES = "at knots", "at all times"
 """Instants at which a constraint is verified, as named in `Check.part`."""
-
-UNITS: dict[Quantity, str] = {
-    "position": "m",
-    "velocity": "m/s",
-    "acceleration": "m/s²",
-    "jerk": "m/s³",
-}
-"""SI units of the quantities that a box can bound."""
 
 PRECISION = 0.01
 """Precision of the worst values between the knots, as a fraction of a constraint's tolerance."""

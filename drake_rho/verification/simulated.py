@@ -8,6 +8,7 @@ import numpy as np
 
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.verification.report import Column
 from drake_rho.verification.states import check_flown, check_goal
 from drake_rho.verification.trajectory import PiecewiseTrajectory
@@ -15,9 +16,6 @@ from drake_rho.verification.trajectory import PiecewiseTrajectory
 POINT_MASS = "point mass"
 """Plant whose motion follows exactly from the record. The motion of other plants is known at the
 recorded times only; between them accelerations are taken as constant."""
-
-_KNOT = 1e-9
-"""Fraction of a step by which a time may differ from a knot and still count as that knot."""
 
 
 def trajectory_of(simulation: Simulation) -> PiecewiseTrajectory:
@@ -50,7 +48,7 @@ def trajectory_of(simulation: Simulation) -> PiecewiseTrajectory:
 def _knots(simulation: Simulation, elapsed: FloatArray) -> BoolArray:
     """Return which of the times are knots of the grid."""
     passed = elapsed / simulation.scenario.grid.step
-    knots: BoolArray = np.abs(passed - np.rint(passed)) <= _KNOT
+    knots: BoolArray = np.abs(passed - np.rint(passed)) <= SAME_TIME
     return knots
 
 

@@ -9,13 +9,10 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.tubes import ErrorRadii, Tubes
-
-_INSTANT = 1e-9
-"""Fraction of the shortest piece by which a time may precede an instant and still belong to the
-piece that begins there."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,7 +79,7 @@ class PiecewiseTrajectory:
     def each_at(self, vehicles: IntArray, times: FloatArray) -> FloatArray:
         """Return the position of one vehicle at each of M times on the scenario's clock, (M, 3)."""
         times = times - self.scenario.grid.start
-        near = _INSTANT * self.durations.min()
+        near = SAME_TIME * self.durations.min()
         k = np.searchsorted(self.elapsed, times + near, side="right") - 1
         k = np.clip(k, 0, len(self.durations) - 1)
         s = (times - self.elapsed[k])[:, None]

@@ -20,7 +20,7 @@ from typing import Self
 
 import numpy as np
 
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.tube import ErrorTube, tube_of
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
@@ -40,11 +40,11 @@ class Tubes:
     """time from which each tube is valid, on the scenario's clock [s], increasing, shape (T,)"""
 
     @classmethod
-    def of(cls, flown: Plan | Flight) -> Self | None:
-        """Return the tube of a plan or those of a flight's windows; None without a disturbance."""
+    def of(cls, flown: Flown) -> Self | None:
+        """Return the tube of a plan or those of all windows; None without a disturbance."""
         if flown.scenario.disturbance is None:
             return None
-        if isinstance(flown, Plan):
+        if flown.flight is None:
             return cls((tube_of(flown.scenario),), np.array([flown.scenario.grid.start]))
         grid = flown.scenario.grid
         knots = np.array([window.first_knot for window in flown.windows])

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.plan import Flight, Plan, Sighting
-from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.flown import Flown
+from drake_rho.motion.plan import Sighting
 from drake_rho.scenario.arguments import checked
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.kinds import refuse_unchecked
@@ -27,7 +27,7 @@ __all__ = ["Check", "Report", "verify"]
 
 
 @checked
-def verify(flown: Plan | Flight | Simulation) -> Report:
+def verify(flown: Flown) -> Report:
     """Verify every constraint of a scenario for a plan, a flight or a simulation.
 
     Positions and velocities are integrated anew from the initial states and the accelerations;
@@ -70,12 +70,12 @@ def verify(flown: Plan | Flight | Simulation) -> Report:
         True
     """
     with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
-        if isinstance(flown, Simulation):
-            trajectory = trajectory_of(flown)
-            jerks = flown.flight.plan.motion().jerks()
-            own, notes = check_simulated(flown, trajectory), notes_on_simulation(flown, trajectory)
+        if (simulation := flown.simulation) is not None:
+            trajectory, jerks = trajectory_of(simulation), flown.plan.motion().jerks()
+            own = check_simulated(simulation, trajectory)
+            notes = notes_on_simulation(simulation, trajectory)
         else:
-            plan = flown.plan if isinstance(flown, Flight) else flown
+            plan = flown.plan
             fleet, grid = plan.scenario.fleet, plan.scenario.grid
             motion = Motion.from_starts(fleet, plan.accelerations, grid.step)
             trajectory = PiecewiseTrajectory.of(plan.scenario, motion, Tubes.of(flown))
@@ -100,7 +100,7 @@ def verify(flown: Plan | Flight | Simulation) -> Report:
     hit = {check.constraint for check in checks if not check.holds}
     sightings = tuple(
         dataclasses.replace(each, avoided=_is_avoided(each) and each.obstacle not in hit)
-        for each in _sightings(flown)
+        for each in flown.sightings
     )
     return Report(scenario, checks, sightings, (*notes, *notes_on_tracks(scenario)))
 
@@ -111,10 +111,3 @@ def _is_avoided(sighting: Sighting) -> bool:
     In the latter case the motion alone decides.
     """
     return sighting.avoided or not sighting.planned_for
-
-
-def _sightings(flown: Plan | Flight | Simulation) -> tuple[Sighting, ...]:
-    """Return the obstacles that became known during a flight; none for a plan."""
-    if isinstance(flown, Plan):
-        return ()
-    return (flown.flight if isinstance(flown, Simulation) else flown).sightings

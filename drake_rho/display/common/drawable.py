@@ -10,13 +10,13 @@ import numpy as np
 
 from drake_rho.motion.clearance import CloseApproaches, closest_over_time
 from drake_rho.motion.dynamics import Motion
-from drake_rho.motion.plan import Flight, Plan, Window
+from drake_rho.motion.flown import Flown
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario, Separation
 
-Flown = Plan | Flight | Simulation
-"""A plan, a flight or a simulation."""
 _MAX_PLANNED = 14
 """Largest number of vehicles whose plans are drawn beside their true motion."""
 _PER_STEP = 12
@@ -104,16 +104,7 @@ class TrueMotion:
 
 def drawn(flown: Flown) -> Drawn:
     """Return the motion to draw: of a flight its plan, of a simulation the true motion."""
-    if isinstance(flown, Simulation):
-        return TrueMotion(flown)
-    return flown.plan if isinstance(flown, Flight) else flown
-
-
-def windows_of(flown: Flown) -> tuple[Window, ...]:
-    """Return the receding-horizon windows; none for a plan."""
-    if isinstance(flown, Simulation):
-        return flown.flight.windows
-    return flown.windows if isinstance(flown, Flight) else ()
+    return flown.plan if flown.simulation is None else TrueMotion(flown.simulation)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -127,7 +118,7 @@ class Planned:
 
     def in_force(self, times: FloatArray) -> BoolArray:
         """Tell at which times since its first knot [s] the plan was in force."""
-        return times <= self.until + 1e-9 * self.plan.scenario.grid.step
+        return times <= self.until + SAME_TIME * self.plan.scenario.grid.step
 
 
 def planned(shown: Drawn) -> list[Planned]:
@@ -138,7 +129,7 @@ def planned(shown: Drawn) -> list[Planned]:
     """
     if not isinstance(shown, TrueMotion) or len(shown.scenario.vehicles) > _MAX_PLANNED:
         return []
-    grid, windows = shown.scenario.grid, shown.simulation.flight.windows
+    grid, windows = shown.scenario.grid, shown.simulation.windows
     ends = [*(window.first_knot for window in windows[1:]), grid.knots - 1]
     return [
         Planned(window.plan, grid.step * (end - window.first_knot))
@@ -158,7 +149,7 @@ def planned_jerks(shown: Drawn) -> FloatArray:
 
     The first is no number where no acceleration is given before it.
     """
-    flown = shown.simulation.flight.plan if isinstance(shown, TrueMotion) else shown
+    flown = shown.simulation.plan if isinstance(shown, TrueMotion) else shown
     return flown.motion().jerks()
 
 
@@ -172,6 +163,4 @@ def commands(shown: Drawn) -> tuple[FloatArray, FloatArray]:
     if isinstance(shown, TrueMotion):
         record = shown.simulation
         return record.times, np.swapaxes(record.commands[:-1], 0, 1)
-    if isinstance(shown, Plan):
-        return shown.times, shown.accelerations
     return shown.times, shown.motion().accelerations

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from drake_rho.display.common.drawable import Drawn, Flown, drawn, windows_of
+from drake_rho.display.common.drawable import Drawn, drawn
 from drake_rho.display.meshcat.obstacles import add_obstacles, record_obstacles
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.ports import address_of, on_free_port
@@ -22,7 +22,7 @@ from drake_rho.display.meshcat.scene import (
 from drake_rho.display.meshcat.trails import record_light_trails, record_predictions, record_trails
 from drake_rho.display.meshcat.tubes_and_wind import add_disturbed, record_disturbed
 from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles, record_vehicles
-from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 
 _OBJECTS_PER_VEHICLE = 4
@@ -57,7 +57,7 @@ class Stage:
             raise ValueError(f"rate: got {rate}, expected a positive number")
         shown = drawn(flown)
         scene = Scene.of(shown)
-        disturbed = isinstance(flown, Simulation) and not scene.light
+        disturbed = flown.simulation is not None and not scene.light
         playback = Playback.of(shown, rate, _OBJECTS_PER_VEHICLE if disturbed else 1)
         return cls(flown, shown, scene, playback, Vehicles.of(scene, shown, playback))
 
@@ -142,10 +142,10 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
     if trails:
         (record_light_trails if scene.light else record_trails)(meshcat, scene, plan, playback)
     if not scene.light:
-        record_predictions(meshcat, windows_of(stage.flown), playback)
-        if isinstance(stage.flown, Simulation):
-            add_disturbed(meshcat, scene, stage.flown, vehicles)
-            record_disturbed(meshcat, stage.flown, vehicles, playback)
+        record_predictions(meshcat, stage.flown.windows, playback)
+        if (simulation := stage.flown.simulation) is not None:
+            add_disturbed(meshcat, scene, simulation, vehicles)
+            record_disturbed(meshcat, simulation, vehicles, playback)
     meshcat.StopRecording()
     meshcat.PublishRecording()
 

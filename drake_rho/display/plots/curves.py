@@ -39,6 +39,7 @@ from drake_rho.display.plots.legends import add_above, width_of
 from drake_rho.display.plots.overlapping_curves import marks_every, show_overlapping
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.norms import Norm
+from drake_rho.scenario.parts import UNITS, Quantity
 
 _NORM_LABELS: dict[Norm, str] = {
     "max_speed": r"$\Vert v \Vert$ [m/s]",
@@ -110,7 +111,7 @@ def draw_velocities(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
             draw_curve(ax, plan, i, (drawn, exact[i, :, axis]), (plan.times, knots[i, :, axis]))
             for i in range(len(exact))
         ]
-        _finish_component(ax, plan, "velocity", "v", "m/s", axis)
+        _finish_component(ax, plan, "velocity", "v", axis)
         _widen_flat_range(ax, exact)
         _show_overlapping(ax, plan, lines[-len(exact) :])
     axes[-1].set_xlabel("time [s]")
@@ -124,7 +125,7 @@ def draw_accelerations(axes: Sequence[Axes], plan: Drawn) -> list[Line2D]:
     values = _rounded(values)
     for axis, ax in enumerate(axes):
         lines += [_draw_steps(ax, plan, i, times, values[i, :, axis]) for i in range(len(values))]
-        _finish_component(ax, plan, "acceleration", "a", "m/s²", axis)
+        _finish_component(ax, plan, "acceleration", "a", axis)
         _widen_flat_range(ax, values)
         _show_overlapping(ax, plan, lines[-len(values) :])
     axes[-1].set_xlabel("time [s]")
@@ -249,13 +250,11 @@ def _widen_flat_range(ax: Axes, values: FloatArray) -> None:
         ax.set_ylim(middle - _FLAT_RANGE * largest, middle + _FLAT_RANGE * largest)
 
 
-def _finish_component(
-    ax: Axes, plan: Drawn, quantity: str, letter: str, unit: str, axis: int
-) -> None:
+def _finish_component(ax: Axes, plan: Drawn, quantity: Quantity, letter: str, axis: int) -> None:
     for vehicle in plan.scenario.vehicles:
         box = getattr(plan.scenario.limits_of(vehicle), quantity)
         if box is not None:
             ax.axhline(box.lower[axis], **LIMIT_STYLE)
             ax.axhline(box.upper[axis], **LIMIT_STYLE)
-    ax.set_ylabel(f"${letter}_{'xyz'[axis]}$ [{unit}]")
+    ax.set_ylabel(f"${letter}_{'xyz'[axis]}$ [{UNITS[quantity]}]")
     ax.set_xlim(plan.scenario.grid.start, plan.scenario.grid.end)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.drawable import Drawn, Flown, drawn, planned
+from drake_rho.display.common.drawable import Drawn, drawn, planned
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import (
     as_obstacles,
@@ -35,6 +35,7 @@ from drake_rho.display.plots.legends import (
 from drake_rho.display.plots.path_figure import paths_figure
 from drake_rho.display.plots.publish import save_figure, styled
 from drake_rho.display.plots.tube_errors import LABELS, draw_errors, tube_handle
+from drake_rho.motion.flown import Flown
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.obstacles import Obstacle
@@ -166,7 +167,7 @@ def write_figures(
     if scenario.separation is not None and len(scenario.vehicles) > 1:
         draw["separation"] = separation_figure
     draw |= {"velocities": velocities_figure, "accelerations": accelerations_figure}
-    if isinstance(flown, Simulation):
+    if flown.simulation is not None:
         draw["errors"] = errors_figure
     figures = {name: each(flown, width=width) for name, each in draw.items()}
     folder = Path(folder)

@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
-from drake_rho.display.common.drawable import Flown, drawn, planned, windows_of
+from drake_rho.display.common.drawable import drawn, planned
 from drake_rho.display.common.obstacle_snapshots import (
     approaches,
     as_obstacles,
@@ -42,7 +42,7 @@ from drake_rho.display.plots.space import (
     draw_planned_paths,
     draw_windows,
 )
-from drake_rho.motion.plan import Flight
+from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape
@@ -87,8 +87,8 @@ def paths_figure(
     """
     plan, figure = drawn(flown), Figure(figsize=(check_width(width), width))
     bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
-    shown, windows = snapshots(plan, bodies), windows_of(flown)
-    in_windows = len(windows) > 1 or isinstance(flown, Flight)
+    shown, windows = snapshots(plan, bodies), flown.windows
+    in_windows = len(windows) > 1 or flown.kind == "flight"
     ax = figure.add_subplot(axes_class=SceneAxes)
     passed = [each.position for vehicle in plan.scenario.vehicles for each in vehicle.waypoints]
     flights = [plan, *(window.plan for window in windows)]
@@ -130,9 +130,9 @@ def paths_figure(
 
 def _notes(figure: Figure, flown: Flown, bodies: Sequence[Obstacle]) -> list[str]:
     """Explain the marks and lines of paths, in lines as wide as the figure, the lowest first."""
-    plan, windows = drawn(flown), windows_of(flown)
+    plan, windows = drawn(flown), flown.windows
     words = ["ring: start", "star: goal"]
-    if len(windows) > 1 or isinstance(flown, Flight):
+    if len(windows) > 1 or flown.kind == "flight":
         words = ["thick: flown", "thin: the rest of each window's prediction", *words]
     else:
         if len(plan.positions) <= MAX_NAMED:

@@ -16,7 +16,7 @@ from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import Drawn, Flown, drawn, planned, windows_of
+from drake_rho.display.common.drawable import Drawn, drawn, planned
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.shape_faces import surface
@@ -33,7 +33,9 @@ from drake_rho.display.plots.draw_order import draw_line, layers, ranks
 from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import width_of
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
+from drake_rho.motion.flown import Flown
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 
 MAX_LABELLED = 6
@@ -173,7 +175,7 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
         For each window, the pieces of its flown part.
     """
     lines: list[list[Line3D]] = []
-    whole, windows = drawn(flown), windows_of(flown)
+    whole, windows = drawn(flown), flown.windows
     grid, times = whole.scenario.grid, dense_times(whole)
     true = whole.motion().at("position", times)
     ends = [*(window.first_knot for window in windows[1:]), grid.knots - 1]
@@ -181,7 +183,8 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
         first = window.first_knot
         paths = window.plan.motion().at("position", dense_times(window.plan))
         begin, end = grid.elapsed[[first, last]]
-        part = (times >= begin - 1e-9) & (times <= end + 1e-9)
+        slack = SAME_TIME * grid.step
+        part = (times >= begin - slack) & (times <= end + slack)
         lines.append([])
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)

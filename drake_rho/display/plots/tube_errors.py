@@ -18,19 +18,18 @@ from drake_rho.display.common.style import EXTREMUM_STYLE, FORBIDDEN, vehicle_co
 from drake_rho.display.plots.legends import add_above
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.parts import UNITS, Quantity
 
 LABELS: dict[Quantity, str] = {
-    "position": "position error [m]",
-    "velocity": "velocity error [m/s]",
-    "acceleration": "feedback [m/s²]",
+    "position": f"position error [{UNITS['position']}]",
+    "velocity": f"velocity error [{UNITS['velocity']}]",
+    "acceleration": f"feedback [{UNITS['acceleration']}]",
 }
 """Axis labels of the quantities that have a tube."""
 _TUBE = "#4A4A4A"
 """Colour of the radii."""
 _TOP = 1.1
 """Upper limit of the axes, over the greatest radius or error."""
-_UNITS: dict[Quantity, str] = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 _ROUNDING = 1e-9
 """Rounding error of a motion, over its scale, which does not count as a tracking error."""
 
@@ -116,7 +115,7 @@ def _draw_greatest(
     m, i = np.unravel_index(np.argmax(each.errors), each.errors.shape)
     error, time = each.errors[m, i], each.times[m]
     name = as_text(brief(simulation.scenario.vehicles[int(i)].name))
-    label = f"{error:.3g} {_UNITS[quantity]} at {time:.4g} s: {name}"
+    label = f"{error:.3g} {UNITS[quantity]} at {time:.4g} s: {name}"
     if any(window.radii.max() > 0.0 for window in windows):
         rounding = _ROUNDING * simulation.scenario.fleet.scale(quantity)
         label += f"; at most {100.0 * greatest_ratio(windows, rounding):.1f} % of the radius"

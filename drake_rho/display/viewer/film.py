@@ -18,6 +18,7 @@ from drake_rho.display.viewer.browser import browser
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import replacing
+from drake_rho.scenario.parts import SAME_TIME
 
 ENDINGS = (".mp4", ".gif")
 """Of films."""
@@ -80,7 +81,7 @@ class Footage:
         """
         rate = max(1.0, duration / _LONGEST) if rate is None else rate
         step = rate / _RATES[ending]
-        times = np.append(np.arange(0.0, duration - 1e-9 * step, step), duration)
+        times = np.append(np.arange(0.0, duration - SAME_TIME * step, step), duration)
         return cls(times, rate)
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import json
 from importlib.resources import files
 
-from drake_rho.display.common.drawable import Flown
 from drake_rho.display.meshcat.animation import Stage, draw, start_meshcat
 from drake_rho.display.viewer.payload import told
+from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 
 _OVERLAY = files("drake_rho.display.viewer") / "overlay"

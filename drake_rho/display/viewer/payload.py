@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex
 
-from drake_rho.display.common.drawable import windows_of
 from drake_rho.display.common.names import as_path, brief
 from drake_rho.display.common.style import VIEW_AZIMUTH, VIEW_ELEVATION, vehicle_colours
 from drake_rho.display.meshcat.animation import Stage
@@ -42,7 +41,7 @@ def told(stage: Stage) -> dict[str, object]:
         "clearances": _finite(np.round(found.clearances, decimals)),
         "nearest": found.nearest.tolist() if np.any(np.isfinite(found.clearances)) else [],
         "curves": _curves(stage, found, decimals),
-        "windows": first_times(windows_of(stage.flown)),
+        "windows": first_times(stage.flown.windows),
         "knotsOnly": not scenario.between_knots,
         "tolerance": TOLERANCE * scene.size,
         "outline": np.round(scene.outline, decimals).tolist(),
@@ -133,10 +132,10 @@ def _ranges(found: Readings) -> dict[str, list[float]]:
 def _layers(stage: Stage) -> list[dict[str, object]]:
     """What can be shown or hidden: its title, and where it is in the scene tree."""
     scenario, detailed = stage.shown.scenario, not stage.scene.light
-    simulation = stage.flown if isinstance(stage.flown, Simulation) and detailed else None
+    simulation = stage.flown.simulation if detailed else None
     entries = [
         ("Trails", ["trails"], True),
-        ("Predictions", ["predictions"], detailed and len(windows_of(stage.flown)) > 0),
+        ("Predictions", ["predictions"], detailed and len(stage.flown.windows) > 0),
         ("Tubes", ["tube", "tubes"], simulation is not None and has_tube(simulation)),
         ("Plans", ["planned"], simulation is not None),
         ("Wind", ["wind"], simulation is not None and strongest_wind(simulation) > 0.0),
@@ -158,7 +157,7 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
         entries.append(("ends", "start, and larger the goal"))
     else:
         entries.append(("goal", "goal"))
-    if detailed and len(windows_of(stage.flown)) > 0:
+    if detailed and len(stage.flown.windows) > 0:
         entries.append(
             ("prediction", "rest of the plan that is flown, in the colour of its window")
         )
@@ -173,8 +172,8 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     if scenario.separation is not None:
         far = f"{scenario.separation.distance:g} m"
         entries.append(("shell", f"half the separation of {far}: shells do not overlap"))
-    if isinstance(stage.flown, Simulation) and detailed:
-        entries += _disturbed(stage, stage.flown)
+    if stage.flown.simulation is not None and detailed:
+        entries += _disturbed(stage, stage.flown.simulation)
     return [{"sign": sign, "text": text} for sign, text in entries]
 
 

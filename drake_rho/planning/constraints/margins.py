@@ -10,11 +10,8 @@ import numpy as np
 from drake_rho.motion.dynamics import step_at
 from drake_rho.motion.tube import ErrorTube, tube_of
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import Grid, Quantity
+from drake_rho.scenario.parts import SAME_TIME, Grid, Quantity
 from drake_rho.scenario.records import Scenario
-
-_KNOT = 1e-9
-"""Part of a step by which a time may be past a knot and still count as that knot."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,7 +39,7 @@ class Margins:
             return np.zeros(times.shape)
         steps, knots = self.steps[quantity], self.knots[quantity]
         k = np.clip(step_at(times, self.grid.step), 0, len(knots) - 1)
-        at_knot = np.abs(times - self.grid.step * k) <= _KNOT * self.grid.step
+        at_knot = np.abs(times - self.grid.step * k) <= SAME_TIME * self.grid.step
         return np.where(at_knot, knots[k], steps[np.minimum(k, len(steps) - 1)])
 
     def exactly(self, times: FloatArray) -> FloatArray:

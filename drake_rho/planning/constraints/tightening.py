@@ -12,11 +12,10 @@ from drake_rho.planning.constraints.close_pairs import most_beside
 from drake_rho.planning.constraints.margins import Margins, PlanMargins, margins_of
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.parts import Quantity
+from drake_rho.scenario.parts import UNITS, Quantity
 from drake_rho.scenario.records import Scenario
 
 _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
-_UNITS = {"position": "m", "velocity": "m/s", "acceleration": "m/s²"}
 
 _WHERE = {0: "start", -1: "goal"}
 """Knots that are given, and what they are called."""
@@ -76,7 +75,7 @@ class Room:
 
     def reason(self, vehicle: int) -> str:
         """What is wrong with one vehicle, in words."""
-        unit, needed = _UNITS[self.quantity], np.broadcast_to(self.needed, self.room.shape)
+        unit, needed = UNITS[self.quantity], np.broadcast_to(self.needed, self.room.shape)
         room = float(self.room[vehicle])
         if needed[vehicle] <= 0.0:
             return f"{self.name} ({self.where} {-room:.3g} {unit} beyond)"
