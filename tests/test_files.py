@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.scenario.files import check_replaceable, replacing
+from drake_rho.system.files import atomic_write, check_replaceable
 from tests.scenarios import single
 
 
@@ -146,11 +146,11 @@ def test_what_is_no_such_file_is_refused(tmp_path: Path) -> None:
 def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_text("before")
-    with pytest.raises(TypeError), replacing(path) as file:  # noqa: PT012  # halfway
+    with pytest.raises(TypeError), atomic_write(path) as file:  # noqa: PT012  # halfway
         file.write(b"after")
         file.write("text where bytes belong")  # type: ignore[call-overload]  # tested
     assert path.read_text() == "before"
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         file.write(b"after")
     assert path.read_text() == "after"
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
@@ -172,7 +172,7 @@ def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
 
 def test_a_loop_of_links_is_an_error_and_stays(tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    with pytest.raises(OSError, match="symbolic links"), replacing(tmp_path / "loop"):
+    with pytest.raises(OSError, match="symbolic links"), atomic_write(tmp_path / "loop"):
         pass
     assert (tmp_path / "loop").is_symlink()
 
@@ -234,13 +234,13 @@ def test_links_are_followed_modes_kept_and_devices_refused(tmp_path: Path) -> No
     target.write_text("before")
     target.chmod(0o600)
     link.symlink_to(target)
-    with replacing(link) as file:
+    with atomic_write(link) as file:
         file.write(b"after")
     assert link.is_symlink()
     assert target.read_text() == "after"
     assert target.stat().st_mode & 0o777 == 0o600
     for nothing in (tmp_path, Path("/dev/null")):
-        with pytest.raises(OSError, match="not a regular file"), replacing(nothing):
+        with pytest.raises(OSError, match="not a regular file"), atomic_write(nothing):
             pass
 
 

@@ -11,8 +11,8 @@ from hypothesis import assume, given, settings
 from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
+from drake_rho.planning.call.options import DEFAULTS
 from drake_rho.planning.constraints.separation import decoupled
-from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.patience import PATIENCE, DeadEnds
 from drake_rho.planning.scp.restoration import SoftRows, restore_feasibility

@@ -14,9 +14,9 @@ import pytest
 
 import drake_rho as rho
 from drake_rho.cli.console import stopping_early
-from drake_rho.planning import time_limit
+from drake_rho.planning.call import time_limit
+from drake_rho.planning.call.time_limit import check_time, seconds_left, stoppable, within_time
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.time_limit import check_time, seconds_left, stoppable, within_time
 
 HURRY = rho.Scenario(
     "hurry",

@@ -24,17 +24,17 @@ import numpy as np
 
 from drake_rho.analysis.lagrangian import Lagrangian
 from drake_rho.motion.plan import Flight, Plan
+from drake_rho.planning.call.options import ALONE
+from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.call.time_limit import check_time, seconds_left, with_time_limit
 from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-from drake_rho.planning.options import ALONE
 from drake_rho.planning.planners.plan import plan_scp
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
-from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
-from drake_rho.planning.time_limit import check_time, seconds_left, with_time_limit
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray

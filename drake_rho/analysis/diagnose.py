@@ -9,17 +9,17 @@ from typing import Protocol
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.infeasible_subset import infeasible_subset
 from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.options import Options
+from drake_rho.planning.call.progress import Progress, tell, within
+from drake_rho.planning.call.time_limit import check_time, with_time_limit
+from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-from drake_rho.planning.options import Options
 from drake_rho.planning.planners.first_plan import first_plan, plan_near
 from drake_rho.planning.planners.plan import plan_scp
 from drake_rho.planning.planners.related import can_be_slower, paced, rescaled
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
-from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.scp.minimum_violation import minimum_violation
-from drake_rho.planning.time_limit import check_time, with_time_limit
-from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Limits, Scenario, Vehicle

@@ -18,10 +18,10 @@ from drake_rho.campaigns.functions import check_arguments, name_of, named
 from drake_rho.campaigns.wind_models import AnyWind
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Flight, Plan
+from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.separation import CouplingName
 from drake_rho.planning.horizon.receding_horizon import plan_rho
 from drake_rho.planning.horizon.windows import free_reference, tail_reference
-from drake_rho.planning.options import Options
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.programs.backend import SolverName

@@ -30,7 +30,7 @@ from drake_rho.campaigns.tables import tables
 from drake_rho.motion.files import load
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.files import replacing
+from drake_rho.system.files import atomic_write
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,7 +108,7 @@ class Results:
         ending = Path(path).suffix.lower()
         if ending not in ENDINGS:
             raise ValueError(f"{path}: got {ending!r}, expected the ending {' or '.join(ENDINGS)}")
-        with replacing(path) as file:
+        with atomic_write(path) as file:
             if ending == ".parquet":
                 self.frame().to_parquet(file, index=False)
                 return

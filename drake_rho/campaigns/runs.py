@@ -22,10 +22,10 @@ from drake_rho.campaigns.memory import peak_memory
 from drake_rho.campaigns.methods import AnyMethod, Found, Method
 from drake_rho.campaigns.sources import AnySource
 from drake_rho.motion.files import save
-from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
+from drake_rho.system.threads import one_for_arrays
 
 SOLVED, INFEASIBLE, FAILED, INVALID, ERROR = "solved", "infeasible", "failed", "invalid", "error"
 """Status of a run: planned or flown; no plan; failure of the solvers; draw that is not a valid

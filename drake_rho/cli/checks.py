@@ -12,7 +12,7 @@ from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
 from drake_rho.display.viewer.film import ENDINGS as ENDINGS_OF_FILMS
 from drake_rho.display.viewer.film import check_film
 from drake_rho.motion.files import ENDINGS
-from drake_rho.scenario.files import check_replaceable
+from drake_rho.system.files import check_replaceable
 
 
 @dataclasses.dataclass(frozen=True)

@@ -56,7 +56,8 @@ from drake_rho.motion.flown import Flown
 from drake_rho.paper.study import REPEATS, run_study
 from drake_rho.planning.horizon.receding_horizon import plan_rho
 from drake_rho.planning.planners.plan import plan as best_plan
-from drake_rho.scenario.files import replacing, scenario_schema
+from drake_rho.scenario.files import scenario_schema
+from drake_rho.system.files import atomic_write
 
 
 def reproduce(
@@ -160,7 +161,7 @@ def show(
         return _serve(page, host, port, browser=browser)
     written = []
     if html is not None:
-        with replacing(html) as file:
+        with atomic_write(html) as file:
             file.write(page.encode())
         written.append(f"one page in {html}")
     if film is not None:

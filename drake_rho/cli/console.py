@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drake_rho.cli.documents import Document
-from drake_rho.planning.time_limit import stoppable
+from drake_rho.planning.call.time_limit import stoppable
 
 out = Console()
 err = Console(stderr=True)

@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
+from drake_rho.planning.call.options import DEFAULTS, Options
+from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.horizon.windows import Planner, free_reference, tail_reference
-from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
-from drake_rho.planning.progress import Progress
 from drake_rho.scenario.files import library
 
 

@@ -36,10 +36,10 @@ from drake_rho.cli.options import (
 from drake_rho.cli.reports import finish
 from drake_rho.cli.sources import read
 from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.horizon.receding_horizon import plan_rho
 from drake_rho.planning.minimum_effort import MinimumEffort
-from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.planners.assignment import assign_goals, assignment
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan

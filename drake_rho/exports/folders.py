@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from drake_rho.scenario.files import replacing
+from drake_rho.system.files import atomic_write
 
 _LONGEST = 200
 """Largest number of bytes of a name before its ending; most file systems allow 255 in all."""
@@ -88,7 +88,7 @@ def write_folder(path: Path, contents: Mapping[str, bytes]) -> None:
 
 def write_archive(path: Path, contents: Mapping[str, bytes]) -> None:
     """Write files into one archive (zip)."""
-    with replacing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+    with atomic_write(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():
             archive.writestr(zipfile.ZipInfo(name, _EPOCH), content, zipfile.ZIP_DEFLATED)
 

@@ -17,7 +17,7 @@ from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.samples import check_rate
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.files import check_replaceable
+from drake_rho.system.files import check_replaceable
 
 _OF_FILES = {".csv", ".json", ".npz", ".yaml", ".zip"}
 """File endings that a folder must not have, because they suggest that another format was meant."""

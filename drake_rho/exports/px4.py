@@ -16,7 +16,7 @@ from drake_rho.exports.record import Exported
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.samples import Samples, sample
 from drake_rho.motion.tables import write_rows
-from drake_rho.scenario.files import replacing
+from drake_rho.system.files import atomic_write
 
 RATE = 20.0
 """Setpoints per second if no rate is given; PX4 leaves the offboard mode below 2."""
@@ -52,7 +52,7 @@ class Px4(Format):
             expected = f"at most {_SYSTEMS} with {self.name}: MAVLink numbers no more systems"
             raise ValueError(f"vehicles: got {count}, expected {expected}")
         ticks = milliseconds(plan.scenario.grid, rate or RATE)
-        with replacing(path) as file:
+        with atomic_write(path) as file:
             write_rows(file, [COLUMNS])
             write_rows(file, _rows(sample(plan, ticks / 1000.0), ticks.tolist()))
         return exported(flown, path, [path], f"{len(ticks)} setpoints of each vehicle")

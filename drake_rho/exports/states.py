@@ -10,7 +10,7 @@ from drake_rho.motion.documents import write_document
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.samples import sample, with_knots
 from drake_rho.motion.tables import write_table
-from drake_rho.scenario.files import replacing
+from drake_rho.system.files import atomic_write
 
 RATE = 20.0
 """Samples per second of a table, in addition to the knots, if no rate is given."""
@@ -26,7 +26,7 @@ class Csv(Format):
         """Write one row for each vehicle and time."""
         times, _ = with_knots(flown.scenario.grid, rate or RATE)
         samples = sample(flown, times)
-        with replacing(path) as file:
+        with atomic_write(path) as file:
             write_table(file, samples)
         return exported(flown, path, [path], f"{len(times)} states of each vehicle")
 
@@ -39,6 +39,6 @@ class Json(Format):
 
     def write(self, flown: Flown, path: Path, rate: float | None) -> Exported:
         """Write one document, which `load` reads as the same plan."""
-        with replacing(path) as file:
+        with atomic_write(path) as file:
             write_document(file, flown, rate)
         return exported(flown, path, [path], "scenario and states")

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, vectors_of
-from drake_rho.motion.threads import threads
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
+from drake_rho.system.threads import threads
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

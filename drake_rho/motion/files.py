@@ -25,8 +25,9 @@ from drake_rho.motion.tables import is_table, read_table
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import LARGEST
-from drake_rho.scenario.files import replacing, scenario_from_json, scenario_to_json
+from drake_rho.scenario.files import scenario_from_json, scenario_to_json
 from drake_rho.scenario.records import Scenario
+from drake_rho.system.files import atomic_write
 
 ENDINGS = (".npz",)
 """Endings of files that contain a plan, a flight or a simulation."""
@@ -81,7 +82,7 @@ def save(planned: Flown, path: str | Path) -> None:
         content |= _pack_windows(planned.windows)
     if planned.simulation is not None:
         content |= _pack_simulation(planned.simulation)
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         np.savez_compressed(file, **content)
 
 

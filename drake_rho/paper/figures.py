@@ -21,7 +21,7 @@ from drake_rho.display.plots.layout import add_title
 from drake_rho.display.plots.path_figure import paths_figure
 from drake_rho.display.plots.publish import save_figure
 from drake_rho.paper.study import Study
-from drake_rho.scenario.files import replacing
+from drake_rho.system.files import atomic_write
 
 _GREY = 1.5 / 255.0
 """Difference below which two pixels count as equal: more than one grey level, less than two."""
@@ -90,7 +90,7 @@ def write_paper_figures(
         with TemporaryDirectory() as drawn:
             new = save_figure(figure, Path(drawn) / path.name)
             if not _look_the_same(new, path):
-                with replacing(path) as file:
+                with atomic_write(path) as file:
                     file.write(new.read_bytes())
         paths.append(path)
         advance(path.name)

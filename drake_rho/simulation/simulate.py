@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 
 from drake_rho.motion.simulation import Simulation
+from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.planning.horizon.windows import Planner
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
-from drake_rho.planning.progress import Progress
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation import winds

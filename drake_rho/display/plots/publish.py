@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from drake_rho.display.plots.formats import FORMATS
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.files import replacing
+from drake_rho.system.files import atomic_write
 
 SHEET = "drake_rho.display.drake_rho"
 """The style sheet, as matplotlib names it."""
@@ -51,6 +51,6 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     if ending not in FORMATS:
         endings = ", ".join(f".{each}" for each in FORMATS)
         raise ValueError(f"path: got {str(path)!r}, expected a file ending in one of {endings}")
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         figure.savefig(file, format=ending, metadata=_METADATA[ending])
     return path

@@ -17,8 +17,8 @@ import numpy as np
 from drake_rho.display.viewer.browser import browser
 from drake_rho.scenario.errors import DrakeRhoError
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.files import replacing
 from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.system.files import atomic_write
 
 ENDINGS = (".mp4", ".gif")
 """Of films."""
@@ -115,7 +115,7 @@ def write_film(
         source.write_text(page, "utf-8")
         with closing(_pictures(source, footage, ending, before, progress)) as pictures:
             (_write_mp4 if ending == ".mp4" else _write_gif)(pictures, made)
-        with replacing(path) as file:
+        with atomic_write(path) as file:
             file.write(made.read_bytes())
 
 

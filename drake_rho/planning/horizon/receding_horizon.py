@@ -11,7 +11,10 @@ import numpy.typing as npt
 
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.motion.statistics import Statistics
-from drake_rho.motion.threads import one_for_arrays
+from drake_rho.planning.call.options import Options
+from drake_rho.planning.call.progress import Progress, tell
+from drake_rho.planning.call.time_limit import with_time_limit, within_time
+from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.horizon.measured_states import (
     ROUNDING,
     exceeding,
@@ -25,20 +28,17 @@ from drake_rho.planning.horizon.windows import (
     free_reference,
     tail_reference,
 )
-from drake_rho.planning.options import Options
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.planners.plan import plan_scp
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
-from drake_rho.planning.progress import Progress, tell
 from drake_rho.planning.scp.violations import violations_of
-from drake_rho.planning.time_limit import with_time_limit, within_time
-from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
 from drake_rho.scenario.records import TOLERANCE, Scenario
+from drake_rho.system.threads import one_for_arrays
 
 _CLOCK = 1e-4
 """Largest difference of a caller's time from a knot, in steps. It allows for the caller's clock."""

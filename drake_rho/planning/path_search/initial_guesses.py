@@ -16,7 +16,8 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Searched
-from drake_rho.planning.options import DEFAULTS
+from drake_rho.planning.call.options import DEFAULTS
+from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.path_search.continuation import piecewise_linear
 from drake_rho.planning.path_search.fleet_in_space import FleetSpaceSearch, space_size
 from drake_rho.planning.path_search.prioritized import (
@@ -26,7 +27,6 @@ from drake_rho.planning.path_search.prioritized import (
 )
 from drake_rho.planning.path_search.resolution import resolutions
 from drake_rho.planning.path_search.space_time import SpaceTimePath
-from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 

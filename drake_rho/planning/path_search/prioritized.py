@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.path_search.lattice import PEAK_BYTES, STEADY_BYTES, Lattice, Raster
 from drake_rho.planning.path_search.moving_obstacles import (
     Bounds,
@@ -22,7 +23,6 @@ from drake_rho.planning.path_search.space_time import (
     TimeExpandedGraph,
 )
 from drake_rho.planning.path_search.time_scaling import legs_of, progress, usable_speeds
-from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 

@@ -15,9 +15,9 @@ from copy import copy
 
 import numpy as np
 
+from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.path_search.lattice import MOVES, Lattice, TooLargeError
 from drake_rho.planning.path_search.moving_obstacles import UNBOUNDED, Bounds, Moving, blocked_moves
-from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _CONFLICT = 1e4

@@ -7,15 +7,15 @@ from collections.abc import Iterable
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.call.options import Options
+from drake_rho.planning.call.time_limit import with_time_limit
+from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.tightening import check_room
 from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.options import Options
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
-from drake_rho.planning.time_limit import with_time_limit
-from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Grid, Scenario

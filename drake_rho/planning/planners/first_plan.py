@@ -14,20 +14,20 @@ from itertools import repeat
 import numpy as np
 
 from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.options import Options
+from drake_rho.planning.call.progress import Progress, tell, within
+from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.constraints.tightening import check_room
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-from drake_rho.planning.options import Options
 from drake_rho.planning.planners.convex import linearised_once
 from drake_rho.planning.planners.from_paths import AlongWays, no_plan, plan_along_ways
 from drake_rho.planning.planners.related import can_be_slower, fitted, rescaled
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.scp.fleet_steps import FleetSteps
 from drake_rho.planning.scp.restoration import restore_feasibility
 from drake_rho.planning.scp.subproblem import Subproblem, plan_around
-from drake_rho.planning.time_limit import within_time
 
 _SHORTER = 0.75, 0.5
 """Parts of a duration that are tried where it has no plan, but motions can be flown slower."""

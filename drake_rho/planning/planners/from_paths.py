@@ -15,22 +15,22 @@ from itertools import islice
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
-from drake_rho.motion.threads import one_for_arrays
+from drake_rho.planning.call.options import DEFAULTS, Options
+from drake_rho.planning.call.progress import Progress, tell, within
 from drake_rho.planning.constraints.separation import decoupled
 from drake_rho.planning.constraints.tightening import with_room
 from drake_rho.planning.errors import InfeasibleError, Names, OutOfTimeError, SolverError
-from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.path_search.continuation import continuation_step
 from drake_rho.planning.path_search.initial_guesses import paths_on_grids
 from drake_rho.planning.planners.perturbed_guesses import PERTURBATIONS, perturbed_vehicle
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
-from drake_rho.planning.progress import Progress, tell, within
 from drake_rho.planning.scp.patience import DeadEnds
 from drake_rho.planning.scp.restoration import Follow, restore_feasibility
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.records import Scenario
+from drake_rho.system.threads import one_for_arrays
 
 _NAMED = 4
 """Largest number of obstacles that a message about a vehicle without a path names one by one."""

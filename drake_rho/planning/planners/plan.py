@@ -5,21 +5,21 @@ from __future__ import annotations
 from concurrent.futures import Executor
 
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.threads import one_for_arrays
+from drake_rho.planning.call.options import DEFAULTS, Options
+from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.call.time_limit import with_time_limit
+from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.separation import COUPLINGS, Coupling, CouplingName
-from drake_rho.planning.options import DEFAULTS, Options
 from drake_rho.planning.planners.first_plan import FirstPlan
 from drake_rho.planning.planners.related import fitted
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
-from drake_rho.planning.progress import Progress
 from drake_rho.planning.scp.fleet_improvement import AroundReferences
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
-from drake_rho.planning.time_limit import with_time_limit
-from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
+from drake_rho.system.threads import one_for_arrays
 
 
 @checked

@@ -17,13 +17,13 @@ from typing import Any, get_args
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, response
-from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.constraints.base import HalfSpaces, some_of
 from drake_rho.planning.minimum_effort import Changes, MinimumEffort
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dual import multipliers_of
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
+from drake_rho.system.threads import one_for_arrays
 
 _RIDGE = 1e-9
 """What is added to the squared length of rows, which are of length one: rows of neighbouring

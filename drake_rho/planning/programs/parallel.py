@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.minimum_effort import Changes
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dense import Program
@@ -17,6 +16,7 @@ from drake_rho.planning.programs.rows import Rows, each_of, groups_of
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve, solve_side_by_side
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.system.threads import one_for_arrays
 
 _BLOCK = 128
 """Vehicles in a block: some tens of milliseconds of work, whoever does it. It does not depend on

@@ -22,15 +22,15 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-from drake_rho.motion.threads import threads
+from drake_rho.planning.call.time_limit import check_time, seconds_left
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.programs import dense_duals
 from drake_rho.planning.programs.backend import Backend, Solver, name_of
 from drake_rho.planning.programs.daqp import Daqp
 from drake_rho.planning.programs.dense import DenseProgram, Program
 from drake_rho.planning.programs.solution import Solution
-from drake_rho.planning.time_limit import check_time, seconds_left
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.system.threads import threads
 
 
 def _is_told(record: logging.LogRecord) -> bool:

@@ -14,7 +14,6 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.threads import one_for_arrays
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.problem import Problem
@@ -26,6 +25,7 @@ from drake_rho.planning.scp.group_programs import GroupPrograms
 from drake_rho.planning.scp.row_generation import generate_rows
 from drake_rho.planning.scp.working_set import WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.system.threads import one_for_arrays
 
 MAX_ROUNDS = 200
 """Bound on the solves of one call. Every round adds rows, and after the first few a growing

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.call.options import SMALL_FLEET
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.errors import SolverError
-from drake_rho.planning.options import SMALL_FLEET
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.parallel import Answers, solve_all

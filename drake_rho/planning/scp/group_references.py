@@ -23,6 +23,7 @@ from drake_rho.motion.clearance import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.obstacles import Places
 from drake_rho.planning.constraints.separation import PAIRS, KeepApart, coupled, decoupled
@@ -33,7 +34,6 @@ from drake_rho.planning.programs.group_duals import GroupDuals
 from drake_rho.planning.scp.groups import groups_that_press
 from drake_rho.planning.scp.row_generation import generate_rows
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
-from drake_rho.planning.time_limit import check_time
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 

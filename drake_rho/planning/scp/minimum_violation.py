@@ -8,6 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.goals import goals_of
 from drake_rho.planning.constraints.separation import decoupled
@@ -18,7 +19,6 @@ from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.restoration import SoftRows, least_violating
 from drake_rho.planning.scp.subproblem import Subproblem
-from drake_rho.planning.time_limit import check_time
 
 _PENALTIES = 8
 """Penalties after which what is still too close stays so. Larger ones make it no smaller, and other

@@ -10,13 +10,13 @@ import numpy as np
 
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.errors import InfeasibleError, SolverError
-from drake_rho.planning.progress import Progress
 from drake_rho.planning.scp.patience import DeadEnds, Patience, least_extent
 from drake_rho.planning.scp.sequential_convex import in_words
 from drake_rho.planning.scp.subproblem import Subproblem
-from drake_rho.planning.time_limit import check_time
 
 Follow = Callable[[Plan, Plan], Plan]
 """The next reference, made of a reference and the plan that was found around it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drake_rho.planning.time_limit import check_time
+from drake_rho.planning.call.time_limit import check_time
 
 
 def generate_rows(look: Callable[[], bool], solve: Callable[[], None], most: int) -> bool:

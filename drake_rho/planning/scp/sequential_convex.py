@@ -11,15 +11,15 @@ from typing import Protocol
 import numpy as np
 
 from drake_rho.motion.plan import Plan
+from drake_rho.planning.call.options import DEFAULTS
+from drake_rho.planning.call.progress import Progress
+from drake_rho.planning.call.time_limit import check_time
+from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-from drake_rho.planning.options import DEFAULTS
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
-from drake_rho.planning.progress import Progress
 from drake_rho.planning.scp.subproblem import Subproblem
-from drake_rho.planning.time_limit import check_time
-from drake_rho.planning.wall_time import with_wall_time
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import IntArray
 

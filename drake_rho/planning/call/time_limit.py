@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
+from drake_rho.planning.call.options import Options
+from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.errors import OutOfTimeError
-from drake_rho.planning.options import Options
-from drake_rho.planning.progress import Progress
 
 _ENDS: ContextVar[float] = ContextVar("_ENDS", default=math.inf)
 """Deadline on the clock of `time.perf_counter` [s]."""
