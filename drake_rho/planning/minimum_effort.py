@@ -25,7 +25,7 @@ class Goals:
     """[m/s²], shape (N, 2, 1 or 0, 3)"""
 
     def met_by(self, accelerations: FloatArray, vehicles: IntArray) -> FloatArray:
-        """The least change of accelerations that closes what a solver's tolerance leaves of (12).
+        """Return accelerations with the least change that closes what a solver leaves of (12).
 
         Args:
             accelerations: of `vehicles` [m/s²], shape (P, K-1, 3).
@@ -38,7 +38,7 @@ class Goals:
 
 @dataclasses.dataclass(frozen=True)
 class Changes:
-    """What programs are written in: changes of motions that leave their goals where they are."""
+    """Changes of motions that leave their goals where they are, in which programs are written."""
 
     grid: Grid
     """of the scenario"""
@@ -50,7 +50,7 @@ class Changes:
     """whether changes cost nothing, and only slack does: goals may be missed then"""
 
     def inside(self, rows: FloatArray) -> FloatArray:
-        """The part of rows (R, K-1) that leaves the goal where it is; done twice, for rounding."""
+        """Return the part of rows (R, K-1) that leaves the goal alone; twice, for rounding."""
         for _ in range(2):
             rows = rows - (rows @ self.goals.T) @ self.goals
         return rows
@@ -73,7 +73,7 @@ class MinimumEffort:
 
     @classmethod
     def of(cls, scenario: Scenario) -> MinimumEffort:
-        """The minimum effort of a scenario."""
+        """Return the minimum effort of a scenario."""
         fleet, grid = scenario.fleet, scenario.grid
         terminal = TerminalState(grid)
         values, missed = terminal.values(*terminal.changes(fleet))
@@ -88,17 +88,17 @@ class MinimumEffort:
 
     @cached_property
     def changes(self) -> Changes:
-        """What programs are written in."""
+        """Changes in which programs are written."""
         return Changes(self.grid, self.goals.rows, self.units, free=len(self.goals.rows) == 0)
 
     def without_goals(self) -> MinimumEffort:
-        """These motions to start from, with goals that need not be reached."""
+        """Return these motions with goals that need not be reached."""
         goals = Goals(self.goals.rows[:0], self.goals.values[:, :0])
         return dataclasses.replace(self, goals=goals, unreachable=np.zeros_like(self.unreachable))
 
 
 class TerminalState:
-    """What velocity and position at the last knot say of the accelerations, by (10) and (11).
+    """Terminal conditions on velocity and position, as equations of accelerations, by (10), (11).
 
     Args:
         grid: knots and step.
@@ -112,13 +112,13 @@ class TerminalState:
         self.rows, self._triangle = _factors(grid.step, grid.knots)
 
     def changes(self, fleet: Fleet) -> tuple[FloatArray, FloatArray]:
-        """What the accelerations have to change, of velocity and of position [m/s, m], (N, 3)."""
+        """Return the changes of velocity and of position that are required [m/s, m], (N, 3)."""
         faster = fleet.goal_velocities - fleet.start_velocities
         way = fleet.goal_positions - fleet.start_positions
         return faster, way - self.grid.duration * fleet.start_velocities
 
     def values(self, faster: FloatArray, further: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(12) in terms of `rows`; linear in what is to be changed.
+        """Return (12) in terms of `rows`; linear in the required changes.
 
         Args:
             faster: velocity to gain [m/s], shape (N, 3).
@@ -139,7 +139,7 @@ class TerminalState:
 
 @lru_cache(maxsize=256)
 def _factors(step: float, knots: int) -> tuple[FloatArray, FloatArray]:
-    """QR of the responses of velocity and of position, over T, at T: rows and a triangle."""
+    """Return the QR factors of the responses of velocity and position at T: rows and a triangle."""
     T = step * (knots - 1)
     velocity, position = (response(each, step, knots, [T])[0] for each in ("velocity", "position"))
     basis, triangle = np.linalg.qr(np.stack([velocity, position / T], axis=1))

@@ -34,7 +34,7 @@ class BrowserError(DrakeRhoError):
 
 @contextmanager
 def browser() -> Iterator[Browser]:
-    """A browser without a window, closed at the end.
+    """Open a headless browser, which is closed at the end.
 
     Raises:
         BrowserError: Playwright or Chromium is missing, or does not start.

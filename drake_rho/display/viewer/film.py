@@ -126,7 +126,7 @@ def _pictures(
     before: str,
     progress: Callable[[], None],
 ) -> Generator[bytes, None, None]:
-    """The page at several times, as JPEG for a film and as PNG for a GIF."""
+    """Yield the page at several times, as JPEG for a film and as PNG for a GIF."""
     wide, high = _SIZES[ending]
     kind = {"format": "jpeg", "quality": 95} if ending == ".mp4" else {"format": "png"}
     with browser() as found:

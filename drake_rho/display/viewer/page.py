@@ -23,7 +23,7 @@ _IDENTIFIER = "drake-rho"
 
 @checked
 def viewer_page(flown: Flown, *, rate: float | None = None, trails: bool | None = None) -> str:
-    """A plan, a flight or a simulation as one page that opens from disk, without a network.
+    """Return a plan, a flight or a simulation as one page that opens from disk, without a network.
 
     Over the scene of `animate` stand time, speed and clearance of every vehicle, and the least
     separation and clearance beside their limits over time, in numbers that Python computed. Names
@@ -67,7 +67,7 @@ def with_overlay(page: str, data: dict[str, object]) -> str:
 
 
 def _overlay(ending: str) -> str:
-    """What all files of the overlay with an ending hold, in the order of their names."""
+    """Return the contents of all overlay files with an ending, in the order of their names."""
     found = [each for each in _OVERLAY.iterdir() if each.name.endswith(ending)]
     return "\n".join(each.read_text("utf-8") for each in sorted(found, key=lambda each: each.name))
 

@@ -130,7 +130,7 @@ def _ranges(found: Readings) -> dict[str, list[float]]:
 
 
 def _layers(stage: Stage) -> list[dict[str, object]]:
-    """What can be shown or hidden: its title, and where it is in the scene tree."""
+    """Return what can be shown or hidden: titles, and paths in the scene tree."""
     scenario, detailed = stage.shown.scenario, not stage.scene.light
     simulation = stage.flown.simulation if detailed else None
     entries = [
@@ -148,7 +148,7 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
 
 
 def _legend(stage: Stage) -> list[dict[str, str]]:
-    """What is seen, and what it means: a sign and its words."""
+    """Return the legend: signs and their meanings."""
     scenario, detailed = stage.shown.scenario, not stage.scene.light
     entries: list[tuple[str, str]] = []
     if (note := stage.vehicles.note) is not None:

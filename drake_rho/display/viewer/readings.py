@@ -56,7 +56,7 @@ class Readings:
 
     @classmethod
     def of(cls, shown: Drawn, times: FloatArray) -> Readings:
-        """Readings at times since the first knot [s], shape (M,); the curves' least are exact."""
+        """Return readings at times since the first knot [s], (M,); minima of curves are exact."""
         motion, scenario = shown.motion(), shown.scenario
         speeds = np.linalg.norm(motion.at("velocity", times), axis=2)
         clear, number = nearest_obstacles(shown, scenario.bodies, times)
@@ -100,7 +100,7 @@ def _between_two(shown: Drawn, times: FloatArray, away: FloatArray) -> Curve:
 def _with(
     times: FloatArray, values: FloatArray, time: float, value: float
 ) -> tuple[FloatArray, FloatArray]:
-    """A curve with one more point in it, or that in the place of one at the same time."""
+    """Return a curve with one more point, which replaces one at the same time."""
     place = int(np.searchsorted(times, time - 1e-9))
     if place < len(times) and times[place] <= time + 1e-9:
         values = values.copy()

@@ -111,11 +111,11 @@ class Constraint(abc.ABC):
         return dataclasses.replace(rows, constraint=self)
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """What its rows were linearised from; None where they are the constraint itself."""
+        """Return what rows were linearised from; None where they are the constraint itself."""
         return None
 
     def describe(self, rows: HalfSpaces, names: Sequence[str], start: float) -> str:
-        """Some of its rows, of one vehicle, in words: which, and when.
+        """Return some of its rows, of one vehicle, in words: which, and when.
 
         Args:
             rows: some of its own.
@@ -129,11 +129,11 @@ class Constraint(abc.ABC):
         return f"{self.name}{self.detail(rows, names)} {when}"
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
-        """What `describe` says between name and times: nothing, or a space and words."""
+        """Return what `describe` says between name and times: nothing, or a space and words."""
         return ""
 
     def softened(self, penalty: float) -> Self:
-        """This constraint with rows that may be broken at a cost.
+        """Return this constraint with rows that may be violated at a penalty.
 
         What stays broken has new worst instants in every motion: a few searches have to do.
         """
@@ -190,7 +190,7 @@ class HalfSpaces:
         return margins
 
     def worst(self, motion: Motion, pieces: int, *, gap: float) -> HalfSpaces:
-        """Of every stretch of rows the worst of each of its pieces.
+        """Return the worst row in each piece of every stretch of rows.
 
         Args:
             motion: of all vehicles.
@@ -211,7 +211,7 @@ class HalfSpaces:
         return self.select(worst_of_pieces(follows, margins, pieces))
 
     def responses(self, grid: Grid) -> FloatArray:
-        """What one unit of each acceleration adds along the normal, shape (R, K-1), by (10)-(11).
+        """Return what one unit of each acceleration adds along the normal, by (10)-(11), (R, K-1).
 
         It is the same along every axis, so row r stands for responses[r, j] normals[r] · a[j].
         """
@@ -229,11 +229,11 @@ class HalfSpaces:
         return numbers
 
     def select(self, rows: BoolArray | IntArray | slice) -> HalfSpaces:
-        """Some of the rows."""
+        """Return some of the rows."""
         return HalfSpaces(self.constraint, *some_of(self._arrays(), rows))
 
     def and_also(self, more: HalfSpaces) -> HalfSpaces:
-        """These rows, then more of the same constraint."""
+        """Return these rows, then more of the same constraint."""
         pairs = zip(self._arrays(), more._arrays(), strict=True)
         return HalfSpaces(more.constraint, *(np.concatenate(pair) for pair in pairs))
 
@@ -254,7 +254,7 @@ _NONE = _WHOLE, _WHOLE, _WHOLE, _REAL, np.zeros((0, 3)), _REAL, _REAL
 
 
 def some_of(arrays: Iterable[Any], rows: BoolArray | IntArray | slice) -> list[Any]:
-    """array[rows] of each of some arrays of as many rows, vectors several times as fast."""
+    """Return array[rows] of arrays with as many rows; vectors are taken several times as fast."""
     if isinstance(rows, slice):
         return [array[rows] for array in arrays]
     which = rows.nonzero()[0] if rows.dtype == bool else rows
@@ -262,7 +262,7 @@ def some_of(arrays: Iterable[Any], rows: BoolArray | IntArray | slice) -> list[A
 
 
 def near(marked: BoolArray, runs: IntArray, reach: int) -> BoolArray:
-    """Which rows are marked, or up to `reach` away from a marked one in the same run, shape (R,).
+    """Return which rows are marked, or up to `reach` from a marked row of the same run, (R,).
 
     Args:
         marked: shape (R,).
@@ -283,7 +283,7 @@ def near(marked: BoolArray, runs: IntArray, reach: int) -> BoolArray:
 
 
 def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> IntArray:
-    """The worst row of each piece of every broken stretch, as indices.
+    """Return the index of the worst row in each piece of every stretch of violated rows.
 
     Args:
         follows: whether each row but the first belongs to the same stretch as that before it.

@@ -41,7 +41,7 @@ class KeepInBox(Constraint):
     def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
-        """The sides that are broken: at the knots, or where a coordinate turns round."""
+        """Return rows of violated sides: at the knots, or where a coordinate turns round."""
         motion = motion.finer(self.pieces)
         if between:
             return self._violated_between(motion, vehicles)
@@ -101,7 +101,7 @@ class KeepInBox(Constraint):
         return self.rows(vehicles[which], sides, times[which, steps, sides % 3])
 
     def rows(self, vehicles: IntArray, sides: IntArray, times: FloatArray) -> HalfSpaces:
-        """The given sides of given vehicles at given times, three arrays of shape (R,)."""
+        """Return rows of given sides, vehicles and times, three arrays of shape (R,)."""
         axes = sides % 3
         lower, upper = self.bounds.lower[vehicles, axes], self.bounds.upper[vehicles, axes]
         bounds = np.where(sides < 3, lower, -upper) + self.margins.at(self.quantity, times)
@@ -109,13 +109,13 @@ class KeepInBox(Constraint):
         return HalfSpaces(self, vehicles, vehicles, sides, times, _SIDES[sides], bounds, tolerances)
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
-        """The axes, as in ' x/z'."""
+        """Return the axes, as in ' x/z'."""
         axes = np.any(rows.normals, axis=0)
         return " " + "/".join(axis for axis, taken in zip("xyz", axes, strict=True) if taken)
 
 
 def boxes_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
-    """The boxes that the vehicles have to keep to.
+    """Return the constraints of the vehicles' boxes.
 
     The first and the last knot are left out where the start and the goal decide. Between knots
     only positions can break theirs: velocity is linear there, acceleration and jerk are constant.

@@ -70,7 +70,7 @@ def too_close(
 
 
 def most_beside(separation: Separation, margins: Margins) -> float:
-    """The most that both vehicles keep beside their separation, where that is a ball [m]."""
+    """Return the largest margin of a pair beside its separation, where that is a ball [m]."""
     return 2.0 * margins.most * float(separation.shape.scales.max())
 
 
@@ -114,7 +114,7 @@ def _measured(
 
 
 def separation_of(scenario: Scenario) -> Separation:
-    """The separation of a scenario that has one.
+    """Return the separation of a scenario that has one.
 
     Raises:
         ValueError: it has none.

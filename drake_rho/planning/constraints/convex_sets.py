@@ -57,17 +57,17 @@ class KeepInSets(Constraint):
     """tolerances by which values may be outside without another row"""
 
     def margin(self, times: FloatArray) -> FloatArray:
-        """How far inside values stay at times since the first knot, in the quantity's unit."""
+        """Return how far inside values stay at times since the first knot, in their unit."""
         return self.margins.at(self.quantity, times)
 
     @abc.abstractmethod
     def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
-        """The values of some vehicles that are to be in their sets, vehicle by vehicle."""
+        """Return the values that have to be in their sets, vehicle by vehicle."""
 
     def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
-        """Tangent planes where a value is outside."""
+        """Return tangent planes where a value is outside."""
         asked = self.asked(motion, vehicles)
         who, values = asked.vehicles, asked.values
         excess = self.sets.excess(who, values) + self.margin(asked.times)
@@ -82,7 +82,7 @@ class KeepInSets(Constraint):
         return rows if np.isinf(self.penalty) else self._with_faces(rows)
 
     def _with_faces(self, rows: HalfSpaces) -> HalfSpaces:
-        """The rows, and at their instants those of a polyhedron around the set.
+        """Return the rows, and at their instants those of a polyhedron around the set.
 
         Without it a motion that only violations cost anything may fly off to where a half-space
         is still open.
@@ -93,7 +93,7 @@ class KeepInSets(Constraint):
         return rows.and_also(faces)
 
     def rows(self, vehicles: IntArray, times: FloatArray, outward: FloatArray) -> HalfSpaces:
-        """Tangent planes of given vehicles at given times, (R,), with outward normals, (R, 3)."""
+        """Return tangent planes of vehicles at times, (R,), with outward normals, (R, 3)."""
         return HalfSpaces(
             self,
             vehicles=vehicles,
@@ -106,7 +106,7 @@ class KeepInSets(Constraint):
         )
 
     def softened(self, penalty: float) -> Self:
-        """This set, to be left at a cost; how far it is left is known to `_SOFT_ROOM`."""
+        """Return this constraint with a penalty; violations are known to `_SOFT_ROOM`."""
         soft = super().softened(penalty)
         rounds = min(self.rounds, _SOFT_ROUNDS)
         return dataclasses.replace(soft, rounds=rounds, room=_SOFT_ROOM)

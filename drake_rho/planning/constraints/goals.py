@@ -33,7 +33,7 @@ class ReachGoal(Constraint):
     def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
-        """A row for each vehicle that misses: at least, or at most, what is wanted."""
+        """Return a row for each vehicle that misses its goal: at least, or at most, the goal."""
         missed = (motion.values(self.quantity)[vehicles, -1] - self.wanted[vehicles])[:, self.axis]
         broken = np.abs(missed) > BROKEN * self.tolerances[vehicles]
         own, above = vehicles[broken], missed[broken] > 0.0
@@ -51,12 +51,12 @@ class ReachGoal(Constraint):
         )
 
     def describe(self, rows: HalfSpaces, names: object, start: float) -> str:
-        """The name alone: goals are asked for at the end."""
+        """Return the name alone: goals are reached at the end."""
         return self.name
 
 
 def goals_of(scenario: Scenario) -> list[Constraint]:
-    """Position and velocity of every axis of the goals."""
+    """Return position and velocity of every axis of the goals."""
     fleet = scenario.fleet
     states: tuple[tuple[Literal["position", "velocity"], FloatArray], ...] = (
         ("position", fleet.goal_positions),

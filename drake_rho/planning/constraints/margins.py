@@ -34,7 +34,7 @@ class Margins:
     """whose radii they are; None where nothing disturbs"""
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
-        """Margins at times since the first knot [s], in the quantity's unit, any shape."""
+        """Return margins at times since the first knot [s], in the quantity's unit, any shape."""
         if self.tube is None:
             return np.zeros(times.shape)
         steps, knots = self.steps[quantity], self.knots[quantity]
@@ -43,7 +43,7 @@ class Margins:
         return np.where(at_knot, knots[k], steps[np.minimum(k, len(steps) - 1)])
 
     def exactly(self, times: FloatArray) -> FloatArray:
-        """The radius of the position at times since the first knot [s], in m, any shape."""
+        """Return the radius of the position at times since the first knot [s], in m, any shape."""
         if self.tube is None:
             return np.zeros(times.shape)
         return self.tube.position(self.grid.start + times)

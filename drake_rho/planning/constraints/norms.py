@@ -29,7 +29,7 @@ class KeepInNorm(KeepInSets):
     """which of the quantity's values is that of the first of `times`"""
 
     def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
-        """The values at the knots."""
+        """Return the values at the knots."""
         motion, knots = motion.finer(self.pieces), slice(self.first, self.first + len(self.times))
         values = motion.values(self.quantity)[vehicles, knots].reshape(-1, 3)
         who, times = np.repeat(vehicles, len(self.times)), np.tile(self.times, len(vehicles))
@@ -40,7 +40,7 @@ class KeepInNorm(KeepInSets):
 
 
 def norms_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
-    """The limits on norms that the vehicles have to keep to.
+    """Return the constraints of the limits on norms.
 
     The first and the last velocity are left out: start and goal decide them.
     """

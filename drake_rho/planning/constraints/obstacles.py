@@ -64,25 +64,25 @@ class Places:
 
     @classmethod
     def at_inner_knots(cls, motion: Motion) -> Places:
-        """All vehicles of a motion at all of its inner knots, one vehicle after the other."""
+        """Return all vehicles of a motion at all inner knots, one vehicle after the other."""
         count, steps, _ = motion.accelerations.shape
         whose, knots = np.divmod(np.arange(count * (steps - 1)), steps - 1)
         knots += 1
         return cls(whose, whose, motion.step * knots, knots)
 
     def position(self, motion: Motion, vehicles: IntArray) -> FloatArray:
-        """Positions of vehicles at these times [m], shape (R, 3)."""
+        """Return positions of vehicles at these times [m], shape (R, 3)."""
         if self.knots is None:
             return motion.each_at("position", vehicles, self.times)
         at: FloatArray = motion.positions[vehicles, self.knots]
         return at
 
     def __len__(self) -> int:
-        """R."""
+        """Return the number of places, R."""
         return len(self.times)
 
     def select(self, which: BoolArray | IntArray) -> Places:
-        """Some of them."""
+        """Return some of them."""
         knots = None if self.knots is None else self.knots[which]
         return Places(self.vehicles[which], self.partners[which], self.times[which], knots)
 
@@ -99,16 +99,16 @@ class KeepOut(Constraint):
 
     @abc.abstractmethod
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
-        """Places where a motion is inside S: worst instants, or knots if only they are asked."""
+        """Return places where a motion is inside S: worst instants, or knots if these suffice."""
 
     @abc.abstractmethod
     def rows(self, places: Places) -> HalfSpaces:
-        """The half-spaces at some places, in the order of vehicle and time."""
+        """Return the half-spaces at some places, in the order of vehicle and time."""
 
     def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
-        """The broken rows at the knots or, if `between`, where the motion is inside of S."""
+        """Return violated rows at the knots or, if `between`, where the motion is inside S."""
         motion = motion.finer(self.pieces)
         if not between:
             return self.violated_at_knots(motion, vehicles, reach)
@@ -131,7 +131,7 @@ class KeepOut(Constraint):
 
     @abc.abstractmethod
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
-        """The broken rows at the knots, and their neighbours up to `reach` knots away."""
+        """Return violated rows at the knots, and their neighbours up to `reach` knots away."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -150,19 +150,19 @@ class KeepOutOfObstacle(KeepOut):
     """how deep inside still counts as outside, for each vehicle [m], (N,)"""
 
     def radius(self, places: Places) -> FloatArray:
-        """All of what is kept: r [m], shape (R,)."""
+        """Return the required distances r [m], shape (R,)."""
         margins = self.margins.at("position", places.times)
         radii: FloatArray = self.kept[places.vehicles] + margins
         return radii
 
     def offsets(self, motion: Motion, places: Places) -> FloatArray:
-        """Positions from the middle of the obstacle [m], shape (R, 3)."""
+        """Return positions from the middle of the obstacle [m], shape (R, 3)."""
         position = places.position(motion, places.vehicles)
         offsets: FloatArray = position - self.obstacle.centers(places.times)
         return offsets
 
     def directions(self, places: Places) -> FloatArray:
-        """From the nearest point of the shape to the reference, unit vectors, shape (R, 3).
+        """Return unit vectors from the nearest point of the shape to the reference, shape (R, 3).
 
         Where the reference is in the very middle, across its way relative to the obstacle.
         """
@@ -178,7 +178,7 @@ class KeepOutOfObstacle(KeepOut):
         return directions
 
     def rows(self, places: Places) -> HalfSpaces:
-        """N · p >= n · c + h(n) + r."""
+        """Return the rows n · p >= n · c + h(n) + r."""
         normals, shape = self.directions(places), self.obstacle.shape
         centers = self.obstacle.centers(places.times)
         beyond = shape.support(normals) + self.radius(places)
@@ -207,7 +207,7 @@ class KeepOutOfObstacle(KeepOut):
         return self.rows(Places(rows.vehicles, rows.partners, times))
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
-        """The deepest instants of steps that lead inside, once where two share the instant."""
+        """Return the deepest instants of steps that lead inside, once where two share one."""
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
         below = self.kept[vehicles] - BROKEN * self.tolerances[vehicles]
@@ -222,7 +222,7 @@ class KeepOutOfObstacle(KeepOut):
         return Places(whose[~again], whose[~again], times[~again])
 
     def approaches(self, motion: Motion) -> CloseApproaches:
-        """Where a motion comes too close, and its distances from what is kept, below zero [m]."""
+        """Return where a motion is too close, and by how much: distances below zero [m]."""
         motion = motion.finer(self.pieces)
         places = self.penetrations(motion, np.arange(len(self.kept)))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
@@ -230,14 +230,14 @@ class KeepOutOfObstacle(KeepOut):
         return CloseApproaches(places.vehicles, places.partners, places.times, distances)
 
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
-        """Inner knots inside."""
+        """Return the inner knots that are inside."""
         places = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
         below = self.radius(places) - BROKEN * self.tolerances[places.vehicles]
         return places.select((distances < below) & self.holds_at(places.times))
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
-        """Rows at inner knots.
+        """Return rows at inner knots.
 
         A row is as far from its bound as the reference is from the obstacle, so a motion can break
         it only if it is further than that from the reference.
@@ -260,12 +260,12 @@ class KeepOutOfObstacle(KeepOut):
 
     @cached_property
     def _asked(self) -> HalfSpaces:
-        """The rows at all inner knots."""
+        """Rows at all inner knots."""
         return self.rows(self.inner_knots)
 
     @cached_property
     def _room(self) -> FloatArray:
-        """How far outside of what is kept the reference is at inner knots [m], shape (N, K-2)."""
+        """Distances of the reference at inner knots beyond what is required [m], shape (N, K-2)."""
         offsets = self.offsets(self.reference, self.inner_knots)
         distances = self.obstacle.shape.signed_distance(offsets).reshape(len(self.kept), -1)
         inside = self.margins.knots["position"][1:-1]
@@ -274,11 +274,11 @@ class KeepOutOfObstacle(KeepOut):
         return room
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
-        """Rows at the same instants."""
+        """Return rows at the same instants."""
         return self.rows(Places(rows.vehicles, rows.partners, rows.times))
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """Scaled distances from the middle, where the shape is a ball or an ellipsoid."""
+        """Return scaled distances from the middle, where the shape is a ball or an ellipsoid."""
         radii = self.kept[rows.vehicles] + self.margins.at("position", rows.times)
         inside = [self.obstacle.shape.quadric_inside(radius) for radius in radii]
         quadrics = [each for each in inside if each is not None]
@@ -299,7 +299,7 @@ class KeepOutOfObstacle(KeepOut):
 def obstacles_of(
     scenario: Scenario, margins: PlanMargins, reference: Motion
 ) -> list[KeepOutOfObstacle]:
-    """The obstacles known at the start, linearised (15) around a motion of the same vehicles."""
+    """Return the obstacles known at the start, linearised (15) around a motion."""
     known = scenario.known
     if not known:
         return []
@@ -329,7 +329,7 @@ def obstacles_of(
 
 
 def across(directions: FloatArray) -> FloatArray:
-    """Unit vectors orthogonal to directions (..., 3): always the same ones."""
+    """Return unit vectors orthogonal to directions (..., 3), always the same ones."""
     least = np.eye(3)[np.argmin(np.abs(directions), axis=-1)]
     normals = np.cross(directions, least)
     lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -339,7 +339,7 @@ def across(directions: FloatArray) -> FloatArray:
 
 
 def side_of(offsets: FloatArray, ways: FloatArray) -> FloatArray:
-    """Unit vectors orthogonal to `ways`, on the sides of `offsets` if these have one, (..., 3)."""
+    """Return unit vectors orthogonal to `ways`, towards `offsets` if possible, (..., 3)."""
     speeds = np.linalg.norm(ways, axis=-1, keepdims=True)
     ahead = np.where(speeds > 0.0, ways / np.where(speeds > 0.0, speeds, 1.0), 0.0)
     sides = offsets - np.vecdot(offsets, ahead)[..., None] * ahead

@@ -104,16 +104,16 @@ class KeepApart(KeepOut):
     """whether each close encounter of the reference gets one direction all along"""
 
     def radius(self, times: FloatArray) -> FloatArray:
-        """The sum of both margins [m], at times since the first knot [s], shape (R,)."""
+        """Return the sum of both margins [m], at times since the first knot [s], shape (R,)."""
         radii: FloatArray = 2.0 * self.margins.at("position", times)
         return radii
 
     def offsets(self, motion: Motion, places: Places) -> FloatArray:
-        """Positions of the vehicles from their partners'."""
+        """Return positions of the vehicles relative to their partners."""
         return self._difference(motion, "position", places)
 
     def ways(self, places: Places) -> FloatArray:
-        """The reference's velocities of the vehicles from their partners'."""
+        """Return the reference's velocities of the vehicles relative to their partners."""
         return self._difference(self.reference, "velocity", places)
 
     def _difference(self, motion: Motion, quantity: Quantity, places: Places) -> FloatArray:
@@ -123,12 +123,12 @@ class KeepApart(KeepOut):
         return difference
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
-        """Places where a pair, one of it among `vehicles`, is closer than the separation."""
+        """Return places where a pair, one of it among `vehicles`, is closer than the separation."""
         between = self.every_instant
         return places_of(too_close(self.kept, motion, self.margins, between=between, of=vehicles))
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
-        """The broken rows at `places`, without neighbours: rows that couple are expensive."""
+        """Return violated rows at `places`, without neighbours: rows that couple are expensive."""
         rows = self._asked
         if len(vehicles) < len(motion.positions) and len(rows) > 0:
             asked = np.zeros(len(motion.positions), dtype=bool)
@@ -147,7 +147,7 @@ class KeepApart(KeepOut):
         return self.rows(self.places)
 
     def directions(self, places: Places) -> FloatArray:
-        """Unit normals of rows, from S towards the way from the partner to the vehicle, (R, 3).
+        """Return unit normals of rows, from S towards the offset from the partner, (R, 3).
 
         Along that way in the space in which S is a ball. Where something is added to S, and the
         reference would not keep such a row, from the nearest point of S, so that it does if it
@@ -243,7 +243,7 @@ class KeepApart(KeepOut):
         return numbers
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
-        """The partners, as in ' from v1, v2'."""
+        """Return the partners, as in ' from v1, v2'."""
         others = np.unique(np.concatenate([rows.partners, rows.vehicles]))
         own = rows.vehicles[0]
         return f" from {', '.join(names[other] for other in others if other != own)}"
@@ -261,7 +261,7 @@ def pairs_of(
     of: IntArray | None = None,
     close: CloseApproaches | None = None,
 ) -> KeepApart:
-    """The pairs of a scenario with a separation, linearised around a motion of its vehicles.
+    """Return the constraint of all pairs, linearised around a motion of the vehicles.
 
     Args:
         scenario: what is asked.
@@ -308,12 +308,12 @@ def pairs_of(
 
 
 def places_of(found: CloseApproaches) -> Places:
-    """The places where pairs are close."""
+    """Return the places where pairs are close."""
     return Places(found.one, found.other, found.times)
 
 
 def _encounters(places: Places, close: BoolArray, step: float) -> tuple[IntArray, IntArray]:
-    """The close places, as indices, and the number of the encounter that each is of.
+    """Return the close places, as indices, and the number of the encounter of each.
 
     Close places of a pair that follow each other are one encounter.
     """

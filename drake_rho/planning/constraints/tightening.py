@@ -69,12 +69,12 @@ class Room:
     """one for all or shape (N,), in the quantity's unit"""
 
     def lacking(self, tolerances: float) -> FloatArray:
-        """By how much there is too little, at most zero where there is enough, shape (N,)."""
+        """Return by how much room is missing, at most zero where there is enough, shape (N,)."""
         lacking: FloatArray = self.needed - self.room - tolerances * self.tolerances
         return lacking
 
     def reason(self, vehicle: int) -> str:
-        """What is wrong with one vehicle, in words."""
+        """Return the reason for one vehicle, in words."""
         unit, needed = UNITS[self.quantity], np.broadcast_to(self.needed, self.room.shape)
         room = float(self.room[vehicle])
         if needed[vehicle] <= 0.0:
@@ -146,21 +146,21 @@ def _bearable(scenario: Scenario, margins: PlanMargins) -> float:
 
 
 def _rooms(scenario: Scenario, margins: Margins) -> Iterator[Room]:
-    """The room of every constraint, of limits as a whole and at both ends."""
+    """Yield the room of every constraint, of limits as a whole and at both ends."""
     yield from _of_limits(scenario, margins)
     for end in _WHERE:
         yield from _of_end(scenario, margins, end)
 
 
 def _of_end(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
-    """The room of every constraint at one end."""
+    """Yield the room of every constraint at one end."""
     yield from _of_state(scenario, margins, end)
     yield from _of_obstacles(scenario, margins, end)
     yield from _of_pairs(scenario, margins, end)
 
 
 def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[Room]:
-    """Boxes and balls, which errors on both sides must not fill."""
+    """Yield boxes and balls, which errors on both sides must not fill."""
     fleet = scenario.fleet
     for quantity in _QUANTITIES:
         needed = margins.steps[quantity].max(keepdims=True)
@@ -181,7 +181,7 @@ def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[Room]:
 
 
 def _of_state(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
-    """Position and velocity at one end, in their boxes and balls."""
+    """Yield the room of position and velocity at one end, in their boxes and balls."""
     fleet = scenario.fleet
     states: dict[Quantity, FloatArray] = {"position": fleet.start_positions}
     states["velocity"] = fleet.start_velocities
@@ -201,7 +201,7 @@ def _of_state(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
 
 
 def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
-    """Distances from the obstacles at one end, less what is kept when nothing disturbs."""
+    """Yield the distances from obstacles at one end beyond those without a disturbance."""
     fleet = scenario.fleet
     positions, time = fleet.start_positions, 0.0
     if end != 0:
@@ -216,7 +216,7 @@ def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ro
 
 
 def _of_pairs(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
-    """Every vehicle's room to the one that is closest, half of it, as each has an error."""
+    """Yield half of every vehicle's room to the closest other one, as each has an error."""
     from scipy.spatial import cKDTree  # slow to load, so only where needed
 
     separation, fleet = scenario.separation, scenario.fleet
@@ -234,7 +234,7 @@ def _of_pairs(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
 
 
 def with_room(scenario: Scenario, margins: PlanMargins) -> Scenario:
-    """The undisturbed scenario in which vehicles and their separation are larger by their margins.
+    """Return the undisturbed scenario with vehicles and separation larger by their margins.
 
     For looking for ways, on which margins need not be known over time. Vehicles are no larger than
     their starts and goals have room for.

@@ -26,18 +26,18 @@ class PassWaypoint(KeepInSets):
     """of all vehicles, since the first knot [s], shape (N,); NaN where one has no such waypoint"""
 
     def margin(self, times: FloatArray) -> FloatArray:
-        """The radius of the position then: one instant is asked, not a step."""
+        """Return the radius of the position then: one instant counts, not a step."""
         return self.margins.exactly(times)
 
     def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
-        """The positions at the waypoints' times."""
+        """Return the positions at the waypoints' times."""
         who = vehicles[np.isfinite(self.times[vehicles])]
         times = self.times[who]
         return Asked(who, times, motion.each_at("position", who, times))
 
 
 def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
-    """The waypoints that the vehicles have to pass."""
+    """Return the constraints of the waypoints."""
     scale = scenario.fleet.scale("position")
     return [
         PassWaypoint(

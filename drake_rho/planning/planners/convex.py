@@ -124,7 +124,7 @@ def _plan(problem: Problem, reference: Plan | None, backend: Backend | None) -> 
 
 
 def _grid(step: float, like: Grid) -> Grid:
-    """The grid of the same duration with another step.
+    """Return the grid of the same duration with another step.
 
     Raises:
         ValueError: `step` is not positive or does not divide the duration.

@@ -36,7 +36,7 @@ def plan(
     progress: Progress | None = None,
     options: Options | None = None,
 ) -> Plan:
-    """The best plan that this package can find.
+    """Return the best plan that this package can find.
 
     The convex method's plan is linearised anew until its cost stops falling. Where the first
     linearisation has no solution, the vehicles it fails are given ways round the obstacles first,
@@ -124,7 +124,7 @@ def plan_scp(
     progress: Progress | None = None,
     options: Options | None = None,
 ) -> Plan:
-    """Sequential convex programming to convergence: `plan`, by the name of its method.
+    """Plan by sequential convex programming to convergence: `plan`, by the name of its method.
 
     Args and errors are those of `plan`.
     """

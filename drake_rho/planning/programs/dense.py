@@ -53,7 +53,7 @@ Program = MathematicalProgram | DenseProgram
 
 @lru_cache(maxsize=64)
 def _common(size: int, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
-    """What all programs of so many variables have in common, and the variables."""
+    """Return the part that all programs of so many variables have in common, and the variables."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(size)
     if not linear:
@@ -92,7 +92,7 @@ def add_rows(
 
 
 def slack_columns(penalties: FloatArray, slacks: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
-    """The soft rows, for each of them the place of its slack, and the penalty of each slack."""
+    """Return the soft rows, for each the place of its slack, and the penalty of each slack."""
     rows = np.flatnonzero(np.isfinite(penalties))
     _, first, columns = np.unique(slacks[rows], return_index=True, return_inverse=True)
     return rows, columns, penalties[rows[first]]

@@ -71,11 +71,11 @@ class Duals:
         return len(self.times)
 
     def select(self, rows: IntArray | slice) -> Duals:
-        """Some of the rows."""
+        """Return some of the rows."""
         return Duals(self.changes, self.by_daqp, *some_of(self._arrays(), rows))
 
     def and_also(self, more: Duals) -> Duals:
-        """These rows, then more."""
+        """Return these rows, then more."""
         pairs = zip(self._arrays(), more._arrays(), strict=True)
         return Duals(self.changes, self.by_daqp, *map(np.concatenate, pairs))
 
@@ -94,7 +94,7 @@ class Duals:
 
     @one_for_arrays()
     def solved(self) -> tuple[FloatArray, IntArray, FloatArray]:
-        """The multipliers, the vehicles, and what is added to their accelerations (V, K-1, 3).
+        """Return multipliers, vehicles, and what is added to their accelerations (V, K-1, 3).
 
         Raises:
             SolverError: the multipliers of a group are not found.
@@ -145,7 +145,7 @@ class Duals:
         return inside, which, lengths[which] * np.where(self.other >= 0, np.sqrt(2.0), 1.0)
 
     def _signs(self, own: slice) -> tuple[IntArray, FloatArray | None]:
-        """The vehicles of a group, and their signs in its rows, (G, R); None if it is one alone."""
+        """Return a group's vehicles, and their signs in its rows, (G, R); None if it is one."""
         one, other = self.one[own], self.other[own]
         if other.max() < 0 and (one == one[0]).all():
             return one[:1], None
@@ -243,7 +243,7 @@ class GroupDuals:
         return self._executor.map(Duals.solved, blocks)
 
     def pressing(self) -> list[tuple[HalfSpaces, FloatArray]]:
-        """The rows with multipliers above zero, as they were added, and these.
+        """Return the rows with multipliers above zero, as they were added, and these.
 
         A multiplier is half of what the cost rises with each unit that a row asks for.
         """
@@ -255,7 +255,7 @@ class GroupDuals:
 
 
 def _in_blocks(rows: Duals) -> Iterator[Duals]:
-    """About `_BLOCK` rows at a time; those of a group stay together."""
+    """Yield about `_BLOCK` rows at a time; those of a group stay together."""
     begins = np.flatnonzero(np.diff(rows.groups, prepend=-1))
     cuts = begins[np.flatnonzero(np.diff(begins // _BLOCK, prepend=-1))]
     for first, last in pairwise([*cuts.tolist(), len(rows)]):

@@ -45,12 +45,12 @@ class Answers:
     """time that the solver reports for itself [s]"""
 
     def multipliers(self, index: int) -> FloatArray:
-        """Those of the rows, of length one, of one of the groups: y >= 0, shape (R,)."""
+        """Return the multipliers of one group's rows, of length one: y >= 0, shape (R,)."""
         y: FloatArray = np.maximum(self.weights[index](), 0.0) * self.lengths[index]
         return y
 
     def sent(self) -> Answers:
-        """The same, as it can be sent from one process to another."""
+        """Return the same, as it can be sent from one process to another."""
         found = [partial(np.asarray, weights()) for weights in self.weights]
         return dataclasses.replace(self, weights=found)
 
@@ -69,7 +69,7 @@ class _Block:
 
     @one_for_arrays()
     def solved(self) -> list[Answers]:
-        """All of its programs, one after the other: others are at work on other blocks."""
+        """Solve all programs, one after the other: other workers have other blocks."""
         answers = list[Answers]()
         for batch in self.batches():
             found = solve(batch.programs, self.backend)
@@ -112,7 +112,7 @@ def solve_all(
 
 
 def _in_blocks(vehicles: int, rows: Sequence[Rows]) -> Iterator[Sequence[Rows]]:
-    """The rows of about `_BLOCK` vehicles at a time; those of a group stay together."""
+    """Yield the rows of about `_BLOCK` vehicles at a time; those of a group stay together."""
     has_rows = np.zeros(vehicles, dtype=bool)
     for part in rows:
         has_rows[part.vehicles] = True

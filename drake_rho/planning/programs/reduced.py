@@ -66,7 +66,7 @@ class Batch:
     """factors that turn multipliers into those of rows of length one, shape (B, R)"""
 
     def accelerations(self, solutions: Sequence[Solution], steps: int) -> FloatArray:
-        """The accelerations u, in units, shape (B, G, K-1, 3).
+        """Return the accelerations u, in units, shape (B, G, K-1, 3).
 
         Args:
             solutions: one for each program.
@@ -85,7 +85,7 @@ def programs_of(
     *,
     dense: bool = False,
 ) -> Iterator[Batch]:
-    """The programs of all vehicles that have rows, the largest first, written one by one.
+    """Yield the programs of all vehicles that have rows, the largest first, written one by one.
 
     Args:
         changes: what the rows are about.
@@ -111,7 +111,7 @@ def programs_of(
 
 
 def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: float) -> BoolArray:
-    """For which groups, of so many vehicles and rows each, the sparse form is cheaper.
+    """Return for which groups, of so many vehicles and rows each, the sparse form is cheaper.
 
     Args:
         steps: K - 1.
@@ -128,7 +128,7 @@ def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: 
 
 
 def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Batch]:
-    """Programs of single vehicles in the reduced space; those of a size together.
+    """Yield programs of single vehicles in the reduced space; those of a size together.
 
     What is as wide as a row is made for one size after the other, which fits into caches.
     """
@@ -164,7 +164,7 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
 
 
 def _responses(grid: Grid, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray]:
-    """Responses of rows (U, K-1), and which of them is that of each row, shape (R,).
+    """Return responses of rows (U, K-1), and which of them is that of each row, shape (R,).
 
     Of many rows most are at the same knots, of one vehicle or another.
     """
@@ -181,7 +181,7 @@ def _responses(grid: Grid, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray]:
 
 
 def _reduced_group(changes: Changes, group: IntArray, rows: Sequence[Rows], dense: bool) -> Batch:
-    """One program, in the reduced space."""
+    """Return one program, in the reduced space."""
     matrix, needed, penalties = rows_of(changes, group, rows)
     entries = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
     inside = np.stack([changes.inside(entries[:, :, axis]) for axis in range(3)], axis=2)
@@ -191,7 +191,7 @@ def _reduced_group(changes: Changes, group: IntArray, rows: Sequence[Rows], dens
 
 
 def slacks_of(rows: Sequence[Rows]) -> IntArray:
-    """The slack of each of some half-spaces, constraint by constraint, as numbers, shape (R,)."""
+    """Return the number of each half-space's slack, constraint by constraint, shape (R,)."""
     if all(not part.soft for part in rows):
         return np.zeros(sum(map(len, rows)), dtype=int)  # there are none
     first = np.cumsum([0, *(1 + part.slacks.max(initial=-1) for part in rows)])[:-1]
@@ -201,7 +201,7 @@ def slacks_of(rows: Sequence[Rows]) -> IntArray:
 def rows_of(
     changes: Changes, group: IntArray, rows: Sequence[Rows]
 ) -> tuple[csc_array, FloatArray, FloatArray]:
-    """Half-spaces as rows M @ u >= b of length one, u of a group of vehicles, in its unit.
+    """Return half-spaces as rows M @ u >= b of length one, u of a group, in its unit.
 
     Returns:
         M (R, 3 G (K-1)), b (R,), and what it costs to break a row by one, (R,).
@@ -241,7 +241,7 @@ def _in_span(
     free: bool,
     dense: bool,
 ) -> Batch:
-    """Programs in coordinates of an orthonormal basis of the span of their rows.
+    """Return programs in coordinates of an orthonormal basis of the span of their rows.
 
     What DAQP does with rows as they are takes less time than to make that basis.
 
@@ -264,7 +264,7 @@ def _in_span(
 
 
 def _sparse(changes: Changes, group: IntArray, rows: Sequence[Rows], begun: Begun) -> Batch:
-    """The program in the accelerations, with the states that its rows speak of beside them.
+    """Return the program in the accelerations and in the states that its rows bound.
 
     Variables, cost and dynamics take longer to write than the rows do, and are the same for many:
     they are copied from `begun`, in which they are put if they are not there.

@@ -41,7 +41,7 @@ class Rows:
 
     @classmethod
     def of(cls, part: HalfSpaces, motion: Motion) -> Self:
-        """Half-spaces as rows about what is added to a motion of all vehicles."""
+        """Return half-spaces as rows about what is added to a motion of all vehicles."""
         return cls(
             part.constraint.quantity,
             part.constraint.penalty,
@@ -59,7 +59,7 @@ class Rows:
         return len(self.times)
 
     def select(self, rows: BoolArray | IntArray | slice) -> Rows:
-        """Some of the rows."""
+        """Return some of the rows."""
         return dataclasses.replace(
             self,
             vehicles=self.vehicles[rows],
@@ -77,7 +77,7 @@ class Rows:
 
 
 def groups_of(vehicles: int, coupled: Sequence[Rows | HalfSpaces]) -> IntArray:
-    """For each vehicle the number of its group: those that rows couple have the same.
+    """Return the number of each vehicle's group: those that rows couple have the same.
 
     Args:
         vehicles: N.
@@ -95,7 +95,7 @@ def groups_of(vehicles: int, coupled: Sequence[Rows | HalfSpaces]) -> IntArray:
 def each_of(
     wanted: IntArray, numbers: IntArray, rows: Sequence[Rows]
 ) -> Iterator[tuple[int, list[Rows]]]:
-    """The rows of parts of a fleet, sorted by part once, as there may be many.
+    """Yield the rows of parts of a fleet, sorted by part once, as there may be many.
 
     Args:
         wanted: numbers of parts.
@@ -116,5 +116,5 @@ def each_of(
 
 
 def about(motion: Motion, parts: Iterable[HalfSpaces]) -> list[Rows]:
-    """Half-spaces, constraint by constraint, as rows about what is added to a motion."""
+    """Return half-spaces, constraint by constraint, as rows about what is added to a motion."""
     return [Rows.of(part, motion) for part in parts]

@@ -34,7 +34,7 @@ from drake_rho.system.threads import threads
 
 
 def _is_told(record: logging.LogRecord) -> bool:
-    """Whether a line of Drake's log is for users: not how a solver ended, which is judged here."""
+    """Return whether a line of Drake's log is for users: not how a solver ended."""
     return not record.getMessage().startswith("Clarabel returns")
 
 
@@ -169,7 +169,7 @@ def _attempts(backend: Backend) -> Iterator[tuple[Solver, _Options]]:
 
 
 def _knows(solver: Solver, program: Program) -> bool:
-    """Whether the solver takes a program of this kind: OSQP no linear ones, CLP no others.
+    """Return whether the solver takes such a program: OSQP no linear ones, CLP no others.
 
     DAQP takes dense quadratic programs only; cones are for Clarabel alone.
     """
@@ -183,7 +183,7 @@ def _knows(solver: Solver, program: Program) -> bool:
 
 
 def _work(program: Program, dense: bool) -> int:
-    """The square of the number of variables, or what takes a solver of dense programs as long."""
+    """Return the squared number of variables, or what takes a dense solver as long."""
     if not isinstance(program, DenseProgram):
         return int(program.num_vars()) ** 2
     if dense:
@@ -215,7 +215,7 @@ def _solve_with(
 def _judge(
     name: str, program: MathematicalProgram, result: MathematicalProgramResult
 ) -> Solution | None:
-    """The solution, or None if the solver failed."""
+    """Return the solution, or None if the solver failed."""
     feasible = bool(result.is_success())
     if not feasible and result.get_solution_result() not in _INFEASIBLE:
         return None

@@ -63,13 +63,13 @@ class SparseRows:
         return 3 * self.steps * len(self.group) * (1 + self._velocities + self._positions)
 
     def dynamics(self) -> Iterator[csc_matrix]:
-        """(1) and (2) for the states there are: matrices whose product with x is zero."""
+        """Yield (1) and (2) for the states there are: matrices whose product with x is zero."""
         blocks = 1 + self._velocities + self._positions
         for order in range(1, blocks):
             yield _dynamics(self.steps, len(self.group), order, blocks)
 
     def matrix(self) -> tuple[csc_array, FloatArray, FloatArray, FloatArray]:
-        """The rows.
+        """Return the rows.
 
         Returns:
             The matrix, `needed`, what it costs to break a row by one, and factors that turn the
@@ -100,7 +100,7 @@ class SparseRows:
         return matrix, np.concatenate(needed), np.concatenate(penalties), np.concatenate(lengths)
 
     def _terms(self, rows: Rows) -> list[_Term]:
-        """The terms that a quantity, in its scale, is the sum of."""
+        """Return the terms that a quantity, in its scale, is the sum of."""
         terms = self._terms_of(rows, rows.vehicles)
         if rows.coupled:
             less = self._terms_of(rows, rows.partners)
@@ -132,7 +132,7 @@ def scale_of(quantity: Quantity, step: float) -> float:
 
 
 def without_rows(sparse: SparseRows) -> tuple[MathematicalProgram, np.ndarray]:
-    """A sparse program with its cost, goal and dynamics only, and its variables."""
+    """Return a sparse program with its cost, goal and dynamics only, and its variables."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(sparse.columns)
     u = x[: 3 * sparse.steps * len(sparse.group)]

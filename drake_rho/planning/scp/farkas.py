@@ -22,7 +22,7 @@ _NO_PART = 1e-4
 def conflict_of(
     working: WorkingSet, effort: MinimumEffort, vehicle: int, names: list[str]
 ) -> Names:
-    """Axes of the goal and constraints, in words, that a vehicle cannot meet together.
+    """Return axes of the goal and constraints, in words, that a vehicle cannot meet together.
 
     Where the solver gives no weights, all the rows in the program are named.
 
@@ -51,7 +51,7 @@ def conflict_of(
 
 
 def _pull(effort: MinimumEffort, vehicle: int, rows: HalfSpaces, y: FloatArray) -> FloatArray:
-    """M' y of one vehicle's accelerations, from rows of length one, shape (K-1, 3)."""
+    """Return M' y of one vehicle's accelerations, from rows of length one, shape (K-1, 3)."""
     signs = (rows.vehicles == vehicle).astype(float)
     if rows.constraint.coupled:
         signs -= rows.partners == vehicle
@@ -65,14 +65,14 @@ def _pull(effort: MinimumEffort, vehicle: int, rows: HalfSpaces, y: FloatArray) 
 
 
 def _axes(effort: MinimumEffort, pull: FloatArray) -> list[str]:
-    """The axes of the goal that M' y needs to vanish."""
+    """Return the axes of the goal that M' y needs to vanish."""
     sizes = np.linalg.norm(effort.goals.rows @ pull, axis=0)
     least = _NO_PART * np.abs(pull).max()
     return [f"goal {axis}" for axis, size in zip("xyz", sizes, strict=True) if size > least]
 
 
 def in_the_way(working: WorkingSet, vehicle: int) -> frozenset[int]:
-    """Numbers of the obstacles that a vehicle's rows are about; 0 for other vehicles."""
+    """Return the numbers of obstacles that a vehicle's rows are about; 0 for other vehicles."""
     found = (
         rows.constraint.obstacle_number
         for rows in working.rows.values()

@@ -91,7 +91,7 @@ class InGroups:
         self.active = list[HalfSpaces]()
 
     def reference(self, plan: Plan, tolerance: float) -> Plan:
-        """What is left of a plan's cost after some linearisations in groups.
+        """Return a motion that costs less than a plan, after some linearisations in groups.
 
         Args:
             plan: keeps every constraint.
@@ -144,7 +144,7 @@ class InGroups:
         close: CloseApproaches | None = None,
         rounds: int | None = None,
     ) -> tuple[Motion, Statistics]:
-        """One linearisation; the groups of the next are found from its multipliers.
+        """Solve one linearisation, and find the groups of the next from its multipliers.
 
         Args:
             reference: around which.
@@ -204,13 +204,13 @@ class InGroups:
             self.groups = self._grouped(pairs.one, pairs.other, within - pairs.distances)
 
     def _first_groups(self, pairs: KeepApart) -> IntArray:
-        """Groups of those who would be most in each other's way if they flew as if alone."""
+        """Return groups of vehicles whose independent motions violate the separation most."""
         alone = self._problem.effort.motion
         met = pairs.violated_rows(alone, np.arange(len(self._problem)))
         return self._grouped(met.vehicles, met.partners, -met.margins(alone))
 
     def _note(self, program: GroupDuals, pairs: KeepApart) -> None:
-        """Note the active rows, and the next groups, which are of those that press most."""
+        """Note the active rows, and the next groups: pairs with the largest multiplier sums."""
         assert self.groups is not None  # noqa: S101  # there was a linearisation
         active, pressures = dict[Hashable, HalfSpaces](), list[FloatArray]()
         for rows, multipliers in program.pressing():
@@ -227,7 +227,7 @@ class InGroups:
             self.groups = self._grouped(met.vehicles, met.partners, np.concatenate(pressures))
 
     def _grouped(self, one: IntArray, other: IntArray, pressures: FloatArray) -> IntArray:
-        """Groups by the sum of each pair's pressures."""
+        """Return groups by the sum of each pair's multipliers."""
         count = len(self._problem)
         pairs, place = np.unique(one * count + other, return_inverse=True)
         sums: FloatArray = np.bincount(place, pressures, minlength=len(pairs)).astype(np.float64)
@@ -235,7 +235,7 @@ class InGroups:
 
 
 def _bound(most: int, count: int) -> int:
-    """The bound on a group's vehicles in a fleet of so many, which may be all of them."""
+    """Return the bound on a group's vehicles in a fleet, which may be all of them."""
     return count if most > 1 and count <= _WHOLE * most else most
 
 

@@ -14,7 +14,7 @@ which of two pairs comes first where a fleet is symmetric."""
 def groups_that_press(
     vehicles: int, one: IntArray, other: IntArray, pressures: FloatArray, most: int
 ) -> IntArray:
-    """A partition of vehicles into groups within which pairs press most on each other.
+    """Return a partition of vehicles in groups with the largest sums of multipliers.
 
     Pairs are gone through once, those of the largest pressure first, and the groups of the two
     become one where they are not too large for it together.

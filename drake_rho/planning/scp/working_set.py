@@ -62,11 +62,11 @@ class WorkingSet:
         self._solved: dict[int, tuple[Answers, int]] = {}
 
     def __len__(self) -> int:
-        """How many rows are in."""
+        """Return the number of rows that are in."""
         return sum(map(len, self.rows.values()))
 
     def known(self, rows: HalfSpaces, motion: Motion) -> BoolArray:
-        """Which rows of one constraint are in already, shape (R,).
+        """Return which rows of one constraint are in already, shape (R,).
 
         Args:
             rows: that may be added.
@@ -151,7 +151,7 @@ class WorkingSet:
         return self._known[key]
 
     def of(self, vehicles: IntArray, count: int) -> list[HalfSpaces]:
-        """The rows of some of `count` vehicles, constraint by constraint."""
+        """Return the rows of some of `count` vehicles, constraint by constraint."""
         rows = list(self.rows.values())
         if len(vehicles) == count:
             return rows
@@ -161,7 +161,7 @@ class WorkingSet:
         return [part for part in chosen if len(part) > 0]
 
     def active(self, motion: Motion) -> list[HalfSpaces]:
-        """The rows at whose bounds a motion of all vehicles is, constraint by constraint."""
+        """Return the rows at whose bounds a motion is, constraint by constraint."""
         touching = (
             part.select(part.margins(motion) < _TOUCHING * part.tolerances)
             for part in self.rows.values()
@@ -175,7 +175,7 @@ class WorkingSet:
                 self._solved[vehicle] = answers, index
 
     def group(self, vehicle: int) -> IntArray:
-        """The vehicles that share a vehicle's program, itself among them."""
+        """Return the vehicles that share a vehicle's program, itself among them."""
         if vehicle not in self._solved:
             return np.array([vehicle])
         answers, index = self._solved[vehicle]
@@ -183,7 +183,7 @@ class WorkingSet:
         return own
 
     def multipliers(self, vehicle: int) -> list[tuple[HalfSpaces, FloatArray]]:
-        """The rows in a vehicle's program and their multipliers y >= 0, constraint by constraint.
+        """Return the rows in a vehicle's program and their multipliers y >= 0.
 
         For rows of length one and the cost in units squared, as the program is written. Where
         rows couple the vehicle to others, those of the whole group are given. Of a program without
