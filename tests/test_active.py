@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.display.common.clearances import closest
+from drake_rho.motion.obstacle_clearances import closest
 from drake_rho.scenario.shapes.base import Shape
 from tests.disturbed import disturbed
 from tests.scenarios import box, single

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.motion.clearance import closest_approach, turning_points
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.extremes import closest_approach, turning_points
 
 seeds = st.integers(0, 2**32 - 1)
 small = st.integers(-6, 6)

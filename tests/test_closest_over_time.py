@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.clearance import closest_approach, closest_over_time
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.extremes import closest_approach
+from drake_rho.motion.nearest_vehicles import closest_over_time
 from tests.tolerances import ROUNDING
 
 

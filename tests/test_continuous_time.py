@@ -11,13 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.motion.clearance import (
-    close_pairs,
-    close_pairs_at_knots,
-    closest_approach,
-    turning_points,
-)
+from drake_rho.motion.close_pairs import close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, roll_out
+from drake_rho.motion.extremes import closest_approach, turning_points
 from drake_rho.verification.closest_pairs import closest_at_all_times, closest_at_knots
 from drake_rho.verification.continuous_time import lowest_over_time
 from drake_rho.verification.steps import Steps

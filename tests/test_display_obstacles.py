@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import drake_rho as rho
-from drake_rho.display.common.clearances import closest, least_clearances, nearest
+from drake_rho.display.common.clearances import least_clearances, nearest
 from drake_rho.display.common.obstacle_snapshots import (
     Snapshot,
     approaches,
@@ -26,6 +26,7 @@ from drake_rho.display.plots.axes3d import frame_scene
 from drake_rho.display.plots.distances import draw_distances, draw_least_clearances
 from drake_rho.display.plots.draw_order import layers, ranks
 from drake_rho.display.plots.figures import write_figures
+from drake_rho.motion.obstacle_clearances import closest
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.shapes.base import Shape
 from tests.scenarios import straight

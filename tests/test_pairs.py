@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.motion import clearance
-from drake_rho.motion.clearance import CloseApproaches, close_pairs, close_pairs_at_knots
+from drake_rho.motion import close_pairs as clearance
+from drake_rho.motion.close_pairs import CloseApproaches, close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, roll_out
 from tests.tolerances import ROUNDING
 

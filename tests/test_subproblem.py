@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.base import Constraint

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.tube_shares import largest_shares
 from drake_rho.verification.report import Report
 from drake_rho.verification.verify import verify
 
@@ -65,6 +64,4 @@ def _share_of_tube(simulation: Simulation) -> float | None:
     """Return the largest ratio of position error to tube radius; None without a tube."""
     if simulation.scenario.disturbance is None:
         return None
-    errors, radii = simulation.errors().max(axis=1), simulation.radii()
-    positive = radii > 0.0
-    return float(np.max(errors[positive] / radii[positive], initial=0.0))
+    return float(largest_shares(simulation.errors(), simulation.radii()).max())

@@ -7,15 +7,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from drake_rho.cli.documents import ErrorRow
+from drake_rho.motion.nearest_vehicles import nearest_vehicles
+from drake_rho.motion.obstacle_clearances import clearances
 from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.tube_shares import largest_shares, rounding_of
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _MOST_ROWS = 20
 """Largest number of rows; of more vehicles, those with the largest errors have a row."""
 _ZERO = 1e-9
 """Absolute value below which a number is printed as 0, in the units of the table."""
-_ROUNDING = 1e-9
-"""Rounding error of positions that is not counted as tracking error, over the motion's scale."""
 
 
 def errors_of(simulation: Simulation) -> list[ErrorRow]:
@@ -24,13 +25,14 @@ def errors_of(simulation: Simulation) -> list[ErrorRow]:
     Clearances are distances in the record less the vehicle's radius, or less the separation.
     """
     errors = simulation.errors()
-    ratios = _ratios(simulation, errors)
+    radii, rounding = simulation.radii(), rounding_of(simulation, "position")
+    shares = largest_shares(errors, radii, rounding)
     to_obstacles, to_others = _to_obstacles(simulation), _to_others(simulation)
     return [
         ErrorRow(
             vehicle=vehicle.name,
             error_m=float(errors[:, i].max()),
-            of_radius=_finite(ratios[i]),
+            of_radius=float(shares[i]) if np.any(radii > 0.0) else None,
             to_obstacles_m=_finite(to_obstacles[i]),
             to_others_m=_finite(to_others[i]),
         )
@@ -83,39 +85,24 @@ def _number(value: float | None) -> str:
     return "0" if abs(value) < _ZERO else f"{value:.3g}"
 
 
-def _ratios(simulation: Simulation, errors: FloatArray) -> FloatArray:
-    """Return the largest ratio of error to tube radius, shape (N,); NaN without a tube."""
-    radii = simulation.radii()
-    wide = radii > 0.0
-    if not np.any(wide):
-        return np.full(errors.shape[1], np.nan)
-    errors = np.maximum(errors - _ROUNDING * simulation.scenario.fleet.scale("position"), 0.0)
-    ratios: FloatArray = (errors[wide] / radii[wide, None]).max(axis=0)
-    return ratios
-
-
 def _to_obstacles(simulation: Simulation) -> FloatArray:
     """Return each vehicle's least clearance from obstacles while known [m], shape (N,)."""
-    least = np.full(len(simulation.scenario.vehicles), np.inf)
-    positions, times = np.swapaxes(simulation.positions, 0, 1), simulation.times
-    first = {
-        number for number, _ in simulation.scenario.known
-    }  # at the start, clock rounded or not
-    for number, obstacle in enumerate(simulation.scenario.bodies, start=1):
+    scenario, times = simulation.scenario, simulation.times
+    least = np.full(len(scenario.vehicles), np.inf)
+    positions = np.swapaxes(simulation.positions, 0, 1)
+    first = {number for number, _ in scenario.known}  # at the start, clock rounded or not
+    for number, obstacle in enumerate(scenario.bodies, start=1):
         if np.any(known := (times >= obstacle.known_from) | (number in first)):
-            distances = obstacle.distances(positions[:, known], times[known]).min(axis=1)
-            least = np.minimum(least, distances - obstacle.deviation)
-    return least - simulation.scenario.fleet.radii
+            left = clearances(scenario, obstacle, positions[:, known], times[known])
+            least = np.minimum(least, left.min(axis=1))
+    return least
 
 
 def _to_others(simulation: Simulation) -> FloatArray:
     """Return each vehicle's least distance from another, less the separation [m], shape (N,)."""
-    from scipy.spatial import cKDTree  # slow to import, hence only where needed
-
     separation = simulation.scenario.separation
-    least = np.full(len(simulation.scenario.vehicles), np.inf)
-    if separation is None or len(least) < 2:
-        return least
-    for points in separation.scaled(simulation.positions):
-        least = np.minimum(least, cKDTree(points).query(points, k=2)[0][:, 1])
-    return least - separation.distance
+    if separation is None:
+        return np.full(len(simulation.scenario.vehicles), np.inf)
+    away, _ = nearest_vehicles(np.swapaxes(separation.scaled(simulation.positions), 0, 1))
+    least: FloatArray = away.min(axis=1) - separation.distance
+    return least

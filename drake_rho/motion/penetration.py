@@ -8,7 +8,7 @@ the piece's duration. Pieces whose bound is too high are dropped, the others are
 the distance alone, conservative advancement, stalls where a motion touches a shape.)
 
 The result is not sampled, but exact to a precision. A ball has a closed form
-(`drake_rho.motion.clearance`).
+(`drake_rho.motion.extremes`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from functools import singledispatch
 
 import numpy as np
 
-from drake_rho.motion.clearance import nearest_moments
 from drake_rho.motion.dynamics import Motion, step_at
+from drake_rho.motion.extremes import nearest_moments
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape

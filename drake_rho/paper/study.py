@@ -8,12 +8,13 @@ from collections.abc import Callable
 import numpy as np
 
 from drake_rho.analysis.certificate import Certificate, certify
-from drake_rho.motion.clearance import closest_approach
+from drake_rho.motion.obstacle_clearances import closest
 from drake_rho.motion.plan import Flight, Plan, Window
 from drake_rho.planning.horizon.receding_horizon import plan_rho
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import load_scenario
+from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.verify import Report, verify
 
@@ -87,11 +88,8 @@ class Study:
 
         The distances are exact [m], shape (N,), and negative inside a sphere.
         """
-        motion = example.plan.motion()
-        nearest = [
-            closest_approach(motion, sphere.center)[1].min(axis=-1) - sphere.radius
-            for sphere in self.scenario.spheres
-        ]
+        obstacles = [Obstacle(sphere) for sphere in self.scenario.spheres]
+        nearest = [closest(example.plan, obstacle).distances for obstacle in obstacles]
         clearances: FloatArray = np.min(nearest, axis=0)
         return clearances
 
@@ -101,12 +99,12 @@ class Study:
         The distances [m], shape (N,), are negative inside a sphere. They are measured from the
         spheres of the scenario also in the examples that ignore these.
         """
-        distances = [
-            np.linalg.norm(example.plan.positions - sphere.center, axis=2).min(axis=1)
-            - sphere.radius
+        positions = example.plan.positions
+        nearest = [
+            sphere.signed_distance(positions - sphere.center).min(axis=1)
             for sphere in self.scenario.spheres
         ]
-        clearances: FloatArray = np.min(distances, axis=0)
+        clearances: FloatArray = np.min(nearest, axis=0)
         return clearances
 
     @property

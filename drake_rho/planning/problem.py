@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import Constraint

@@ -1,4 +1,4 @@
-"""Separation check of many vehicles at one instant, without visiting every pair."""
+"""Nearest other of many vehicles at one instant, and the check of their separation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Separation, Vehicle
 
 
@@ -27,7 +27,7 @@ def check_separation(
     """
     if len(vehicles) < 2:
         return
-    first, second, distance = _closest(separation.scaled(positions))
+    first, second, distance = closest_two(separation.scaled(positions))
     if distance < separation.distance - separation.tolerance:
         dz = f", with dz / {separation.downwash:g}," if separation.downwash != 1.0 else ""
         expected = (
@@ -38,12 +38,20 @@ def check_separation(
         raise ScenarioError(f"vehicles[{second}].{where}", value, expected)
 
 
-def _closest(points: FloatArray) -> tuple[int, int, float]:
-    """Return the closest two of `points`, shape (N, 3), N >= 2: increasing indices and distance."""
+def nearest_others(points: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return the distance and the index of each point's nearest other point, N >= 2, shape (N,)."""
     from scipy.spatial import cKDTree  # imported here: loading it takes a tenth of a second
 
-    distances, neighbours = cKDTree(points).query(points, k=2)
-    one = int(np.argmin(distances[:, 1]))
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
+    distances, neighbours = tree.query(points, k=2)
     # where points coincide, either of the two neighbours may be the point itself
-    other = next(int(index) for index in neighbours[one] if index != one)
-    return min(one, other), max(one, other), float(distances[one, 1])
+    own = neighbours[:, 0] == np.arange(len(points))
+    return distances[:, 1], np.where(own, neighbours[:, 1], neighbours[:, 0])
+
+
+def closest_two(points: FloatArray) -> tuple[int, int, float]:
+    """Return the increasing indices of the closest two of N >= 2 points, and their distance."""
+    distances, others = nearest_others(points)
+    one = int(np.argmin(distances))
+    other = int(others[one])
+    return min(one, other), max(one, other), float(distances[one])

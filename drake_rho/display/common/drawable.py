@@ -8,9 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-from drake_rho.motion.clearance import CloseApproaches, closest_over_time
+from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.flown import Flown
+from drake_rho.motion.nearest_vehicles import closest_over_time
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray

@@ -12,14 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from drake_rho.display.common.clearances import (
-    Clearances,
-    ClosestApproaches,
-    closest,
-    distances,
-    least_clearances,
-    required_distances,
-)
+from drake_rho.display.common.clearances import Clearances, least_clearances
 from drake_rho.display.common.drawable import Drawn, planned
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import short_label
@@ -35,6 +28,12 @@ from drake_rho.display.plots.curves import draw_curve, draw_limit, draw_planned
 from drake_rho.display.plots.labels import Labels, around, beside
 from drake_rho.display.plots.legends import add_above
 from drake_rho.display.plots.overlapping_curves import show_overlapping
+from drake_rho.motion.obstacle_clearances import (
+    ClosestApproaches,
+    closest,
+    distances,
+    required_distances,
+)
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import TOLERANCE
@@ -53,7 +52,7 @@ def draw_distances(
 ) -> list[Line2D]:
     """Draw each vehicle's distance from an obstacle's surface, with the required distances."""
     lines = _draw_distances(ax, plan, obstacle, lambda each, at: distances(each, obstacle, at))
-    least = sorted(set(required_distances(plan, obstacle).tolist()))
+    least = sorted(set(required_distances(plan.scenario, obstacle).tolist()))
     values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])
     values = values[np.isfinite(values)]  # while it is active
     bottom, top = float(values.min(initial=0.0)), float(values.max(initial=0.0))
@@ -85,7 +84,7 @@ def draw_distances_from_centre(
         offsets: FloatArray = np.linalg.norm(each.motion().at("position", times) - centers, axis=2)
         return offsets
 
-    for least in sorted(set(required_distances(plan, obstacle).tolist())):
+    for least in sorted(set(required_distances(plan.scenario, obstacle).tolist())):
         more = f" + {least:g} m" if least > 0.0 else ""
         draw_limit(ax, sphere.radius + least, f"R{more} = {sphere.radius + least:g} m")
     lines = _draw_distances(ax, plan, obstacle, from_centre)
@@ -129,7 +128,7 @@ def _mark_least(
     for i, (time, value) in enumerate(zip(found.times, found.distances, strict=True)):
         if len(plan.positions) <= _MAX_ANNOTATED:
             _mark_minimum(ax, plan, i, (start + time, value), colours[i])
-    i = int(np.argmin(found.distances - required_distances(plan, obstacle)))
+    i = int(np.argmin(found.distances - required_distances(plan.scenario, obstacle)))
     label = _description(plan, i, float(found.distances[i]), float(found.times[i]), obstacle)
     time, value = start + found.times[i], found.distances[i]
     (ring,) = ax.plot(time, value, label=label, **EXTREMUM_STYLE)
@@ -197,7 +196,7 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     finite = found.clearances[np.isfinite(found.clearances)]  # while an obstacle is active
     bottom = float(finite.min(initial=0.0))
     bottom -= _BELOW * (float(finite.max(initial=0.0)) - bottom)
-    least = max(float(required_distances(plan, obstacle).max()) for obstacle in obstacles)
+    least = max(float(required_distances(plan.scenario, obstacle).max()) for obstacle in obstacles)
     draw_limit(ax, 0.0, "vehicle radius from the surface" if least > 0.0 else "surface", bottom)
     ax.set(ylabel="clearance from the nearest obstacle [m]", ylim=(bottom, None))
     _finish(ax, plan, curves)

@@ -17,6 +17,7 @@ from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.style import EXTREMUM_STYLE, FORBIDDEN, vehicle_colours
 from drake_rho.display.plots.legends import add_above
 from drake_rho.motion.simulation import Simulation
+from drake_rho.motion.tube_shares import largest_shares, rounding_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import UNITS, Quantity
 
@@ -30,8 +31,6 @@ _TUBE = "#4A4A4A"
 """Colour of the radii."""
 _TOP = 1.1
 """Upper limit of the axes, over the greatest radius or error."""
-_ROUNDING = 1e-9
-"""Rounding error of a motion, over its scale, which does not count as a tracking error."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,12 +67,7 @@ def errors_of(simulation: Simulation, quantity: Quantity) -> list[Errors]:
 
 def greatest_ratio(windows: list[Errors], rounding: float | FloatArray = 0.0) -> float:
     """Return the largest ratio of an error, less rounding, to its radius; 0 without a tube."""
-    return max(
-        float((np.maximum(each.errors[wide] - rounding, 0.0) / each.radii[wide, None]).max())
-        if np.any(wide := each.radii > 0.0)
-        else 0.0
-        for each in windows
-    )
+    return max(float(largest_shares(each.errors, each.radii, rounding).max()) for each in windows)
 
 
 def draw_errors(ax: Axes, simulation: Simulation, quantity: Quantity) -> list[Line2D]:
@@ -117,8 +111,8 @@ def _draw_greatest(
     name = as_text(brief(simulation.scenario.vehicles[int(i)].name))
     label = f"{error:.3g} {UNITS[quantity]} at {time:.4g} s: {name}"
     if any(window.radii.max() > 0.0 for window in windows):
-        rounding = _ROUNDING * simulation.scenario.fleet.scale(quantity)
-        label += f"; at most {100.0 * greatest_ratio(windows, rounding):.1f} % of the radius"
+        share = greatest_ratio(windows, rounding_of(simulation, quantity))
+        label += f"; at most {100.0 * share:.1f} % of the radius"
     (ring,) = ax.plot(time, error, label=label, **EXTREMUM_STYLE)
     add_above(ax, [ring])
     return ring

@@ -12,12 +12,10 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.display.common.clearances import (
-    least_clearances,
-    nearest_obstacles,
-    nearest_vehicles,
-)
+from drake_rho.display.common.clearances import least_clearances
 from drake_rho.display.common.drawable import Drawn, closest_two
+from drake_rho.motion.nearest_vehicles import nearest_vehicles
+from drake_rho.motion.obstacle_clearances import nearest_obstacles
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
 

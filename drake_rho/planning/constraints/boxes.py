@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.clearance import turning_points
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.extremes import turning_points
 from drake_rho.planning.constraints.base import AT_ONCE, BROKEN, Constraint, HalfSpaces, near
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray

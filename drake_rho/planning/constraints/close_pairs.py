@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.motion.clearance import CloseApproaches, close_pairs, close_pairs_at_knots
+from drake_rho.motion.close_pairs import CloseApproaches, close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import Pieces, deepest
 from drake_rho.planning.constraints.base import AT_ONCE, BROKEN

@@ -23,7 +23,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import deepest, pieces_near
 from drake_rho.planning.constraints.base import (

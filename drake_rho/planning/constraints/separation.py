@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import BROKEN, HalfSpaces, Quadratic
 from drake_rho.planning.constraints.close_pairs import (

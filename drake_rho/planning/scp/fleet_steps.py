@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_rho.motion.clearance import NONE, CloseApproaches
+from drake_rho.motion.close_pairs import NONE, CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.close_pairs import most_beside, pairs_within, separation_of

@@ -19,7 +19,7 @@ from itertools import count
 
 import numpy as np
 
-from drake_rho.motion.clearance import CloseApproaches
+from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics

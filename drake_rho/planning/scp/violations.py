@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.clearance import NONE, CloseApproaches
+from drake_rho.motion.close_pairs import NONE, CloseApproaches
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics

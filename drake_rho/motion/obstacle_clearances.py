@@ -1,0 +1,125 @@
+"""Distances and clearances of vehicles from obstacles, at some times and least of all."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.penetration import deepest, pieces_near
+from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.records import Scenario
+
+_SLACK = 1e-9
+"""Tolerance above the least distance at the knots up to which pieces are searched, as a fraction
+of the obstacle's size."""
+
+
+class Moving(Protocol):
+    """Protocol of a motion of a scenario's vehicles; every `Plan` satisfies it."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario."""
+        ...
+
+    def motion(self) -> Motion:
+        """Return the motion as a function of the time since the first knot."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ClosestApproaches:
+    """The closest approach of each vehicle to an obstacle."""
+
+    times: FloatArray
+    """times since the first knot [s], shape (N,)"""
+    distances: FloatArray
+    """distances from the surface, negative inside [m], shape (N,)"""
+
+
+def distances(plan: Moving, obstacle: Obstacle, times: FloatArray) -> FloatArray:
+    """Return the distances of all vehicles from the surface of an obstacle, negative inside.
+
+    Args:
+        plan: the vehicles' motion.
+        obstacle: the obstacle, with its motion.
+        times: since the first knot [s], shape (M,).
+
+    Returns:
+        Distances [m], shape (N, M).
+    """
+    positions = plan.motion().at("position", times)
+    return obstacle.distances(positions, plan.scenario.grid.start + times)
+
+
+def required_distances(scenario: Scenario, obstacle: Obstacle) -> FloatArray:
+    """Return the distances required between vehicles and an obstacle's surface [m], shape (N,).
+
+    They are the vehicles' radii plus the largest deviation of the obstacle from its track.
+    """
+    least: FloatArray = scenario.fleet.radii + obstacle.deviation
+    return least
+
+
+def clearances(
+    scenario: Scenario, obstacle: Obstacle, positions: FloatArray, times: FloatArray
+) -> FloatArray:
+    """Return distances from an obstacle's surface less the required distances.
+
+    Args:
+        scenario: of the vehicles.
+        obstacle: the obstacle, with its motion.
+        positions: of the vehicles [m], shape (N, M, 3).
+        times: on the scenario's clock [s], shape (M,).
+
+    Returns:
+        Clearances [m], shape (N, M), negative where a vehicle is too close.
+    """
+    return obstacle.distances(positions, times) - required_distances(scenario, obstacle)[:, None]
+
+
+def closest(plan: Moving, obstacle: Obstacle) -> ClosestApproaches:
+    """Find the closest approach of each vehicle to an obstacle, exact also between the knots."""
+    motion, start = plan.motion(), plan.scenario.grid.start
+    knots: FloatArray = np.float64(motion.step) * np.arange(motion.positions.shape[1])
+    slack = _SLACK * obstacle.shape.size
+    below = distances(plan, obstacle, knots).min(axis=1) + slack  # reached by at least one piece
+    pieces = pieces_near(motion, obstacle.since(start), np.maximum(below, slack))
+    tolerances = np.full(len(pieces.owners), obstacle.shape.tolerance)
+    which, times = deepest(obstacle.shape, pieces, below[pieces.owners], tolerances)
+    owners = pieces.owners[which]
+    found = obstacle.distances(motion.each_at("position", owners, times), start + times)
+    order = np.lexsort((found, owners))
+    near, firsts = np.unique(owners[order], return_index=True)
+    least = ClosestApproaches(np.zeros(len(below)), np.full(len(below), np.inf))  # if not active
+    least.times[near], least.distances[near] = times[order[firsts]], found[order[firsts]]
+    return least
+
+
+def nearest_obstacles(
+    plan: Moving, obstacles: Sequence[Obstacle], times: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Find the obstacle nearest to each vehicle, and the clearance from it.
+
+    Args:
+        plan: the vehicles' motion.
+        obstacles: the obstacles to avoid.
+        times: since the first knot [s], shape (M,).
+
+    Returns:
+        `clearances` [m], inf without obstacles, and indices of the obstacles, both
+        of shape (N, M).
+    """
+    positions, start = plan.motion().at("position", times), plan.scenario.grid.start
+    least = np.full(positions.shape[:2], np.inf)
+    numbers = np.zeros(least.shape, dtype=np.int64)
+    for index, obstacle in enumerate(obstacles):
+        left = clearances(plan.scenario, obstacle, positions, start + times)
+        numbers[left < least] = index
+        least = np.minimum(left, least)
+    return least, numbers
