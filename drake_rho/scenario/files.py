@@ -19,8 +19,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError, Words
-from drake_rho.scenario.fields import scenario_error
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.refusals import scenario_error
 
 _LIBRARY = files("drake_rho.scenario") / "library"
 
