@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     __version__: str
-    from drake_rho.analysis.certificate import Certificate, VehicleCertificate, certify
+    from drake_rho.analysis.certificate import Certificate, VehicleCertificate
+    from drake_rho.analysis.certify import certify
     from drake_rho.analysis.diagnose import diagnose, shortest_plan
     from drake_rho.analysis.diagnosis import Diagnosis
     from drake_rho.analysis.infeasible_subset import infeasible_subset
@@ -29,10 +30,12 @@ if TYPE_CHECKING:
     from drake_rho.exports.export import export
     from drake_rho.exports.record import Exported
     from drake_rho.motion.files import PlanFileError, load, save
-    from drake_rho.motion.plan import Flight, Plan, Window
+    from drake_rho.motion.flight import Flight, Window
+    from drake_rho.motion.plan import Plan
+    from drake_rho.motion.scenario_tube import error_tube, largest_disturbance
     from drake_rho.motion.simulation import Simulation
     from drake_rho.motion.statistics import Statistics
-    from drake_rho.motion.tube import ErrorTube, error_tube, largest_disturbance
+    from drake_rho.motion.tube import ErrorTube
     from drake_rho.planning.call.options import Options
     from drake_rho.planning.constraints.separation import coupled, decoupled, grouped
     from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
@@ -169,7 +172,8 @@ _NAMES = {
     "drake_rho.analysis.diagnosis": ("Diagnosis",),
     "drake_rho.analysis.diagnose": ("diagnose", "shortest_plan"),
     "drake_rho.analysis.infeasible_subset": ("infeasible_subset",),
-    "drake_rho.analysis.certificate": ("Certificate", "VehicleCertificate", "certify"),
+    "drake_rho.analysis.certificate": ("Certificate", "VehicleCertificate"),
+    "drake_rho.analysis.certify": ("certify",),
     "drake_rho.campaigns.campaign": ("campaign",),
     "drake_rho.campaigns.results": ("Results",),
     "drake_rho.campaigns.study": ("Study", "load_study"),
@@ -187,10 +191,12 @@ _NAMES = {
     "drake_rho.exports.export": ("export",),
     "drake_rho.exports.record": ("Exported",),
     "drake_rho.motion.files": ("PlanFileError", "load", "save"),
-    "drake_rho.motion.plan": ("Flight", "Plan", "Window"),
+    "drake_rho.motion.flight": ("Flight", "Window"),
+    "drake_rho.motion.plan": ("Plan",),
+    "drake_rho.motion.scenario_tube": ("error_tube", "largest_disturbance"),
     "drake_rho.motion.simulation": ("Simulation",),
     "drake_rho.motion.statistics": ("Statistics",),
-    "drake_rho.motion.tube": ("ErrorTube", "error_tube", "largest_disturbance"),
+    "drake_rho.motion.tube": ("ErrorTube",),
     "drake_rho.planning.planners.assignment": ("assign_goals",),
     "drake_rho.planning.planners.plan": ("plan", "plan_scp"),
     "drake_rho.planning.planners.convex": ("plan_convex",),

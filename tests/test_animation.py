@@ -22,7 +22,7 @@ from drake_rho.display.meshcat.meshes import (
     tube,
 )
 from drake_rho.display.meshcat.poses import headings, poses
-from drake_rho.motion.plan import Window
+from drake_rho.motion.flight import Window
 from tests.browser import open_page
 from tests.scenarios import single
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.analysis import certificate
+from drake_rho.analysis import certify
 from drake_rho.display import kinds as display
 from drake_rho.exports import export
 from drake_rho.planning.constraints import catalogue, tightening
@@ -27,7 +27,7 @@ CONSUMERS: dict[str, ModuleType] = {
     "planner": catalogue,
     "verifier": verification,
     "tightening": tightening,
-    "certificate": certificate,
+    "certificate": certify,
     "attack": attack,
     "exports": export,
     "display": display,

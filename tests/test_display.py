@@ -31,7 +31,7 @@ from drake_rho.display.plots.axes3d import frame_scene
 from drake_rho.display.plots.distances import draw_distances_from_centre
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import SINGLE_COLUMN
-from drake_rho.motion.plan import Window
+from drake_rho.motion.flight import Window
 from drake_rho.paper.figures import NUMBERS, draw_figure, write_paper_figures
 from drake_rho.paper.study import Study
 from drake_rho.paper.tables import claims_table, study_table

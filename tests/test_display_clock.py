@@ -17,7 +17,7 @@ from drake_rho.display.meshcat.scene import Scene
 from drake_rho.display.meshcat.trails import record_light_trails, record_predictions, record_trails
 from drake_rho.display.meshcat.vehicles import Vehicles, record_vehicles
 from drake_rho.display.plots import space
-from drake_rho.motion.plan import Window
+from drake_rho.motion.flight import Window
 from tests.scenarios import straight
 
 LATE = 128.0

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.tube import tube_of
+from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.files import scenario_from_yaml, scenario_to_json, scenario_to_yaml
 from drake_rho.simulation.closed_loop import fly

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.plan import Window
+from drake_rho.motion.flight import Window
 from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import disturbed, winds_for
 from tests.scenarios import fleet, random_scenario, single, straight

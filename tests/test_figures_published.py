@@ -31,7 +31,7 @@ from drake_rho.display.plots.distances import draw_distances_from_centre
 from drake_rho.display.plots.figures import write_figures
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, FORMATS, SINGLE_COLUMN
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
-from drake_rho.motion.plan import Window
+from drake_rho.motion.flight import Window
 from drake_rho.paper.figures import draw_figure
 from drake_rho.paper.study import Study
 from drake_rho.scenario.fields import unchecked

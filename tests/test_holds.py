@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import drake_rho as rho
-from drake_rho.motion.tube import tube_of
+from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.fields import unchecked
 from drake_rho.simulation.closed_loop import fly
 from drake_rho.verification import holds

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.motion.tube import tube_of
+from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.margins import margins_of
 from drake_rho.planning.constraints.tightening import lacks, with_room
 from drake_rho.scenario.disturbance import Tracking

@@ -16,7 +16,7 @@ import drake_rho as rho
 from drake_rho.display.common.names import as_path, brief
 from drake_rho.display.plots import curves, space
 from drake_rho.display.plots.figures import write_figures
-from drake_rho.motion.plan import Window
+from drake_rho.motion.flight import Window
 from tests.browser import open_page
 from tests.scenarios import slow, straight
 

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 
 import drake_rho as rho
 from drake_rho.motion.sampled_loop import is_stable
-from drake_rho.motion.tube import tube_of
+from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import FloatArray, unchecked
-from drake_rho.scenario.parts import GRAVITY
+from drake_rho.scenario.limits import GRAVITY
 from tests.scenarios import box, single
 from tests.shapes import KINDS, random_shape
 from tests.test_obstacles_judged import by_hand, places, random_case

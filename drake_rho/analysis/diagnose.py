@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from typing import Protocol
 
 from drake_rho.analysis.diagnosis import Diagnosis
 from drake_rho.analysis.infeasible_subset import infeasible_subset
+from drake_rho.analysis.trials import (
+    LARGEST_FACTOR,
+    SHORTER,
+    Trials,
+    boundary,
+    least_factor,
+    some_factor,
+)
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
-from drake_rho.planning.call.progress import Progress, tell, within
+from drake_rho.planning.call.progress import Progress, tell
 from drake_rho.planning.call.time_limit import check_time, with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-from drake_rho.planning.planners.first_plan import first_plan, plan_near
+from drake_rho.planning.planners.first_plan import first_plan
 from drake_rho.planning.planners.plan import plan_scp
 from drake_rho.planning.planners.related import can_be_slower, paced, rescaled
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Box, Limits, Scenario, Vehicle
 from drake_rho.verification.report import Check
 from drake_rho.verification.verify import verify
@@ -34,16 +39,6 @@ PRECISION_WITH_OBSTACLES = 1e-3
 
 PRECISION_WITH_SEPARATION = 1e-2
 """Relative precision for fleets with a separation, where a trial that fails is a long search."""
-
-LARGEST_FACTOR = 2.0**10
-"""Largest factor that is tried on the duration and on acceleration limits."""
-
-_MAX_RESTARTS = 3
-"""Largest number of bisections, each begun beyond the boundary that local trials found before."""
-
-SHORTER = 0.5**0.5
-"""Ratio of successive shorter durations that are tried, where a shorter one may be feasible: not
-far below 1, because the range of feasible durations may be narrow."""
 
 
 @checked
@@ -84,7 +79,7 @@ def diagnose(
     """
     backend = Backend.of(solver)
     violations: tuple[Check, ...] = ()
-    tolerable, premise, trials = None, "", _Trials(backend, progress)
+    tolerable, premise, trials = None, "", Trials(backend, progress)
     try:
         plan = first_plan(Problem.of(scenario), backend=backend, progress=progress)
     except InfeasibleError as error:
@@ -151,7 +146,7 @@ def shortest_plan(
             scenario's.
         OutOfTimeError: time was up before a plan was found.
     """
-    trials = _Trials(Backend.of(solver), progress)
+    trials = Trials(Backend.of(solver), progress)
     duration, _ = _durations(scenario, trials)
     if duration is None:
         check_time()
@@ -180,60 +175,6 @@ def is_monotone(scenario: Scenario) -> bool:
     return can_be_slower(scenario) and not scenario.obstacles and scenario.separation is None
 
 
-class _Trials:
-    """Sequence of trials whether variants of a scenario have a plan.
-
-    The plan of one trial is the initial guess for the next.
-
-    Args:
-        backend: solves their programs.
-        progress: called with a short description of each trial.
-
-    Attributes:
-        plan: the last plan found.
-        feasible: whether the original scenario has a plan; None if this is not known.
-        cut: whether time was up; all later trials then fail.
-    """
-
-    def __init__(self, backend: Backend, progress: Progress | None) -> None:
-        self.plan: Plan | None = None
-        self.feasible: bool | None = None
-        self.cut = False
-        self._backend, self._progress = backend, progress
-
-    def begin(self, plan: Plan | None) -> None:
-        """Begin with the plan of the original scenario, or with the knowledge that it has none."""
-        self.plan, self.feasible = plan, plan is not None
-
-    def has_plan(self, make: Callable[[], Scenario], words: str, *, near: bool = False) -> bool:
-        """Return whether a plan is found for a variant of the scenario.
-
-        Args:
-            make: function that returns the variant.
-            words: description of the variant for progress.
-            near: whether to search near the last plan only.
-        """
-        if self.cut:
-            return False
-        words = f"trying {words}"
-        tell(self._progress, words)
-        try:
-            self.plan = self._found(make(), within(self._progress, words), near)
-        except (InfeasibleError, SolverError, ScenarioError):
-            return False
-        except OutOfTimeError:
-            self.cut = True
-            return False
-        return True
-
-    def _found(self, scenario: Scenario, progress: Progress | None, near: bool) -> Plan:
-        problem = Problem.of(scenario)
-        if near and self.plan is not None:
-            reference = paced(self.plan, scenario)
-            return plan_near(problem, reference, backend=self._backend, progress=progress)
-        return first_plan(problem, backend=self._backend, progress=progress)
-
-
 def _undisturbed(error: InfeasibleError, scenario: Scenario, backend: Backend) -> InfeasibleError:
     """Return the error without the disturbance, which is more telling, if there is one."""
     try:
@@ -245,7 +186,7 @@ def _undisturbed(error: InfeasibleError, scenario: Scenario, backend: Backend) -
     return error
 
 
-def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float | None]:
+def _durations(scenario: Scenario, trials: Trials) -> tuple[float | None, float | None]:
     """Return the least duration with a plan, and the greatest if below the scenario's [s].
 
     Both are None if no plan is found. The greatest is None, too, if the scenario's own duration or
@@ -257,74 +198,19 @@ def _durations(scenario: Scenario, trials: _Trials) -> tuple[float | None, float
         words = f"a duration of {factor * duration:.5g} s"
         return trials.has_plan(lambda: rescaled(scenario, factor), words, near=near)
 
-    high = _some_factor(lasting, trials.feasible, shorter=not can_be_slower(scenario))
+    high = some_factor(lasting, trials.feasible, shorter=not can_be_slower(scenario))
     if high is None:
         return None, None
     longest = None
     if high < 1.0:
         found = trials.plan
-        longest = duration * _boundary(lasting, high, high / SHORTER, precision)
+        longest = duration * boundary(lasting, high, high / SHORTER, precision)
         trials.plan = found
     while 1.0 >= high > 1.0 / LARGEST_FACTOR and lasting(high / 2.0):
         high /= 2.0
     if high > 1.0 / LARGEST_FACTOR:
-        high = _boundary(lasting, high, high / 2.0, precision)
+        high = boundary(lasting, high, high / 2.0, precision)
     return duration * high, longest
-
-
-class _Trial(Protocol):
-    """Trial whether there is a plan with a factor; `near` searches near the last plan only."""
-
-    def __call__(self, factor: float, near: bool = False) -> bool: ...
-
-
-def _some_factor(has_plan: _Trial, feasible: bool | None, *, shorter: bool) -> float | None:
-    """Return a factor that has a plan; None if none does.
-
-    Powers of two are tried and, if `shorter`, powers of `SHORTER`. Whether 1 has a plan may be
-    known before (`feasible`).
-    """
-    if has_plan(1.0) if feasible is None else feasible:
-        return 1.0
-    longer, less = 2.0, SHORTER
-    while longer <= LARGEST_FACTOR:
-        if has_plan(longer):
-            return longer
-        while shorter and less >= 1.0 / longer:
-            if has_plan(less):
-                return less
-            less *= SHORTER
-        longer *= 2.0
-    return None
-
-
-def _boundary(has_plan: _Trial, one: float, other: float, precision: float) -> float:
-    """Return the last factor with a plan between `one`, which has a plan, and `other`.
-
-    The bisection searches near the plans found before, which takes a fraction of the time. At its
-    end a full search is made just beyond the boundary; if it finds a plan, bisection goes on there.
-    """
-    without = other
-    for _ in range(_MAX_RESTARTS):
-        other = without
-        while abs(one - other) > precision * max(one, other):
-            middle = (one + other) / 2.0
-            one, other = (middle, other) if has_plan(middle, near=True) else (one, middle)
-        if other == without or not has_plan(other):
-            break
-        one = other
-    return one
-
-
-def _least_factor(has_plan: _Trial, feasible: bool | None, precision: float) -> float | None:
-    """Return the least factor of at least 1 that has a plan, by doubling, then bisection.
-
-    None if no factor up to the largest has a plan. Whether 1 has one may be known (`feasible`).
-    """
-    factor = _some_factor(has_plan, feasible, shorter=False)
-    if factor is None or factor == 1.0:
-        return factor
-    return _boundary(has_plan, factor, factor / 2.0, precision)
 
 
 def _precision(scenario: Scenario) -> float:
@@ -333,7 +219,7 @@ def _precision(scenario: Scenario) -> float:
     return PRECISION_WITH_SEPARATION if scenario.separation is not None else precision
 
 
-def _largest_tolerable_wind(scenario: Scenario, trials: _Trials) -> float | None:
+def _largest_tolerable_wind(scenario: Scenario, trials: Trials) -> float | None:
     """Return the largest wind with a plan [m/s²], for a scenario without one; see `Diagnosis`."""
     disturbance = scenario.disturbance
     if disturbance is None:
@@ -355,7 +241,7 @@ def _largest_tolerable_wind(scenario: Scenario, trials: _Trials) -> float | None
     return low * disturbance.acceleration
 
 
-def _smallest_relaxation(scenario: Scenario, trials: _Trials) -> float | None:
+def _smallest_relaxation(scenario: Scenario, trials: Trials) -> float | None:
     limits = [scenario.limits_of(vehicle) for vehicle in scenario.vehicles]
     if not any(each.acceleration or each.max_acceleration for each in limits):
         return None
@@ -364,7 +250,7 @@ def _smallest_relaxation(scenario: Scenario, trials: _Trials) -> float | None:
         words = f"acceleration limits {factor:.5g} times as wide"
         return trials.has_plan(lambda: _stronger(scenario, factor), words, near=near)
 
-    return _least_factor(suffices, trials.feasible, _precision(scenario))
+    return least_factor(suffices, trials.feasible, _precision(scenario))
 
 
 def _stronger(scenario: Scenario, factor: float) -> Scenario:

@@ -12,12 +12,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, JsonValue
 
-from drake_rho.analysis.certificate import certify
+from drake_rho.analysis.certify import certify
 from drake_rho.campaigns.evaluation import Evaluation, evaluate
 from drake_rho.campaigns.functions import check_arguments, name_of, named
 from drake_rho.campaigns.wind_models import AnyWind
+from drake_rho.motion.flight import Flight
 from drake_rho.motion.flown import Flown
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.separation import CouplingName
 from drake_rho.planning.horizon.receding_horizon import plan_rho

@@ -17,8 +17,9 @@ from drake_rho.campaigns.runs import Run, generators, run_keys
 from drake_rho.campaigns.sources import AnySource, FromFile, Repetitions
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError, Words
-from drake_rho.scenario.fields import NO_TRUTH, Name, record, scenario_error
+from drake_rho.scenario.fields import NO_TRUTH, Name, record
 from drake_rho.scenario.files import yaml_content
+from drake_rho.scenario.refusals import scenario_error
 
 _DRAWS = 100
 """Number of draws of a source of which at least one must be a scenario, or the study is refused."""

@@ -12,8 +12,8 @@ from drake_rho.cli.checks import Drawing
 from drake_rho.cli.console import out, tell, working
 from drake_rho.cli.summary import simulation_table
 from drake_rho.motion.files import save
+from drake_rho.motion.flight import Window
 from drake_rho.motion.flown import Flown
-from drake_rho.motion.plan import Window
 from drake_rho.verification.report import Report, verdict
 from drake_rho.verification.verify import verify
 

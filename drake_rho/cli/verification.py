@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from drake_rho.analysis.certificate import certify as certificate_of
+from drake_rho.analysis.certify import certify as certificate_of
 from drake_rho.analysis.diagnose import diagnose as diagnosis_of
 from drake_rho.cli import described
 from drake_rho.cli.console import answer, stopping_early, working

@@ -17,8 +17,9 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 
 from drake_rho.motion.documents import is_document, read_document
+from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.flown import Flown
-from drake_rho.motion.plan import Flight, Plan, Window
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tables import is_table, read_table

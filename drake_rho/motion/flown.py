@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from drake_rho.motion.plan import Flight, Plan
+from drake_rho.motion.flight import Flight
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 
 Flown = Plan | Flight | Simulation

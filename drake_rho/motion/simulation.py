@@ -9,9 +9,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.plan import Flight, Plan, Sighting, Window, summary
+from drake_rho.motion.flight import Flight, Sighting, Window
+from drake_rho.motion.plan import Plan, summary
+from drake_rho.motion.scenario_tube import error_tube, tube_of
 from drake_rho.motion.statistics import Statistics
-from drake_rho.motion.tube import ErrorTube, error_tube, tube_of
+from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import Quantity

@@ -13,16 +13,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.gains import Loop, best_gains, largest_wind, tolerable_wind
 from drake_rho.motion.radii import Pieces, Radii
 from drake_rho.motion.sampled_loop import Responses
-from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import FloatArray, IntArray, locked
 from drake_rho.scenario.parts import SAME_TIME, Grid, Quantity
-from drake_rho.scenario.records import Scenario
 
 _ROUND = 32
 """Number of steps to a multiple of which cached radii are computed."""
@@ -233,63 +230,6 @@ class ErrorTube(metaclass=Described):
         return self._radii.at(quantity, *self.located(times))
 
 
-@checked
-def error_tube(
-    scenario: Scenario,
-    initial: tuple[float, float] | None = None,
-    *,
-    gains: tuple[float, float] | None = None,
-) -> ErrorTube:
-    """Return the error tube of a scenario's vehicles around any plan, with the best gains.
-
-    Without a disturbance there is no feedback, and the tube contains only initial errors. If the
-    disturbance describes how a plan is tracked (`Disturbance.tracking`), the gains are those given
-    there, and so are the initial errors and the beginning of the tube unless `initial` is given.
-
-    Args:
-        scenario: the scenario.
-        initial: largest norms of the errors of position [m] and velocity [m/s] at the first knot;
-            zero if not given, as vehicles begin exactly at their starts.
-        gains: k_p [1/s²] and k_v [1/s], such as those of another tube. If not given, they are
-            optimised: the largest radius of the position is minimal, subject to a radius of the
-            feedback of at most its share of the tightest acceleration limit.
-
-    Raises:
-        ValueError: the initial radii are not two finite numbers of at least 0.
-
-    Examples:
-        >>> scenario = rho.load_scenario("courier")
-        >>> tube = rho.error_tube(scenario)
-        >>> print(f"{tube.position(scenario.grid.end):.3f} m")
-        0.241 m
-    """
-    disturbance = scenario.disturbance or Disturbance(0.0)
-    if (tracked := disturbance.tracking) is not None and gains is None:
-        if initial is None:
-            return _tracked(disturbance, tracked, scenario.grid)
-        gains = tracked.gains
-    tube = ErrorTube(disturbance, scenario.grid, gains or (0.0, 0.0), initial or (0.0, 0.0))
-    if gains is not None or scenario.disturbance is None:
-        return tube
-    alpha, beta = best_gains(_loop(scenario, tube))
-    return dataclasses.replace(tube, gains=(alpha / tube.sample**2, beta / tube.sample))
-
-
-def tube_of(scenario: Scenario) -> ErrorTube:
-    """Return `error_tube` of a scenario, which may be under way, from a cache.
-
-    Planners tighten their constraints by the radii of this tube.
-    """
-    return _cached(error_tube(scenario))
-
-
-def _tracked(disturbance: Disturbance, tracked: Tracking, grid: Grid) -> ErrorTube:
-    """Return the tube around a tracked plan, which begins at that plan's first knot."""
-    before = round((grid.start - tracked.since) / grid.step)
-    whole = grid if before == 0 else Grid(grid.step, grid.knots + before, tracked.since)
-    return ErrorTube(disturbance, whole, tracked.gains, (tracked.position, tracked.velocity))
-
-
 @lru_cache(maxsize=64)
 def _greatest(tube: ErrorTube, pieces: int) -> Greatest:
     """Return the greatest radii over all steps of a tube's grid, or over equal pieces of them."""
@@ -302,59 +242,6 @@ def _greatest(tube: ErrorTube, pieces: int) -> Greatest:
         locked(tube.acceleration_over(begins, ends)),
         locked(tube.position(times)),
     )
-
-
-@lru_cache(maxsize=64)
-def _cached(tube: ErrorTube) -> ErrorTube:
-    """Return the cached tube that equals this one, with everything it has already computed."""
-    return tube
-
-
-@checked
-def largest_disturbance(
-    scenario: Scenario, position: float, initial: tuple[float, float] = (0.0, 0.0)
-) -> float:
-    """Return the largest W [m/s²] with which the tube's position radius is at most `position` [m].
-
-    Everything else is that of the scenario: estimation errors, delay, share, and the gains of its
-    `tracking`, if given. The result is infinite only for an infinite radius, and 0 where the
-    estimation errors alone exceed it.
-
-    Raises:
-        ValueError: the scenario has no disturbance, or the radius is negative or NaN.
-
-    Examples:
-        >>> print(f"{rho.largest_disturbance(rho.load_scenario('courier'), 0.5):.3f} m/s²")
-        0.636 m/s²
-    """
-    if not position >= 0.0:
-        raise ValueError(f"position: got {position}, expected a radius of at least 0 in m")
-    if scenario.disturbance is None:
-        raise ValueError("scenario.disturbance: got None, expected one, which has the feedback")
-    if scenario.disturbance.tracking is not None:
-        tube = error_tube(scenario, None if initial == (0.0, 0.0) else initial)
-        loop = _loop(scenario, tube)._replace(limit=np.inf)
-        return tolerable_wind(loop, tube.responses, position / tube.sample**2)
-    tube = ErrorTube(scenario.disturbance, scenario.grid, initial=initial)
-    return largest_wind(_loop(scenario, tube), position / tube.sample**2)
-
-
-def tightest_acceleration(scenario: Scenario) -> float:
-    """Return the least bound on an acceleration of any vehicle [m/s²]; infinite if none has one.
-
-    Bounds are the absolute bounds of boxes and the largest norms.
-    """
-    bounds, norms = scenario.fleet.bounds("acceleration"), scenario.fleet.norms
-    sides = [] if bounds is None else [np.abs(bounds.lower), np.abs(bounds.upper)]
-    most = [norms["max_acceleration"].most] if "max_acceleration" in norms else []
-    return min((float(each.min()) for each in (*sides, *most)), default=np.inf)
-
-
-def _loop(scenario: Scenario, tube: ErrorTube) -> Loop:
-    """Return the feedback loop for which gains are optimised."""
-    limit = tube.disturbance.share * tightest_acceleration(scenario)
-    W, E_p, E_v, r_p, r_v = map(float, tube.sizes)
-    return Loop(tube.disturbance.delay, tube.samples, (W, E_p, E_v, r_p, r_v), limit)
 
 
 def _two_finite(numbers: tuple[float, float]) -> bool:

@@ -7,9 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drake_rho.analysis.certificate import Certificate, certify
+from drake_rho.analysis.certificate import Certificate
+from drake_rho.analysis.certify import certify
+from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.obstacle_clearances import closest
-from drake_rho.motion.plan import Flight, Plan, Window
+from drake_rho.motion.plan import Plan
 from drake_rho.planning.horizon.receding_horizon import plan_rho
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.scenario.fields import FloatArray

@@ -13,8 +13,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.errors import ScenarioError, Words
-from drake_rho.scenario.fields import scenario_error
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.refusals import scenario_error
 from drake_rho.system.files import atomic_write
 
 _LIBRARY = files("drake_rho.scenario") / "library"

@@ -11,8 +11,9 @@ import numpy as np
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
-from drake_rho.scenario.parts import Grid, Limits, Quantity, Vehicle
+from drake_rho.scenario.parts import Grid, Quantity, Vehicle
 from drake_rho.scenario.shapes.base import TOLERANCE, Shape
 from drake_rho.scenario.shapes.polyhedra import Box
 from drake_rho.scenario.waypoints import Waypoints, waypoints_of

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import dataclasses
 
+from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS
-from drake_rho.scenario.parts import Limits
 from drake_rho.scenario.records import Scenario
 
 LIMITS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(Limits))

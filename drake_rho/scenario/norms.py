@@ -11,7 +11,8 @@ import numpy as np
 from drake_rho.scenario.convex_sets import Balls, ConvexSets, UprightCones, tolerances_of
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import GRAVITY, Quantity
+from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.parts import Quantity
 
 Norm = Literal["max_speed", "max_acceleration", "max_thrust", "max_tilt", "max_jerk"]
 """The fields of `Limits` that limit a norm."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -13,23 +12,20 @@ from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
-    LARGEST,
     BoolArray,
     Finite,
     FloatArray,
-    Margin,
     Name,
-    Numbers,
-    Points,
     Vector,
     locked,
-    numbers_of,
     record,
     unchecked,
 )
+from drake_rho.scenario.parts import Grid
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
+from drake_rho.scenario.tracks import Track
 
 if TYPE_CHECKING:
     from drake_rho.scenario.shapes.base import Shape
@@ -44,9 +40,6 @@ _KINDS = {
 }
 """Keys that identify the record that a mapping describes. If keys of several records occur, the
 first record in this order is taken."""
-
-_BETWEEN = 8
-"""Number of parts of each piece of a track at whose ends an estimated deviation is measured."""
 
 
 def _kind(value: object) -> str:
@@ -70,122 +63,6 @@ AnyShape = Annotated[
     Discriminator(_kind),
 ]
 """One of the shapes, identified by its keys in a file."""
-
-
-@record
-class Track:
-    """Piecewise linear motion, at rest before its first time and, by default, after its last.
-
-    Examples:
-        >>> circle = lambda t: np.array([np.cos(t), np.sin(t), 2.0])
-        >>> track = rho.Track.sampled(circle, np.linspace(0.0, 6.0, 61), max_acceleration=1.0)
-        >>> print(f"{track.deviation:.5f} m")
-        0.00125 m
-    """
-
-    times: Numbers
-    """times on the scenario's clock, increasing [s], shape (M,), M >= 1"""
-    positions: Points
-    """positions of the centre of the shape's bounding box [m], shape (M, 3)"""
-    deviation: Margin = 0.0
-    """largest distance of the true position from the polyline [m], added to required distances"""
-    deviation_is_estimated: bool = False
-    """true if the deviation is an estimate from samples rather than a bound"""
-    after: Literal["rests", "goes_on"] | None = None
-    """motion after the last time: at rest, or with the velocity of the last piece; if not given,
-    at rest is assumed, which a report notes where the flight is longer"""
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            times: npt.ArrayLike,
-            positions: npt.ArrayLike,
-            deviation: float = 0.0,
-            deviation_is_estimated: bool = False,
-            after: Literal["rests", "goes_on"] | None = None,
-        ) -> None: ...
-
-    @model_validator(mode="after")
-    def _is_consistent(self) -> Self:
-        if len(self.times) == 0 or not np.all(np.diff(self.times) > 0.0):
-            expected = "at least one time, each after the one before"
-            raise ScenarioError("times", self.times.tolist(), expected)
-        if len(self.positions) != len(self.times):
-            expected = f"one for each of the {len(self.times)} times, not {len(self.positions)}"
-            raise ScenarioError("positions", self.positions.tolist(), expected)
-        if self.after == "goes_on" and len(self.times) < 2:
-            raise ScenarioError("after", self.after, "at least two times, which define its motion")
-        return self
-
-    @property
-    def last_velocity(self) -> FloatArray:
-        """Velocity of the last piece [m/s], shape (3,); zero if there is only one time."""
-        if len(self.times) < 2:
-            return np.zeros(3)
-        moved, time = np.diff(self.positions[-2:], axis=0)[0], self.times[-1] - self.times[-2]
-        return np.asarray(moved / time)
-
-    @classmethod
-    def sampled(
-        cls,
-        function: Callable[[float], npt.ArrayLike],
-        times: npt.ArrayLike,
-        max_acceleration: float | None = None,
-    ) -> Self:
-        """Return the track through samples of a function of time, straight between them.
-
-        Args:
-            function: returns the position [m], shape (3,), at a time on the scenario's clock [s].
-            times: of the samples, increasing [s], shape (M,).
-            max_acceleration: largest acceleration of the function [m/s²]. If given, the deviation
-                is the bound max_acceleration Δt² / 8; otherwise it is estimated at seven instants
-                between each two samples.
-
-        Raises:
-            ScenarioError: the times do not increase, or the function does not return positions.
-        """
-        track = cls._through(function, times)
-        if max_acceleration is not None:
-            if not 0.0 <= max_acceleration <= LARGEST:  # also true for NaN
-                expected = f"a number of at least 0 and at most {LARGEST:g}"
-                raise ScenarioError("track.max_acceleration", max_acceleration, expected)
-            longest = float(np.max(np.diff(track.times), initial=0.0))
-            return dataclasses.replace(track, deviation=max_acceleration * longest**2 / 8.0)
-        parts = np.arange(1, _BETWEEN) / _BETWEEN
-        between = (track.times[:-1, None] + parts * np.diff(track.times)[:, None]).reshape(-1)
-        if len(between) == 0:
-            return dataclasses.replace(track, deviation_is_estimated=True)
-        true = cls._through(function, between).positions
-        most = np.max(np.linalg.norm(true - track.at(between), axis=1), initial=0.0)
-        return dataclasses.replace(track, deviation=float(most), deviation_is_estimated=True)
-
-    @classmethod
-    def _through(cls, function: Callable[[float], npt.ArrayLike], times: npt.ArrayLike) -> Self:
-        """Return the track through a function's positions at some times."""
-        try:
-            at = numbers_of(times)
-        except ScenarioError as error:
-            raise error.inside("track.times") from None
-        positions: Any = [function(float(time)) for time in at]
-        return cls(at, positions)
-
-    def at(self, times: FloatArray) -> FloatArray:
-        """Return the positions at times on the scenario's clock [m], shape (M, 3)."""
-        axes = [np.interp(times, self.times, axis) for axis in self.positions.T]
-        positions = np.stack(axes, axis=-1)
-        if self.after == "goes_on":
-            positions += np.maximum(times - self.times[-1], 0.0)[..., None] * self.last_velocity
-        return positions
-
-    def velocities(self, times: FloatArray) -> FloatArray:
-        """Return velocities at times [m/s], shape (M, 3); at a corner, that of the next piece."""
-        piece = np.searchsorted(self.times, times, side="right")
-        moving = np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]
-        rest = np.zeros((1, 3))
-        last = self.last_velocity[None] if self.after == "goes_on" else rest
-        velocities: FloatArray = np.concatenate([rest, moving, last])[piece]
-        return velocities
 
 
 @record
@@ -238,6 +115,10 @@ class Obstacle:
         except ScenarioError as error:
             raise error.inside("shape") from None
         return self
+
+    def called(self, number: int) -> str:
+        """Return how reports refer to the obstacle: by its number from 1, and its name if any."""
+        return f"obstacle {number}" + (f" ({self.name})" if self.name else "")
 
     @property
     def moves(self) -> bool:
@@ -356,3 +237,21 @@ AnyObstacle = Annotated[
     BeforeValidator(_has_shape),
 ]
 """Shape at rest that is known from the start, or `Obstacle`."""
+
+
+def known_at_start(
+    obstacles: Sequence[Obstacle], in_flight: Sequence[Obstacle], grid: Grid
+) -> tuple[tuple[int, Obstacle], ...]:
+    """Return the obstacles that planners know at the first knot of a grid.
+
+    Args:
+        obstacles: all obstacles, on the scenario's clock.
+        in_flight: the same obstacles on a clock that is 0 at that knot.
+        grid: of the scenario or of the remainder of its flight.
+
+    Returns:
+        The known elements of `in_flight`, with their numbers from 1.
+    """
+    now = max(grid.start, 0.0) + grid.rounding
+    both = enumerate(zip(obstacles, in_flight, strict=True), start=1)
+    return tuple((number, body) for number, (each, body) in both if each.known_from <= now)

@@ -14,25 +14,25 @@ from typing import TYPE_CHECKING, Annotated, Self
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
+from drake_rho.scenario.consistency import (
+    check_limits,
+    check_names,
+    check_obstacles,
+    check_outside,
+    check_waypoints,
+)
 from drake_rho.scenario.disturbance import Disturbance, Tracking
-from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray, Name, locked, record, unchecked
 from drake_rho.scenario.fleet import Fleet
-from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, Track
+from drake_rho.scenario.limits import Limits
+from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, known_at_start
 from drake_rho.scenario.pairs import check_separation
-from drake_rho.scenario.parts import (
-    Grid,
-    Limits,
-    Quantity,
-    Separation,
-    State,
-    Vehicle,
-    Waypoint,
-)
+from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.shapes.base import TOLERANCE, Shape
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
+from drake_rho.scenario.tracks import Track
 from drake_rho.scenario.waypoints import is_during_flight
 
 __all__ = [
@@ -116,25 +116,12 @@ class Scenario:
     @model_validator(mode="after")
     def _consistent(self, info: ValidationInfo[bool | None]) -> Self:
         under_way = bool(info.context)  # the starts of a flight under way are given, not chosen
-        names: set[str] = set()
-        for index, vehicle in enumerate(self.vehicles):
-            if vehicle.name in names:
-                expected = "a name no other vehicle has"
-                raise ScenarioError(f"vehicles[{index}].name", vehicle.name, expected)
-            names.add(vehicle.name)
-        for index, each in enumerate(self.obstacles):
-            try:
-                (each.shape if isinstance(each, Obstacle) else each).check_solid()
-            except ScenarioError as error:
-                raise error.inside(f"obstacles[{index}]") from None
-        for index, obstacle in enumerate(self.bodies):
-            if obstacle.known_from > max(self.grid.end, 0.0):  # 0 stands for the start
-                expected = f"a time in the flight, which ends at {self.grid.end:g} s"
-                raise ScenarioError(f"obstacles[{index}].known_from", obstacle.known_from, expected)
+        check_names(self.vehicles)
+        check_obstacles(self.obstacles, self.grid)
         if self.disturbance is not None:
             self.disturbance.check(self.grid)
         self.check_ends(under_way=under_way)
-        self.check_waypoints()
+        check_waypoints(self.fleet, self.grid, self.bodies)
         return self
 
     def check_ends(self, *, under_way: bool = False) -> None:
@@ -148,22 +135,7 @@ class Scenario:
             ScenarioError: a start or a goal violates one of these constraints.
         """
         fleet = self.fleet
-        states: tuple[tuple[str, Quantity, FloatArray], ...] = (
-            ("start", "position", fleet.start_positions),
-            ("start", "velocity", fleet.start_velocities),
-            ("start", "acceleration", fleet.accelerations_before),
-            ("goal", "position", fleet.goal_positions),
-            ("goal", "velocity", fleet.goal_velocities),
-        )
-        for end, quantity, values in states:
-            if end == "start" and under_way:
-                continue
-            bounds = fleet.bounds(quantity)
-            if bounds is not None:
-                bounds.check(f"{end}.{quantity}", values)
-            for limit in fleet.norms.values():
-                if limit.kind.quantity == quantity:
-                    limit.check(f"{end}.{quantity}", values)
+        check_limits(fleet, under_way=under_way)
         ends = (
             ("start", fleet.start_positions, self.grid.start),
             ("goal", fleet.goal_positions, self.grid.end),
@@ -172,59 +144,9 @@ class Scenario:
             if end == "start" and under_way:
                 continue
             times = np.full(len(positions), time)
-            self.check_outside(f"{end}.position", positions, times)
+            check_outside(fleet, self.bodies, f"{end}.position", positions, times)
             if self.separation is not None:
                 check_separation(self.separation, self.vehicles, f"{end}.position", positions)
-
-    def check_waypoints(self) -> None:
-        """Check that waypoints are during the flight, in position boxes and outside obstacles.
-
-        Raises:
-            ScenarioError: a waypoint is not.
-        """
-        for index, waypoints in enumerate(self.fleet.waypoints):
-            where = f"waypoints[{index}]"
-            for i in np.flatnonzero(waypoints.due):
-                time = float(waypoints.times[i])
-                if not is_during_flight(time, self.grid):
-                    expected = f"after {self.grid.start:g} s and before {self.grid.end:g} s"
-                    raise ScenarioError(
-                        f"vehicles[{i}].{where}.time", time, f"a time in the flight, {expected}"
-                    )
-            if (bounds := self.fleet.bounds("position")) is not None:
-                bounds.check(f"{where}.position", waypoints.positions)
-            self.check_outside(f"{where}.position", waypoints.positions, waypoints.times)
-
-    def check_outside(self, where: str, positions: FloatArray, times: FloatArray) -> None:
-        """Check that vehicles are at least their radius away from all obstacles, known or not.
-
-        The required distance from an obstacle on a track is larger by the track's deviation.
-
-        Args:
-            where: field of a vehicle that holds the positions, such as `"start.position"`.
-            positions: of the vehicles [m], shape (N, 3).
-            times: on the scenario's clock [s], shape (N,); NaN for a vehicle that is not checked.
-
-        Raises:
-            ScenarioError: a vehicle is too close to an obstacle.
-        """
-        checked = np.flatnonzero(np.isfinite(times))
-        for number, obstacle in enumerate(self.bodies, start=1):
-            distances = obstacle.distances(positions[checked], times[checked])
-            margins = self.fleet.radii[checked] + obstacle.deviation
-            tolerances = self.fleet.obstacle_tolerances(obstacle.shape)[checked]
-            inside = distances < margins - tolerances
-            if np.any(inside):
-                first = int(np.argmax(inside))
-                i, margin, d = checked[first], margins[first], float(distances[first])
-                required = f"at least {margin:g} m from" if margin > 0.0 else "outside"
-                actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
-                when = f" at {times[i]:g} s" if obstacle.moves else ""
-                expected = (
-                    f"a position {required} {self.obstacle_name(number)}, not {actual} it{when} "
-                    f"({obstacle.shape})"
-                )
-                raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
 
     @cached_property
     def under_way(self) -> bool:
@@ -255,12 +177,11 @@ class Scenario:
 
         Their clocks are 0 at the first knot, as in `bodies_in_flight`.
         """
-        return _known(self.bodies, self.bodies_in_flight, self.grid)
+        return known_at_start(self.bodies, self.bodies_in_flight, self.grid)
 
     def obstacle_name(self, number: int) -> str:
         """Return how reports refer to an obstacle: by its number from 1, and its name if any."""
-        name = self.bodies[number - 1].name
-        return f"obstacle {number}" + (f" ({name})" if name else "")
+        return self.bodies[number - 1].called(number)
 
     def limits_of(self, vehicle: Vehicle) -> Limits:
         """Return a vehicle's limits: its own where it has them, else the scenario's."""
@@ -343,7 +264,7 @@ class Scenario:
         )
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
-        known = _known(self.bodies, bodies, grid)
+        known = known_at_start(self.bodies, bodies, grid)
         known_bodies = [body for _, body in known]
         fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, known_bodies)
         return self.derived(
@@ -375,21 +296,3 @@ _COMPUTED_FROM: dict[str, set[str]] = {
     "under_way": set(),
 }
 """Cached properties that `Scenario.derived` passes on, with the fields on which each depends."""
-
-
-def _known(
-    obstacles: Sequence[Obstacle], in_flight: Sequence[Obstacle], grid: Grid
-) -> tuple[tuple[int, Obstacle], ...]:
-    """Return the obstacles that planners know at the first knot of a grid.
-
-    Args:
-        obstacles: all obstacles, on the scenario's clock.
-        in_flight: the same obstacles on a clock that is 0 at that knot.
-        grid: of the scenario or of the remainder of its flight.
-
-    Returns:
-        The known elements of `in_flight`, with their numbers from 1.
-    """
-    now = max(grid.start, 0.0) + grid.rounding
-    both = enumerate(zip(obstacles, in_flight, strict=True), start=1)
-    return tuple((number, body) for number, (each, body) in both if each.known_from <= now)

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.motion.plan import Flight, Plan, Window
+from drake_rho.motion.flight import Flight, Window
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.planning.horizon.windows import Planner

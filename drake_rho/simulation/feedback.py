@@ -17,8 +17,8 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from drake_rho.motion.plan import Flight, Window
-from drake_rho.motion.tube import error_tube
+from drake_rho.motion.flight import Flight, Window
+from drake_rho.motion.scenario_tube import error_tube
 from drake_rho.scenario.disturbance import Disturbance
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import SAME_TIME

@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
     State,
 )
 
-from drake_rho.motion.plan import Flight
+from drake_rho.motion.flight import Flight
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray

@@ -15,7 +15,8 @@ from drake_rho.motion.sampled_loop import (
     WIND_AT_BEGIN,
     WIND_AT_END,
 )
-from drake_rho.motion.tube import ErrorTube, error_tube
+from drake_rho.motion.scenario_tube import error_tube
+from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, locked

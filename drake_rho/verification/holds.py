@@ -16,9 +16,11 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.tube import Greatest, tube_of
+from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.motion.tube import Greatest
 from drake_rho.scenario.fields import BoolArray, FloatArray
-from drake_rho.scenario.parts import GRAVITY, Quantity
+from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import TOLERANCE, Scenario
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.closest_pairs import ellipsoid_distance

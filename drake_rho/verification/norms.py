@@ -12,8 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.norms import NormLimit
-from drake_rho.scenario.parts import GRAVITY, UNITS
+from drake_rho.scenario.parts import UNITS
 from drake_rho.verification.between_samples import Greatest, greatest_velocity
 from drake_rho.verification.report import Column
 from drake_rho.verification.trajectory import PiecewiseTrajectory

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from drake_rho.motion.plan import Sighting
+from drake_rho.motion.flight import Sighting
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray

@@ -21,7 +21,8 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.flown import Flown
-from drake_rho.motion.tube import ErrorTube, tube_of
+from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 

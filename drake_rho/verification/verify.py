@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.flight import Sighting
 from drake_rho.motion.flown import Flown
-from drake_rho.motion.plan import Sighting
 from drake_rho.scenario.arguments import checked
 from drake_rho.verification.boxes import check_boxes
 from drake_rho.verification.kinds import refuse_unchecked

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.meshcat.meshes import Mesh, columns
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import Airframe, Limits
+from drake_rho.scenario.limits import Limits
+from drake_rho.scenario.parts import Airframe
 
 FAST = 30.0
 """Least top speed of a vehicle that is drawn as an aircraft [m/s]; few quadrotors reach it."""

@@ -11,7 +11,8 @@ from pydrake.math import RigidTransform
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.scenario.parts import GRAVITY, Airframe
+from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.parts import Airframe
 
 _UP = np.array([0.0, 0.0, 1.0])
 _LEFT = np.array([0.0, 1.0, 0.0])

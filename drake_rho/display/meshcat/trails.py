@@ -19,7 +19,7 @@ from drake_rho.display.common.style import palette, window_colours
 from drake_rho.display.meshcat.meshes import tube
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene, coloured
-from drake_rho.motion.plan import Window
+from drake_rho.motion.flight import Window
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _MAX_PIECES = 1200

@@ -8,7 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from drake_rho.motion.dynamics import step_at
-from drake_rho.motion.tube import ErrorTube, tube_of
+from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import SAME_TIME, Grid, Quantity
 from drake_rho.scenario.records import Scenario

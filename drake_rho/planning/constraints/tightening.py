@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.motion.tube import tube_of
+from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.close_pairs import most_beside
 from drake_rho.planning.constraints.margins import Margins, PlanMargins, margins_of
 from drake_rho.planning.errors import InfeasibleError

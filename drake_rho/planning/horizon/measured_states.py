@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_rho.motion.tube import tube_of
+from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.records import TOLERANCE, Scenario

@@ -9,7 +9,8 @@ from numbers import Integral
 import numpy as np
 import numpy.typing as npt
 
-from drake_rho.motion.plan import Flight, Plan, Window
+from drake_rho.motion.flight import Flight, Window
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell

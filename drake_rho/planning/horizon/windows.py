@@ -14,7 +14,8 @@ from typing import Protocol
 
 import numpy as np
 
-from drake_rho.motion.plan import Plan, Window
+from drake_rho.motion.flight import Window
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.tightening import NO_ROOM, lacks
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError

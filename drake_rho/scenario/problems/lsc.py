@@ -37,8 +37,9 @@ from pydantic import (
 )
 
 from drake_rho.scenario.errors import ScenarioError, Words
-from drake_rho.scenario.fields import LARGEST, Count, Finite, Name, scenario_error
+from drake_rho.scenario.fields import LARGEST, Count, Finite, Name
 from drake_rho.scenario.records import Box, Limits
+from drake_rho.scenario.refusals import scenario_error
 
 _Size = Annotated[float, Field(ge=1.0 / LARGEST, le=LARGEST, allow_inf_nan=False)]
 _Sizes = tuple[_Size, _Size, _Size]

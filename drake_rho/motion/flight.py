@@ -1,0 +1,155 @@
+"""Records of flights with a receding horizon: `Window`, `Sighting`, `Flight`."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Literal
+
+from drake_rho.motion.statistics import Statistics
+from drake_rho.scenario.described import Described
+from drake_rho.scenario.fields import unchecked
+from drake_rho.scenario.records import Scenario
+
+if TYPE_CHECKING:
+    pass
+from drake_rho.motion.plan import Plan, summary
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Window(metaclass=Described):
+    """One prediction of a receding horizon: the whole rest of the flight, planned at one knot."""
+
+    first_knot: int
+    """first knot of the window, counted from 0"""
+    plan: Plan
+    """the whole prediction, up to the goal"""
+    reference: Plan
+    """motion around which obstacles were linearised"""
+    infeasible: str = ""
+    """empty, or the reason why no new plan was found; `plan` is then the tail of the previous plan
+    or, if that violates constraints known by now, a plan of minimum violation"""
+    learned: tuple[int, ...] = ()
+    """numbers of the obstacles, from 1, that became known with this window"""
+    not_avoided: tuple[int, ...] = ()
+    """numbers of the obstacles, from 1, that its plan does not avoid"""
+    kept: bool = False
+    """true if its plan is the rest of the previous one, which still satisfies all constraints in
+    its old tube"""
+    off_tube: tuple[str, ...] = ()
+    """names of the vehicles that deviated from the previous plan by more than its tube and the
+    estimation errors allow, and so were disturbed more than the scenario states"""
+    unseen: tuple[str, ...] = ()
+    """names of the vehicles whose states were not measured but predicted"""
+
+    def __repr__(self) -> str:
+        """Return a short text, such as '<Window from knot 6: a new plan, cost 12.5 m²/s⁴>'."""
+        kind = "a new plan" if not self.infeasible else "a plan of minimum violation"
+        kind = "the rest of the previous plan" if self.kept else kind
+        return f"<Window from knot {self.first_knot + 1}: {kind}, cost {self.plan.cost:.6g} m²/s⁴>"
+
+    @property
+    def statistics(self) -> Statistics:
+        """Statistics with those of the reference; `seconds` is the whole window's wall time."""
+        own = self.plan.statistics
+        if self.reference is self.plan:
+            return own
+        return dataclasses.replace(self.reference.statistics + own, seconds=own.seconds)
+
+    def lasting(self, seconds: float) -> Window:
+        """Return the window with another wall time [s], which includes that of the reference."""
+        plan = self.plan.lasting(seconds)
+        reference = plan if self.reference is self.plan else self.reference
+        return unchecked(self, plan=plan, reference=reference)
+
+
+@dataclasses.dataclass(frozen=True)
+class Sighting:
+    """Obstacle that became known during a flight, and whether it was avoided."""
+
+    obstacle: str
+    """name of the obstacle in reports"""
+    time: float
+    """start of the first window that takes it into account, on the scenario's clock [s]; the time
+    at which it became known if there is no such window"""
+    avoided: bool
+    """true if the plans of all windows from then on avoid it"""
+    planned_for: bool = True
+    """true if there is such a window: no plan takes into account an obstacle that became known
+    after the last window had begun"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Flight(metaclass=Described):
+    """Flight of a scenario with a receding horizon."""
+
+    plan: Plan
+    """the flown trajectories"""
+    windows: tuple[Window, ...]
+    """predictions of which the flight consists, in the order of time"""
+
+    def __repr__(self) -> str:
+        """Return '<Flight of paper: 4 vehicles, 50 knots, 10 windows, cost 17027.2 m²/s⁴>'."""
+        scenario, windows = summary(self.scenario), len(self.windows)
+        return f"<Flight of {scenario}, {windows} windows, cost {self.cost:.6g} m²/s⁴>"
+
+    @property
+    def kind(self) -> Literal["flight"]:
+        """Kind of the record."""
+        return "flight"
+
+    @property
+    def flight(self) -> Flight:
+        """The flight itself."""
+        return self
+
+    @property
+    def simulation(self) -> None:
+        """Simulation of the flight: none."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """The flown scenario."""
+        return self.plan.scenario
+
+    @property
+    def cost(self) -> float:
+        """Performance index (13) of the flown trajectories [m²/s⁴]."""
+        return self.plan.cost
+
+    @property
+    def sightings(self) -> tuple[Sighting, ...]:
+        """Obstacles that became known during the flight, in the order of time."""
+        missed = {number for window in self.windows for number in window.not_avoided}
+        planned_for = [
+            Sighting(
+                self.scenario.obstacle_name(number),
+                window.plan.scenario.grid.start,
+                number not in missed,
+            )
+            for window in self.windows
+            for number in window.learned
+        ]
+        return (*planned_for, *self._unplanned)
+
+    @property
+    def _unplanned(self) -> list[Sighting]:
+        """Obstacles that became known after the last window had begun, in the order of time."""
+        last = self.windows[-1].plan if self.windows else self.plan
+        known = {number for number, _ in last.scenario.known}
+        late = [
+            (obstacle.known_from, self.scenario.obstacle_name(number))
+            for number, obstacle in enumerate(self.scenario.bodies, start=1)
+            if number not in known
+        ]
+        return [
+            Sighting(name, time, avoided=False, planned_for=False) for time, name in sorted(late)
+        ]
+
+    @property
+    def statistics(self) -> Statistics:
+        """Planning statistics of all windows together."""
+        return self.plan.statistics
+
+    def lasting(self, seconds: float) -> Flight:
+        """Return the flight with another wall time of planning [s]."""
+        return dataclasses.replace(self, plan=self.plan.lasting(seconds))
