@@ -18,9 +18,10 @@ from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
 from drake_rho.campaigns.study import example_study, study_to_json
-from drake_rho.cli import documents
+from drake_rho.cli import analysis_documents, document, documents, result_documents
+from drake_rho.cli.analysis_documents import Failed
 from drake_rho.cli.commands import GROUPS
-from drake_rho.cli.documents import Document, Failed
+from drake_rho.cli.document import Document
 from drake_rho.paper.study import Study
 from tests.scenarios import box, single
 from tests.studies import small
@@ -30,13 +31,13 @@ Patch = pytest.MonkeyPatch
 Captured = pytest.CaptureFixture[str]
 
 ASKED: dict[str, tuple[list[str], type[Document]]] = {
-    "plan": (["plan", "paper", "-o", "kept.npz"], documents.Verified),
-    "fly": (["fly", "paper"], documents.Verified),
-    "simulate": (["simulate", "courier", "--wind", "noise"], documents.Verified),
+    "plan": (["plan", "paper", "-o", "kept.npz"], result_documents.Verified),
+    "fly": (["fly", "paper"], result_documents.Verified),
+    "simulate": (["simulate", "courier", "--wind", "noise"], result_documents.Verified),
     "assign": (["assign", "paper_assembly", "-o", "kept.yaml"], documents.Assigned),
-    "verify": (["verify", "plan.npz"], documents.Verified),
-    "certify": (["certify", "plan.npz"], documents.Certified),
-    "diagnose": (["diagnose", "weak.yaml"], documents.Diagnosed),
+    "verify": (["verify", "plan.npz"], result_documents.Verified),
+    "certify": (["certify", "plan.npz"], analysis_documents.Certified),
+    "diagnose": (["diagnose", "weak.yaml"], analysis_documents.Diagnosed),
     "show": (["show", "plan.npz", "--html", "page.html"], documents.Shown),
     "export": (["export", "plan.npz", "--format", "csv", "-o", "plan.csv"], documents.Exported),
     "campaign": (["campaign", "study.yaml", "--store", "new.sqlite"], documents.Ran),
@@ -209,7 +210,7 @@ def test_a_plans_document_tells_what_the_plan_is(
     folder: Path, capsys: Captured, monkeypatch: Patch
 ) -> None:
     _, out, _ = run(capsys, monkeypatch, *ASKED["plan"][0], "--figures", "drawn", "--json")
-    found, plan = read(out, documents.Verified), rho.load("kept.npz")
+    found, plan = read(out, result_documents.Verified), rho.load("kept.npz")
     assert isinstance(plan, rho.Plan)
     sphere = plan.scenario.bodies[0].shape
     assert isinstance(sphere, rho.Sphere)
@@ -234,7 +235,7 @@ def test_a_broken_plans_document_tells_all_that_is_broken(
     asked = single(obstacles=spheres, between_knots=True)
     rho.save(rho.Plan.from_accelerations(asked, plan.accelerations), "broken.npz")
     status, out, _ = run(capsys, monkeypatch, "verify", "broken.npz", "--json")
-    found = read(out, documents.Verified)
+    found = read(out, result_documents.Verified)
     assert (status, found["status"], found["ok"]) == (1, 1, False)
     assert len(found["violations"]) == 200
     assert not any(each["holds"] for each in found["violations"])
@@ -244,7 +245,7 @@ def test_a_broken_plans_document_tells_all_that_is_broken(
 
 def test_a_flights_document_counts_its_windows(capsys: Captured, monkeypatch: Patch) -> None:
     _, out, _ = run(capsys, monkeypatch, "fly", "paper", "--replan-every", "10", "--json")
-    found = read(out, documents.Verified)
+    found = read(out, result_documents.Verified)
     flight = rho.plan_rho(rho.load_scenario("paper"), replan_every=10)
     assert (found["kind"], found["windows"]) == ("flight", len(flight.windows))
     assert found["cost"] == pytest.approx(flight.cost)
@@ -253,7 +254,7 @@ def test_a_flights_document_counts_its_windows(capsys: Captured, monkeypatch: Pa
 def test_a_simulations_document_tells_errors(capsys: Captured, monkeypatch: Patch) -> None:
     words = [*ASKED["simulate"][0], "-o", "flown.npz", "--json"]
     _, out, _ = run(capsys, monkeypatch, *words)
-    found, flown = read(out, documents.Verified), rho.load("flown.npz")
+    found, flown = read(out, result_documents.Verified), rho.load("flown.npz")
     assert isinstance(flown, rho.Simulation)
     (row,) = found["errors"]
     assert row["error_m"] == pytest.approx(flown.errors().max())
@@ -271,7 +272,7 @@ def test_a_certificate_is_that_of_the_python_function(capsys: Captured, monkeypa
     plan = rho.plan_convex(rho.load_scenario("paper"))
     rho.save(plan, "convex.npz")
     status, out, _ = run(capsys, monkeypatch, "certify", "convex.npz", "--json")
-    found = read(out, documents.Certified)
+    found = read(out, analysis_documents.Certified)
     expected = rho.certify(plan, solver=ClarabelSolver())  # as commands take by default
     assert status == 0
     assert found["gap"] > 0.19
@@ -314,7 +315,7 @@ def test_a_diagnosis_is_that_of_the_python_function_whatever_it_is(
     assert expected.feasible == (limits is not WEAK)
     status, out, _ = run(capsys, monkeypatch, "diagnose", "asked.yaml", "--json")
     assert status == 0
-    _agrees(read(out, documents.Diagnosed)["diagnosis"], expected)
+    _agrees(read(out, analysis_documents.Diagnosed)["diagnosis"], expected)
     assert run(capsys, monkeypatch, "diagnose", "asked.yaml") == (0, f"{expected}\n", "")
 
 
@@ -375,10 +376,10 @@ def test_quietly_an_error_is_still_a_line(capsys: Captured, monkeypatch: Patch) 
 
 
 def test_numbers_that_are_none_are_null() -> None:
-    row = documents.CertifiedRow(
+    row = analysis_documents.CertifiedRow(
         vehicle="a", cost=np.nan, lower_bound=np.inf, gap=0.0, least_eigenvalue=2.0
     )
-    text = TypeAdapter(documents.CertifiedRow).dump_json(row)
+    text = TypeAdapter(analysis_documents.CertifiedRow).dump_json(row)
     assert json.loads(text)["cost"] is None
     assert json.loads(text)["lower_bound"] is None
 
@@ -391,7 +392,9 @@ def test_what_follows_two_dashes_is_no_option(capsys: Captured, monkeypatch: Pat
 
 def _described() -> Iterator[tuple[str, str]]:
     """Each key that a document can have, and what is said of it where it is defined."""
-    for kind in ast.parse(Path(documents.__file__).read_text()).body:
+    modules = (document, result_documents, analysis_documents, documents)
+    parsed = [ast.parse(Path(str(module.__file__)).read_text()) for module in modules]
+    for kind in (kind for each in parsed for kind in each.body):
         if isinstance(kind, ast.ClassDef):
             for field, said in pairwise(kind.body):
                 if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):

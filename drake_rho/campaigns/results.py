@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drake_rho.campaigns.columns import Columns
 from drake_rho.campaigns.runs import Row
 from drake_rho.campaigns.statistics import (
     Comparison,
@@ -29,7 +30,7 @@ from drake_rho.campaigns.store import COLUMNS, StoreError, reading
 from drake_rho.campaigns.tables import tables
 from drake_rho.motion.files import load
 from drake_rho.motion.flown import Flown
-from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.system.files import atomic_write
 
 if TYPE_CHECKING:
@@ -38,17 +39,6 @@ if TYPE_CHECKING:
 
 ENDINGS = (".csv", ".parquet")
 """Endings of the files that `Results.export` writes."""
-
-
-@dataclasses.dataclass(frozen=True)
-class _Columns:
-    """Columns from which the summary is computed, run by run."""
-
-    pair: IntArray  # index of the source times the number of methods, plus index of the method
-    repetition: IntArray
-    verified: BoolArray
-    cost: FloatArray
-    seconds: FloatArray
 
 
 class Results:
@@ -270,34 +260,8 @@ class Results:
         return ones[first], others[second]
 
     @cached_property
-    def _columns(self) -> _Columns:
-        sources = {name: number for number, name in enumerate(self.scenarios)}
-        methods = {name: number for number, name in enumerate(self.methods)}
-        names = "scenario, method, repetition, verified, cost, plan_seconds"
-        with reading(self.path) as connection:
-            rows = connection.execute(f"SELECT {names} FROM runs").fetchall()  # noqa: S608
-        for scenario, method, *_ in rows:
-            if scenario not in sources or method not in methods:
-                run = f"a run of {method!r} on {scenario!r}"
-                expected = f"runs of {', '.join(methods)} on {', '.join(sources)}"
-                raise StoreError(f"{self.path}: got {run}, expected {expected}")
-        table = np.array(
-            [
-                (
-                    sources[scenario] * len(methods) + methods[method],
-                    repetition,
-                    verified,
-                    math.nan if cost is None else cost,
-                    math.nan if seconds is None else seconds,
-                )
-                for scenario, method, repetition, verified, cost, seconds in rows
-            ],
-            dtype=np.float64,
-        ).reshape(-1, 5)
-        pair, repetition, verified, cost, seconds = table.T
-        return _Columns(
-            pair.astype(np.int64), repetition.astype(np.int64), verified > 0.0, cost, seconds
-        )
+    def _columns(self) -> Columns:
+        return Columns.read(self.path, self.scenarios, self.methods)
 
 
 def _without_nan(value: Any) -> Any:

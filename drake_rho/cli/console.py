@@ -14,7 +14,7 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from drake_rho.cli.documents import Document
+from drake_rho.cli.document import Document
 from drake_rho.planning.call.time_limit import stoppable
 
 out = Console()

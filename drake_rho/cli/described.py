@@ -8,21 +8,17 @@ import numpy as np
 
 from drake_rho.analysis.certificate import Certificate
 from drake_rho.analysis.diagnosis import Diagnosis
+from drake_rho.cli.analysis_documents import Certified, CertifiedRow, DiagnosisPart
+from drake_rho.cli.document import read_off
 from drake_rho.cli.documents import (
     Assigned,
     AssignedRow,
-    Certified,
-    CertifiedRow,
-    CheckRow,
     ClaimRow,
-    DiagnosisPart,
     ExampleRow,
     Exported,
     Reproduced,
-    SightingRow,
-    Verified,
-    WindowRow,
 )
+from drake_rho.cli.result_documents import CheckRow, SightingRow, Verified, WindowRow
 from drake_rho.cli.summary import errors_of
 from drake_rho.exports.record import Exported as Written
 from drake_rho.motion.flown import Flown
@@ -49,7 +45,9 @@ def verified(
         figures: paths of the figures.
     """
     statistics, simulation = flown.statistics, flown.simulation
-    return Verified(
+    return read_off(
+        Verified,
+        statistics,
         status=0 if report.ok else 1,
         kind=flown.kind,
         scenario=flown.scenario.name,
@@ -58,30 +56,15 @@ def verified(
         step_s=flown.scenario.grid.step,
         ok=report.ok,
         cost=flown.cost,
-        seconds=statistics.seconds,
-        programs=statistics.programs,
-        linearisations=statistics.linearisations,
-        converged=statistics.converged,
-        cut=statistics.cut,
-        last_fall=statistics.last_fall,
-        solver=statistics.solver,
         clearance_m=_least(report, "obstacle "),
         separation_m=_least(report, "separation"),
         windows=None if flown.flight is None else len(flown.windows),
         windows_without_plan=[
-            WindowRow(first_knot=each.first_knot + 1, kept=each.kept, reason=each.infeasible)
+            read_off(WindowRow, each, first_knot=each.first_knot + 1, reason=each.infeasible)
             for each in flown.windows
             if each.infeasible
         ],
-        sightings=[
-            SightingRow(
-                obstacle=each.obstacle,
-                time_s=each.time,
-                avoided=each.avoided,
-                planned_for=each.planned_for,
-            )
-            for each in report.sightings
-        ],
+        sightings=[read_off(SightingRow, each, time_s=each.time) for each in report.sightings],
         errors=[] if simulation is None else errors_of(simulation),
         wind=wind,
         notes=list(report.notes),
@@ -94,43 +77,26 @@ def verified(
 
 def diagnosis_part(diagnosis: Diagnosis) -> DiagnosisPart:
     """Return the part of a document that describes a diagnosis."""
-    return DiagnosisPart(
+    return read_off(
+        DiagnosisPart,
+        diagnosis,
         scenario=diagnosis.scenario.name,
-        feasible=diagnosis.feasible,
         conflicts={name: list(names) for name, names in diagnosis.conflicts.items()},
         violations=[_check(each) for each in diagnosis.violations],
-        premise=diagnosis.premise,
         shortest_duration_s=diagnosis.shortest_duration,
         longest_duration_s=diagnosis.longest_duration,
-        is_monotone=diagnosis.is_monotone,
-        acceleration_factor=diagnosis.acceleration_factor,
         bearable_wind_mps2=diagnosis.bearable_wind,
-        cut=diagnosis.cut,
     )
 
 
 def certified(certificate: Certificate) -> Certified:
     """Return the document of a certificate."""
-    return Certified(
+    return read_off(
+        Certified,
+        certificate,
         scenario=certificate.scenario.name,
-        cost=certificate.cost,
-        lower_bound=certificate.lower_bound,
-        gap=certificate.gap,
-        planned_gap=certificate.planned_gap,
-        is_globally_optimal=certificate.is_globally_optimal,
-        holds=certificate.holds,
         left_out=list(certificate.left_out),
-        cut=certificate.cut,
-        vehicles=[
-            CertifiedRow(
-                vehicle=each.vehicle,
-                cost=each.cost,
-                lower_bound=each.lower_bound,
-                gap=each.gap,
-                least_eigenvalue=each.least_eigenvalue,
-            )
-            for each in certificate.vehicles
-        ],
+        vehicles=[read_off(CertifiedRow, each) for each in certificate.vehicles],
     )
 
 
@@ -177,41 +143,25 @@ def reproduced(study: Study, figures: Iterable[object]) -> Reproduced:
     return Reproduced(
         status=0 if all(each.report.ok for each in study.examples) else 1,
         examples=[_example(each, study) for each in study.examples],
-        claims=[
-            ClaimRow(number=each.number, claim=each.text, evidence=each.evidence, found=each.found)
-            for each in study.claims
-        ],
+        claims=[read_off(ClaimRow, each, claim=each.text) for each in study.claims],
         figures=[str(each) for each in figures],
     )
 
 
 def _example(example: Example, study: Study) -> ExampleRow:
-    return ExampleRow(
-        number=example.number,
-        method=example.method,
-        obstacle=example.obstacle,
+    return read_off(
+        ExampleRow,
+        example,
         ok=example.report.ok,
         cost=example.plan.cost,
         lower_bound=example.certificate.lower_bound,
-        seconds=example.seconds,
         programs=example.plan.statistics.programs,
         clearance_m=float(np.min(study.clearances_at_all_times(example))),
     )
 
 
 def _check(check: Check) -> CheckRow:
-    return CheckRow(
-        vehicle=check.vehicle,
-        constraint=check.what,
-        time_s=check.time,
-        value=check.value,
-        limit=check.limit,
-        excess=check.excess,
-        errors=check.errors,
-        unit=check.unit,
-        holds=check.holds,
-        asked=check.asked,
-    )
+    return read_off(CheckRow, check, constraint=check.what, time_s=check.time)
 
 
 def _least(report: Report, constraint: str) -> float | None:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from drake_rho.analysis.diagnose import diagnose
+from drake_rho.cli.analysis_documents import Failed
 from drake_rho.cli.console import err, output_mode, say, stopping_early, working, write
 from drake_rho.cli.described import diagnosis_part
-from drake_rho.cli.documents import Failed
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.scenario.errors import DrakeRhoError
 

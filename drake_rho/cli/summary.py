@@ -6,7 +6,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from drake_rho.cli.documents import ErrorRow
+from drake_rho.cli.result_documents import ErrorRow
 from drake_rho.motion.nearest_vehicles import nearest_vehicles
 from drake_rho.motion.obstacle_clearances import clearances
 from drake_rho.motion.simulation import Simulation

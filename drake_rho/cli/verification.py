@@ -10,8 +10,8 @@ import typer
 from drake_rho.analysis.certify import certify as certificate_of
 from drake_rho.analysis.diagnose import diagnose as diagnosis_of
 from drake_rho.cli import described
+from drake_rho.cli.analysis_documents import Diagnosed
 from drake_rho.cli.console import answer, stopping_early, working
-from drake_rho.cli.documents import Diagnosed
 from drake_rho.cli.options import (
     DurationOption,
     ScenarioArgument,

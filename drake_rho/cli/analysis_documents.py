@@ -1,0 +1,94 @@
+"""Documents of diagnoses and certificates."""
+
+from __future__ import annotations
+
+from drake_rho.cli.document import Document, record
+from drake_rho.cli.result_documents import CheckRow
+
+
+@record
+class DiagnosisPart:
+    """Part of a document: why a scenario has no plan, and which changes make it feasible."""
+
+    scenario: str
+    """name of the scenario"""
+    feasible: bool
+    """true if a plan was found"""
+    conflicts: dict[str, list[str]]
+    """for each vehicle without a plan, constraints that cannot be met together"""
+    premise: str
+    """premise of this proof beside the scenario: margins or linearised obstacles; or empty"""
+    violations: list[CheckRow]
+    """violations of the motion with the least total violation, the worst first"""
+    shortest_duration_s: float | None
+    """least duration for which a plan was found, all else unchanged"""
+    longest_duration_s: float | None
+    """largest duration for which a plan was found, if only shorter durations have one"""
+    is_monotone: bool
+    """true if no shorter duration has a plan; false if some may have been missed"""
+    acceleration_factor: float | None
+    """least factor on the acceleration limits for which a plan was found"""
+    bearable_wind_mps2: float | None
+    """largest wind for which a plan was found, if the disturbance is why there is no plan"""
+    cut: bool
+    """true if time ended before everything was tried; smaller changes may be enough then"""
+
+
+@record
+class Failed(Document):
+    """Document of any command that fails."""
+
+    error: str
+    """error message, one line"""
+    diagnosis: DiagnosisPart | None = None
+    """with status 3, why there is no plan and which changes help, as far as that was found"""
+
+
+@record
+class Diagnosed(Document):
+    """Document of diagnose."""
+
+    diagnosis: DiagnosisPart
+    """why there is no plan and which changes help"""
+
+
+@record
+class CertifiedRow:
+    """Certificate of one vehicle, or of a group of vehicles coupled by separations."""
+
+    vehicle: str
+    """name of the vehicle; for a group, of its first one and the number of others"""
+    cost: float
+    """cost of the vehicle or group"""
+    lower_bound: float
+    """lower bound of the cost of every plan of the vehicle or group"""
+    gap: float
+    """relative gap, (cost - lower bound) / cost"""
+    least_eigenvalue: float
+    """least eigenvalue of the Lagrangian's Hessian; if > 0, the bound is tight at convergence"""
+
+
+@record
+class Certified(Document):
+    """Document of certify."""
+
+    scenario: str
+    """name of the scenario"""
+    cost: float
+    """cost of the plan"""
+    lower_bound: float
+    """lower bound of the cost of every plan"""
+    gap: float
+    """relative gap, (cost - lower bound) / cost; negative if violations make the plan cheaper"""
+    planned_gap: float
+    """relative gap to the bound for plans that keep the planners' margins for a disturbance"""
+    is_globally_optimal: bool
+    """true if the plan holds and its gap is at most a millionth"""
+    holds: bool
+    """true if the plan meets its constraints"""
+    left_out: list[str]
+    """obstacles that constrain the plan and that the bound does not count"""
+    cut: bool
+    """true if time ended before the bound was as good as it can be made"""
+    vehicles: list[CertifiedRow]
+    """certificate of each vehicle, or of each group of vehicles coupled by separations"""
