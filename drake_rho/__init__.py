@@ -37,9 +37,10 @@ if TYPE_CHECKING:
     from drake_rho.motion.statistics import Statistics
     from drake_rho.motion.tube import ErrorTube
     from drake_rho.planning.call.options import Options
-    from drake_rho.planning.constraints.separation import coupled, decoupled, grouped
+    from drake_rho.planning.constraints.coupling import coupled, decoupled, grouped
     from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
-    from drake_rho.planning.horizon.receding_horizon import RecedingHorizon, plan_rho
+    from drake_rho.planning.horizon.plan_rho import plan_rho
+    from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
     from drake_rho.planning.horizon.windows import free_reference, tail_reference
     from drake_rho.planning.planners.assignment import assign_goals
     from drake_rho.planning.planners.convex import plan_convex
@@ -202,9 +203,10 @@ _NAMES = {
     "drake_rho.planning.planners.convex": ("plan_convex",),
     "drake_rho.planning.programs.daqp": ("Daqp",),
     "drake_rho.planning.errors": ("InfeasibleError", "OutOfTimeError", "SolverError"),
-    "drake_rho.planning.constraints.separation": ("coupled", "decoupled", "grouped"),
+    "drake_rho.planning.constraints.coupling": ("coupled", "decoupled", "grouped"),
     "drake_rho.planning.call.options": ("Options",),
-    "drake_rho.planning.horizon.receding_horizon": ("RecedingHorizon", "plan_rho"),
+    "drake_rho.planning.horizon.plan_rho": ("plan_rho",),
+    "drake_rho.planning.horizon.receding_horizon": ("RecedingHorizon",),
     "drake_rho.planning.scp.sequential_convex": ("scp_step",),
     "drake_rho.planning.horizon.windows": ("free_reference", "tail_reference"),
     "drake_rho.scenario.errors": ("DrakeRhoError", "ScenarioError"),

@@ -13,7 +13,7 @@ import pytest
 from pydrake.solvers import ClarabelSolver
 
 import drake_rho as rho
-from drake_rho.planning.constraints.separation import coupled
+from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import backend

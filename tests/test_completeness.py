@@ -13,7 +13,7 @@ from drake_rho.analysis import certify
 from drake_rho.display import kinds as display
 from drake_rho.exports import export
 from drake_rho.planning.constraints import catalogue, tightening
-from drake_rho.planning.constraints.separation import coupled
+from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.problem import Problem
 from drake_rho.scenario.kinds import KINDS, LIMITS, kinds_of
 from drake_rho.simulation import attack

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion, response
 from drake_rho.planning.constraints.close_pairs import pairs_within
-from drake_rho.planning.constraints.separation import coupled, decoupled
+from drake_rho.planning.constraints.coupling import coupled, decoupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced as program

@@ -16,7 +16,7 @@ from scipy.optimize import lsq_linear
 import drake_rho as rho
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.base import HalfSpaces
-from drake_rho.planning.constraints.separation import coupled, grouped
+from drake_rho.planning.constraints.coupling import coupled, grouped
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.planners.first_plan import first_plan

@@ -12,7 +12,7 @@ from pydrake.solvers import SolverInterface
 
 import drake_rho as rho
 from drake_rho.planning.call.options import DEFAULTS
-from drake_rho.planning.constraints.separation import decoupled
+from drake_rho.planning.constraints.coupling import decoupled
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp.patience import PATIENCE, DeadEnds
 from drake_rho.planning.scp.restoration import SoftRows, restore_feasibility

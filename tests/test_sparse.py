@@ -11,8 +11,8 @@ import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.constraints.boxes import KeepInBox, boxes_of
+from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.constraints.margins import margins_of
-from drake_rho.planning.constraints.separation import coupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.reduced import rows_of

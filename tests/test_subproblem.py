@@ -15,7 +15,8 @@ from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.close_pairs import separation_of, too_close
-from drake_rho.planning.constraints.separation import KeepApart, coupled, decoupled
+from drake_rho.planning.constraints.coupling import coupled, decoupled
+from drake_rho.planning.constraints.separation import KeepApart
 from drake_rho.planning.planners.first_plan import brought_apart
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend

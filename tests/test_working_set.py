@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import drake_rho as rho
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
-from drake_rho.planning.constraints.separation import coupled
+from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.reduced import rows_of

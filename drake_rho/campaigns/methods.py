@@ -20,8 +20,8 @@ from drake_rho.motion.flight import Flight
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
-from drake_rho.planning.constraints.separation import CouplingName
-from drake_rho.planning.horizon.receding_horizon import plan_rho
+from drake_rho.planning.constraints.coupling import CouplingName
+from drake_rho.planning.horizon.plan_rho import plan_rho
 from drake_rho.planning.horizon.windows import free_reference, tail_reference
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan

@@ -54,7 +54,7 @@ from drake_rho.display.common.drawable import drawn
 from drake_rho.motion.files import load
 from drake_rho.motion.flown import Flown
 from drake_rho.paper.study import REPEATS, run_study
-from drake_rho.planning.horizon.receding_horizon import plan_rho
+from drake_rho.planning.horizon.plan_rho import plan_rho
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.scenario.files import scenario_schema
 from drake_rho.system.files import atomic_write

@@ -38,7 +38,7 @@ from drake_rho.cli.sources import read
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.errors import InfeasibleError
-from drake_rho.planning.horizon.receding_horizon import plan_rho
+from drake_rho.planning.horizon.plan_rho import plan_rho
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.planners.assignment import assign_goals, assignment
 from drake_rho.planning.planners.convex import plan_convex

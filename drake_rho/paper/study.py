@@ -12,7 +12,7 @@ from drake_rho.analysis.certify import certify
 from drake_rho.motion.flight import Flight, Window
 from drake_rho.motion.obstacle_clearances import closest
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.horizon.receding_horizon import plan_rho
+from drake_rho.planning.horizon.plan_rho import plan_rho
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.files import load_scenario

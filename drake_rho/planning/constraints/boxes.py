@@ -11,8 +11,9 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.extremes import turning_points
-from drake_rho.planning.constraints.base import AT_ONCE, BROKEN, Constraint, HalfSpaces, near
+from drake_rho.planning.constraints.base import AT_ONCE, BROKEN, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.stretches import near
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.parts import Quantity

@@ -9,8 +9,9 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import BROKEN, Constraint, HalfSpaces, near
+from drake_rho.planning.constraints.base import BROKEN, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins
+from drake_rho.planning.constraints.stretches import near
 from drake_rho.scenario.convex_sets import ConvexSets
 from drake_rho.scenario.fields import FloatArray, IntArray
 

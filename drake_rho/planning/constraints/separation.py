@@ -10,7 +10,6 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -23,8 +22,9 @@ from drake_rho.planning.constraints.close_pairs import (
     separation_of,
     too_close,
 )
+from drake_rho.planning.constraints.coupling import Coupling
+from drake_rho.planning.constraints.keep_out import KeepOut, Places, side_of
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
-from drake_rho.planning.constraints.obstacles import KeepOut, Places, side_of
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
 from drake_rho.scenario.records import TOLERANCE, Scenario
@@ -43,43 +43,6 @@ rows; where these may be broken at a cost, only those that are too close."""
 ROOM = 1.02
 """Times the separation that rows ask for while they may be broken: room for what a slack gives
 away, and for what comes closer between knots."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Coupling:
-    """How the rows of pairs are written."""
-
-    name: str
-    """what it is called"""
-    share: float
-    """of what a reference leaves between two vehicles, how much a row gives to one of them: 1, in
-    one row about the difference of the two, or 1/2, in two rows, one for each"""
-    in_groups: bool = False
-    """whether references are looked for in which groups of vehicles are coupled"""
-
-    @property
-    def together(self) -> bool:
-        """Whether rows couple vehicles into one program."""
-        return self.share == 1.0
-
-    def __repr__(self) -> str:
-        return f"drake_rho.{self.name}"
-
-
-coupled = Coupling("coupled", 1.0)
-"""One row for each pair, about the difference of the two, which thus share a program."""
-
-decoupled = Coupling("decoupled", 0.5)
-"""Two rows for each pair, one for each vehicle: every vehicle has a program of its own."""
-
-grouped = Coupling("grouped", 0.5, in_groups=True)
-"""As decoupled, around references in which those that press most on each other are coupled."""
-
-CouplingName = Literal["coupled", "decoupled", "grouped"]
-"""Couplings that a word stands for."""
-
-COUPLINGS = {each.name: each for each in (coupled, decoupled, grouped)}
-"""What each word stands for."""
 
 
 PAIRS = ("pairs",)

@@ -10,22 +10,22 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
-
-import numpy as np
 
 from drake_rho.motion.flight import Window
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.call.options import Options
 from drake_rho.planning.constraints.tightening import NO_ROOM, lacks
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.horizon.fallbacks import least_violation, moved
+from drake_rho.planning.planners.convex import plan_convex
+from drake_rho.planning.planners.plan import plan, plan_scp
 from drake_rho.planning.problem import Problem
-from drake_rho.planning.programs.backend import Backend, Solver
-from drake_rho.planning.scp.minimum_violation import minimum_breach, minimum_violation
+from drake_rho.planning.programs.backend import Solver
 from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_time
-from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.holds import first_violation
 
@@ -117,7 +117,7 @@ class WindowPlanner:
             except (InfeasibleError, SolverError, OutOfTimeError) as error:
                 failure = error
         own = self._first(scenario)
-        plan = least_violation(_moved(own.plan, measured), self.solver)
+        plan = least_violation(moved(own.plan, measured), self.solver)
         spent = failure.statistics + own.statistics + plan.statistics
         plan = plan.with_statistics(spent)
         return Window(0, plan, plan, infeasible=str(failure))
@@ -146,7 +146,7 @@ class WindowPlanner:
             last: previous window, with that prediction.
             on_plan: whether the vehicles are in the tail's tube, so that the tail stays valid.
         """
-        followed = _moved(tail, scenario)
+        followed = moved(tail, scenario)
         window: Window | _Failure | None = self._lack_of_slack(scenario, tail, last)
         window = window or self._planned(scenario, first_knot, followed)
         if isinstance(window, Window):
@@ -272,36 +272,12 @@ def _new_obstacles(tail: Plan, last: Window) -> list[int]:
     return [number for number, _ in tail.scenario.known if number not in before]
 
 
-def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
-    """Return a plan that violates its scenario least, from any start.
+def with_options(options: Options | None, planner: Planner) -> Planner:
+    """Return a planner with options, if it is one of this package's.
 
-    If possible, goals and limits are met, and the violations of distances from obstacles and other
-    vehicles are minimised. Otherwise goals may be missed too. If no solver finds a plan, the
-    accelerations of the reference are flown.
-
-    Args:
-        reference: a motion of the scenario's vehicles from its starts to its goals.
-        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+    The time limit is left out, since it applies to the whole flight or step.
     """
-    scenario, spent = reference.scenario, Statistics()
-    if scenario.known or scenario.separation is not None:  # else nothing can be too close
-        try:
-            return minimum_breach(reference, Backend(solver))
-        except (InfeasibleError, SolverError, OutOfTimeError) as error:
-            spent = error.statistics
-    try:
-        plan = minimum_violation(Problem.of(scenario), Backend(solver))
-    except (SolverError, OutOfTimeError) as error:
-        return reference.with_statistics(spent + error.statistics)
-    return plan.with_statistics(spent + plan.statistics)
-
-
-def _moved(tail: Plan, scenario: Scenario) -> Plan:
-    """Return the rest of a plan, moved to other starts with the least change of accelerations."""
-    if scenario.fleet is tail.scenario.fleet:
-        return unchecked(tail, scenario=scenario)
-    there, here = (
-        Problem.of(each).effort.motion.accelerations for each in (scenario, tail.scenario)
-    )
-    changed = np.asarray(tail.accelerations + there - here, dtype=np.float64)
-    return Plan.from_accelerations(scenario, changed)
+    if options is None or planner not in (plan, plan_scp, plan_convex):
+        return planner
+    ours: Planner = partial(planner, options=dataclasses.replace(options, time_limit=None))
+    return ours

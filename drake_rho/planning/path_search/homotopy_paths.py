@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_rho.planning.call.time_limit import check_time
-from drake_rho.planning.constraints.obstacles import across
+from drake_rho.planning.constraints.keep_out import across
 from drake_rho.planning.path_search.lattice import Lattice
 from drake_rho.planning.path_search.swept_clearance import required_distance
 from drake_rho.scenario.fields import FloatArray, IntArray

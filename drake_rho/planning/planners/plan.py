@@ -9,7 +9,7 @@ from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
-from drake_rho.planning.constraints.separation import COUPLINGS, Coupling, CouplingName
+from drake_rho.planning.constraints.coupling import COUPLINGS, Coupling, CouplingName
 from drake_rho.planning.planners.first_plan import FirstPlan
 from drake_rho.planning.planners.related import fitted
 from drake_rho.planning.problem import Problem, with_finer_margins

@@ -1,0 +1,49 @@
+"""Motions of windows that have no plan: the previous prediction moved, or the least violation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drake_rho.motion.plan import Plan
+from drake_rho.motion.statistics import Statistics
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
+from drake_rho.planning.problem import Problem
+from drake_rho.planning.programs.backend import Backend, Solver
+from drake_rho.planning.scp.minimum_violation import minimum_breach, minimum_violation
+from drake_rho.scenario.fields import unchecked
+from drake_rho.scenario.records import Scenario
+
+
+def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
+    """Return a plan that violates its scenario least, from any start.
+
+    If possible, goals and limits are met, and the violations of distances from obstacles and other
+    vehicles are minimised. Otherwise goals may be missed too. If no solver finds a plan, the
+    accelerations of the reference are flown.
+
+    Args:
+        reference: a motion of the scenario's vehicles from its starts to its goals.
+        solver: a Drake solver or `Daqp()`; Clarabel if not given.
+    """
+    scenario, spent = reference.scenario, Statistics()
+    if scenario.known or scenario.separation is not None:  # else nothing can be too close
+        try:
+            return minimum_breach(reference, Backend(solver))
+        except (InfeasibleError, SolverError, OutOfTimeError) as error:
+            spent = error.statistics
+    try:
+        plan = minimum_violation(Problem.of(scenario), Backend(solver))
+    except (SolverError, OutOfTimeError) as error:
+        return reference.with_statistics(spent + error.statistics)
+    return plan.with_statistics(spent + plan.statistics)
+
+
+def moved(tail: Plan, scenario: Scenario) -> Plan:
+    """Return the rest of a plan, moved to other starts with the least change of accelerations."""
+    if scenario.fleet is tail.scenario.fleet:
+        return unchecked(tail, scenario=scenario)
+    there, here = (
+        Problem.of(each).effort.motion.accelerations for each in (scenario, tail.scenario)
+    )
+    changed = np.asarray(tail.accelerations + there - here, dtype=np.float64)
+    return Plan.from_accelerations(scenario, changed)
