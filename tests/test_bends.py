@@ -1,4 +1,4 @@
-"""References bent aside: fleets whose ways all meet, vehicles whose way is too long."""
+"""Perturbed references: fleets whose paths all meet, and vehicles whose path is too long."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from drake_rho.planning.planners import plan as best
 from drake_rho.planning.planners.bends import SPREADS, spread
 from drake_rho.planning.scp.sequential_convex import restored
 from drake_rho.planning.scp.subproblem import Subproblem
-from tests.scenarios import careless
+from tests.scenarios import independent
 
 
 def crowd(n: int = 48, duration: float = 6.8, distance: float = 0.32) -> rho.Scenario:
-    """Vehicles that all meet in the middle of a circle, with little time to spare."""
+    """Return vehicles that all meet in the centre of a circle, with little time to spare."""
     return rho.circle_swap(
         n,
         radius=0.22 * n,
@@ -29,7 +29,7 @@ def crowd(n: int = 48, duration: float = 6.8, distance: float = 0.32) -> rho.Sce
     )
 
 
-def test_what_meets_at_one_point_is_brought_apart() -> None:
+def test_vehicles_that_meet_at_one_point_are_separated() -> None:
     scenario = crowd()
     plan = rho.plan(scenario)
     assert rho.verify(plan).ok
@@ -37,7 +37,7 @@ def test_what_meets_at_one_point_is_brought_apart() -> None:
     np.testing.assert_array_equal(plan.accelerations, again.accelerations)
 
 
-def test_where_restoration_comes_to_no_end_it_begins_with_the_vehicles_spread(
+def test_a_restoration_without_success_restarts_from_perturbed_guesses(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scenario = crowd(20, 9.0, 0.4)
@@ -59,11 +59,11 @@ def test_where_restoration_comes_to_no_end_it_begins_with_the_vehicles_spread(
 
 
 @pytest.mark.parametrize("number", range(SPREADS))
-def test_a_spread_begins_and_ends_as_before_and_parts_vehicles_in_the_middle(number: int) -> None:
-    plan = careless(crowd(20, 9.0, 0.4))
+def test_a_perturbed_fleet_keeps_its_ends_and_separates_vehicles_midway(number: int) -> None:
+    plan = independent(crowd(20, 9.0, 0.4))
     bent = spread(plan, number)
     aside = np.linalg.norm(bent.positions - plan.positions, axis=2)
-    assert aside[:, [0, -1]].max() < 0.02 * aside.max()  # to the order of the steps
+    assert aside[:, [0, -1]].max() < 0.02 * aside.max()  # up to the order of the steps
     assert 0.4 < np.sort(aside.max(axis=1))[10] < 3.0
 
     def nearest(positions: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""`plan`: the convex method, ways round where that fails, and SCP until the cost stops falling."""
+"""`plan`: the convex method, paths around obstacles where it fails, and SCP to convergence."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BESIDE = rho.Sphere([5.0, 2.6, -1.0], 1.5)
 
 
 def _two_in_the_middle() -> rho.Scenario:
-    """Two vehicles, whose free ways lead through the centre of one sphere each, and a third."""
+    """Return three vehicles; the unconstrained motions of two pass through a sphere's centre."""
     ends = np.array([[0, 0, 0], [0, 10, 0], [0, 20, 0]])
     spheres = (rho.Sphere([5, 0, 0], 1.5), rho.Sphere([5, 10, 0], 2.0))
     limits, goals = rho.Limits(velocity=box(2.5)), ends + np.array([10, 0, 0])
@@ -29,7 +29,7 @@ def _two_in_the_middle() -> rho.Scenario:
 
 
 @pytest.mark.parametrize("limits", [rho.Limits(), rho.Limits(velocity=box(1.5))])
-def test_where_nothing_is_to_be_avoided_it_is_the_convex_method(limits: rho.Limits) -> None:
+def test_without_obstacles_plan_is_the_convex_method(limits: rho.Limits) -> None:
     asked = single(limits=limits)
     plan = rho.plan(asked)
     np.testing.assert_array_equal(plan.accelerations, rho.plan_convex(asked).accelerations)
@@ -38,7 +38,7 @@ def test_where_nothing_is_to_be_avoided_it_is_the_convex_method(limits: rho.Limi
     assert plan.reference is None
 
 
-def test_where_the_convex_method_has_a_plan_it_goes_on_from_there(paper: rho.Scenario) -> None:
+def test_plan_iterates_from_the_plan_of_the_convex_method(paper: rho.Scenario) -> None:
     by_hand = rho.plan_convex(paper)
     for _ in range(3):
         by_hand = rho.scp_step(by_hand)
@@ -47,7 +47,7 @@ def test_where_the_convex_method_has_a_plan_it_goes_on_from_there(paper: rho.Sce
     assert plan.statistics.linearisations == 1 + 3
 
 
-def test_where_the_convex_method_has_none_it_finds_a_way_round_for_every_vehicle() -> None:
+def test_where_the_convex_method_fails_plan_finds_a_path_for_every_vehicle() -> None:
     asked = _two_in_the_middle()
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_convex(asked)
@@ -70,14 +70,14 @@ def test_an_executor_gives_the_same_plan() -> None:
     np.testing.assert_allclose(there.accelerations, here.accelerations, atol=1e-9)
 
 
-def test_vehicles_for_which_no_way_is_found_are_all_named() -> None:
+def test_all_vehicles_without_a_path_are_named() -> None:
     asked = _two_in_the_middle()
     walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]))
     walled = dataclasses.replace(asked.vehicles[0], limits=walls)
     asked = dataclasses.replace(asked, vehicles=(walled, *asked.vehicles[1:]))
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(asked)
-    assert set(caught.value.conflicts) == {"v0"}  # for the other there is one
+    assert set(caught.value.conflicts) == {"v0"}  # the other one has a path
     assert caught.value.obstacles == {"v0": frozenset([1])}
     assert caught.value.scenario == asked
     assert caught.value.reference is not None
@@ -85,7 +85,7 @@ def test_vehicles_for_which_no_way_is_found_are_all_named() -> None:
 
 
 @pytest.mark.parametrize("separated", [False, True])
-def test_an_error_carries_the_scenario_that_was_asked(separated: bool) -> None:
+def test_an_error_carries_the_scenario_given(separated: bool) -> None:
     weak = through_the_middle(3, limits=rho.Limits(acceleration=box(0.1)))
     if not separated:
         weak = weak.without_separation()
@@ -95,8 +95,8 @@ def test_an_error_carries_the_scenario_that_was_asked(separated: bool) -> None:
     assert not caught.value.about_linearisation
 
 
-def test_an_iteration_ends_with_the_first_fall_below_the_tolerance(paper: rho.Scenario) -> None:
-    """The falls of one vehicle's cost, from plans that are stopped after one, two, ... steps."""
+def test_an_iteration_ends_with_the_first_decrease_below_the_tolerance(paper: rho.Scenario) -> None:
+    """Relative decreases of one vehicle's cost come from plans stopped after 1, 2, ... steps."""
     alone = dataclasses.replace(paper, vehicles=paper.vehicles[:1])
     tolerance = 1e-3
     plan = rho.plan(alone, options=rho.Options(tolerance=tolerance))
@@ -117,7 +117,7 @@ def test_an_iteration_ends_with_the_first_fall_below_the_tolerance(paper: rho.Sc
 
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
-def test_what_is_said_of_convergence_is_true_of_fleets(coupling: Coupling) -> None:
+def test_reported_convergence_is_true_for_fleets(coupling: Coupling) -> None:
     asked = through_the_middle(4)
     options = rho.Options(tolerance=1e-4)
     plan = rho.plan(asked, coupling=coupling, options=options)
@@ -135,7 +135,7 @@ def test_what_is_said_of_convergence_is_true_of_fleets(coupling: Coupling) -> No
     assert rho.verify(once).ok
 
 
-def test_progress_is_told_of_every_linearisation_after_the_first() -> None:
+def test_progress_reports_every_linearisation_after_the_first() -> None:
     said: list[str] = []
     plan = rho.plan(single(obstacles=(BESIDE,)), progress=said.append)
     assert len(said) == plan.statistics.linearisations - 1 > 2
@@ -146,14 +146,14 @@ def test_progress_is_told_of_every_linearisation_after_the_first() -> None:
     assert costs[-1] == pytest.approx(plan.cost, rel=1e-5)
 
 
-def test_progress_is_told_of_a_fleet_that_is_brought_apart() -> None:
+def test_progress_reports_the_restoration_of_a_fleet() -> None:
     said: list[str] = []
     plan = rho.plan(through_the_middle(4), progress=said.append)
     assert rho.verify(plan).ok
     assert len(said) > 2
 
 
-def test_a_given_reference_decides_on_which_side_an_obstacle_is_passed() -> None:
+def test_a_given_reference_decides_the_side_on_which_an_obstacle_is_passed() -> None:
     asked = single(goal=rho.State([10, 0, 0]), obstacles=(rho.Sphere([5, 0.3, 0], 1.0),))
     ways = []
     for y in (-1.0, 1.0):
@@ -163,12 +163,12 @@ def test_a_given_reference_decides_on_which_side_an_obstacle_is_passed() -> None
         assert rho.verify(plan).ok
         assert y * (plan.positions[0, 8, 1] - 0.3) >= 1.0 - 1e-6
         ways.append(plan.cost)
-    assert ways[0] < ways[1]  # below is the shorter way
+    assert ways[0] < ways[1]  # the path below is shorter
     assert rho.plan(asked).cost == pytest.approx(ways[0], rel=INDEX)
 
 
-def test_a_fleets_reference_that_keeps_apart_is_gone_on_from() -> None:
-    """Two head-on that pass above and below each other go on so, though beside costs as much."""
+def test_a_separated_reference_of_a_fleet_is_iterated_from() -> None:
+    """Two that meet head-on and pass above and below keep doing so, though beside costs as much."""
     ends = np.array([[-5, 0, 0], [5, 0, 0]])
     asked = fleet(ends, -ends)
     aside = fleet(ends, -ends, limits=rho.Limits(position=rho.Box([-9, -0.01, -9], [9, 0.01, 9])))
@@ -179,7 +179,7 @@ def test_a_fleets_reference_that_keeps_apart_is_gone_on_from() -> None:
     assert plan.statistics.linearisations < rho.plan(asked).statistics.linearisations + 5
 
 
-def test_a_fleet_is_coupled_up_to_as_many_vehicles_as_asked() -> None:
+def test_a_fleet_is_coupled_up_to_the_requested_number_of_vehicles() -> None:
     asked = through_the_middle(3)
     assert coupling_for(asked, rho.Options(max_coupled=3)) is rho.coupled
     assert coupling_for(asked, rho.Options(max_coupled=2)) is rho.grouped
@@ -193,7 +193,7 @@ def test_a_fleet_is_coupled_up_to_as_many_vehicles_as_asked() -> None:
         assert plan.statistics.tolerance == other.statistics.tolerance
 
 
-def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
+def test_default_tolerances_are_the_documented_ones() -> None:
     options = rho.Options()
     alone, few, many = single(), through_the_middle(6), through_the_middle(7)
     assert options.tolerance_of(alone, together=True) == 1e-9
@@ -224,12 +224,12 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
         {"max_memory": float("nan")},
     ],
 )
-def test_options_that_make_no_sense_are_refused(bad: dict[str, float]) -> None:
+def test_invalid_options_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(rho.ScenarioError, match=next(iter(bad))):
         rho.Options(**bad)  # type: ignore[arg-type]  # what is tested
 
 
-def test_a_reference_with_numbers_that_are_none_is_refused_before_any_solver(
+def test_a_reference_with_nan_is_refused_before_any_solver_runs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = single(obstacles=(BESIDE,))
@@ -242,7 +242,7 @@ def test_a_reference_with_numbers_that_are_none_is_refused_before_any_solver(
             rho.plan(asked, reference=dataclasses.replace(plan, accelerations=accelerations))
 
 
-def test_statistics_count_every_step_on_the_way() -> None:
+def test_statistics_count_every_step() -> None:
     asked = _two_in_the_middle()
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_convex(asked)
@@ -252,7 +252,7 @@ def test_statistics_count_every_step_on_the_way() -> None:
     assert plan.statistics.seconds > 0.0
 
 
-def test_where_the_solvers_fail_ways_round_are_tried_if_there_is_an_obstacle(
+def test_where_solvers_fail_paths_are_tried_if_there_is_an_obstacle(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = single(obstacles=(BESIDE,))

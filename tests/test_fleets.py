@@ -63,13 +63,13 @@ def test_vehicles_keep_apart_that_would_not(
 ) -> None:
     separation = rho.Separation(0.8, downwash)
     asked = fleet(*CROSSING, separation=separation, between_knots=between_knots)
-    careless = dataclasses.replace(rho.plan_scp(asked.without_separation()), scenario=asked)
-    assert sampled_separation(careless) < 0.9
+    independent = dataclasses.replace(rho.plan_scp(asked.without_separation()), scenario=asked)
+    assert sampled_separation(independent) < 0.9
     plan = planner(asked)
     assert rho.verify(plan).ok
-    assert not rho.verify(careless).ok
+    assert not rho.verify(independent).ok
     assert sampled_separation(plan) >= TOUCHED
-    assert plan.cost > careless.cost
+    assert plan.cost > independent.cost
 
 
 def test_only_the_knots_are_looked_at_where_only_they_are_asked_for() -> None:
@@ -457,9 +457,9 @@ def test_a_linearisation_without_a_solution_is_infeasible_and_no_failure(
 ) -> None:
     """Vehicles found to have no solution leave their rows broken while others are worked on."""
     asked = random_fleet(seed)
-    careless = rho.plan_convex(asked.without_separation())
+    independent = rho.plan_convex(asked.without_separation())
     with pytest.raises(rho.InfeasibleError, match="separation from v"):
-        Subproblem(asked, decoupled).around(careless)
+        Subproblem(asked, decoupled).around(independent)
 
 
 def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(

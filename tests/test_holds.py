@@ -19,7 +19,7 @@ from drake_rho.verification.holds import first_violation
 from tests.disturbed import disturbed
 from tests.scenarios import (
     box,
-    careless,
+    independent,
     random_fleet,
     random_scenario,
     single,
@@ -95,7 +95,7 @@ def test_what_is_not_seen_at_once_is_judged_in_full(
     if what == "many":
         monkeypatch.setattr(holds, "_ALL_PAIRS", 1)
         asked = through_the_middle(2)
-        wild = careless(asked)
+        wild = independent(asked)
     assert first_violation(rho.plan(asked)) is None
     assert first_violation(wild) is not None
 

@@ -417,6 +417,6 @@ def test_vehicles_in_nobodys_way_fly_as_if_alone() -> None:
     goals[[0, 1]] = starts[[1, 0]]
     asked = fleet(starts, goals)
     plan = rho.plan(asked, coupling=rho.grouped, options=rho.Options(max_group=2))
-    careless = rho.plan(asked.without_separation())
-    moved = np.any(np.abs(plan.accelerations - careless.accelerations) > 1e-9, axis=(1, 2))
+    independent = rho.plan(asked.without_separation())
+    moved = np.any(np.abs(plan.accelerations - independent.accelerations) > 1e-9, axis=(1, 2))
     assert moved.tolist() == [True, True, False, False, False, False]

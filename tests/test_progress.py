@@ -43,8 +43,8 @@ def test_planners_tell_each_linearisation(
 
 
 def test_the_worst_breach_is_what_pairs_lack_of_their_separation(swap: rho.Scenario) -> None:
-    careless = rho.plan_convex(swap.without_separation())
-    plan = rho.Plan.from_accelerations(swap, careless.accelerations)
+    independent = rho.plan_convex(swap.without_separation())
+    plan = rho.Plan.from_accelerations(swap, independent.accelerations)
     times = np.linspace(0.0, swap.grid.duration, 4001)
     assert swap.separation is not None
     paths = plan.motion().at("position", times) / [1.0, 1.0, swap.separation.downwash]

@@ -223,8 +223,8 @@ def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart(
 
 def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -> None:
     asked = through_the_middle(2)
-    careless = rho.plan(asked.without_separation())
-    start = rho.Plan.from_accelerations(asked, careless.accelerations)
+    independent = rho.plan(asked.without_separation())
+    start = rho.Plan.from_accelerations(asked, independent.accelerations)
     noted: list[tuple[float, int]] = []
 
     class Noted(Subproblem):
@@ -240,7 +240,7 @@ def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -
     np.testing.assert_allclose(penalties[1:11] / penalties[:10], 3.0)
     np.testing.assert_allclose(penalties[11:], 1e5 * penalties[0])
     # a plan's cost for each vehicle, and that of a metre aside and back at 4 d / T² all along
-    known = careless.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
+    known = independent.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
     assert penalties[0] == pytest.approx(known)
 
 

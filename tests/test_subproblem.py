@@ -24,7 +24,7 @@ from drake_rho.planning.scp.restoration import Restoration
 from drake_rho.planning.scp.sequential_convex import restored
 from drake_rho.planning.scp.subproblem import Subproblem, plan_around
 from drake_rho.scenario.fields import IntArray
-from tests.scenarios import box, careless, fleet, single, through_the_middle
+from tests.scenarios import box, fleet, independent, single, through_the_middle
 from tests.tolerances import INDEX, MOTION
 
 
@@ -63,7 +63,7 @@ def test_who_is_not_planned_flies_the_reference() -> None:
 def test_vehicles_in_nobodys_way_fly_the_reference_while_others_are_brought_apart() -> None:
     starts = np.array([[-5, 0, 0], [0, 30, 0], [5, 0, 0]])
     asked = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
-    start = careless(asked)
+    start = independent(asked)
     subproblem = Subproblem(asked, decoupled)
     assert not subproblem.holds(start)
     after = subproblem.restored(start, 1e3, 0)
@@ -164,7 +164,7 @@ def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = through_the_middle(2)
-    start = careless(asked)
+    start = independent(asked)
     made: list[KeepApart] = []
 
     def noted(*args: Any, **options: Any) -> KeepApart:
@@ -183,7 +183,7 @@ def test_pairs_are_brought_apart_by_references_which_hold_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = through_the_middle(3)
-    plan = careless(asked)
+    plan = independent(asked)
     made: list[dict[str, Any]] = []
     around = InGroups.around
 
@@ -217,7 +217,7 @@ def test_what_keeps_every_constraint_is_a_plan_however_it_was_found() -> None:
         def around(self, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
             raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=self.scenario)
 
-    plan = restored(careless(asked), Refusing(asked))
+    plan = restored(independent(asked), Refusing(asked))
     assert plan.statistics.linearisations > 1
     assert rho.verify(plan).ok
 
@@ -239,7 +239,7 @@ def test_only_those_in_trouble_have_programs_at_the_end_of_a_restoration(
         return plan
 
     monkeypatch.setattr(Subproblem, "around", noted)
-    plan = restored(careless(asked), Restoration(asked))
+    plan = restored(independent(asked), Restoration(asked))
     assert 0 < planned[-1] < 12
     assert rho.verify(plan).ok
 
@@ -279,7 +279,7 @@ def test_who_is_stuck_is_planned_in_a_group_with_those_next_to_it(
 
     monkeypatch.setattr(Subproblem, "around", refused_once)
     monkeypatch.setattr(InGroups, "around", noted)
-    plan = restored(careless(asked), Restoration(asked))
+    plan = restored(independent(asked), Restoration(asked))
     assert seen  # and somebody was next to it who was in nobody's way
     assert rho.verify(plan).ok
 
@@ -294,7 +294,7 @@ def test_where_groups_fail_slack_takes_over(monkeypatch: pytest.MonkeyPatch) -> 
         return around(self, *args, **options)
 
     monkeypatch.setattr(InGroups, "around", at_times)
-    plan = restored(careless(asked), Restoration(asked))
+    plan = restored(independent(asked), Restoration(asked))
     assert not fails
     assert rho.verify(plan).ok
 
@@ -337,7 +337,7 @@ def test_what_did_not_move_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatc
     """Breaches are the same as of a look at everyone."""
     rng = np.random.default_rng(5)
     asked = rho.random_transitions(12, rng, duration=5.0)
-    plan = careless(asked)
+    plan = independent(asked)
     found, looked = breaches_of(asked, plan), list[int]()
 
     def noted(*args: Any, **options: Any) -> CloseApproaches:
