@@ -10,7 +10,9 @@ import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
 
 TWIN = 1e-5
-"""Relative tolerance for the cost of the program with cones at Drake's default tolerances. It was 1.1e-6 above that of a plan whose certificate proved it within 1e-11 of the optimum."""
+"""Relative tolerance for the cost of the program with cones at Drake's default tolerances.
+
+The cost was 1.1e-6 above that of a plan whose certificate proved it within 1e-11 of the optimum."""
 
 
 def integrals(scenario: rho.Scenario) -> tuple[FloatArray, FloatArray]:

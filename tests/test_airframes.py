@@ -76,7 +76,7 @@ def test_no_vehicle_is_drawn_inside_an_obstacle_even_between_frames() -> None:
     left = offsets - sphere.radius
     for each, radius, scales in zip(left, stage.vehicles.radii, stage.vehicles.scales, strict=True):
         drawn = radius * np.interp(times, stage.pace.times, scales)
-        # a vehicle at the surface, or inside within the paper's tolerance, is drawn almost as a point
+        # at the surface, or inside within the paper's tolerance, it is drawn almost as a point
         assert np.all(drawn <= np.maximum(each, 0.0) + 2e-3 * radius)
         assert drawn.max() == radius
 
