@@ -12,7 +12,8 @@ from drake_rho.scenario.fields import FloatArray
 TWIN = 1e-5
 """Relative tolerance for the cost of the program with cones at Drake's default tolerances.
 
-The cost was 1.1e-6 above that of a plan whose certificate proved it within 1e-11 of the optimum."""
+The cost was 1.1e-6 above that of a plan whose certificate proved it within 1e-11 of the optimum.
+"""
 
 
 def integrals(scenario: rho.Scenario) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""Times are written with the digits that tell instants of a flight apart."""
+"""Times are printed with enough digits to distinguish the instants of a flight."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from tests.scenarios import single
         (1.7e9 + 0.25, "1700000000.25 s"),
     ],
 )
-def test_a_time_in_words(time: float, words: str) -> None:
+def test_a_time_is_printed_with_its_digits(time: float, words: str) -> None:
     assert clock_time(time) == words
     assert clock_number(time) == words.removesuffix(" s")
 
 
-def test_reports_and_errors_tell_times_of_a_far_clock_apart() -> None:
+def test_reports_and_errors_distinguish_times_of_a_distant_clock() -> None:
     asked = single(grid=rho.Grid(0.5, 17, 1.7e9 + 0.1))
     horizon = rho.RecedingHorizon(asked)
     horizon.step(asked.fleet.start_states, asked.grid.start)

@@ -1,4 +1,4 @@
-"""DAQP beside Drake's solvers: the same programs, the same answers, the same proofs."""
+"""DAQP beside Drake's solvers: the same programs have the same answers and the same proofs."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def _rows(rng: np.random.Generator, count: int, size: int) -> FloatArray:
-    """Random rows of length one."""
+    """Return random rows of length one."""
     rows = rng.normal(size=(count, size))
     unit: FloatArray = rows / np.linalg.norm(rows, axis=1, keepdims=True)
     return unit
 
 
 def _plain(rng: np.random.Generator) -> DenseProgram:
-    """Hard rows that some point keeps."""
+    """Return hard rows that some point satisfies."""
     matrix = _rows(rng, int(rng.integers(1, 40)), int(rng.integers(2, 25)))
     inside = rng.normal(size=matrix.shape[1])
     needed = matrix @ inside - rng.exponential(0.3, len(matrix))
@@ -48,7 +48,7 @@ def _plain(rng: np.random.Generator) -> DenseProgram:
 
 
 def _degenerate(rng: np.random.Generator) -> DenseProgram:
-    """More rows than variables meet in the solution, some twice, some almost parallel."""
+    """Return a program with more active rows than variables, some equal or almost parallel."""
     start = _plain(rng)
     size = start.matrix.shape[1]
     apex, normals = 2.0 * _rows(rng, 1, size)[0], _rows(rng, 2 * size, size)
@@ -61,7 +61,7 @@ def _degenerate(rng: np.random.Generator) -> DenseProgram:
 
 
 def _soft(rng: np.random.Generator) -> DenseProgram:
-    """Rows that contradict each other, most of them soft, each with its own slack."""
+    """Return contradicting rows, most of them soft with a slack each."""
     start = _plain(rng)
     count, size = start.matrix.shape
     matrix = np.concatenate([start.matrix, _rows(rng, count, size)])
@@ -72,7 +72,7 @@ def _soft(rng: np.random.Generator) -> DenseProgram:
 
 
 def _shared(rng: np.random.Generator) -> DenseProgram:
-    """The same with slacks that several rows share."""
+    """Return contradicting rows with slacks that several rows share."""
     own = _soft(rng)
     soft = np.isfinite(own.penalties)
     slacks = rng.integers(0, max(1, int(soft.sum()) // 3), len(soft))
@@ -84,7 +84,7 @@ FAMILIES = {"plain": _plain, "degenerate": _degenerate, "soft": _soft, "shared":
 
 
 def _cost(asked: DenseProgram, x: FloatArray) -> float:
-    """What x costs: its square, and of each slack the worst of its rows."""
+    """Return the cost of x: its squared norm, and for each slack the largest violation."""
     missing = np.maximum(asked.needed - asked.matrix @ x, 0.0)
     worst: dict[int, float] = {}
     for row in np.flatnonzero(np.isfinite(asked.penalties)).tolist():
@@ -94,7 +94,7 @@ def _cost(asked: DenseProgram, x: FloatArray) -> float:
 
 
 def _bound(asked: DenseProgram, y: FloatArray) -> float:
-    """What any x costs at least, by weak duality, if y >= 0 and no slack's weights exceed it."""
+    """Return the lower bound of the cost by weak duality, for y >= 0 within the slacks' weights."""
     return float(y @ asked.needed - 0.25 * np.sum((asked.matrix.T @ y) ** 2))
 
 
@@ -107,7 +107,7 @@ def _one(asked: Any, solver: Any = None) -> Solution:
 @given(seed=seeds)
 @settings(max_examples=20)
 def test_a_solution_meets_the_bound_that_its_multipliers_prove(family: str, seed: int) -> None:
-    """Feasible, and as cheap as anything can be: no other solver is needed to see that."""
+    """A solution that is feasible and costs its lower bound needs no other solver to confirm it."""
     asked = FAMILIES[family](np.random.default_rng(seed))
     found = _one(asked, rho.Daqp())
     x, y = found.x[: asked.matrix.shape[1]], found.multipliers()
@@ -135,8 +135,8 @@ def test_clarabel_finds_the_same_for_the_same_program(family: str, seed: int) ->
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_it_is_daqp_that_solves_them(family: str) -> None:
-    """What goes on to Clarabel is the exception: near-parallel rows at most."""
+def test_daqp_itself_solves_them(family: str) -> None:
+    """Falling back to Clarabel is the exception, for nearly parallel rows at most."""
     rngs = map(np.random.default_rng, range(100))
     by = [_one(FAMILIES[family](rng), rho.Daqp()).solver for rng in rngs]
     assert by.count("DAQP") >= 95
@@ -144,7 +144,7 @@ def test_it_is_daqp_that_solves_them(family: str) -> None:
 
 @given(seed=seeds)
 @settings(max_examples=13)
-def test_hard_rows_are_solved_as_lawson_and_hanson_do(seed: int) -> None:
+def test_hard_rows_are_solved_like_lawson_and_hanson(seed: int) -> None:
     asked = _plain(np.random.default_rng(seed))
     found = _one(asked, rho.Daqp())
     stacked = np.concatenate([asked.matrix.T, asked.needed[None]])
@@ -157,7 +157,7 @@ def test_hard_rows_are_solved_as_lawson_and_hanson_do(seed: int) -> None:
 @given(seed=seeds)
 @settings(max_examples=13)
 def test_a_program_without_a_solution_comes_with_the_proof(softened: bool, seed: int) -> None:
-    """Weights y >= 0 with M' y = 0 and b · y > 0; soft rows have none."""
+    """The proof is a vector y >= 0 with M' y = 0 and b · y > 0, zero for soft rows."""
     rng = np.random.default_rng(seed)
     start = (_soft if softened else _plain)(rng)
     hard = np.isinf(start.penalties)
@@ -174,7 +174,7 @@ def test_a_program_without_a_solution_comes_with_the_proof(softened: bool, seed:
     )
     ours, theirs = _one(asked, rho.Daqp()), _one(asked)
     assert ours.feasible == theirs.feasible
-    if ours.feasible:  # no weights make up that row: there is a point far away
+    if ours.feasible:  # no weights combine to that row: a distant point is feasible
         return
     y = ours.multipliers()
     assert ours.solver == "DAQP"
@@ -190,12 +190,12 @@ def test_a_program_without_a_solution_comes_with_the_proof(softened: bool, seed:
         ([[0.0, 0.0], [1.0, 0.0]], [1.0, 1.0], False),  # 0 >= 1
         ([[1e-30, 0.0], [1.0, 0.0]], [1.0, 1.0], False),
         ([[0.0, 0.0], [1.0, 0.0]], [-1.0, 1.0], True),
-        ([[1.0, 0.0], [-1.0, 0.0]], [1.0, -1.0], True),  # an equation
+        ([[1.0, 0.0], [-1.0, 0.0]], [1.0, -1.0], True),  # an equality
         ([[1.0, 0.0], [-1.0, 0.0]], [1.0, -1.0 + 1e-6], False),
         ([[1.0, 0.0], [1.0, 0.0], [1.0, 1e-9]], [1.0, 1.0, 1.0], True),
     ],
 )
-def test_what_is_hardly_a_row_is_told(
+def test_degenerate_rows_are_recognised(
     matrix: list[list[float]], needed: list[float], feasible: bool
 ) -> None:
     count = len(needed)
@@ -209,7 +209,7 @@ def test_what_is_hardly_a_row_is_told(
 
 
 def _written() -> tuple[MathematicalProgram, Any]:
-    """A program as a user writes it: symbolic, any cost, equations, bounds on both sides."""
+    """Return a program as users write it: symbolic, any cost, equalities, bounds on both sides."""
     asked = MathematicalProgram()
     x = asked.NewContinuousVariables(4)
     asked.AddQuadraticCost((x[0] - 3) ** 2 + (x[0] + x[1]) ** 2 + 2 * (x[2] - x[3]) ** 2)
@@ -222,18 +222,18 @@ def _written() -> tuple[MathematicalProgram, Any]:
     return asked, between
 
 
-def test_a_program_of_drakes_is_read_as_it_is() -> None:
-    """The same x and the same multipliers, signs included, as Drake's own solver finds."""
+def test_a_program_of_drake_is_read_unchanged() -> None:
+    """The solution x and the multipliers, signs included, are those of Drake's own solver."""
     asked, _ = _written()
     ours, theirs = _one(asked, rho.Daqp()), _one(asked, ClarabelSolver())
     assert (ours.solver, theirs.solver) == ("DAQP", "Clarabel")
     np.testing.assert_allclose(ours.x, theirs.x, atol=1e-7)
     np.testing.assert_allclose(ours.multipliers(), theirs.multipliers(), atol=1e-6)
-    assert np.abs(ours.multipliers()).min() > 0.1  # both rows bind, one from above
+    assert np.abs(ours.multipliers()).min() > 0.1  # both rows are active, one at its upper bound
     assert np.prod(np.sign(ours.multipliers())) == -1.0
 
 
-def test_a_program_of_drakes_without_a_solution_is_refuted_in_its_own_rows() -> None:
+def test_infeasibility_of_a_program_of_drake_is_proved_in_its_own_rows() -> None:
     asked, _ = _written()
     x = asked.decision_variables()
     asked.AddLinearConstraint(np.ones((1, 4)), [8.5], [np.inf], x)
@@ -244,7 +244,7 @@ def test_a_program_of_drakes_without_a_solution_is_refuted_in_its_own_rows() -> 
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_what_is_written_for_drake_is_read_as_what_it_was_written_from(family: str) -> None:
+def test_a_program_written_for_drake_is_read_back_unchanged(family: str) -> None:
     for seed in range(10):
         asked = FAMILIES[family](np.random.default_rng(seed))
         ours, again = _one(asked, rho.Daqp()), _one(asked.written, rho.Daqp())
@@ -288,17 +288,19 @@ def _with_states() -> MathematicalProgram:
 
 
 @pytest.mark.parametrize("made", [_linear, _conic, _large, _with_states])
-def test_what_it_is_not_for_goes_on_to_clarabel(made: Callable[[], MathematicalProgram]) -> None:
+def test_programs_that_daqp_does_not_support_are_passed_to_clarabel(
+    made: Callable[[], MathematicalProgram],
+) -> None:
     found = _one(made(), rho.Daqp())
     assert (found.solver, found.feasible) == ("Clarabel", True)
 
 
 @pytest.mark.parametrize("family", ["plain", "soft"])
 @pytest.mark.parametrize("flag", [1, -1, -2, -4])
-def test_nothing_that_daqp_says_is_taken_on_trust(
+def test_answers_of_daqp_are_checked(
     family: str, flag: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Wrong numbers, and a solution that is said not to be there, go on to Clarabel."""
+    """Wrong numbers, and a false report of infeasibility, are passed on to Clarabel."""
     asked = FAMILIES[family](np.random.default_rng(3))
     known = _one(asked, rho.Daqp())
     package = daqp._package()
@@ -315,7 +317,7 @@ def test_nothing_that_daqp_says_is_taken_on_trust(
 
 
 @pytest.mark.parametrize("wrong", ["x", "multipliers", "sign"])
-def test_the_conditions_of_an_optimum_are_all_looked_at(wrong: str) -> None:
+def test_all_optimality_conditions_are_checked(wrong: str) -> None:
     asked = Quadratic.of_dense(_soft(np.random.default_rng(1)))
     found = daqp._solved_quadratic(asked)
     assert found is not None
@@ -332,7 +334,9 @@ def test_the_conditions_of_an_optimum_are_all_looked_at(wrong: str) -> None:
         assert not asked.is_solved_by(x, -y)
 
 
-def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_the_error_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "daqp", None)
     daqp._package.cache_clear()
     with pytest.raises(ImportError, match=r"pip install 'drake-rho\[fast\]'"):
@@ -344,7 +348,7 @@ def test_it_can_be_sent_to_another_process() -> None:
     assert pickle.loads(pickle.dumps(rho.Daqp())) == rho.Daqp()  # noqa: S301  # own
 
 
-# Plans: the same as Clarabel's.
+# Plans equal Clarabel's.
 
 _CURVED = rho.Limits(max_speed=1.9, max_thrust=10.2, max_tilt=0.3)
 SCENARIOS: dict[str, Callable[[], rho.Scenario]] = {
@@ -368,13 +372,13 @@ SCENARIOS: dict[str, Callable[[], rho.Scenario]] = {
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_plans_cost_what_they_cost_with_clarabel(name: str) -> None:
+def test_plans_cost_the_same_as_with_clarabel(name: str) -> None:
     scenario = SCENARIOS[name]()
     ours, theirs = (rho.plan(scenario, solver=each) for each in (rho.Daqp(), ClarabelSolver()))
     assert rho.verify(ours).ok
     assert (ours.statistics.solver, theirs.statistics.solver) == ("DAQP", "Clarabel")
     assert ours.statistics.programs > 0
-    # an iteration stops where the cost falls by less than its tolerance
+    # an iteration stops where the cost decreases by less than its tolerance
     tolerance = max(COST, 10.0 * (ours.statistics.tolerance or 0.0))
     assert ours.cost == pytest.approx(theirs.cost, rel=tolerance)
 
@@ -410,7 +414,7 @@ def test_flights_and_their_windows_cost_the_same(paper: rho.Scenario) -> None:
         rho.Limits(velocity=rho.Box([-1.2, -0.6, -9.0], [1.2, 0.6, 9.0])),
     ],
 )
-def test_the_same_subset_is_told_where_there_is_no_plan(limits: rho.Limits) -> None:
+def test_the_same_subset_is_reported_where_there_is_no_plan(limits: rho.Limits) -> None:
     told = []
     for solver in (rho.Daqp(), ClarabelSolver()):
         with pytest.raises(rho.InfeasibleError) as caught:
@@ -422,7 +426,7 @@ def test_the_same_subset_is_told_where_there_is_no_plan(limits: rho.Limits) -> N
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_same_vehicles_are_without_a_plan(seed: int) -> None:
-    """Proofs may weigh other rows; whose they are, they may not."""
+    """Proofs may weigh different rows, but not of different vehicles."""
     scenario, told = random_scenario(seed, tight=True), []
     for solver in (rho.Daqp(), ClarabelSolver()):
         try:
@@ -435,8 +439,8 @@ def test_the_same_vehicles_are_without_a_plan(seed: int) -> None:
     assert all(told[0].values())
 
 
-def test_the_form_for_dense_programs_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows as they are, in a basis, or sparse: DAQP solves each."""
+def test_every_form_of_a_program_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """DAQP solves rows in all accelerations, in a basis, and in the sparse form."""
     scenario, costs = SCENARIOS["jerk"](), []
     for few, operations in ((10_000, 1.0), (0, 1e-9), (0, 1e9)):
         monkeypatch.setattr(program, "_FEW", few)

@@ -1,4 +1,4 @@
-"""The examples in docstrings print what they say."""
+"""The examples in docstrings print the documented output."""
 
 from __future__ import annotations
 
@@ -33,5 +33,5 @@ def test_examples_print_what_they_say(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", MAIN.split())
-def test_the_main_names_have_an_example(name: str) -> None:
+def test_the_main_functions_have_an_example(name: str) -> None:
     assert ">>>" in str(inspect.getdoc(getattr(rho, name)))

@@ -1,4 +1,4 @@
-"""Vehicles that keep apart: they do, it has an effect, and the best is the best."""
+"""Separation of vehicles: it holds, it has an effect, and known optima are found."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ CROSSING = (
     np.array([[-5, 0.3, 0], [0, -5, 0], [4, 4, 0.5]]),
     np.array([[5, 0, 0], [0, 5, 0.2], [-4, -4, 0]]),
 )
-"""Starts and goals of three that come close to each other in the middle."""
+"""Starts and goals of three vehicles that come close to each other in the middle."""
 
 TOUCHED = 1 - 2e-6
-"""The least distance over the separation's that counts as kept: twice the verifier's tolerance."""
+"""Least distance over the separation's that counts as satisfied: twice the verifier's tolerance."""
 
 
 @pytest.mark.parametrize("planner", PLANNERS.values(), ids=PLANNERS)
 @pytest.mark.parametrize("downwash", [1.0, 2.0, 0.5])
 @pytest.mark.parametrize("between_knots", [True, False])
-def test_vehicles_keep_apart_that_would_not(
+def test_the_separation_holds_and_has_an_effect(
     planner: Planner, downwash: float, between_knots: bool
 ) -> None:
     separation = rho.Separation(0.8, downwash)
@@ -72,8 +72,8 @@ def test_vehicles_keep_apart_that_would_not(
     assert plan.cost > independent.cost
 
 
-def test_only_the_knots_are_looked_at_where_only_they_are_asked_for() -> None:
-    """On a coarse grid they pass each other between two knots; asked for every instant, aside."""
+def test_only_the_knots_are_constrained_where_only_they_are_required() -> None:
+    """On a coarse grid they may swap between two knots, unless every instant is constrained."""
     starts, goals = np.array([[-5, 0.1, 0], [5, 0, 0]]), np.array([[5, 0, 0], [-5, 0.1, 0]])
     asked = fleet(starts, goals, grid=rho.Grid(2.0, 6))
     knots = rho.plan_scp(dataclasses.replace(asked, between_knots=False))
@@ -85,7 +85,7 @@ def test_only_the_knots_are_looked_at_where_only_they_are_asked_for() -> None:
 
 
 @pytest.mark.parametrize("planner", list(PLANNERS.values())[1:], ids=list(PLANNERS)[1:])
-def test_obstacles_boxes_and_limits_of_their_own_hold_beside_it(planner: Planner) -> None:
+def test_obstacles_boxes_and_own_limits_hold_beside_the_separation(planner: Planner) -> None:
     limits = rho.Limits(position=box(5.2), velocity=box(2.5))
     sphere = rho.Sphere([0.0, 0.0, 0.5], 1.5)
     asked = through_the_middle(
@@ -113,13 +113,13 @@ def test_obstacles_boxes_and_limits_of_their_own_hold_beside_it(planner: Planner
 
 
 def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, ...]:
-    """The vehicles without limits of their own."""
+    """Return the vehicles without limits of their own."""
     return tuple(dataclasses.replace(each, limits=None) for each in scenario.vehicles)
 
 
 @given(seed=st.integers(0, 2**32 - 1), between_knots=st.booleans())
 @settings(max_examples=13)
-def test_random_fleets_hold_when_sampled(seed: int, between_knots: bool) -> None:
+def test_random_fleets_are_separated_at_dense_samples(seed: int, between_knots: bool) -> None:
     asked = random_fleet(seed, between_knots=between_knots)
     for coupling in (coupled, decoupled):
         try:
@@ -133,10 +133,10 @@ def test_random_fleets_hold_when_sampled(seed: int, between_knots: bool) -> None
 @pytest.mark.parametrize("count", [2, 3, 4, 8])
 @pytest.mark.parametrize("coupling", [coupled, decoupled])
 @pytest.mark.parametrize("level", [False, True])
-def test_all_at_one_point_at_one_time_is_no_trouble(
+def test_vehicles_that_all_meet_in_one_point_are_planned(
     count: int, coupling: object, level: bool
 ) -> None:
-    """References coincide in the middle, where no direction leads from the one to the other."""
+    """References coincide in the middle, where no direction leads from one to the other."""
     limits = rho.Limits(position=rho.Box([-9, -9, -0.1], [9, 9, 0.1]) if level else None)
     asked = through_the_middle(count, limits=limits)
     plan = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # one of the two
@@ -152,13 +152,13 @@ def test_all_at_one_point_at_one_time_is_no_trouble(
         ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]]),  # head-on
         ([[0, 0, -5], [0, 0, 5]], [[0, 0, 5], [0, 0, -5]]),  # above each other
         ([[-5, 0, 0], [0, -5, 0]], [[5, 0, 0], [0, 5, 0]]),  # crossing
-        ([[-5, 0, 0], [5, 0, 0], [0, 0, 0]], [[5, 0, 0], [-5, 0, 0], [0, 0, 0]]),  # one stays
-        ([[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [0, 0, 0]]),  # touching, and change places
+        ([[-5, 0, 0], [5, 0, 0], [0, 0, 0]], [[5, 0, 0], [-5, 0, 0], [0, 0, 0]]),  # one hovers
+        ([[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [0, 0, 0]]),  # touching, and swapping places
         ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]),  # none moves
     ],
 )
 @pytest.mark.parametrize("downwash", [1.0, 2.0])
-def test_mirror_symmetric_meetings_are_no_trouble(
+def test_mirror_symmetric_meetings_are_planned(
     starts: list[list[float]], goals: list[list[float]], downwash: float
 ) -> None:
     asked = fleet(starts, goals, separation=rho.Separation(1.0, downwash))
@@ -168,7 +168,7 @@ def test_mirror_symmetric_meetings_are_no_trouble(
         assert sampled_separation(plan) >= TOUCHED
 
 
-def test_directions_where_references_coincide_do_not_depend_on_the_order_of_the_two() -> None:
+def test_directions_of_coinciding_references_do_not_depend_on_their_order() -> None:
     asked = through_the_middle(2)
     swapped = dataclasses.replace(asked, vehicles=asked.vehicles[::-1])
     found = []
@@ -180,7 +180,7 @@ def test_directions_where_references_coincide_do_not_depend_on_the_order_of_the_
         n = pairs.directions(pairs.places)[np.linalg.norm(x, axis=1) < 1.0]
         assert len(n) > 0
         np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0, rtol=ROUNDING)
-        np.testing.assert_allclose(n[:, 0], 0.0, atol=ROUNDING)  # across the way
+        np.testing.assert_allclose(n[:, 0], 0.0, atol=ROUNDING)  # across the path
         found.append(n)
     np.testing.assert_allclose(np.abs(found[0]), np.abs(found[1]), atol=ROUNDING)
 
@@ -208,7 +208,7 @@ def test_relabelling_the_vehicles_permutes_the_plan(name: str) -> None:
 def test_mirroring_turning_shifting_and_changing_units(
     seed: int, turn: np.ndarray, shift: tuple[float, float, float], length: float, time: float
 ) -> None:
-    """One linearisation is the same in all coordinates; many may take another way at a fork."""
+    """One linearisation is the same in all coordinates; iterations may differ at a fork."""
     asked = random_fleet(seed)
     assert asked.separation is not None
     if asked.separation.downwash != 1.0 and abs(turn[2, 2]) != 1.0:
@@ -232,7 +232,7 @@ def _free(scenario: rho.Scenario) -> Motion:
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=8)
-def test_planned_jointly_from_a_split_plan_it_never_costs_more(seed: int) -> None:
+def test_a_coupled_plan_never_costs_more_than_its_decoupled_reference(seed: int) -> None:
     asked = random_fleet(seed, most=5)
     try:
         split = rho.plan_scp(asked, coupling=decoupled)
@@ -243,7 +243,7 @@ def test_planned_jointly_from_a_split_plan_it_never_costs_more(seed: int) -> Non
     assert together.cost <= split.cost * (1 + INDEX)
 
 
-def test_iterates_are_apart_and_the_index_does_not_rise() -> None:
+def test_iterates_are_separated_and_the_index_does_not_increase() -> None:
     plans = [rho.plan_scp(through_the_middle(5), coupling=decoupled)]
     for _ in range(8):
         plans.append(rho.scp_step(plans[-1]))
@@ -255,7 +255,7 @@ def test_iterates_are_apart_and_the_index_does_not_rise() -> None:
     assert plans[-1].cost < 0.998 * plans[0].cost
 
 
-def test_in_windows_they_stay_apart_and_each_window_has_a_plan() -> None:
+def test_every_window_of_a_fleet_has_a_separated_plan() -> None:
     asked = through_the_middle(4)
     flight = rho.plan_rho(asked, planner=rho.plan_scp, replan_every=3)
     assert rho.verify(flight).ok
@@ -264,7 +264,7 @@ def test_in_windows_they_stay_apart_and_each_window_has_a_plan() -> None:
 
 
 def _linearised(asked: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The row n · (p0 - p1) >= d of each inner knot, written out: (n, what p0 - p1 is) each."""
+    """Return the row n · (p0 - p1) >= d of each inner knot as pairs (n, value of p0 - p1)."""
     rows = []
     for k in range(1, asked.grid.knots - 1):
         gap = at.positions[0, k] - at.positions[1, k]
@@ -275,16 +275,16 @@ def _linearised(asked: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.
 
 @pytest.fixture
 def two() -> tuple[rho.Scenario, rho.Plan]:
-    """Two vehicles that cross, at the knots, and a plan of theirs to linearise around."""
+    """Return two crossing vehicles, constrained at the knots, and a plan to linearise around."""
     asked = fleet(CROSSING[0][:2], CROSSING[1][:2], between_knots=False)
     return asked, rho.plan_scp(asked, coupling=decoupled)
 
 
-@np.errstate(invalid="ignore")  # numpy says so of Drake's symbols, without a cause
+@np.errstate(invalid="ignore")  # numpy warns of Drake's symbols, without a cause
 def test_one_linearisation_equals_the_program_written_out(
     two: tuple[rho.Scenario, rho.Plan],
 ) -> None:
-    """Every row of the one pair at every knot, in Drake's symbols."""
+    """The program has every row of the one pair at every knot, in Drake's symbols."""
     asked, at = two
     h, steps = asked.grid.step, asked.grid.knots - 1
     twin = MathematicalProgram()
@@ -309,10 +309,10 @@ def test_one_linearisation_equals_the_program_written_out(
         np.testing.assert_allclose(found, result.GetSolution(own), atol=1e-4 * largest)
 
 
-def test_the_converged_plan_is_the_one_that_a_nonlinear_solver_finds(
+def test_the_converged_plan_equals_that_of_a_nonlinear_solver(
     two: tuple[rho.Scenario, rho.Plan],
 ) -> None:
-    """The true distances, by SLSQP in coordinates that reach the goals, from the split plan."""
+    """SLSQP minimises with the true distances, in coordinates that satisfy the goals."""
     asked, at = two
     effort = MinimumEffort.of(asked)
     steps = asked.grid.knots - 1
@@ -360,8 +360,8 @@ def test_the_converged_plan_is_the_one_that_a_nonlinear_solver_finds(
 
 
 @pytest.mark.parametrize("between_knots", [True, False])
-def test_the_span_of_rows_that_couple_loses_nothing(between_knots: bool) -> None:
-    """The same rows in all accelerations, with states beside them, give the same solution."""
+def test_the_reduced_form_of_coupled_rows_has_the_same_solution(between_knots: bool) -> None:
+    """The same rows in all accelerations, with states beside them, have the same solution."""
     asked = through_the_middle(4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots)
     subproblem = Subproblem(asked, coupled)
     known = subproblem.around(rho.plan_scp(asked, coupling=decoupled)).accelerations
@@ -381,7 +381,9 @@ def test_the_span_of_rows_that_couple_loses_nothing(between_knots: bool) -> None
         np.testing.assert_allclose(found, known[group], atol=MOTION * np.abs(known).max())
 
 
-def test_two_that_cross_are_proved_globally_optimal(two: tuple[rho.Scenario, rho.Plan]) -> None:
+def test_the_plan_of_two_crossing_vehicles_is_proved_globally_optimal(
+    two: tuple[rho.Scenario, rho.Plan],
+) -> None:
     for downwash, between_knots in ((1.0, False), (1.0, True), (2.0, True)):
         asked = dataclasses.replace(
             two[0], separation=rho.Separation(1.0, downwash), between_knots=between_knots
@@ -396,7 +398,7 @@ def test_two_that_cross_are_proved_globally_optimal(two: tuple[rho.Scenario, rho
 
 @pytest.mark.slow
 def test_no_plan_found_from_elsewhere_is_below_the_bound() -> None:
-    """References that pass each other on all sides lead to plans that cost more or as much."""
+    """References that pass on all sides lead to plans that cost more or as much."""
     rng = np.random.default_rng(0)
     for asked in (fleet(*CROSSING), through_the_middle(4)):
         plan = rho.plan_scp(asked)
@@ -412,7 +414,7 @@ def test_no_plan_found_from_elsewhere_is_below_the_bound() -> None:
             costs.append(other.cost)
         assert min(costs) * (1 + INDEX) >= proof.lower_bound
         ways = np.ptp(costs) / plan.cost
-    assert ways > 1e-3  # where four meet, some did go another way
+    assert ways > 1e-3  # where four meet, some took another path
 
 
 TUBE = rho.Limits(position=rho.Box([-6, -0.3, -0.3], [6, 0.3, 0.3]))
@@ -421,7 +423,7 @@ HEAD_ON = ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]])
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["coupled", "decoupled", "rho"])
-def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> None:
+def test_two_vehicles_that_cannot_pass_in_a_corridor_are_named_with_the_time(name: str) -> None:
     asked = fleet(*HEAD_ON, limits=TUBE)
     with pytest.raises(rho.InfeasibleError) as caught:
         PLANNERS[name](asked)
@@ -436,7 +438,7 @@ def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> No
     assert "separation from v1" in str(caught.value)
 
 
-def test_a_penalty_that_no_solver_knows_ends_in_the_names_of_the_pairs(
+def test_solver_failures_at_large_penalties_end_in_the_names_of_the_pairs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     restored = Subproblem.restored
@@ -452,10 +454,10 @@ def test_a_penalty_that_no_solver_knows_ends_in_the_names_of_the_pairs(
 
 
 @pytest.mark.parametrize("seed", [4, 10, 11, 18, 40, 58])
-def test_a_linearisation_without_a_solution_is_infeasible_and_no_failure(
+def test_a_linearisation_without_a_solution_is_infeasible_and_no_solver_error(
     seed: int,
 ) -> None:
-    """Vehicles found to have no solution leave their rows broken while others are worked on."""
+    """Vehicles without a solution leave their rows violated while others are still being solved."""
     asked = random_fleet(seed)
     independent = rho.plan_convex(asked.without_separation())
     with pytest.raises(rho.InfeasibleError, match="separation from v"):
@@ -484,7 +486,7 @@ def test_a_reference_of_other_vehicles_is_refused() -> None:
         rho.plan_scp(through_the_middle(3), reference=rho.plan_scp(through_the_middle(2)))
 
 
-def test_one_vehicle_has_nobody_to_keep_from() -> None:
+def test_a_separation_does_not_affect_a_single_vehicle() -> None:
     asked = dataclasses.replace(single(between_knots=True), separation=rho.Separation(1.0))
     alone = rho.plan_scp(asked.without_separation())
     for planner in PLANNERS.values():

@@ -269,7 +269,7 @@ def test_the_least_breach_is_about_that_of_the_program_with_cones(
     """
     grid = rho.Grid(8.0 / (knots - 1), knots)
     scenario = single(limits=rho.Limits(max_speed=most), grid=grid, start=rho.State([0, 0, 0]))
-    least = _least_breach(scenario)
+    least = _least_violation_of_rows(scenario)
     assert least * (1.0 - 1e-6) <= _breach(minimum_violation(scenario)) <= least * (1.0 + precision)
 
 
@@ -283,7 +283,7 @@ def _breach(plan: rho.Plan) -> float:
     return float(missed + np.maximum(0.0, over).sum() * T / length)
 
 
-def _least_breach(scenario: rho.Scenario) -> float:
+def _least_violation_of_rows(scenario: rho.Scenario) -> float:
     (length,), T = scenario.fleet.lengths, scenario.grid.duration
     goal, most, n = scenario.vehicles[0].goal, scenario.limits.max_speed, scenario.grid.knots - 1
     velocity, position = (length / T**2 * each for each in integrals(scenario))

@@ -243,7 +243,7 @@ def test_plan_rho_is_the_loop_with_perfect_measurements() -> None:
     np.testing.assert_array_equal(horizon.flight.plan.accelerations, flight.plan.accelerations)
 
 
-def test_what_makes_no_sense_is_refused_by_name() -> None:
+def test_invalid_arguments_are_refused_by_name() -> None:
     asked = single()
     states = asked.fleet.start_states
     for every in (0, 1.5, True):

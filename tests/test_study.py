@@ -317,7 +317,7 @@ def _function(name: str, **arguments: Any) -> dict[str, Any]:
         ),
     ],
 )
-def test_what_makes_no_sense_is_refused_by_name(change: dict[str, Any], words: str) -> None:
+def test_invalid_arguments_are_refused_by_name(change: dict[str, Any], words: str) -> None:
     content = {
         "name": "s",
         "scenarios": [{"name": "a", "file": "paper"}],
