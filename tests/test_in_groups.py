@@ -1,4 +1,4 @@
-"""Fleets in groups: partitions, the programs of groups, and plans around what they find."""
+"""Fleets in groups: partitions, programs of groups, and plans around their solutions."""
 
 from __future__ import annotations
 
@@ -37,26 +37,26 @@ from tests.scenarios import box, fleet, mapped, sampled_separation, through_the_
 from tests.tolerances import INDEX
 
 WITHIN = 1.03
-"""Times the index of the coupled plan that one in groups may have: the goal."""
+"""Goal for the cost of a plan in groups, over that of the coupled plan."""
 
 SMALL = rho.Options(max_group=3)
 
 
 def crowd(seed: int, vehicles: int = 8) -> rho.Scenario:
-    """A random transition in 4 m³ in which vehicles have to give way to each other."""
+    """Return a random transition in 4 m³ in which vehicles have to avoid each other."""
     rng = np.random.default_rng(seed)
     return rho.random_transitions(vehicles, rng, duration=4.6, step=0.2)
 
 
 @pytest.fixture(scope="module")
 def asked() -> rho.Scenario:
-    """Eight, whose coupled plan costs a twentieth less than each yielding half does."""
+    """Return eight vehicles whose coupled plan costs 5 % less than the decoupled one."""
     return crowd(1)
 
 
 @pytest.fixture(scope="module")
 def first(asked: rho.Scenario) -> Plan:
-    """Their first plan, which is strict."""
+    """Return their first plan, which satisfies all constraints."""
     return first_plan(asked)
 
 
@@ -65,7 +65,7 @@ def first(asked: rho.Scenario) -> Plan:
 
 @given(data=st.data(), vehicles=st.integers(2, 12), most=st.integers(1, 6))
 @settings(max_examples=33)
-def test_groups_are_a_partition_and_within_their_bound(
+def test_groups_are_a_partition_of_bounded_groups(
     data: st.DataObject, vehicles: int, most: int
 ) -> None:
     numbers = st.integers(0, vehicles - 1)
@@ -78,18 +78,18 @@ def test_groups_are_a_partition_and_within_their_bound(
     sizes = np.bincount(groups, minlength=vehicles)
     assert sizes.sum() == vehicles
     assert sizes.max() <= most
-    for number in np.unique(groups):  # it is one of its vehicles'
+    for number in np.unique(groups):  # the number of a group is that of one of its vehicles
         assert groups[number] == number
-    for i, j in zip(one, other, strict=True):  # nobody is left apart from a group with room
+    for i, j in zip(one, other, strict=True):  # no vehicle is left out of a group with capacity
         assert groups[i] == groups[j] or sizes[groups[i]] + sizes[groups[j]] > most
     linked = {frozenset((i, j)) for i, j in pairs}
-    for number in np.unique(groups):  # and nobody is in one with whom no member has to do
+    for number in np.unique(groups):  # and every member of a group interacts with some other
         members = np.flatnonzero(groups == number)
         for member in members if len(members) > 1 else ():
             assert any(frozenset((member, each)) in linked for each in members)
 
 
-def test_those_that_press_most_are_together() -> None:
+def test_vehicles_with_the_largest_multiplier_sums_are_grouped() -> None:
     one, other = np.array([0, 1, 2]), np.array([1, 2, 3])
     groups = groups_that_press(5, one, other, np.array([1.0, 3.0, 2.0]), 2)
     assert groups[1] == groups[2]
@@ -97,7 +97,7 @@ def test_those_that_press_most_are_together() -> None:
     assert len(np.unique(groups_that_press(5, one, other, np.array([1.0, 3.0, 2.0]), 4))) == 2
 
 
-def test_rounding_does_not_decide_who_comes_first() -> None:
+def test_rounding_does_not_change_the_groups() -> None:
     one, other = np.array([0, 1, 2, 3]), np.array([1, 2, 3, 4])
     rng = np.random.default_rng(0)
     wanted = groups_that_press(5, one, other, np.ones(4), 2)
@@ -110,7 +110,7 @@ def test_rounding_does_not_decide_who_comes_first() -> None:
 
 
 def _rows(asked: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
-    """Half-spaces that the motions of least cost break, those of a tighter box among them."""
+    """Return half-spaces that the minimum-effort motions violate, with those of a tighter box."""
     effort, everyone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
     tighter = box(0.9 * np.abs(effort.motion.accelerations).max())
     asked = dataclasses.replace(asked, limits=rho.Limits(acceleration=tighter))
@@ -120,7 +120,7 @@ def _rows(asked: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
 
 
 def _by_drake(effort: MinimumEffort, everyone: IntArray, rows: list[HalfSpaces]) -> float:
-    """Cost of the same program, accelerations and goals written out, by Clarabel."""
+    """Return the cost of the same program, accelerations and goals written out, by Clarabel."""
     parts = [Rows.of(part, effort.motion) for part in rows]
     matrix, needed, penalties = rows_of(effort.changes, everyone, parts)
     program = MathematicalProgram()
@@ -136,7 +136,7 @@ def _by_drake(effort: MinimumEffort, everyone: IntArray, rows: list[HalfSpaces])
     return least + more
 
 
-def test_the_motion_of_least_norm_keeps_its_rows_at_the_cost_drake_finds(
+def test_the_dual_qp_satisfies_its_rows_at_the_cost_of_drake(
     asked: rho.Scenario, first: Plan
 ) -> None:
     rows, everyone = _rows(asked, first), np.arange(len(asked.vehicles))
@@ -153,16 +153,16 @@ def test_the_motion_of_least_norm_keeps_its_rows_at_the_cost_drake_finds(
     cost = float(np.sum(program.motion.accelerations**2))
     assert cost == pytest.approx(_by_drake(effort, everyone, rows), rel=INDEX)
     np.testing.assert_allclose(program.motion.positions[:, -1], asked.fleet.goal_positions)
-    for part, multipliers in program.pressing():  # which are of rows that cannot be spared
+    for part, multipliers in program.pressing():  # these rows are necessary
         assert np.abs(part.margins(program.motion)).max() < 1e-6
         assert multipliers.min() > 0.0
 
 
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40))
 @settings(max_examples=20)
-def test_multipliers_without_bounds_meet_the_conditions_of_an_optimum(seed: int, rows: int) -> None:
+def test_unbounded_multipliers_satisfy_the_optimality_conditions(seed: int, rows: int) -> None:
     rng = np.random.default_rng(seed)
-    matrix = rng.standard_normal((rows, 10)) + 3.0 * rng.standard_normal(10)  # much alike
+    matrix = rng.standard_normal((rows, 10)) + 3.0 * rng.standard_normal(10)  # nearly parallel rows
     products = matrix @ matrix.T + 1e-6 * np.eye(rows)
     needed = rng.standard_normal(rows)
     begin = np.maximum(rng.standard_normal(rows), 0.0)
@@ -197,15 +197,13 @@ def test_bounded_multipliers_are_those_of_bounded_least_squares(
 
 @pytest.mark.parametrize("dense", [False, True], ids=["own", "daqp"])
 @pytest.mark.parametrize("most", [1.0, np.inf])
-def test_products_that_are_none_are_told(most: float, dense: bool) -> None:
+def test_an_indefinite_gram_matrix_is_an_error(most: float, dense: bool) -> None:
     with pytest.raises(SolverError, match="multipliers"):
         multipliers_of(-np.eye(2), np.ones(2), np.zeros(2), np.full(2, most), dense=dense)
 
 
-def test_rows_with_a_penalty_are_broken_where_that_costs_less(
-    asked: rho.Scenario, first: Plan
-) -> None:
-    """The cost with slack is Drake's, for penalties at which some rows are broken and some not."""
+def test_soft_rows_are_violated_where_that_costs_less(asked: rho.Scenario, first: Plan) -> None:
+    """The cost with slack equals Drake's, for penalties at which only some rows are violated."""
     effort, rows = MinimumEffort.of(asked), _rows(asked, first)
     hard = LeastNorm(effort, np.zeros(len(asked.vehicles), dtype=int))
     for part in rows:
@@ -228,8 +226,8 @@ def test_rows_with_a_penalty_are_broken_where_that_costs_less(
     assert found < float(np.sum(hard.motion.accelerations**2))
 
 
-def test_what_the_goal_decides_is_left_out(asked: rho.Scenario, first: Plan) -> None:
-    """A row at the last knot says what the goal says: whatever it needs, nothing changes."""
+def test_rows_fixed_by_the_goal_are_left_out(asked: rho.Scenario, first: Plan) -> None:
+    """A row at the last knot restates the goal: whatever its bound, nothing changes."""
     effort, rows = MinimumEffort.of(asked), _rows(asked, first)
     box_rows = rows[0]
     at_goal = dataclasses.replace(
@@ -299,7 +297,7 @@ def test_groups_without_new_rows_are_not_solved_again(asked: rho.Scenario, first
 
 @pytest.mark.parametrize("solver", [None, rho.Daqp()])
 @pytest.mark.parametrize("seed", [1, 4])
-def test_in_groups_the_index_is_almost_that_of_the_coupled_plan(
+def test_the_index_of_a_grouped_plan_is_almost_that_of_the_coupled_plan(
     seed: int, solver: rho.Daqp | None
 ) -> None:
     asked = crowd(seed)
@@ -312,19 +310,19 @@ def test_in_groups_the_index_is_almost_that_of_the_coupled_plan(
     assert sampled_separation(plan) >= 0.35 - 1e-6
 
 
-def test_the_same_plan_every_time(asked: rho.Scenario) -> None:
+def test_planning_in_groups_is_deterministic(asked: rho.Scenario) -> None:
     one, other = (rho.plan(asked, coupling=rho.grouped, options=SMALL) for _ in range(2))
     np.testing.assert_array_equal(one.accelerations, other.accelerations)
 
 
-def test_relabelled_it_costs_the_same(asked: rho.Scenario) -> None:
+def test_relabelled_vehicles_cost_the_same(asked: rho.Scenario) -> None:
     plan = rho.plan(asked, coupling=rho.grouped, options=SMALL)
     order = np.random.default_rng(2).permutation(len(asked.vehicles))
     other = rho.plan(asked.of_vehicles(order.tolist()), coupling=rho.grouped, options=SMALL)
     assert other.cost == pytest.approx(plan.cost, rel=INDEX)
 
 
-def test_mirrored_the_references_are_mirror_images(asked: rho.Scenario, first: Plan) -> None:
+def test_references_of_a_mirrored_fleet_are_mirror_images(asked: rho.Scenario, first: Plan) -> None:
     mirror = np.diag([-1.0, 1.0, 1.0])
     other = mapped(asked, mirror, np.array([0.3, -2.0, 1.0]))
     motion = first.motion()
@@ -339,7 +337,9 @@ def test_mirrored_the_references_are_mirror_images(asked: rho.Scenario, first: P
         np.testing.assert_array_equal(one.groups, two.groups)
 
 
-def test_the_cost_never_rises_and_every_iterate_is_strict(asked: rho.Scenario, first: Plan) -> None:
+def test_the_cost_never_increases_and_every_iterate_is_feasible(
+    asked: rho.Scenario, first: Plan
+) -> None:
     subproblem = Improvement(asked, grouped, most=3)
     everyone, plans = np.arange(len(asked.vehicles)), [first]
     for _ in range(4):
@@ -377,7 +377,7 @@ def test_a_fleet_no_larger_than_two_groups_is_one() -> None:
 
 
 @pytest.mark.parametrize("useless", ["none", "far", "dear"])
-def test_where_groups_are_of_no_use_each_yields_half(
+def test_where_groups_are_useless_vehicles_yield_half_each(
     asked: rho.Scenario, first: Plan, useless: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     everyone = np.arange(len(asked.vehicles))
@@ -387,7 +387,7 @@ def test_where_groups_are_of_no_use_each_yields_half(
         if useless == "none":
             raise SolverError("no multipliers")
         accelerations = MinimumEffort.of(asked).motion.accelerations
-        if useless == "far":  # all in one place: directions of pairs are arbitrary
+        if useless == "far":  # all vehicles in one place, so that directions of pairs are arbitrary
             accelerations = np.zeros_like(accelerations)
         return Plan.from_accelerations(asked, accelerations)
 
@@ -410,7 +410,7 @@ def test_among_obstacles_and_limits_of_all_kinds_every_instant_holds() -> None:
     assert plan.cost <= rho.plan(asked, coupling=rho.decoupled).cost * (1 + INDEX)
 
 
-def test_vehicles_in_nobodys_way_fly_as_if_alone() -> None:
+def test_vehicles_without_encounters_fly_their_independent_plan() -> None:
     starts = np.array([[0.0, 5.0 * i, 0.0] for i in range(6)])
     starts[1] = [6.0, 0.0, 0.0]
     goals = starts + np.array([0.0, 0.0, 5.0])

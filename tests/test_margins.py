@@ -1,4 +1,4 @@
-"""The tube in plans: limits hold wherever in it a vehicle is, and margins cost what they should."""
+"""The tube in plans: limits hold throughout the tube, at the right cost."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.shapes import KINDS, random_shape
 
 
 def disturbed(scenario: rho.Scenario, seed: int, part: float = 0.1) -> rho.Scenario:
-    """The scenario with a wind of some part of what vehicles need to get to their goals."""
+    """Return the scenario with wind of a fraction of the accelerations that its goals require."""
     rng, grid = np.random.default_rng(seed), scenario.grid
     size = part * float(scenario.fleet.scale("acceleration").min()) * rng.uniform(0.2, 1.0)
     samples, errors = int(rng.integers(1, 6)), float(rng.integers(0, 2)) * 0.2
@@ -33,9 +33,9 @@ def disturbed(scenario: rho.Scenario, seed: int, part: float = 0.1) -> rho.Scena
 
 
 def least_margin(plan: rho.Plan, per_step: int = 100) -> float:
-    """The least room that any vehicle has left anywhere in its tube, over the constraint's scale.
+    """Return the least margin of any vehicle anywhere in its tube, over the constraint's scale.
 
-    Sampled, with the exact radii of each instant.
+    It is sampled, with the exact radius of each instant.
     """
     scenario, tube, motion = plan.scenario, tube_of(plan.scenario), plan.motion()
     fleet, grid = scenario.fleet, scenario.grid
@@ -70,14 +70,14 @@ def least_margin(plan: rho.Plan, per_step: int = 100) -> float:
 
 
 def _around(tube: rho.ErrorTube, times: FloatArray) -> FloatArray:
-    """The feedback's radius, at a sample the greater of both sides."""
+    """Return the feedback's radius, at a sample the larger of both sides."""
     before = np.maximum(times - 1e-3 * tube.sample, times[0])
     after = np.minimum(times + 1e-3 * tube.sample, times[-1])
     return np.maximum(tube.acceleration(before), tube.acceleration(after))
 
 
 def world(seed: int) -> rho.Scenario:
-    """One vehicle of some size among shapes of all kinds, some of which move."""
+    """Return one vehicle with a radius among shapes of all kinds, some of them moving."""
     rng = np.random.default_rng(seed)
     obstacles: list[rho.Obstacle] = []
     for _ in range(int(rng.integers(1, 7))):
@@ -97,7 +97,7 @@ def world(seed: int) -> rho.Scenario:
 
 
 @pytest.mark.parametrize("seed", [*range(8), *slow(*range(8, 25))])
-def test_every_limit_holds_wherever_in_the_tube(seed: int) -> None:
+def test_every_limit_holds_anywhere_in_the_tube(seed: int) -> None:
     plans = 0
     for asked in (
         world(seed),
@@ -114,8 +114,8 @@ def test_every_limit_holds_wherever_in_the_tube(seed: int) -> None:
     assert plans > 0
 
 
-def settled(scenario: rho.Scenario, disturbance: rho.Disturbance) -> rho.Scenario:
-    """The scenario in a tube that has long been what it stays: its radii are the same all along."""
+def in_constant_tube(scenario: rho.Scenario, disturbance: rho.Disturbance) -> rho.Scenario:
+    """Return the scenario in a converged tube: its radii are constant."""
     grid = scenario.grid
     gains = rho.error_tube(dataclasses.replace(scenario, disturbance=disturbance)).gains
     tracking = Tracking(grid.start - 400.0 * grid.step, gains)
@@ -123,13 +123,13 @@ def settled(scenario: rho.Scenario, disturbance: rho.Disturbance) -> rho.Scenari
     return dataclasses.replace(scenario, disturbance=around)
 
 
-def test_a_tube_that_stays_as_it_is_means_smaller_boxes_and_larger_things() -> None:
+def test_a_constant_tube_equals_smaller_boxes_and_larger_vehicles() -> None:
     limits = rho.Limits(
         position=box(11.0), velocity=box(2.1), acceleration=box(1.2), max_speed=2.5, jerk=box(4.0)
     )
     obstacles = [rho.Sphere([5.0, 2.2, -1.4], 1.5)]
     asked = single(limits=limits, obstacles=obstacles, between_knots=True)
-    windy = settled(asked, rho.Disturbance(0.1, feedback_every=0.1, share=0.2))
+    windy = in_constant_tube(asked, rho.Disturbance(0.1, feedback_every=0.1, share=0.2))
     margins = margins_of(windy)
     assert all(np.ptp(each) < 1e-12 for each in margins.steps.values())
     r, v, a = (float(margins.steps[q][0]) for q in ("position", "velocity", "acceleration"))
@@ -148,9 +148,9 @@ def test_a_tube_that_stays_as_it_is_means_smaller_boxes_and_larger_things() -> N
     assert one.cost == pytest.approx(other.cost, rel=1e-6)
 
 
-def test_a_fleet_in_a_tube_keeps_apart_as_a_larger_one() -> None:
+def test_the_separation_of_a_fleet_grows_by_the_tube() -> None:
     asked = fleet([[0.0, 0, 0], [8, 0.1, 0]], [[8.0, 0, 0], [0, 0.1, 0]])
-    windy = settled(asked, rho.Disturbance(0.05, feedback_every=0.25))
+    windy = in_constant_tube(asked, rho.Disturbance(0.05, feedback_every=0.25))
     r = margins_of(windy).most
     larger = dataclasses.replace(asked, separation=rho.Separation(1.0 + 2.0 * r))
     assert rho.plan(windy).cost == pytest.approx(rho.plan(larger).cost, rel=1e-6)
@@ -159,11 +159,11 @@ def test_a_fleet_in_a_tube_keeps_apart_as_a_larger_one() -> None:
 def test_downwash_scales_no_margin() -> None:
     start, goal = [[0.0, 0, 0], [0, 0, 4.0]], [[0.0, 0, 4], [0.1, 0, 0]]
     asked = fleet(start, goal, separation=rho.Separation(0.5, downwash=3.0))
-    plan = rho.plan(settled(asked, rho.Disturbance(0.2, feedback_every=0.1)))
+    plan = rho.plan(in_constant_tube(asked, rho.Disturbance(0.2, feedback_every=0.1)))
     assert -1e-6 < least_margin(plan) < 1e-3
 
 
-def test_waypoints_are_smaller_by_the_radius_of_their_time() -> None:
+def test_tolerances_of_waypoints_shrink_by_the_radius_at_their_time() -> None:
     waypoint = rho.Waypoint(2.0, [4.0, 3.0, 0.0], within=0.5)
     asked = single(waypoints=[waypoint])
     windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.3, feedback_every=0.25))
@@ -172,7 +172,7 @@ def test_waypoints_are_smaller_by_the_radius_of_their_time() -> None:
     assert away == pytest.approx(0.5 - float(rho.error_tube(windy).position(2.0)), abs=1e-6)
 
 
-def test_what_a_step_asks_is_the_greatest_radius_in_it() -> None:
+def test_the_margin_of_a_step_is_its_largest_radius() -> None:
     asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
     windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.3, 0.01, 0.02, 0.1, 1))
     margins, tube, grid = margins_of(windy), rho.error_tube(windy), windy.grid
@@ -210,7 +210,7 @@ def test_the_rest_of_a_plan_has_the_rest_of_its_tube() -> None:
         ({"waypoints": [rho.Waypoint(2.0, [4.0, 3.0, 0.0], 0.1)]}, "waypoint 1 (middle 0.1 m"),
     ],
 )
-def test_what_leaves_no_room_is_named_with_what_it_would_bear(
+def test_missing_slack_is_named_with_the_largest_tolerable_wind(
     changed: dict[str, object], told: str
 ) -> None:
     asked = single(between_knots=True, **changed)  # type: ignore[arg-type]
@@ -230,7 +230,7 @@ def test_what_leaves_no_room_is_named_with_what_it_would_bear(
         assert (lacks(weaker) == {}) == borne
 
 
-def test_starts_and_goals_of_pairs_need_room_for_both_errors() -> None:
+def test_starts_and_goals_of_pairs_need_distance_for_both_errors() -> None:
     asked = fleet([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]], [[8.0, 0.0, 0.0], [8.0, 1.3, 0.0]])
     windy = dataclasses.replace(asked, disturbance=rho.Disturbance(2.0, feedback_every=0.5))
     with pytest.raises(rho.InfeasibleError, match=r"separation \(goal 0.15 m inside, of 0."):
@@ -238,7 +238,7 @@ def test_starts_and_goals_of_pairs_need_room_for_both_errors() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_steps_cut_into_pieces_are_the_same_motion(seed: int) -> None:
+def test_subdivided_steps_are_the_same_motion(seed: int) -> None:
     motion = rho.plan_convex(random_scenario(seed)).motion()
     finer = motion.finer(7)
     times = np.linspace(0.0, motion.step * motion.accelerations.shape[1], 301)
@@ -264,7 +264,7 @@ SHORT_OF_ROOM: dict[str, rho.Scenario] = {
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_finer_margins_are_those_of_some_of_a_fleet_too(seed: int) -> None:
+def test_finer_margins_also_hold_for_part_of_a_fleet(seed: int) -> None:
     """Two start side by side and a third far away, which flies on as it does."""
     rng = np.random.default_rng(seed)
     side = float(rng.uniform(0.225, 0.26))
@@ -295,14 +295,14 @@ def test_finer_margins_are_tried_before_a_scenario_is_refused(
     assert rho.verify(plan).ok
     assert least_margin(plan) > -1e-6
     assert rho.certify(plan).gap >= -1e-6
-    monkeypatch.setattr("drake_rho.planning.constraints.tightening._LESS", 1.0)  # no finer ones
+    monkeypatch.setattr("drake_rho.planning.constraints.tightening._LESS", 1.0)  # no finer margins
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(windy)
     assert not caught.value.is_proved
     assert "margins" in str(caught.value) or "room" in str(caught.value)
 
 
-def test_a_gap_narrower_than_the_tube_is_none() -> None:
+def test_a_gap_narrower_than_the_tube_is_closed() -> None:
     walls = [rho.Box([4, -9, -9], [5, -0.4, 9]), rho.Box([4, 0.4, -9], [5, 9, 9])]
     limits = rho.Limits(position=box(8.0))
     asked = single(
@@ -316,7 +316,7 @@ def test_a_gap_narrower_than_the_tube_is_none() -> None:
         rho.plan(windy)
 
 
-def test_ways_are_looked_for_with_room_for_errors() -> None:
+def test_path_search_accounts_for_the_tube() -> None:
     asked = fleet(
         [[0, 0, 0], [3, 0, 0]], [[8, 0, 0], [8, 3, 0]], obstacles=[rho.Sphere([5, 5, 5], 1)]
     )

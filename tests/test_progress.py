@@ -1,4 +1,4 @@
-"""What long work tells while it is done, in words of one form."""
+"""Progress reports of long work, in texts of one form."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ LINEARISED = r"linearised (once|\d+ times), cost [\d.e+-]+ m²/s⁴" + BREACH
 
 @pytest.fixture
 def swap() -> rho.Scenario:
-    """Six vehicles that meet in the middle."""
+    """Return six vehicles that meet in the middle."""
     apart = rho.Separation(0.4, downwash=2.0)
     return rho.circle_swap(6, radius=2.0, duration=8.0, step=0.2, separation=apart)
 
 
 @pytest.mark.parametrize("planner", [rho.plan, rho.plan_scp])
-def test_planners_tell_each_linearisation(
+def test_planners_report_each_linearisation(
     planner: Callable[..., rho.Plan], swap: rho.Scenario
 ) -> None:
     told = list[str]()
@@ -39,10 +39,10 @@ def test_planners_tell_each_linearisation(
     assert "worst breach" in iterations[0]  # they meet in the middle
     assert "worst breach" not in iterations[-1]
     last = float(iterations[-1].split()[4])
-    assert last == pytest.approx(plan.cost, rel=0.03)  # it was given up as saving too little
+    assert last == pytest.approx(plan.cost, rel=0.03)  # it was stopped because it saves too little
 
 
-def test_the_worst_breach_is_what_pairs_lack_of_their_separation(swap: rho.Scenario) -> None:
+def test_the_worst_violation_is_what_pairs_lack_of_their_separation(swap: rho.Scenario) -> None:
     independent = rho.plan_convex(swap.without_separation())
     plan = rho.Plan.from_accelerations(swap, independent.accelerations)
     times = np.linspace(0.0, swap.grid.duration, 4001)
@@ -55,7 +55,7 @@ def test_the_worst_breach_is_what_pairs_lack_of_their_separation(swap: rho.Scena
     assert breach == pytest.approx(swap.separation.distance - apart, abs=1e-4)
 
 
-def test_the_worst_breach_of_an_obstacle_is_how_deep_a_plan_is_inside() -> None:
+def test_the_worst_violation_of_an_obstacle_is_the_depth_inside() -> None:
     plan = rho.plan_convex(single())  # straight through (5, 2, -1)
     asked = single(obstacles=[rho.Sphere([5.0, 2.0, -1.0], 1.5)], between_knots=True)
     inside = rho.Plan.from_accelerations(asked, plan.accelerations)
@@ -63,7 +63,7 @@ def test_the_worst_breach_of_an_obstacle_is_how_deep_a_plan_is_inside() -> None:
     assert Subproblem(asked).worst_breach(rho.plan(asked)) == 0.0
 
 
-def test_a_receding_horizon_tells_each_window(paper: rho.Scenario) -> None:
+def test_a_receding_horizon_reports_each_window(paper: rho.Scenario) -> None:
     told = list[str]()
     flight = rho.plan_rho(paper, replan_every=7, progress=told.append)
     number = len(flight.windows)
@@ -75,20 +75,20 @@ def test_a_receding_horizon_tells_each_window(paper: rho.Scenario) -> None:
     assert within
 
 
-def test_a_simulation_tells_each_window(paper: rho.Scenario) -> None:
+def test_a_simulation_reports_each_window(paper: rho.Scenario) -> None:
     told = list[str]()
     rho.simulate(paper, replan_every=25, progress=told.append)
     assert told == ["window 1 of 2", "window 2 of 2"]
 
 
-def test_a_certificate_tells_iterations_and_vehicles(paper: rho.Scenario) -> None:
+def test_a_certificate_reports_iterations_and_vehicles(paper: rho.Scenario) -> None:
     told = list[str]()
     rho.certify(rho.plan_convex(paper), progress=told.append)
     assert told[-4:] == [f"bounding the cost of UAV-{k} ({k} of 4)" for k in range(1, 5)]
     assert all(re.fullmatch(LINEARISED, each) for each in told[:-4])
 
 
-def test_a_diagnosis_tells_its_trials() -> None:
+def test_a_diagnosis_reports_its_trials() -> None:
     told = list[str]()
     asked = single(limits=rho.Limits(acceleration=box(0.3)))
     diagnosis = rho.diagnose(asked, progress=told.append)
@@ -101,12 +101,13 @@ def test_a_diagnosis_tells_its_trials() -> None:
     again = list[str]()
     rho.shortest_plan(asked, progress=again.append)
     assert [each for each in again if "duration" in each] == [
-        "trying a duration of 8 s",  # its own, of which the diagnosis knows
+        # the scenario's own duration, for which the diagnosis has the answer
+        "trying a duration of 8 s",
         *(each for each in told if "duration" in each),
     ]
 
 
-def test_a_campaign_tells_how_far_it_is(tmp_path: Path) -> None:
+def test_a_campaign_reports_its_progress(tmp_path: Path) -> None:
     told = list[str]()
     rho.campaign(small(1), tmp_path / "runs.sqlite", progress=lambda now: told.append(str(now)))
     total = len(small(1))

@@ -1,4 +1,4 @@
-"""`RecedingHorizon`: windows from measured states, which are never without a plan."""
+"""`RecedingHorizon`: windows from measured states always have a plan."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.test_margins import disturbed, least_margin
 
 
 def within(window: rho.Window, knot: int, rng: np.random.Generator) -> FloatArray:
-    """States anywhere in the tube of a window at one of its knots, as they are estimated."""
+    """Return estimated states anywhere in the tube of a window at one of its knots."""
     scenario = window.plan.scenario
     tube, time = tube_of(scenario), scenario.grid.times[knot]
     around, count = tube.disturbance, len(scenario.vehicles)
@@ -30,7 +30,7 @@ def within(window: rho.Window, knot: int, rng: np.random.Generator) -> FloatArra
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_no_window_is_without_a_plan_that_holds(seed: int) -> None:
+def test_every_window_has_a_plan_that_holds(seed: int) -> None:
     rng, windows, kept = np.random.default_rng(seed), 0, 0
     for asked in (random_scenario(seed, between_knots=True), random_fleet(seed, most=4)):
         windy = disturbed(asked, seed)
@@ -51,7 +51,7 @@ def test_no_window_is_without_a_plan_that_holds(seed: int) -> None:
     assert kept < windows or windows == 0
 
 
-def test_a_new_plan_begins_where_the_vehicle_is_and_its_tube_begins_anew() -> None:
+def test_a_new_plan_begins_at_the_measured_state_with_a_new_tube() -> None:
     asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
     around = rho.Disturbance(0.2, 0.01, 0.02, feedback_every=0.1, delay=2)
     windy = dataclasses.replace(asked, disturbance=around)
@@ -68,7 +68,7 @@ def test_a_new_plan_begins_where_the_vehicle_is_and_its_tube_begins_anew() -> No
     np.testing.assert_allclose(window.plan.positions[:, -1], windy.fleet.goal_positions, atol=1e-9)
 
 
-def test_the_previous_plan_is_kept_where_the_start_has_no_room() -> None:
+def test_the_previous_plan_is_kept_where_the_start_has_no_slack() -> None:
     wall = rho.Box([2.0, -0.6, -5.0], [8.0, -0.05, 5.0])
     asked = single(obstacles=[wall], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
     around = rho.Disturbance(0.5, position_error=0.05, feedback_every=0.5)
@@ -77,7 +77,7 @@ def test_the_previous_plan_is_kept_where_the_start_has_no_room() -> None:
     first = horizon.step(windy.fleet.start_states, 0.0)
     states = first.plan.states(8)
     tube = tube_of(first.plan.scenario)
-    states[0, 1] = -0.05 + 0.03  # nearer to the wall than estimates err
+    states[0, 1] = -0.05 + 0.03  # nearer to the wall than the error of estimates
     kept = horizon.step(states, 4.0)
     assert kept.kept
     assert "obstacle 1" in kept.infeasible
@@ -86,7 +86,7 @@ def test_the_previous_plan_is_kept_where_the_start_has_no_room() -> None:
     assert horizon.step(kept.plan.states(5), 6.5).infeasible == ""
 
 
-def test_a_state_off_the_tube_is_told_and_planned_from() -> None:
+def test_a_state_off_the_tube_is_reported_and_planned_from() -> None:
     asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
     windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.2, feedback_every=0.1))
     horizon = rho.RecedingHorizon(windy)
@@ -99,7 +99,7 @@ def test_a_state_off_the_tube_is_told_and_planned_from() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, *slow(*range(3, 8))])
-def test_whatever_the_states_are_there_is_a_window(seed: int) -> None:
+def test_every_measured_state_gives_a_window(seed: int) -> None:
     rng = np.random.default_rng(seed)
     for asked in (random_scenario(seed), random_fleet(seed, most=4)):
         for windy in (asked, disturbed(asked, seed)):
@@ -119,7 +119,7 @@ def test_whatever_the_states_are_there_is_a_window(seed: int) -> None:
             assert np.isfinite(horizon.flight.cost)
 
 
-def test_inside_an_obstacle_a_window_comes_out_of_it() -> None:
+def test_a_window_that_begins_inside_an_obstacle_leaves_it() -> None:
     asked = single(obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True)
     horizon = rho.RecedingHorizon(asked)
     horizon.step(asked.fleet.start_states, 0.0)
@@ -134,7 +134,7 @@ def test_inside_an_obstacle_a_window_comes_out_of_it() -> None:
     assert horizon.step(window.plan.states(5), 6.5).infeasible == ""
 
 
-def test_outside_its_box_a_window_comes_back() -> None:
+def test_a_window_that_begins_outside_its_box_returns() -> None:
     asked = single(limits=rho.Limits(position=box(10.5)), between_knots=True)
     horizon = rho.RecedingHorizon(asked)
     horizon.step(asked.fleet.start_states, 0.0)
@@ -144,7 +144,7 @@ def test_outside_its_box_a_window_comes_back() -> None:
     np.testing.assert_allclose(window.plan.positions[:, -1], asked.fleet.goal_positions, atol=1e-6)
 
 
-def test_a_goal_out_of_reach_is_missed_and_limits_are_kept() -> None:
+def test_an_unreachable_goal_is_missed_and_limits_hold() -> None:
     limits = rho.Limits(acceleration=box(1.2), jerk=box(4.0))
     asked = single(limits=limits, obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True)
     horizon = rho.RecedingHorizon(asked)
@@ -171,7 +171,7 @@ def test_the_first_window_is_exact_at_the_starts_and_nowhere_else() -> None:
 
 @pytest.mark.parametrize("windy", [False, True])
 @pytest.mark.parametrize("inside", [0.1, 0.3])
-def test_a_first_window_without_room_says_so_and_flies_out(windy: bool, inside: float) -> None:
+def test_a_first_window_without_slack_says_so_and_flies_out(windy: bool, inside: float) -> None:
     around = rho.Disturbance(0.1, 0.05, 0.05, 0.25) if windy else None
     asked = single(obstacles=[rho.Sphere([-1.6, 0, 0], 1.4)], between_knots=True)
     asked = dataclasses.replace(asked, disturbance=around)
@@ -197,7 +197,7 @@ def test_the_first_window_raises_only_where_the_scenario_has_no_plan_itself() ->
             rho.RecedingHorizon(asked).step(states, 0.0)
 
 
-def test_a_vehicle_that_was_not_seen_is_predicted_and_its_tube_goes_on() -> None:
+def test_a_vehicle_without_a_measurement_is_predicted_and_its_tube_continues() -> None:
     around = rho.Disturbance(0.2, 0.01, 0.02, feedback_every=0.25)
     asked = dataclasses.replace(through_the_middle(2), disturbance=around)
     horizon = rho.RecedingHorizon(asked)

@@ -109,7 +109,7 @@ def test_a_waypoint_holds_has_an_effect_and_is_judged(within: float) -> None:
         rho.Limits(position=box(10.2), max_acceleration=2.2),
     ],
 )
-def test_it_costs_what_the_program_with_cones_costs(
+def test_the_cost_equals_that_of_the_program_with_cones(
     knots: int, within: float, limits: rho.Limits
 ) -> None:
     waypoints = [
@@ -148,7 +148,9 @@ def _with_waypoints(scenario: rho.Scenario, seed: int) -> rho.Scenario:
 
 @given(seed=st.integers(0, 2**32 - 1), tight=st.booleans())
 @settings(max_examples=20)
-def test_random_scenarios_cost_what_the_programs_with_cones_cost(seed: int, tight: bool) -> None:
+def test_costs_of_random_scenarios_equal_those_of_the_programs_with_cones(
+    seed: int, tight: bool
+) -> None:
     scenario = random_scenario(seed, tight=tight).without_obstacles()
     try:
         scenario = _with_waypoints(scenario, seed)
@@ -221,7 +223,7 @@ def test_windows_keep_to_it_until_it_has_passed(
 
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
-def test_fleets_keep_to_them_each_vehicle_to_its_own(coupling: object) -> None:
+def test_every_vehicle_of_a_fleet_passes_its_own_waypoints(coupling: object) -> None:
     """Different numbers of them, at different times, and past each other."""
     asked = through_the_middle(4)
     own = [
@@ -414,7 +416,7 @@ def test_numbers_that_make_no_sense_are_refused(
     assert caught.value.field == f"waypoint.{field}"
 
 
-def test_files_and_schema_hold_them() -> None:
+def test_files_and_schema_preserve_the_waypoints() -> None:
     text = scenario_to_yaml(single())
     added = text.replace(
         "waypoints: []", "waypoints: [{time: 5, position: [5, 2, 1.5], within: 0.2}]"

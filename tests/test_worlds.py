@@ -207,7 +207,7 @@ def test_the_same_seed_draws_the_same_and_more_obstacles_join_the_first(
         (lambda: field(1, radius=20.0), "obstacles"),
     ],
 )
-def test_arguments_that_make_no_sense_are_refused(make: Callable[[], object], name: str) -> None:
+def test_invalid_arguments_are_refused(make: Callable[[], object], name: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         make()
     assert caught.value.field.startswith(name)
