@@ -137,7 +137,7 @@ def test_a_goal_beside_an_obstacle_goes_to_a_vehicle_that_is_small_enough() -> N
 
 @pytest.mark.parametrize("seed", range(4))
 def test_exchanges_of_near_pairs_equal_those_of_all_pairs(seed: int) -> None:
-    """This holds also where some goals are too close to an obstacle for some of the vehicles."""
+    """Some goals may be too close to an obstacle for some of the vehicles."""
     rng, count = np.random.default_rng(seed), 300
     places = rng.uniform(0.0, 12.0, (2, count, 3))
     speeds = rng.normal(0.0, 0.3, (2, count, 3))

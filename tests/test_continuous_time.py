@@ -156,7 +156,7 @@ def test_a_motion_at_rest_has_the_distance_of_its_start() -> None:
 
 
 def test_a_motion_that_accelerates_along_a_face_touches_it() -> None:
-    """This is the hardest case: the distance is constant, and the motion is not linear in time."""
+    """In the hardest case the distance is constant, and the motion is not linear in time."""
     p, a = np.array([[-0.5, 0.0, 0.5]]), np.array([[[0.5, 0.1, 0.0]]])
     motion = _motions(p, np.zeros((1, 3)), a, 1.0)
     _, distances = _least(motion, _cuboid, 1e-8)

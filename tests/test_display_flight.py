@@ -67,7 +67,7 @@ def _dotted(ax: Axes) -> list[Line2D]:
 
 @pytest.mark.parametrize("worst", [False, True])
 def test_the_drawn_paths_are_the_true_positions(worst: bool) -> None:
-    """This holds at every time of the record, including those at which the wind switches."""
+    """The times of the record include those at which the wind switches."""
     scenario = mission(start=3.0)
     wind = rho.worst_case(scenario, [1.0, 2.0, 3.0], 7.3) if worst else None
     simulation = fly(scenario, wind=wind)

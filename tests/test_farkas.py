@@ -115,7 +115,7 @@ def _contradict(scenario: rho.Scenario, name: str, told: Collection[str]) -> boo
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=2)
 def test_named_constraints_cannot_be_met_together(seed: int) -> None:
-    """This holds for a planner's error and for its subset, which is irreducible."""
+    """Conflicts are those of a planner's error and of its subset, which is irreducible."""
     scenario = random_scenario(seed, tight=True).without_obstacles()
     try:
         rho.plan_convex(scenario)

@@ -197,7 +197,7 @@ def test_windows_without_a_disturbance_are_not_checked(monkeypatch: pytest.Monke
 
 
 def test_a_plan_is_verified_for_the_scenario_given_to_its_planner() -> None:
-    """This holds whichever scenario the plan names."""
+    """The scenario that the returned plan names is irrelevant."""
     ball = rho.Sphere([5.0, 2.0, -1.0], 1.0)
     asked = single(obstacles=[ball], between_knots=True)
     asked = dataclasses.replace(asked, disturbance=rho.Disturbance(0.1, 0.01))

@@ -217,8 +217,8 @@ def test_a_conflicting_limit_is_named_and_diagnosed(limits: rho.Limits, words: s
 def test_known_shortest_durations() -> None:
     """Straight up, 16 steps, with twice the thrust of hovering.
 
-    Upward with g for twelve steps and, upside down, back with 3 g for four: D = 96 g h². If it stays
-    upright, upward with g for eight steps and back with g: D = 64 g h².
+    Upward with g for twelve steps and, upside down, back with 3 g for four: D = 96 g h². Upright
+    throughout, upward with g for eight steps and back with g: D = 64 g h².
     """
     up = rho.State([0.0, 0.0, 100.0])
     for tilt, squares in ((None, 96.0), (0.3, 64.0)):

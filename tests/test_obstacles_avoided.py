@@ -277,7 +277,7 @@ def test_a_flight_with_windows_that_begin_inside_an_obstacle_can_be_copied() -> 
 
 
 def test_windows_that_begin_inside_an_obstacle_search_no_path_around_it() -> None:
-    """This holds for the first window that knows the obstacle and for later ones inside it."""
+    """Such windows are the first that knows the obstacle, and later ones inside it."""
     asked = list[float]()
 
     def planner(

@@ -1,4 +1,4 @@
-"""Sequential convex programming: feasible at every iterate, and never dearer."""
+"""Sequential convex programming: every iterate is feasible, and the cost never increases."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _iterate(plan: rho.Plan, steps: int, solver: SolverInterface | None = None) 
     return plans
 
 
-def test_every_iterate_is_feasible_and_the_cost_does_not_rise(
+def test_every_iterate_is_feasible_and_the_cost_does_not_increase(
     paper: rho.Scenario, solver: SolverInterface
 ) -> None:
     plans = _iterate(rho.plan_convex(paper, solver=solver), 12, solver)
@@ -38,7 +38,7 @@ def test_every_iterate_is_feasible_and_the_cost_does_not_rise(
 
 @given(scenario=scenarios())
 @settings(max_examples=13)
-def test_the_same_on_random_scenarios(scenario: rho.Scenario) -> None:
+def test_iterates_of_random_scenarios_are_feasible_and_cost_no_more(scenario: rho.Scenario) -> None:
     assume(scenario.obstacles)
     try:
         plans = _iterate(rho.plan_convex(scenario), 6)
@@ -46,11 +46,11 @@ def test_the_same_on_random_scenarios(scenario: rho.Scenario) -> None:
         assume(False)
     assert all(rho.verify(plan).ok for plan in plans)
     for before, after in pairwise(plans):
-        # the rows are kept to a tenth of the verifier's slack, so the cost to as much
+        # rows are satisfied to a tenth of the verifier's tolerance, and so is the cost
         assert after.cost <= before.cost * (1 + INDEX)
 
 
-def test_a_converged_plan_is_its_own_linearisations_best(paper: rho.Scenario) -> None:
+def test_a_converged_plan_is_optimal_for_its_own_linearisation(paper: rho.Scenario) -> None:
     plan = rho.plan_scp(paper)
     assert plan.statistics.converged
     again = rho.scp_step(plan)
@@ -76,14 +76,14 @@ def test_a_reference_on_another_grid_is_refused(paper: rho.Scenario) -> None:
         rho.plan_scp(paper, reference=tail)
 
 
-class Scripted(Subproblem):
-    """A subproblem whose plans are known: accelerations of so many m/s² of each vehicle.
+class ScriptedSubproblem(Subproblem):
+    """Subproblem with given plans: constant accelerations [m/s²] of each vehicle.
 
     Args:
-        scenario: of some vehicles.
+        scenario: the vehicles.
         script: for each iteration a number for each vehicle, or an error.
-        together: whether all stop together.
-        apart: from which of the restorations on the vehicles keep apart.
+        together: whether all vehicles stop together.
+        apart: number of the first restoration after which the vehicles are separated.
     """
 
     def __init__(
@@ -108,27 +108,27 @@ class Scripted(Subproblem):
         return flown(self.scenario, after)
 
     def around(self, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
-        """The next plan."""
+        """Return the next plan."""
         assert vehicles is not None
         self.planned.append(vehicles.tolist())
         return self._next()
 
     def restored(self, reference: rho.Plan, penalty: float, number: int) -> rho.Plan:
-        """The next plan."""
+        """Return the next plan."""
         self.penalties.append((penalty, number))
         return self._next()
 
     def holds(self, plan: rho.Plan) -> bool:
-        """As it is said when it is made."""
+        """Return the verdict given at construction."""
         return len(self.penalties) >= self.apart
 
     def failure(self, plan: rho.Plan, spent: rho.Statistics) -> rho.InfeasibleError | None:
-        """An error, unless they keep apart."""
+        """Return an error unless the vehicles are separated."""
         return None if self.holds(plan) else rho.InfeasibleError({}, statistics=spent)
 
 
 def flown(scenario: rho.Scenario, each: Sequence[float]) -> rho.Plan:
-    """Vehicles that fly constant accelerations along x; one linearisation was needed for it."""
+    """Return vehicles with constant accelerations along x, found with one linearisation."""
     accelerations = np.zeros((len(each), scenario.grid.knots - 1, 3))
     accelerations[:, :, 0] = np.array(each)[:, None]
     return rho.Plan.from_accelerations(scenario, accelerations, rho.Statistics(linearisations=1))
@@ -136,15 +136,15 @@ def flown(scenario: rho.Scenario, each: Sequence[float]) -> rho.Plan:
 
 @pytest.fixture
 def two() -> rho.Scenario:
-    """Two vehicles, ten steps."""
+    """Return two vehicles with ten steps."""
     ends = np.array([[0.0, 0, 0], [0, 50, 0]])
     return fleet(ends, ends + 5.0, grid=rho.Grid(1.0, 11)).without_separation()
 
 
-def test_vehicles_stop_by_themselves_and_keep_their_better_plan(two: rho.Scenario) -> None:
-    """The second rises at first, so it stops where it was; the first goes on until it is level."""
+def test_vehicles_stop_independently_and_keep_their_better_plan(two: rho.Scenario) -> None:
+    """The second rises at first and stops where it was; the first continues until it is level."""
     script = [[3.0, 5.0], [2.0, 1.0], [2.0, 1.0]]
-    subproblem = Scripted(two, script)
+    subproblem = ScriptedSubproblem(two, script)
     plan = iterate(subproblem, flown(two, [4.0, 4.0]), 1e-6)
     assert subproblem.planned == [[0, 1], [0], [0]]
     assert plan.statistics.converged
@@ -153,28 +153,28 @@ def test_vehicles_stop_by_themselves_and_keep_their_better_plan(two: rho.Scenari
     assert plan.statistics.tolerance == 1e-6
 
 
-def test_a_rise_of_one_vehicle_is_not_taken_over_where_nothing_couples_it(
+def test_an_increase_of_one_uncoupled_vehicle_is_not_adopted(
     two: rho.Scenario,
 ) -> None:
-    plan = iterate(Scripted(two, [[3.0, 5.0]]), flown(two, [4.0, 4.0]), 1e-6, most=1)
+    plan = iterate(ScriptedSubproblem(two, [[3.0, 5.0]]), flown(two, [4.0, 4.0]), 1e-6, most=1)
     assert plan.accelerations[:, 0, 0].tolist() == [3.0, 4.0]
     assert not plan.statistics.converged
 
 
-def test_vehicles_that_pairs_couple_take_the_plan_that_costs_less_in_total(
+def test_coupled_vehicles_take_the_plan_that_costs_less_in_total(
     two: rho.Scenario,
 ) -> None:
-    subproblem = Scripted(two, [[3.0, 4.5], [4.0, 4.0]], together=True)
+    subproblem = ScriptedSubproblem(two, [[3.0, 4.5], [4.0, 4.0]], together=True)
     plan = iterate(subproblem, flown(two, [4.0, 4.0]), 1e-6)
     assert plan.accelerations[:, 0, 0].tolist() == [3.0, 4.5]  # 29.25 is less than 32
     assert subproblem.planned == [[0, 1], [0, 1]]
     assert plan.statistics.converged
 
 
-def test_a_cost_that_rises_is_left_and_counts_as_converged(two: rho.Scenario) -> None:
+def test_an_increasing_cost_is_rejected_and_counts_as_converged(two: rho.Scenario) -> None:
     for together in (True, False):
         start = flown(two, [4.0, 4.0])
-        plan = iterate(Scripted(two, [[4.1, 4.1]], together=together), start, 1e-6)
+        plan = iterate(ScriptedSubproblem(two, [[4.1, 4.1]], together=together), start, 1e-6)
         np.testing.assert_array_equal(plan.accelerations, start.accelerations)
         assert plan.statistics.converged
 
@@ -183,33 +183,33 @@ def test_a_cost_that_rises_is_left_and_counts_as_converged(two: rho.Scenario) ->
 def test_the_tolerance_is_relative_to_the_whole_cost(
     two: rho.Scenario, tolerance: float, count: int
 ) -> None:
-    """The cost falls by 36 %, by 9.8 %, by 4 % and by nothing."""
+    """The cost decreases by 36 %, by 9.8 %, by 4 % and by nothing."""
     script = [[3.2, 3.2], [3.04, 3.04], [2.98, 2.98], [2.98, 2.98]]
-    subproblem = Scripted(two, script, together=True)
+    subproblem = ScriptedSubproblem(two, script, together=True)
     plan = iterate(subproblem, flown(two, [4.0, 4.0]), tolerance)
     assert len(subproblem.planned) == count
     assert plan.statistics.converged
 
 
 @pytest.mark.parametrize("error", [rho.InfeasibleError({}), rho.SolverError("by rounding")])
-def test_a_linearisation_that_fails_by_rounding_ends_with_the_plan_before_it(
+def test_a_linearisation_that_fails_by_rounding_returns_the_plan_before_it(
     two: rho.Scenario, error: Exception
 ) -> None:
-    subproblem = Scripted(two, [[3.0, 3.0], error])
+    subproblem = ScriptedSubproblem(two, [[3.0, 3.0], error])
     plan = iterate(subproblem, flown(two, [4.0, 4.0]), 1e-6)
     assert plan.accelerations[:, 0, 0].tolist() == [3.0, 3.0]
     assert not plan.statistics.converged
 
 
-def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart(
+def test_a_restoration_raises_penalties_until_the_pairs_are_separated(
     two: rho.Scenario,
 ) -> None:
     said: list[str] = []
-    subproblem = Scripted(two, [[5.0, 5.0], [6.0, 6.0], [7.0, 7.0]], apart=2)
+    subproblem = ScriptedSubproblem(two, [[5.0, 5.0], [6.0, 6.0], [7.0, 7.0]], apart=2)
     start = flown(two, [4.0, 4.0])
     plan = iterate(subproblem, start, 1.0, [10.0, 20.0, 40.0], progress=said.append)
     assert subproblem.penalties == [(10.0, 0), (20.0, 1)]
-    assert plan.accelerations[:, 0, 0].tolist() == [6.0, 6.0]  # though the cost has risen
+    assert plan.accelerations[:, 0, 0].tolist() == [6.0, 6.0]  # although the cost has increased
     assert plan.statistics.converged
     assert plan.statistics.linearisations == 3
     assert said == [
@@ -217,7 +217,7 @@ def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart(
         "linearised 3 times, cost 720 m²/s⁴",
     ]
     with pytest.raises(rho.InfeasibleError) as caught:
-        iterate(Scripted(two, [[5.0, 5.0]] * 2, apart=3), start, 1.0, [1.0, 2.0])
+        iterate(ScriptedSubproblem(two, [[5.0, 5.0]] * 2, apart=3), start, 1.0, [1.0, 2.0])
     assert caught.value.statistics.linearisations == 3
 
 
@@ -236,16 +236,17 @@ def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -
         restored(start, Noted(asked, decoupled))
     assert set(caught.value.conflicts) == {"v0", "v1"}
     penalties = np.array([penalty for penalty, _ in noted])
-    assert [number for _, number in noted] == list(range(1 + PATIENCE))  # nobody is out of trouble
+    # both vehicles stay in violation
+    assert [number for _, number in noted] == list(range(1 + PATIENCE))
     np.testing.assert_allclose(penalties[1:11] / penalties[:10], 3.0)
     np.testing.assert_allclose(penalties[11:], 1e5 * penalties[0])
-    # a plan's cost for each vehicle, and that of a metre aside and back at 4 d / T² all along
+    # the plan's cost per vehicle, and that of 1 m sideways and back at constant 4 d / T²
     known = independent.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
     assert penalties[0] == pytest.approx(known)
 
 
-def test_a_restoration_that_comes_no_further_is_given_up() -> None:
-    """Through a sphere that is too wide to get round in time, from both sides of it."""
+def test_a_restoration_without_progress_is_given_up() -> None:
+    """The sphere is too wide to be passed in time, on both of its sides."""
     asked = rho.Scenario(
         "late",
         rho.Grid.lasting(5.0, step=0.25),
@@ -258,11 +259,11 @@ def test_a_restoration_that_comes_no_further_is_given_up() -> None:
         with pytest.raises(rho.InfeasibleError) as caught:
             restored(start, Subproblem(asked, decoupled), dead_ends=ends)
         assert caught.value.statistics.linearisations < PATIENCE
-    assert len(ends) == 1  # the second time, a place that is known
+    assert len(ends) == 1  # the second time the dead end is known
     assert not ends.is_near(start)
 
 
-def test_vehicles_that_cost_nothing_have_converged(two: rho.Scenario) -> None:
-    subproblem = Scripted(two, [[0.0, 0.0]])
+def test_vehicles_of_zero_cost_have_converged(two: rho.Scenario) -> None:
+    subproblem = ScriptedSubproblem(two, [[0.0, 0.0]])
     assert iterate(subproblem, flown(two, [0.0, 0.0]), 1e-6).statistics.converged
     assert len(subproblem.planned) == 1

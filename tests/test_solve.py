@@ -1,4 +1,4 @@
-"""The call of a solver: what it answers, who takes over, and what is not believed."""
+"""Calls of solvers: answers, fallbacks, and answers that are rejected."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ SLOW = rho.Limits(velocity=box(1.5))
 
 @pytest.fixture(autouse=True)
 def _clarabel_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the suite runs with, this is about who follows whom after the usual default."""
+    """Set the usual default solver, on which the order of the fallbacks depends."""
     monkeypatch.setattr(solve, "DEFAULT", ClarabelSolver)
 
 
 def nearest(value: float) -> MathematicalProgram:
-    """Least x² with x at least a value above 0, in one variable: x is the value."""
+    """Return a program with one variable: least x² with x at least a value above 0."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(1)
     program.AddQuadraticCost(np.eye(1), np.zeros(1), x, is_convex=True)
@@ -35,14 +35,14 @@ def nearest(value: float) -> MathematicalProgram:
 
 
 def empty() -> MathematicalProgram:
-    """One without a solution."""
+    """Return a program without a solution."""
     program = nearest(1.0)
     program.AddBoundingBoxConstraint(-1.0, 0.0, program.decision_variables())
     return program
 
 
 def value_of(solution: Solution) -> float:
-    """X."""
+    """Return the variable x."""
     return float(solution.x[0])
 
 
@@ -50,7 +50,7 @@ def value_of(solution: Solution) -> float:
 def test_solutions_come_in_the_order_of_the_programs(
     chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whether they are solved here or, in chunks, on threads."""
+    """The programs are solved here or, in chunks, on threads."""
     monkeypatch.setattr(solve, "_CHUNK", chunk)
     batches = [[1.0, 2.0, 3.0], [], [4.0], [5.0, 6.0, 7.0, 8.0, 9.0]]
     asked = ([nearest(value) for value in batch] for batch in batches)
@@ -58,7 +58,7 @@ def test_solutions_come_in_the_order_of_the_programs(
     assert [[round(value_of(each), 6) for each in batch] for batch in found] == batches
 
 
-def test_a_program_without_a_solution_is_told_from_those_that_have_one(
+def test_a_program_without_a_solution_is_distinguished_from_the_others(
     solver: SolverInterface,
 ) -> None:
     found = solve.solve([nearest(2.0), empty(), nearest(3.0)], solver)
@@ -75,7 +75,7 @@ Attempt = Callable[
 
 
 def _spoiled(spoil: Callable[[str, int, Solution], Solution | None]) -> tuple[Attempt, list[str]]:
-    """Attempts of which each answer goes through `spoil`, and the names of who was asked."""
+    """Return an attempt that passes answers through `spoil`, and the names of solvers used."""
     asked: list[str] = []
     solve_with = solve._solve_with
 
@@ -108,8 +108,8 @@ def test_only_programs_on_which_a_solver_fails_go_to_the_next(
     assert asked == ["Clarabel", "Clarabel as it is"]
 
 
-def _off(answer: Solution) -> Solution:
-    """A solution on the wrong side of its rows."""
+def _violating(answer: Solution) -> Solution:
+    """Return the solution on the wrong side of its rows."""
     return dataclasses.replace(answer, x=0.5 * answer.x)
 
 
@@ -120,11 +120,13 @@ def _off(answer: Solution) -> Solution:
         (("Clarabel",), "OSQP"),
     ],
 )
-def test_rows_that_are_in_and_not_kept_are_solved_again_by_another(
+def test_programs_with_unsatisfied_rows_are_solved_again_by_another_solver(
     wrong: tuple[str, ...], solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     known = rho.plan_convex(single(limits=SLOW))
-    attempt, asked = _spoiled(lambda name, _, answer: _off(answer) if name in wrong else answer)
+    attempt, asked = _spoiled(
+        lambda name, _, answer: _violating(answer) if name in wrong else answer
+    )
     monkeypatch.setattr(solve, "_solve_with", attempt)
     plan = rho.plan_convex(single(limits=SLOW))
     assert plan.cost == pytest.approx(known.cost, rel=INDEX)
@@ -133,10 +135,10 @@ def test_rows_that_are_in_and_not_kept_are_solved_again_by_another(
     assert set(wrong) < set(asked)
 
 
-def test_rows_that_no_solver_keeps_are_an_error_that_names_them(
+def test_rows_that_no_solver_satisfies_are_named_in_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    attempt, asked = _spoiled(lambda name, index, answer: _off(answer))
+    attempt, asked = _spoiled(lambda name, index, answer: _violating(answer))
     monkeypatch.setattr(solve, "_solve_with", attempt)
     with pytest.raises(rho.SolverError, match="do not keep the velocity box of solo") as caught:
         rho.plan_convex(single(limits=SLOW))
@@ -144,7 +146,7 @@ def test_rows_that_no_solver_keeps_are_an_error_that_names_them(
     assert caught.value.statistics.programs == 2
 
 
-def test_what_is_almost_a_solution_comes_last_and_only_where_all_fail(
+def test_an_almost_solution_is_used_only_where_all_solvers_fail(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def almost(name: str, index: int, answer: Solution) -> Solution | None:
@@ -160,10 +162,10 @@ def test_what_is_almost_a_solution_comes_last_and_only_where_all_fail(
 
 
 @pytest.mark.parametrize("inexact", [3, 100])
-def test_almost_a_solution_shows_missing_rows_but_is_no_answer(
+def test_an_almost_solution_reveals_missing_rows_but_is_no_answer(
     inexact: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Up to three rounds in a row go on from one; then all solvers have failed."""
+    """At most three rounds in a row continue from one; then all solvers have failed."""
     limits = rho.Limits(max_thrust=9.9)
     known, left = rho.plan_convex(single(limits=limits)), [inexact]
 
@@ -185,24 +187,26 @@ def test_almost_a_solution_shows_missing_rows_but_is_no_answer(
     assert rho.verify(plan).ok
 
 
-def test_almost_a_solution_that_breaks_no_row_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_almost_solution_that_violates_no_row_is_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     attempt, _ = _spoiled(lambda name, _, answer: dataclasses.replace(answer, exact=False))
     monkeypatch.setattr(solve, "_solve_with", attempt)
     with pytest.raises(rho.SolverError, match="all solvers failed"):
         rho.plan_convex(single(limits=SLOW))
 
 
-def test_one_attempt_that_is_off_is_not_held_against_the_next_program(
+def test_the_next_program_begins_with_the_first_solver_after_a_failure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Each retry begins with the first solver again, once rows are kept."""
+    """Each retry begins with the first solver again, once rows are satisfied."""
     spoiled = [False]
 
     def first_only(name: str, index: int, answer: Solution) -> Solution:
         if spoiled[0]:
             return answer
         spoiled[0] = True
-        return _off(answer)
+        return _violating(answer)
 
     attempt, asked = _spoiled(first_only)
     monkeypatch.setattr(solve, "_solve_with", attempt)

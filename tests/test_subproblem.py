@@ -1,4 +1,4 @@
-"""The convex problem around one reference after the other."""
+"""The convex subproblem around a reference."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
     np.testing.assert_array_equal(second.reference.accelerations, reference.accelerations)
 
 
-def test_who_is_not_planned_flies_the_reference() -> None:
+def test_vehicles_that_are_not_planned_fly_the_reference() -> None:
     spheres = (rho.Sphere([5, 0.5, 0], 1.0), rho.Sphere([5, 10.5, 0], 1.0))
     ends = np.array([[0, 0, 0], [0, 10, 0]])
     asked = fleet(ends, ends + np.array([10, 0, 0]), obstacles=spheres).without_separation()
@@ -60,7 +60,7 @@ def test_who_is_not_planned_flies_the_reference() -> None:
     assert not np.array_equal(both.accelerations[0], reference.accelerations[0])
 
 
-def test_vehicles_in_nobodys_way_fly_the_reference_while_others_are_brought_apart() -> None:
+def test_vehicles_without_violation_fly_the_reference_while_others_are_separated() -> None:
     starts = np.array([[-5, 0, 0], [0, 30, 0], [5, 0, 0]])
     asked = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
     start = independent(asked)
@@ -77,8 +77,8 @@ def test_vehicles_in_nobodys_way_fly_the_reference_while_others_are_brought_apar
     assert gaps[0] < 0.1 < gaps[1]
 
 
-def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -> None:
-    """Three in a row through one point: each at the time of its closest approach."""
+def test_pairs_left_too_close_are_named_for_both_vehicles_in_order_of_distance() -> None:
+    """Three vehicles in a row pass one point; each reason has the time of its closest approach."""
     starts = np.array([[-5, 0, 0], [5, 0, 0], [0.0, -5, 0]])
     asked = fleet(starts, np.array([[5, 0, 0], [-5, 0, 0], [0.8, 5, 0]]))
     alone = rho.plan(asked.without_separation())
@@ -101,7 +101,7 @@ def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -
     assert Subproblem(asked).failure(rho.plan(asked), rho.Statistics()) is None
 
 
-def test_a_coupled_fleet_without_a_solution_says_the_reasons_of_each_vehicle() -> None:
+def test_a_coupled_fleet_without_a_solution_has_reasons_for_each_vehicle() -> None:
     asked = through_the_middle(2, grid=rho.Grid(5.0, 3))
     alone = rho.plan(asked.without_separation())
     with pytest.raises(rho.InfeasibleError) as caught:
@@ -111,7 +111,7 @@ def test_a_coupled_fleet_without_a_solution_says_the_reasons_of_each_vehicle() -
         assert caught.value.obstacles[vehicle] == frozenset([0])
 
 
-def test_a_fleet_iterates_together_where_it_keeps_apart_and_alone_elsewhere() -> None:
+def test_vehicles_with_a_separation_iterate_together_and_others_independently() -> None:
     asked = through_the_middle(3)
     assert len(set(Subproblem(asked).labels.tolist())) == 1
     assert len(set(Subproblem(asked.without_separation()).labels.tolist())) == 3
@@ -130,7 +130,7 @@ def test_a_reference_that_does_not_fit_is_refused(wrong: str) -> None:
         plan_around(asked, reference)
 
 
-def test_obstacles_that_are_in_the_way_are_numbered_as_in_the_scenario() -> None:
+def test_violated_obstacles_are_numbered_as_in_the_scenario() -> None:
     far, near = rho.Sphere([5.0, 30.0, 0.0], 1.0), rho.Sphere([5, 0.1, 0], 2.0)
     walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5))
     for spheres, number in (((far, near), 2), ((near, far), 1), ((far, far, near), 3)):
@@ -141,8 +141,8 @@ def test_obstacles_that_are_in_the_way_are_numbered_as_in_the_scenario() -> None
         assert any(f"obstacle {number} " in name for name in caught.value.conflicts["solo"])
 
 
-def test_the_plan_of_minimum_violation_minds_obstacles_and_accelerations() -> None:
-    """A corridor that a sphere fills: what is broken is shared out, strength is kept."""
+def test_the_minimum_violation_plan_considers_obstacles_and_accelerations() -> None:
+    """A sphere fills a corridor: the violation is shared, and acceleration limits hold."""
     walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5))
     asked = single(
         goal=rho.State([10, 0, 0]), limits=walls, obstacles=(rho.Sphere([5, 0.1, 0], 2),)
@@ -160,7 +160,7 @@ def test_the_plan_of_minimum_violation_minds_obstacles_and_accelerations() -> No
     assert "acceleration box" not in {each.constraint for each in violations}
 
 
-def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones_look_longer(
+def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_search_longer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = through_the_middle(2)
@@ -179,7 +179,7 @@ def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones
     assert {each.penalty for each in made} == {7.0}
 
 
-def test_pairs_are_brought_apart_by_references_which_hold_nothing(
+def test_pairs_are_separated_by_references_that_guarantee_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = through_the_middle(3)
@@ -199,7 +199,7 @@ def test_pairs_are_brought_apart_by_references_which_hold_nothing(
             break
         plan = subproblem.restored(plan, 10.0 * 3.0**number, number)
         breaches.append(subproblem.worst_breach(plan))
-        assert not subproblem.holds(plan)  # whatever it looks like
+        assert not subproblem.holds(plan)  # although the references are separated
     assert breaches[-1] < 0.05 < breaches[0]
     assert [each["aside"] for each in made] == [True] + [False] * (len(made) - 1)
     assert [each["rounds"] for each in made] == [min(k + 1, 4) for k in range(len(made))]
@@ -209,7 +209,7 @@ def test_pairs_are_brought_apart_by_references_which_hold_nothing(
     assert rho.verify(plan).ok
 
 
-def test_what_keeps_every_constraint_is_a_plan_however_it_was_found() -> None:
+def test_a_reference_that_satisfies_every_constraint_is_a_plan() -> None:
     """References that are far enough apart need no program with hard rows."""
     asked = through_the_middle(3)
 
@@ -222,10 +222,10 @@ def test_what_keeps_every_constraint_is_a_plan_however_it_was_found() -> None:
     assert rho.verify(plan).ok
 
 
-def test_only_those_in_trouble_have_programs_at_the_end_of_a_restoration(
+def test_only_violating_vehicles_have_programs_at_the_end_of_a_restoration(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """And the others go on flying what keeps every constraint, with which the plan is strict."""
+    """The other vehicles keep their feasible motions, and the plan as a whole is feasible."""
     asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
     kept, planned = Subproblem.around, list[int]()
 
@@ -244,10 +244,10 @@ def test_only_those_in_trouble_have_programs_at_the_end_of_a_restoration(
     assert rho.verify(plan).ok
 
 
-def test_who_is_stuck_is_planned_in_a_group_with_those_next_to_it(
+def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """They would stay where they are else, as they are in nobody's way."""
+    """Its neighbours would otherwise keep their motions, as they violate nothing."""
     asked = rho.random_transitions(40, np.random.default_rng(5), duration=5.0)
     hard, in_groups, stuck = Subproblem.around, InGroups.around, list[int]()
     beside, seen = np.zeros(40, dtype=bool), list[int]()
@@ -280,11 +280,11 @@ def test_who_is_stuck_is_planned_in_a_group_with_those_next_to_it(
     monkeypatch.setattr(Subproblem, "around", refused_once)
     monkeypatch.setattr(InGroups, "around", noted)
     plan = restored(independent(asked), Restoration(asked))
-    assert seen  # and somebody was next to it who was in nobody's way
+    assert seen  # a neighbour was without violation
     assert rho.verify(plan).ok
 
 
-def test_where_groups_fail_slack_takes_over(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_groups_fail_soft_rows_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
     around, fails = InGroups.around, [False, True]
 
@@ -299,7 +299,7 @@ def test_where_groups_fail_slack_takes_over(monkeypatch: pytest.MonkeyPatch) -> 
     assert rho.verify(plan).ok
 
 
-def test_everyone_has_a_program_with_hard_rows_even_where_no_reference_is_better(
+def test_all_vehicles_have_hard_rows_even_where_no_reference_is_better(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
@@ -320,8 +320,8 @@ def test_everyone_has_a_program_with_hard_rows_even_where_no_reference_is_better
     assert rho.verify(plan).ok
 
 
-def test_who_leaves_a_box_between_the_knots_only_breaks_it() -> None:
-    """At 0 m at the first two knots, at 0.25 m between them."""
+def test_leaving_a_box_between_knots_counts_if_every_instant_is_required() -> None:
+    """The vehicle is at 0 m at the first two knots, and at 0.25 m between them."""
     start, goal = rho.State([0, 0, 0], [1, 0, 0]), rho.State([-1, 0, 0], [-1, 0, 0])
     accelerations = np.array([[[-2.0, 0, 0], [0, 0, 0]]])
     for upper, beyond in ((0.3, []), (0.2, [0])):
@@ -333,8 +333,8 @@ def test_who_leaves_a_box_between_the_knots_only_breaks_it() -> None:
             assert found.beyond.tolist() == (beyond if strict else [])
 
 
-def test_what_did_not_move_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaches are the same as of a look at everyone."""
+def test_vehicles_that_did_not_move_are_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The violations are the same as after checking all vehicles."""
     rng = np.random.default_rng(5)
     asked = rho.random_transitions(12, rng, duration=5.0)
     plan = independent(asked)
