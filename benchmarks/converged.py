@@ -12,7 +12,7 @@ from benchmarks.ranking import COLUMNS, THIS_PACKAGE, ratio, rounds, rows
 from benchmarks.tables import Goal, Table
 
 INDEX = 16741.370096
-"""f of the optimum [m²/s⁴], proved to be the global one by `drake_rho.certify`."""
+"""Optimal f [m²/s⁴], proved to be global by `drake_rho.certify`."""
 
 _IPOPT, _SNOPT, _OPENSCVX = "CasADi + IPOPT", "Drake + SNOPT", "OpenSCvx"
 

@@ -1,4 +1,4 @@
-"""Random transitions in 4 m³ in the time that distributed MPC is published to fly them in."""
+"""Random transitions in 4 m³ in the published flight times of distributed MPC."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from benchmarks.fleets import COLUMNS, Trial, attempts, findings, percent, summa
 from benchmarks.tables import Cell, Goal, Table
 
 DURATIONS = {4: 3.6, 8: 4.6, 12: 6.6, 16: 8.6, 20: 9.8}
-"""The flight times published for DMPC [s], rounded up to whole steps, by the number of vehicles."""
+"""Published flight times of DMPC [s], rounded up to whole steps, by the number of vehicles."""
 
 STEP = 0.2
-"""h [s]."""
+"""Step h [s]."""
 
 PUBLISHED = {
     "SCP, published": ((100, 100, 100, 100, 100), (0.13, 1.38, 16.5, 114.0, 345.0)),
     "decoupled iSCP, published": ((100, 92, 66, 42, 18), (0.07, 0.59, 4.36, 39.8, 67.0)),
     "DMPC, published": ((100, 100, 100, 96, 96), (0.63, 1.80, 3.64, 5.98, 9.57)),
 }
-"""Success [%] and times [s], from 4 vehicles to 20."""
+"""Published success [%] and times [s], from 4 vehicles to 20."""
 
 
 def scenario(vehicles: int, seed: int) -> rho.Scenario:
-    """One draw."""
+    """Return one draw."""
     rng, duration = np.random.default_rng(seed), DURATIONS[vehicles]
     name = f"{vehicles} vehicles, seed {seed}"
     return rho.random_transitions(vehicles, rng, duration=duration, step=STEP, name=name)
 
 
 def run(seeds: int = 50, stores: Path | None = None) -> Table:
-    """Plan `seeds` fleets of each size; `stores` is as `attempts` takes it."""
+    """Plan `seeds` fleets of each size; `stores` is that of `attempts`."""
     found = {
         count: attempts(
             [partial(scenario, count, seed) for seed in range(seeds)], f"B1, {count}", stores=stores

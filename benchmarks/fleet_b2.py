@@ -16,20 +16,20 @@ VEHICLES, DURATION = tuple(range(20, 201, 20)), 15.0
 """Sizes, and the flight time of each [s]."""
 
 LARGEST, LONGER = 1000, 20.0
-"""The size that is planned once, and its flight time [s]."""
+"""Size that is planned once, and its flight time [s]."""
 
 STEP = 0.2
-"""h [s]."""
+"""Step h [s]."""
 
 PUBLISHED = (100.0, 100.0, 100.0, 96.0, 94.0, 74.0, 66.0, 62.0, 40.0, 28.0)
-"""Success of DMPC [%]."""
+"""Published success of DMPC [%]."""
 
 SECONDS = {20: 6.0, 200: 178.0}
-"""Times of DMPC, as far as published [s]."""
+"""Published times of DMPC [s], as far as known."""
 
 
 def scenario(vehicles: int, seed: int, duration: float) -> rho.Scenario:
-    """One draw."""
+    """Return one draw."""
     return rho.random_transitions(
         vehicles,
         np.random.default_rng(seed),
@@ -43,7 +43,7 @@ def scenario(vehicles: int, seed: int, duration: float) -> rho.Scenario:
 def run(seeds: int = 10, stores: Path | None = None) -> Table:
     """Plan `seeds` fleets of each size, and one of a thousand.
 
-    `stores` is as `attempts` takes it.
+    `stores` is that of `attempts`.
     """
     found = {
         count: attempts(

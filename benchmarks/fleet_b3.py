@@ -15,14 +15,14 @@ DURATION, STEP = 10.0, 0.2
 """T and h of every mission [s]."""
 
 TIMED = 60
-"""Vehicles of the missions whose time is a goal."""
+"""Numbers of vehicles whose time is a goal."""
 
 
 def run(folder: Path | None = None, stores: Path | None = None) -> Table:
-    """Plan every mission in `folder`; `stores` is as `attempts` takes it.
+    """Plan every mission in `folder`; `stores` is that of `attempts`.
 
     Raises:
-        Skipped: there is none; the missions are no part of this project.
+        Skipped: no folder is given; the missions are not part of this project.
     """
     paths = sorted(folder.glob("*.json")) if folder else []
     if not paths:

@@ -1,4 +1,4 @@
-"""Ten vehicles on a circle change sides under a limit on the jerk."""
+"""Ten vehicles on a circle swap sides under a jerk limit."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from benchmarks.swaps import ALONE, COLUMNS, METHOD, box, published, shortest
 from benchmarks.tables import Goal, Table
 
 STEPS = 60
-"""Of the flight, whatever its duration."""
+"""Knots of the flight, whatever its duration."""
 
 BEGIN = 4.0
-"""The duration that the search begins with [s]."""
+"""Initial duration of the search [s]."""
 
 
 def scenario() -> rho.Scenario:
-    """Radius 10 m; limits and diameter of MADER's benchmark."""
+    """Return vehicles on a radius of 10 m, with limits and diameter of MADER's benchmark."""
     limits = rho.Limits(velocity=box(10.0), acceleration=box(20.0), jerk=box(30.0))
     apart = rho.Separation(0.25)
     return rho.circle_swap(
@@ -26,7 +26,7 @@ def scenario() -> rho.Scenario:
 
 
 def run() -> Table:
-    """Look for the shortest flight, with the others in the way and without."""
+    """Find the shortest flight, with the separation and without."""
     with Console().status("the shortest flight"):
         alone = shortest(scenario().without_separation())
         found = shortest(scenario())

@@ -1,4 +1,4 @@
-"""The published way to plan a fleet, joint SCP, in the same run as this package's."""
+"""Joint SCP, the published way to plan a fleet, in the same run as this package's."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from benchmarks.peers import joint_scp_cvxpy
 from benchmarks.tables import Cell, Goal, Table
 
 VEHICLES = (4, 8, 12)
-"""Sizes; joint SCP with twenty vehicles takes minutes a fleet."""
+"""Sizes; joint SCP takes minutes for a fleet of twenty vehicles."""
 
 JOINT, KNOTS = "joint SCP, CVXPY + Clarabel", f"{THIS_PACKAGE}, at the knots"
 
@@ -39,11 +39,11 @@ class Lap:
     """One fleet by one method."""
 
     seconds: float
-    """from the scenario record to the verified plan, or to the failure [s]"""
+    """time from the scenario record to the verified plan, or to the failure [s]"""
     index: float
-    """f (13) [m²/s⁴]; NaN if there is no plan that keeps what was asked"""
+    """f (13) [m²/s⁴]; NaN without a plan that satisfies the constraints"""
     fault: str = ""
-    """why there is none"""
+    """reason for having none"""
 
 
 def run(seeds: int = 5) -> Table:
@@ -53,7 +53,7 @@ def run(seeds: int = 5) -> Table:
         KNOTS: _at_knots,
         JOINT: _jointly,
     }
-    for first in methods.values():  # what is loaded and set up with it is not to count
+    for first in methods.values():  # loading and set-up do not count
         first(scenario(VEHICLES[0], 0))
     found: dict[tuple[int, str], list[Lap]] = {}
     for count, seed in track([(N, seed) for N in VEHICLES for seed in range(seeds)], "fleets"):
@@ -133,7 +133,7 @@ def _row(count: int, method: str, laps: Sequence[Lap], joint: Sequence[Lap]) -> 
 
 
 def _times(laps: Sequence[Lap], joint: Sequence[Lap]) -> float | None:
-    """Median time in parts of joint SCP's, of the fleets that both planned."""
+    """Return the median time over joint SCP's, of the fleets that both planned."""
     both = zip(laps, joint, strict=True)
     parts = [a.seconds / b.seconds for a, b in both if not (a.fault or b.fault)]
     return statistics.median(parts) if parts else None
@@ -142,7 +142,7 @@ def _times(laps: Sequence[Lap], joint: Sequence[Lap]) -> float | None:
 def _above(
     laps: Sequence[Lap], joint: Sequence[Lap], of: Callable[[list[float]], float]
 ) -> float | None:
-    """How much the index is above joint SCP's, of the fleets that both planned [%]."""
+    """Return the excess of the index over joint SCP's, of the fleets that both planned [%]."""
     both = zip(laps, joint, strict=True)
     parts = [a.index / b.index for a, b in both if not (a.fault or b.fault)]
     return 100.0 * (of(parts) - 1.0) if parts else None

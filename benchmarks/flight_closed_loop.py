@@ -1,4 +1,4 @@
-"""Thousands of flights in wind: is any constraint ever broken, is any window without a plan."""
+"""Thousands of flights in wind: violations of constraints, and windows without a plan."""
 
 from __future__ import annotations
 
@@ -26,22 +26,21 @@ from drake_rho.simulation.closed_loop import fly, fly_plan
 from drake_rho.simulation.winds import Wind
 
 FLIGHTS = 10_000
-"""Altogether, as many in each world as in the others."""
+"""Total number of flights, equally many in each world."""
 
 COMPARED = 200
-"""Of them are flown in Drake's simulator too."""
+"""Number of them that are flown in Drake's simulator too."""
 
 WINDS = ("random", "gusts", "worst case", "chasing")
 
 _MIX = (*WINDS[:3] * 3, WINDS[3])
-"""The winds of ten flights in a world; chasing takes the longest to simulate."""
+"""Kinds of wind of ten flights in a world; chasing takes the longest to simulate."""
 
 BROKEN = 1e-6
-"""A limit counts as broken from this part of its scale on: twice what the package allows itself,
-and rounding."""
+"""Violation that counts, over the limit's scale: twice the package's tolerance, and rounding."""
 
 _ONCE = 20
-"""Flights that a process is given at a time."""
+"""Flights in a batch of a process."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,32 +48,32 @@ class Outcome:
     """One flight with margins, and the same wind without them."""
 
     world: str
-    """where"""
+    """name of the world"""
     wind: str
-    """which kind"""
+    """kind of wind"""
     worst: float
-    """largest breach of any limit with margins, as a part; negative for what is left"""
+    """largest violation of any limit with margins, as a fraction; negative for a margin"""
     worst_without: float
-    """the same for the plan without margins, held to it by the same feedback"""
+    """the same for the plan without margins, tracked by the same feedback"""
     kept: int
-    """windows that kept the previous plan, as there was no new one"""
+    """number of windows that kept the previous plan, as there was no new one"""
     without_plan: int
-    """windows that had neither"""
+    """number of windows that had neither"""
     beyond_tube: float
-    """largest error over the tube's radius then, less 1"""
+    """largest error over the tube's radius at that time, less 1"""
     off_goal: float
-    """distance from the goal at the end, over the tube's radius there, at most"""
+    """largest distance from the goal at the end, over the tube's radius there"""
     verified: bool
-    """whether `rho.verify` finds nothing wrong with the flight with margins either"""
+    """whether `rho.verify` accepts the flight with margins"""
     apart: float
-    """largest distance from the same flight in Drake's simulator, over what is flown in; NaN where
-    that was not flown"""
+    """largest distance from the same flight in Drake's simulator, over the scene's extent; NaN if
+        that was not flown"""
     seconds: float
-    """of the flight with margins [s]"""
+    """wall time of the flight with margins [s]"""
 
 
 def run(flights: int = FLIGHTS) -> Table:
-    """Fly them on all cores."""
+    """Fly all flights on all cores."""
     rounds = -(-flights // (len(WORLDS) * len(_MIX)))
     tasks = [
         (world, wind, number * len(_MIX) + place)
@@ -129,7 +128,7 @@ COLUMNS = (
 
 
 def _row(found: list[Outcome]) -> tuple[Cell, ...]:
-    """Of all flights in a world and a kind of wind."""
+    """Return the row of all flights in a world and a kind of wind."""
     return (
         found[0].world,
         found[0].wind,
@@ -153,13 +152,13 @@ def _most_apart(found: list[Outcome]) -> float:
 
 
 def outcome(world: str, kind: str, number: int, compared: bool) -> Outcome:
-    """Fly once in a wind that depends on the first three arguments alone.
+    """Simulate one flight in a wind that depends on the first three arguments alone.
 
     Args:
-        world: where.
-        kind: of wind.
-        number: of the flight.
-        compared: whether it is flown in Drake's simulator too.
+        world: name of the world.
+        kind: kind of wind.
+        number: number of the flight.
+        compared: whether the flight is simulated in Drake too.
     """
     set_up = prepared(world)
     scenario = set_up.scenario
@@ -199,7 +198,7 @@ def outcome(world: str, kind: str, number: int, compared: bool) -> Outcome:
 
 
 def _apart(set_up: SetUp, flown: Simulation, kind: str, seed: tuple[int, ...]) -> float:
-    """How far the flight in Drake's simulator is from one without, over what is flown in."""
+    """Return the distance of flights in Drake's simulator and without, over the scene's extent."""
     again = rho.simulate(
         set_up.scenario,
         replan_every=5,
@@ -213,26 +212,26 @@ def _apart(set_up: SetUp, flown: Simulation, kind: str, seed: tuple[int, ...]) -
 
 
 def _continues(before: rho.Window, now: rho.Window) -> bool:
-    """Whether a window flies on along the plan of the one before."""
+    """Return whether a window continues the plan of the one before."""
     old, new = before.plan.accelerations, now.plan.accelerations
     return np.array_equal(old[:, old.shape[1] - new.shape[1] :], new)
 
 
 @dataclasses.dataclass(frozen=True)
 class FirstOnce:
-    """A planner that plans a scenario as a whole once: all flights begin with that window."""
+    """Planner that plans the whole scenario once: all flights begin with that window."""
 
     planner: Planner
-    """what plans"""
+    """planner of all windows"""
     whole: rho.Scenario
-    """the scenario as a whole"""
+    """the whole scenario"""
     answers: list[rho.Plan | InfeasibleError | SolverError]
-    """for it, once there is one"""
+    """its plan, once there is one"""
 
     def __call__(
         self, scenario: rho.Scenario, *, reference: rho.Plan | None, solver: SolverInterface | None
     ) -> rho.Plan:
-        """A plan, of which that of the whole scenario is remembered."""
+        """Return a plan; that of the whole scenario is cached."""
         if scenario is not self.whole:
             return self.planner(scenario, reference=reference, solver=solver)
         if not self.answers:
@@ -247,23 +246,23 @@ class FirstOnce:
 
 @dataclasses.dataclass(frozen=True)
 class SetUp:
-    """What all flights in a world have in common."""
+    """Common data of all flights in a world."""
 
     scenario: rho.Scenario
-    """with its disturbance"""
+    """scenario with its disturbance"""
     first: rho.Plan
-    """of the first window, with margins"""
+    """plan of the first window, with margins"""
     without: rho.Plan
-    """of the whole flight, without margins"""
+    """plan of the whole flight, without margins"""
     planner: FirstOnce
-    """of windows"""
+    """steps from window to window"""
     fallback: FirstOnce
-    """of windows"""
+    """planner of windows"""
 
 
 @cache
 def prepared(world: str) -> SetUp:
-    """Once in each process."""
+    """Return the common data of a world, computed once in each process."""
     scenario = WORLDS[world]()
     planner, fallback = (FirstOnce(each, scenario, []) for each in (rho.plan_convex, rho.plan))
     horizon = rho.RecedingHorizon(scenario, planner=planner, fallback=fallback)
@@ -273,7 +272,7 @@ def prepared(world: str) -> SetUp:
 
 
 def drawn(kind: str, set_up: SetUp, rng: np.random.Generator) -> Wind:
-    """A wind of one of `WINDS`, at full strength whenever its kind can be."""
+    """Draw a wind of one of `WINDS`, at full strength whenever its kind can be."""
     scenario, grid = set_up.scenario, set_up.scenario.grid
     if kind == "random":
         correlation = grid.duration * 10.0 ** rng.uniform(-2.0, 0.0)

@@ -1,4 +1,4 @@
-"""Plans flown by simulated Crazyflies: does the tube hold what another simulator does to a plan."""
+"""Plans flown by simulated Crazyflies: whether the tube holds in another simulator."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from benchmarks.tables import Cell, Goal, Table
 from drake_rho.scenario.fields import FloatArray
 
 VEHICLES = (10, 30, 60)
-"""Of the missions, the first of each size."""
+"""Numbers of vehicles; the first mission of each is flown."""
 
 DURATION, STEP, RATE = 10.0, 0.2, 100
-"""T and h [s], and references in a second."""
+"""T and h [s], and the rate of references [1/s]."""
 
 MODEL = rho.Disturbance(0.3, share=0.6)
-"""What the Crazyflies and their controller may do to a plan."""
+"""Disturbance attributed to the Crazyflies and their controller."""
 
 COLUMNS = (
     "vehicles",
@@ -41,23 +41,23 @@ COLUMNS = (
 
 @dataclasses.dataclass(frozen=True)
 class Judged:
-    """A plan that was flown."""
+    """Plan that was flown."""
 
     plan: rho.Plan
-    """what was to be flown"""
+    """scenario"""
     seconds: float
-    """to plan it [s]"""
+    """planning time [s]"""
     least: float
-    """distance of any two that were flown, with the separation's downwash [m]"""
+    """least flown distance of any pair, with the separation's downwash [m]"""
     offset: float
     """largest mean error of the fleet at any time [m]"""
     off: float
     """largest error of any vehicle less that mean [m]"""
     over: float
-    """the same over the radius of the tube then, at most; infinite without a tube"""
+    """largest ratio of the same to the tube's radius at that time; infinite without a tube"""
 
     def row(self, name: str) -> tuple[Cell, ...]:
-        """In the order of `COLUMNS`."""
+        """Return the values in the order of `COLUMNS`."""
         scenario = self.plan.scenario
         tube = rho.error_tube(scenario).position_over(scenario.grid.start, scenario.grid.end)
         tells = scenario.disturbance is not None
@@ -110,7 +110,7 @@ def run(folder: Path | None = None) -> Table:
 
 
 def with_room(path: Path) -> rho.Scenario:
-    """A mission whose room is wider by the tube, as starts and goals lie at its walls."""
+    """Return a mission with its box wider by the tube, as starts and goals lie at its walls."""
     mission = rho.load_lsc_mission(path, grid=rho.Grid.lasting(DURATION, step=STEP))
     tube = rho.error_tube(dataclasses.replace(mission, disturbance=MODEL))
     wider = float(tube.position_over(mission.grid.start, mission.grid.end)[0])
@@ -148,7 +148,7 @@ def fly(scenario: rho.Scenario) -> Judged:
 
 
 def _flown(plan: rho.Plan, times: FloatArray, positions: FloatArray) -> FloatArray:
-    """Positions of Crazyflies that are given a plan as their reference [m], shape (N, M, 3)."""
+    """Return positions of Crazyflies with a plan as their reference [m], shape (N, M, 3)."""
     motion, elapsed = plan.motion(), times - plan.scenario.grid.start
     with tempfile.TemporaryDirectory() as folder:
         asked, found = Path(folder) / "references.npz", Path(folder) / "flown.npz"

@@ -20,42 +20,42 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.simulation.closed_loop import fly
 
 FLIGHTS = 4000
-"""Altogether: some 20 000 windows, as some scenarios have no plan at all."""
+"""Total number of flights: some 20 000 windows, as some scenarios have no plan at all."""
 
 KINDS = ("wall", "room", "pair", "waypoint")
-"""What is close at the goal, or just before it."""
+"""Kinds of constraints close to the goal, or to the path just before it."""
 
 _AT_ONCE = 20
-"""Flights that a process is given at a time."""
+"""Flights in a batch of a process."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Loop:
-    """What came of one flight."""
+    """Result of one flight."""
 
     kind: str
-    """what is close at the goal"""
+    """kind of the constraint close to the goal"""
     windows: int
-    """how many there were; none where the first had no plan"""
+    """number of windows; 0 where the first had no plan"""
     kept: int
-    """windows that kept the previous plan"""
+    """number of windows that kept the previous plan"""
     without_plan: int
-    """windows that had neither that nor a plan of their own"""
+    """number of windows that had neither that nor a plan of their own"""
     worst: float
-    """largest breach of any limit, as a part; negative for what is left"""
+    """largest violation of any limit, as a fraction; negative for a margin"""
     missed: float
-    """how far beyond the ball of its waypoint a vehicle was [m]"""
+    """largest distance beyond the ball of a waypoint [m]"""
     verified: bool
-    """whether `rho.verify` finds nothing wrong either"""
+    """whether `rho.verify` accepts the flight"""
     over_tube: float
-    """largest error over the tube's radius then, less 1"""
+    """largest error over the tube's radius at that time, less 1"""
 
 
 class Biased:
-    """Wind and errors of the estimate that go on in one direction, or switch between two.
+    """Wind and errors of the estimate in a constant direction, or switching between two.
 
     Args:
-        scenario: how large they can be.
+        scenario: bounds of both.
         rng: draws directions, and how often they switch.
     """
 
@@ -65,7 +65,7 @@ class Biased:
         self._start, self._sample, self._size = grid.start, around.sample(grid), around.acceleration
         along = rng.choice(3) * np.ones(count, dtype=int)
         self._directions = _units(rng.normal(size=(count, 3)))
-        if rng.integers(2):  # along an axis, as what is close at the goal is
+        if rng.integers(2):  # along an axis, like the limits that are close
             self._directions = np.eye(3)[along] * rng.choice([-1.0, 1.0], size=(count, 1))
         every = int(rng.integers(1, samples + 1))
         self._signs = np.where((np.arange(samples + 1) // every) % 2, rng.choice([-1.0, 1.0]), 1.0)
@@ -75,18 +75,18 @@ class Biased:
         self.switching_times = self._start + self._sample * np.arange(samples + 1)
 
     def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-        """The wind, (N, 3)."""
+        """Return the wind, (N, 3)."""
         return np.asarray(self.over(np.array([time]), len(positions))[0])
 
     def over(self, times: FloatArray, vehicles: int) -> FloatArray:
-        """The wind at times on the scenario's clock [s], (M, N, 3)."""
+        """Return the wind at times on the scenario's clock [s], (M, N, 3)."""
         j = np.floor((times - self._start) / self._sample + 1e-6).astype(int)
         signs = self._signs[np.clip(j, 0, len(self._signs) - 1)]
         return np.asarray(self._size * signs[:, None, None] * self._directions)
 
 
 def run(flights: int = FLIGHTS) -> Table:
-    """Fly them on all cores."""
+    """Fly all flights on all cores."""
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
         done = processes.map(flown_loop, range(flights), chunksize=_AT_ONCE)
@@ -143,7 +143,7 @@ def _row(found: list[Loop]) -> tuple[Cell, ...]:
 
 
 def flown_loop(number: int) -> Loop:
-    """Fly once, as the number alone says."""
+    """Simulate one flight, drawn by the number."""
     rng = np.random.default_rng(number)
     kind = KINDS[number % len(KINDS)]
     try:
@@ -169,7 +169,7 @@ def flown_loop(number: int) -> Loop:
 
 
 def scene(kind: str, rng: np.random.Generator) -> rho.Scenario:
-    """One, two or three vehicles whose goals are close to something, by about their tube there."""
+    """Return up to three vehicles whose goals are close to a limit, by about their tube there."""
     knots, step = int(rng.integers(7, 18)), float(rng.choice([0.25, 0.5, 1.0]))
     noise = rng.uniform(0.0, 1.0 / 3.0) if rng.integers(4) else 0.0
     room = 10.0 ** rng.uniform(-1.5, 0.0)
@@ -226,7 +226,7 @@ def scene(kind: str, rng: np.random.Generator) -> rho.Scenario:
 
 
 def _missed(flown: Simulation) -> float:
-    """How far beyond the balls of their waypoints vehicles were at most [m], by the record."""
+    """Return the largest distance outside a waypoint's ball by the record [m]."""
     beyond = -np.inf
     for i, vehicle in enumerate(flown.scenario.vehicles):
         for waypoint in vehicle.waypoints:

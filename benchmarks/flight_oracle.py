@@ -1,4 +1,4 @@
-"""The tube beside reachable sets that ampyc computes as polytopes."""
+"""The tube compared with reachable sets that ampyc computes as polytopes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from benchmarks.tables import Cell, Goal, Table
 CASES = 20
 
 SAMPLES = (12, 4)
-"""Of a flight without delay, and with one of one sample: a third dimension takes long."""
+"""Number of flights without delay, and with one of one sample: a third dimension takes long."""
 
 FLATTEST = 1e-5
-"""The area or volume of a set at the end of a flight, of that at first: see `_LIMITATIONS`."""
+"""Area or volume of a set at the end over that at the beginning: see `_LIMITATIONS`."""
 
 
 class Case(NamedTuple):
-    """A loop in the units of its samples and its wind, δ = W = 1."""
+    """Loop in the units of its samples and its wind, δ = W = 1."""
 
     alpha: float
     beta: float
@@ -35,7 +35,7 @@ class Case(NamedTuple):
 
     @property
     def tube(self) -> rho.ErrorTube:
-        """The tube of this package."""
+        """Return the tube of this package."""
         around = rho.Disturbance(1.0, self.position_error, self.velocity_error, delay=self.delay)
         scenario = scenario_with(around, rho.Grid(1.0, self.samples + 1))
         return rho.error_tube(scenario, gains=(self.alpha, self.beta))
@@ -69,7 +69,7 @@ def run() -> Table:
 
 
 def draw(rng: np.random.Generator, delay: int) -> Case:
-    """Random stable gains that flatten no set too much, and errors of the estimate."""
+    """Draw stable gains that flatten no set too much, and errors of the estimate."""
     samples, flat = SAMPLES[delay], 0.0
     while flat < FLATTEST:
         alpha, beta = stable_gains(rng, delay)
@@ -79,7 +79,7 @@ def draw(rng: np.random.Generator, delay: int) -> Case:
 
 
 def _supports(cases: list[Case]) -> list[list[float]]:
-    """The largest position and velocity at the end of each case, in an environment with ampyc."""
+    """Return the largest position and velocity at the end of each case, computed with ampyc."""
     with tempfile.TemporaryDirectory() as folder:
         asked, found = Path(folder) / "cases.json", Path(folder) / "supports.json"
         asked.write_text(json.dumps([case._asdict() for case in cases]), encoding="utf-8")

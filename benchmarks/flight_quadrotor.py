@@ -1,4 +1,4 @@
-"""Quadrotors with thrust and attitude in gusts: does the model of the tube hold for them."""
+"""Quadrotors with thrust and attitude in gusts: whether the tube's model holds for them."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from benchmarks.tables import Goal, Table
 FLIGHTS = 100
 
 STRENGTH, DECLARED = 0.3, 1.0
-"""Of the gusts, and what is declared for them and for what the quadrotors do not follow [m/s²]."""
+"""Strength of the gusts, and the wind declared for them and the tracking difference [m/s²]."""
 
 JERK = 5.0
-"""Limit along each axis [m/s³]."""
+"""Jerk limit along each axis [m/s³]."""
 
 BROKEN = 1e-6
-"""From this part of its scale on a limit counts as broken."""
+"""Violation of a limit that counts, over its scale."""
 
 ROUNDING = 1e-6
-"""No radius is taken for smaller than this [m]: at a window's start it is 0."""
+"""Least radius that errors are divided by [m]: at a window's start the radius is 0."""
 
 COLUMNS = (
     "flights",
@@ -49,21 +49,21 @@ class Outcome:
     """One flight of two quadrotors."""
 
     worst: float
-    """largest breach of any limit, as a part; negative for what is left"""
+    """largest violation of any limit, as a fraction; negative for a margin"""
     over: float
-    """largest error over the tube's radius then"""
+    """largest error over the tube's radius at that time"""
     difference: float
     """largest difference of true acceleration from command and wind [m/s²]"""
     kept: int
-    """windows that kept the previous plan"""
+    """number of windows that kept the previous plan"""
     off_tube: int
-    """windows at which a vehicle was further off than the tube and estimates allow"""
+    """number of windows with a vehicle further off than the tube and estimates allow"""
     seconds: float
-    """for the simulation [s]"""
+    """wall time of the simulation [s]"""
 
 
 def run() -> Table:
-    """Fly them on all cores."""
+    """Fly all flights on all cores."""
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
         done = processes.map(outcome, range(FLIGHTS), chunksize=5)
@@ -100,7 +100,7 @@ def run() -> Table:
 
 
 def scenario(declared: float = DECLARED) -> rho.Scenario:
-    """Two vehicles that change places past a sphere."""
+    """Return two vehicles that swap places past a sphere."""
     ends = ([0.0, 0.2, 1.0], [5.0, -0.2, 1.2])
     states = [rho.State(end, acceleration=[0.0, 0.0, 0.0]) for end in ends]
     goals = [rho.State(end) for end in ends]
@@ -120,7 +120,7 @@ def scenario(declared: float = DECLARED) -> rho.Scenario:
 
 
 def outcome(number: int) -> Outcome:
-    """One flight, in a gust that depends on the number alone."""
+    """Simulate one flight in a gust drawn by the number."""
     rng = np.random.default_rng(number)
     asked, calmer = scenario(), scenario(STRENGTH)
     duration = rng.uniform(0.5, 5.0)

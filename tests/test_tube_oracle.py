@@ -2,7 +2,7 @@
 
 The vehicle, the feedback in force and the feedback on its way are one linear system, moved through
 short pieces of time by matrix exponentials. The row that maps causes to a quantity at a time is
-carried back to the beginning; the sum of the norms of all parts is the support of the reachable set.
+carried back to the beginning; the sum of the norms of all its parts is the reachable set's support.
 Wind that is constant in each piece is weaker than arbitrary wind, by the square of the length of a
 piece where the worst wind switches within one: so the sums are at most the radii, and nearly equal.
 """
