@@ -67,7 +67,7 @@ class Outcome:
     """whether `rho.verify` accepts the flight with margins"""
     apart: float
     """largest distance from the same flight in Drake's simulator, over the scene's extent; NaN if
-        that was not flown"""
+    that was not flown"""
     seconds: float
     """wall time of the flight with margins [s]"""
 

@@ -17,29 +17,29 @@ KINDS = {
     "maze_sparse": ("maze10_sparse.json", (18.0,)),
     "maze_dense": ("maze10_dense.json", (18.0,)),
 }
-"""The mission flown in the worlds of each folder, and how long its flights are [s]."""
+"""The mission flown in the worlds of each folder, and the durations of its flights [s]."""
 
 STEP = 0.2
-"""Longest h [s]."""
+"""Longest step h [s]."""
 
 LIMIT = 120.0
-"""A plan that takes longer counts as a failure [s]."""
+"""Time limit beyond which a plan counts as a failure [s]."""
 
 
 def scenario(mission: Path, world: Path, duration: float) -> rho.Scenario:
-    """One world."""
+    """Return one world."""
     grid = rho.Grid.lasting(duration, step=step_of(duration, STEP))
     loaded = rho.load_lsc_mission(mission, grid=grid, world=world)
     return dataclasses.replace(loaded, name=f"{world.parent.name} {world.stem}, {duration:g} s")
 
 
 def run(folder: Path | None = None, stores: Path | None = None) -> Table:
-    """Plan the mission of every world in `folder`, which has the worlds in folders of their kinds.
+    """Plan the mission of every world in `folder`, which has a folder of worlds for each kind.
 
-    `stores` is as `attempts` takes it.
+    `stores` is that of `attempts`.
 
     Raises:
-        Skipped: there is none; the worlds are no part of this project.
+        Skipped: no folder is given; the worlds are not part of this project.
     """
     found = _planned(folder, stores) if folder else {}
     if not found:
@@ -60,7 +60,7 @@ def run(folder: Path | None = None, stores: Path | None = None) -> Table:
 
 
 def _planned(folder: Path, stores: Path | None) -> dict[tuple[str, float], list[Trial]]:
-    """The worlds of each kind, for each duration."""
+    """Plan the worlds of each kind, for each duration."""
     found: dict[tuple[str, float], list[Trial]] = {}
     planner = partial(plan_within, seconds=LIMIT)
     for kind, (mission, durations) in KINDS.items():
@@ -73,7 +73,7 @@ def _planned(folder: Path, stores: Path | None) -> dict[tuple[str, float], list[
 
 
 def _number(path: Path) -> tuple[int, str]:
-    """In the order of the numbers in the names."""
+    """Return a key that sorts by the numbers in the names."""
     digits = "".join(sign for sign in path.stem if sign.isdigit())
     return int(digits or 0), path.stem
 

@@ -13,23 +13,23 @@ from benchmarks.tables import Goal, Table
 from benchmarks.worlds import COLUMNS, JUDGED, plan_within, published, row, unhindered
 
 BOXES = (10, 20, 50)
-"""Moving boxes."""
+"""Numbers of moving boxes."""
 
 DURATION, STEP = 5.0, 0.1
 """T and h [s]."""
 
 LIMIT = 60.0
-"""A plan that takes longer counts as a failure [s]."""
+"""Time limit beyond which a plan counts as a failure [s]."""
 
 
 def scenario(boxes: int, seed: int) -> rho.Scenario:
-    """One draw."""
+    """Return one draw."""
     rng, name = np.random.default_rng(seed), f"{boxes} boxes, seed {seed}"
     return rho.trefoil_swap(boxes, rng, duration=DURATION, step=STEP, name=name)
 
 
 def run(seeds: int = 20, stores: Path | None = None) -> Table:
-    """Plan `seeds` draws for each number of boxes; `stores` is as `attempts` takes it."""
+    """Plan `seeds` draws for each number of boxes; `stores` is that of `attempts`."""
     planner = partial(plan_within, seconds=LIMIT)
     found = {
         boxes: attempts(

@@ -23,13 +23,13 @@ from benchmarks.tables import Cell, Goal, Table
 from benchmarks.worlds import JUDGED, certified, percent_above, plan_within
 
 OBSTACLES = (5, 10, 20, 40, 60)
-"""Spheres and boxes."""
+"""Numbers of spheres and boxes."""
 
 LIMIT = 20.0
-"""A plan that takes longer counts as a failure [s]."""
+"""Time limit beyond which a plan counts as a failure [s]."""
 
 CERTIFIED, PATIENCE = 20, 10.0
-"""Draws of each number of obstacles whose plans are certified, and for how long at most [s]."""
+"""Number of draws of each size whose plans are certified, and the time limit of each [s]."""
 
 COLUMNS = (
     "obstacles",
@@ -47,16 +47,16 @@ COLUMNS = (
 
 
 def scenario(obstacles: int, seed: int) -> rho.Scenario:
-    """One draw."""
+    """Return one draw."""
     name = f"{obstacles} obstacles, seed {seed}"
     return rho.random_field(obstacles, np.random.default_rng(seed), name=name)
 
 
 def run(seeds: int = 50, stores: Path | None = None) -> Table:
-    """Ask the oracle, plan, and run the peer for `seeds` draws of each number of obstacles.
+    """Run the oracle, the planner and the peer for `seeds` draws of each number of obstacles.
 
-    Plans are runs of a campaign; `stores` is as `attempts` takes it. The oracle and the peer are
-    not: what they give is no plan, but a verdict, and a curve that `verify` cannot judge.
+    Plans are runs of a campaign; `stores` is that of `attempts`. The oracle and the peer are not:
+    they return a verdict, and a curve that `verify` does not support.
     """
     rows: list[tuple[Cell, ...]] = []
     plans, laps, answers = list[Trial](), list[Lap](), list[Answer]()
@@ -89,7 +89,7 @@ def run(seeds: int = 50, stores: Path | None = None) -> Table:
 
 
 def _planned(count: int, seeds: int, stores: Path | None) -> list[Trial]:
-    """All draws, of which the first are certified too."""
+    """Plan all draws, and certify the first ones."""
     makes = [partial(scenario, count, seed) for seed in range(seeds)]
     planner, bound = partial(plan_within, seconds=LIMIT), partial(certified, PATIENCE)
     first = attempts(makes[:CERTIFIED], f"B8, {count}: certified", planner, bound, stores)
@@ -103,14 +103,14 @@ Found = TypeVar("Found")
 def _in_processes(
     work: Callable[[int], Found], seeds: Sequence[int], what: str, processes: int
 ) -> list[Found]:
-    """What some work finds of every seed, in processes that begin with nothing."""
+    """Return the results of some work for every seed, computed in fresh processes."""
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, fresh, _first_calls, (work,)) as pool:
         return list(track(pool.map(work, seeds), what, total=len(seeds)))
 
 
 def _first_calls(work: Callable[[int], object]) -> None:
-    """One thread a process, and nothing left to be loaded or set up when times begin to count."""
+    """Use one thread a process, and load and set up everything before times count."""
     threadpool_limits(1)
     work(0)
 
@@ -165,22 +165,22 @@ def _row_of_peer(
 
 
 def _success(ways: Sequence[bool], counts: Sequence[bool]) -> float:
-    """How many of 100 draws with a way count."""
+    """Return the percentage that counts of the draws with a path."""
     counted = [each for way, each in zip(ways, counts, strict=True) if way]
     return 100.0 * sum(counted) / len(counted) if counted else 100.0
 
 
 def _over(plans: Sequence[Trial], laps: Sequence[Lap]) -> float | None:
-    """Median of the plans' indices over the peer's, of the draws that both count in."""
+    """Return the median of the plans' indices over the peer's, of draws in which both count."""
     both = zip(plans, laps, strict=True)
     parts = [plan.index / lap.index for plan, lap in both if plan.counts and lap.counts]
     return statistics.median(parts) if parts else None
 
 
 def _dearer(plans: Sequence[Trial], laps: Sequence[Lap]) -> float | None:
-    """Part of the draws that both count in where the plan's index is above the peer's [%].
+    """Return the percentage of draws in which both count and the plan's index is above the peer's.
 
-    By more than a thousandth, which is what accelerations that are constant in steps may cost.
+    By more than a thousandth, which accelerations that are constant in steps may cost.
     """
     both = zip(plans, laps, strict=True)
     above = [plan.index > 1.001 * lap.index for plan, lap in both if plan.counts and lap.counts]
@@ -188,7 +188,7 @@ def _dearer(plans: Sequence[Trial], laps: Sequence[Lap]) -> float | None:
 
 
 def _slower(plans: Sequence[Trial], laps: Sequence[Lap]) -> float:
-    """Median time of the plans over that of the peer."""
+    """Return the median time of the plans over that of the peer."""
     ours, theirs = (statistics.median(each.seconds for each in some) for some in (plans, laps))
     return ours / theirs
 
