@@ -41,7 +41,7 @@ class Sampled:
 
 
 def sample(plan: Plan) -> Sampled:
-    """Integrate a plan and evaluate it `SAMPLES` times a step, a tenth of that for many vehicles."""
+    """Integrate a plan and evaluate it `SAMPLES` times a step, a tenth for many vehicles."""
     scenario = plan.scenario
     h, fleet = scenario.grid.step, scenario.fleet
     p, v = roll_out(h, fleet.start_positions, fleet.start_velocities, plan.accelerations)
