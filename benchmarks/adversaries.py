@@ -152,10 +152,10 @@ def _walls(scenario: rho.Scenario, positions: FloatArray) -> list[tuple[FloatArr
     return found
 
 
-def _partner(asked: rho.Separation, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _partner(separation: rho.Separation, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return vectors to the nearest other vehicle, and distances beyond the separation."""
-    scaled = positions / np.array([1.0, 1.0, asked.downwash])
+    scaled = positions / np.array([1.0, 1.0, separation.downwash])
     far = np.linalg.norm(scaled[:, None] - scaled, axis=-1)
     np.fill_diagonal(far, np.inf)
     other = np.argmin(far, axis=1)
-    return positions[other] - positions, far.min(axis=1) - asked.distance
+    return positions[other] - positions, far.min(axis=1) - separation.distance

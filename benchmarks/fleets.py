@@ -113,19 +113,19 @@ def _judged(
 
     `broken` is the violated constraint, or the reason why there is no plan.
     """
-    told = scenario.name, len(scenario.vehicles), seconds, megabytes
+    reported = scenario.name, len(scenario.vehicles), seconds, megabytes
     if plan is None:
-        return Trial(*told, fault=broken)
+        return Trial(*reported, fault=broken)
     found = sample(plan)
     fault = f"{broken} is broken" if broken else ""
     fault = fault or (_fault(found, scenario) if scenario.between_knots else "")
-    return Trial(*told, plan.cost, found, fault, np.nan if fault else bound(plan))
+    return Trial(*reported, plan.cost, found, fault, np.nan if fault else bound(plan))
 
 
 def _fault(found: Sampled, scenario: rho.Scenario) -> str:
     """Describe the violation found by the samples; empty if there is none."""
-    asked = scenario.separation
-    if asked is not None and found.least < asked.distance - SAMPLED:
+    separation = scenario.separation
+    if separation is not None and found.least < separation.distance - SAMPLED:
         return f"two are {found.least:.7g} m apart by the samples"
     if found.clearance < -TOUCHING:
         return f"an obstacle is {-found.clearance:.7g} m too close by the samples"
@@ -200,9 +200,9 @@ def percent(trials: Sequence[Trial]) -> float:
 def findings(trials: Sequence[Trial]) -> str:
     """Return a note on the fleets that do not count, and on the slowest."""
     slowest = max(trials, key=lambda trial: trial.seconds)
-    told = [f"The slowest: {slowest.name}, {slowest.seconds:.3g} s."]
-    told += [f"- {trial.name}: {trial.fault}" for trial in trials if not trial.counts]
-    if len(told) == 1:
-        return f"Every fleet was planned and keeps everything asked. {told[0]}"
-    told[1:1] = ["", "Fleets without a plan that keeps everything asked:", ""]
-    return "\n".join(told)
+    reported = [f"The slowest: {slowest.name}, {slowest.seconds:.3g} s."]
+    reported += [f"- {trial.name}: {trial.fault}" for trial in trials if not trial.counts]
+    if len(reported) == 1:
+        return f"Every fleet was planned and keeps everything asked. {reported[0]}"
+    reported[1:1] = ["", "Fleets without a plan that keeps everything asked:", ""]
+    return "\n".join(reported)

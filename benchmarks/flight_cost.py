@@ -118,10 +118,10 @@ def fleet(seed: int) -> Pair:
     limits = dataclasses.replace(
         drawn.limits, position=rho.Box(room.lower - 2.0 * TUBE, room.upper + 2.0 * TUBE)
     )
-    asked = dataclasses.replace(drawn, limits=limits, separation=apart, disturbance=FEEDBACK)
-    W = rho.largest_disturbance(asked, TUBE)
+    scenario = dataclasses.replace(drawn, limits=limits, separation=apart, disturbance=FEEDBACK)
+    W = rho.largest_disturbance(scenario, TUBE)
     around = dataclasses.replace(FEEDBACK, acceleration=W)
-    return Pair(drawn.name, dataclasses.replace(asked, disturbance=around))
+    return Pair(drawn.name, dataclasses.replace(scenario, disturbance=around))
 
 
 def costs(pair: Pair) -> tuple[float, float]:

@@ -93,8 +93,8 @@ def run(folder: Path | None = None) -> Table:
         without = fly(mission)
         margins = fly(dataclasses.replace(mission, disturbance=MODEL))
         rows += [without.row("without margins"), margins.row("with margins")]
-        asked = mission.separation
-        least.append((0.0 if asked is None else asked.distance) - margins.least)
+        separation = mission.separation
+        least.append((0.0 if separation is None else separation.distance) - margins.least)
         over.append(margins.over)
     return Table(
         name="flight_crazyflow",
@@ -151,15 +151,15 @@ def _flown(plan: rho.Plan, times: FloatArray, positions: FloatArray) -> FloatArr
     """Return positions of Crazyflies with a plan as their reference [m], shape (N, M, 3)."""
     motion, elapsed = plan.motion(), times - plan.scenario.grid.start
     with tempfile.TemporaryDirectory() as folder:
-        asked, found = Path(folder) / "references.npz", Path(folder) / "flown.npz"
+        references, found = Path(folder) / "references.npz", Path(folder) / "flown.npz"
         np.savez(
-            asked,
+            references,
             times=times,
             positions=positions,
             velocities=motion.at("velocity", elapsed),
             accelerations=motion.at("acceleration", elapsed),
         )
-        run_apart("crazyflow", "crazyflow_flight.py", asked, found)
+        run_apart("crazyflow", "crazyflow_flight.py", references, found)
         with np.load(found) as file:
             return np.asarray(file["positions"], dtype=np.float64)
 

@@ -81,9 +81,9 @@ def draw(rng: np.random.Generator, delay: int) -> Case:
 def _supports(cases: list[Case]) -> list[list[float]]:
     """Return the largest position and velocity at the end of each case, computed with ampyc."""
     with tempfile.TemporaryDirectory() as folder:
-        asked, found = Path(folder) / "cases.json", Path(folder) / "supports.json"
-        asked.write_text(json.dumps([case._asdict() for case in cases]), encoding="utf-8")
-        run_apart("ampyc", "ampyc_sets.py", asked, found)
+        given, found = Path(folder) / "cases.json", Path(folder) / "supports.json"
+        given.write_text(json.dumps([case._asdict() for case in cases]), encoding="utf-8")
+        run_apart("ampyc", "ampyc_sets.py", given, found)
         answer: list[list[float]] = json.loads(found.read_text(encoding="utf-8"))
     return answer
 

@@ -64,8 +64,8 @@ def breaches(simulation: Simulation) -> Breaches:
         )
     pairs = -np.inf
     if scenario.separation is not None and len(scenario.vehicles) > 1:
-        asked = scenario.separation
-        pairs = asked.distance - least_distance(positions, asked)
+        separation = scenario.separation
+        pairs = separation.distance - least_distance(positions, separation)
     return Breaches(
         -clearance(scenario, times, positions),
         pairs,

@@ -149,8 +149,8 @@ def _motion(wall: _Wall, rng: np.random.Generator) -> tuple[FloatArray, FloatArr
     responses[3] = h
     edges = np.array([place, place])
     edges[:, 0] = -1.1 * wall.half, 1.1 * wall.half
-    asked = np.concatenate([edges - start, [goal - start], np.zeros((1, 3))])
-    return start, np.linalg.pinv(responses) @ asked
+    targets = np.concatenate([edges - start, [goal - start], np.zeros((1, 3))])
+    return start, np.linalg.pinv(responses) @ targets
 
 
 def _sampled(grid: rho.Grid, start: FloatArray, accelerations: FloatArray) -> FloatArray:

@@ -65,8 +65,8 @@ def shortest(scenario: rho.Scenario) -> Swap:
     plan = rho.shortest_plan(scenario)
     report = rho.verify(plan)
     seconds = time.perf_counter() - began
-    found, asked = sample(plan), scenario.separation
-    apart = asked is None or found.least >= asked.distance - SAMPLED
+    found, separation = sample(plan), scenario.separation
+    apart = separation is None or found.least >= separation.distance - SAMPLED
     return Swap(
         duration=plan.scenario.grid.duration,
         kept=report.ok and apart,

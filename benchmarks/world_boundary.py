@@ -95,11 +95,11 @@ def boundary(seed: int, kind: str) -> list[Trial]:
 
 def mended(seed: int, kind: str) -> tuple[float, float]:
     """Return the processor time of `diagnose` and of `shortest_plan` for one small scene [s]."""
-    asked = scene(seed, kind, 4.0)
+    scenario = scene(seed, kind, 4.0)
     began = time.process_time()
-    rho.diagnose(asked)
+    rho.diagnose(scenario)
     diagnosed = time.process_time() - began
-    rho.shortest_plan(asked)
+    rho.shortest_plan(scenario)
     return diagnosed, time.process_time() - began - diagnosed
 
 

@@ -36,23 +36,23 @@ def scene(number: int) -> GapScene:
     return gap_scene(KINDS[number % len(KINDS)], count, rng)
 
 
-def outcome(asked: GapScene) -> Outcome:
+def outcome(drawn: GapScene) -> Outcome:
     """Plan a scene."""
     began = time.process_time()
     try:
-        plan = rho.plan(asked.scenario)
+        plan = rho.plan(drawn.scenario)
     except (rho.InfeasibleError, rho.SolverError):
         return Outcome(planned=False, seconds=time.process_time() - began, cheaper=0.0)
     seconds = time.process_time() - began
-    return Outcome(rho.verify(plan).ok, seconds, asked.known.cost / plan.cost)
+    return Outcome(rho.verify(plan).ok, seconds, drawn.known.cost / plan.cost)
 
 
 def run(seeds: int = 20) -> Table:
     """Plan scenes of each kind."""
     found: dict[str, list[Outcome]] = {kind: [] for kind in KINDS}
     for number in range(seeds * len(KINDS)):
-        asked = scene(number)
-        found[asked.kind].append(outcome(asked))
+        drawn = scene(number)
+        found[drawn.kind].append(outcome(drawn))
     every = [each for outcomes in found.values() for each in outcomes]
     missed = sum(not each.planned for each in every) / len(every)
     slowest = max(each.seconds for each in every)

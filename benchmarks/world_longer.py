@@ -122,29 +122,29 @@ def _shape(rng: np.random.Generator) -> Shape:
     return rho.Box(centre - half, centre + half)
 
 
-def _trial(asked: rho.Scenario) -> Trial:
+def _trial(scenario: rho.Scenario) -> Trial:
     """Plan one scene and its longer flights."""
-    planned, slowest = _planned(asked)
+    planned, slowest = _planned(scenario)
     grids = [
         grid
         for factor in LONGER
         for grid in (
-            rho.Grid(factor * asked.grid.step, asked.grid.knots),
-            rho.Grid(asked.grid.step, 1 + int(np.ceil(factor * (asked.grid.knots - 1)))),
+            rho.Grid(factor * scenario.grid.step, scenario.grid.knots),
+            rho.Grid(scenario.grid.step, 1 + int(np.ceil(factor * (scenario.grid.knots - 1)))),
         )
     ]
     violations = 0
     for grid in grids if planned else ():
-        found, seconds = _planned(asked.on_grid(grid))
+        found, seconds = _planned(scenario.on_grid(grid))
         violations, slowest = violations + (not found), max(slowest, seconds)
     return Trial(planned, len(grids) if planned else 0, violations, slowest)
 
 
-def _planned(asked: rho.Scenario) -> tuple[bool, float]:
+def _planned(scenario: rho.Scenario) -> tuple[bool, float]:
     """Return whether there is a plan that holds, and how long it took [s]."""
     began = time.perf_counter()
     try:
-        found = rho.verify(plan_within(asked, LIMIT)).ok
+        found = rho.verify(plan_within(scenario, LIMIT)).ok
     except (rho.DrakeRhoError, TimeoutError):
         found = False
     return found, time.perf_counter() - began

@@ -31,7 +31,7 @@ def disturbed(seed: int, *, delay: int | None = None, errors: bool = True) -> rh
         for start, goal in zip(starts, goals, strict=True)
     ]
     step = 0.5
-    asked = fleet(
+    scenario = fleet(
         starts,
         goals,
         separation=rho.Separation(0.5),
@@ -47,7 +47,7 @@ def disturbed(seed: int, *, delay: int | None = None, errors: bool = True) -> rh
         delay=int(rng.integers(0, 3)) if delay is None else delay,
         share=0.4,
     )
-    return dataclasses.replace(asked, disturbance=around)
+    return dataclasses.replace(scenario, disturbance=around)
 
 
 def leaning(scenario: rho.Scenario) -> Any:
@@ -97,7 +97,7 @@ def crowded(seed: int) -> rho.Scenario:
             cube = rho.Box(centre - 0.7 * r, centre + 0.7 * r)
             obstacles.append(rho.Sphere(centre, r) if rng.random() < 0.6 else cube)
     step = float(rng.choice([0.25, 0.5]))
-    asked = fleet(
+    scenario = fleet(
         ends,
         -ends,
         separation=rho.Separation(rng.uniform(0.3, 0.7), rng.choice([1.0, 2.0])),
@@ -108,7 +108,7 @@ def crowded(seed: int) -> rho.Scenario:
     W, E_p, E_v = rng.uniform([0.1, 0.0, 0.0], [0.4, 0.015, 0.03])
     parts, delay = int(rng.integers(2, 8)), int(rng.integers(0, 3))
     around = rho.Disturbance(W, E_p, E_v, step / parts, delay, share=0.4)
-    return dataclasses.replace(asked, disturbance=around)
+    return dataclasses.replace(scenario, disturbance=around)
 
 
 def least_margin(simulation: rho.Simulation) -> float:

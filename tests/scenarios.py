@@ -221,13 +221,13 @@ def straight(count: int, names: Sequence[str] | None = None) -> rho.Plan:
     """Return a plan for vehicles `v0`, `v1`, ... that ignores each other and every limit."""
     rng = np.random.default_rng(count)
     starts, goals = rng.uniform(0.0, 10.0, (2, count, 3))
-    asked = fleet(starts, goals, separation=rho.Separation(1e-6))
-    asked = dataclasses.replace(asked, separation=None)
+    scenario = fleet(starts, goals, separation=rho.Separation(1e-6))
+    scenario = dataclasses.replace(scenario, separation=None)
     if names is not None:
-        named = zip(names, asked.vehicles, strict=True)
+        named = zip(names, scenario.vehicles, strict=True)
         vehicles = tuple(dataclasses.replace(vehicle, name=name) for name, vehicle in named)
-        asked = dataclasses.replace(asked, vehicles=vehicles)
-    return rho.plan_convex(asked)
+        scenario = dataclasses.replace(scenario, vehicles=vehicles)
+    return rho.plan_convex(scenario)
 
 
 def independent(scenario: rho.Scenario) -> rho.Plan:

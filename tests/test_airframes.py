@@ -18,9 +18,9 @@ from tests.test_animation import crossing
 
 def _kinds(limits: rho.Limits, airframe: Airframe | None = None) -> list[Airframe]:
     """Return the airframes of a vehicle that flies 10 m in 4 s."""
-    asked = single()
-    vehicles = (dataclasses.replace(asked.vehicles[0], airframe=airframe),)
-    plan = rho.plan_convex(dataclasses.replace(asked, vehicles=vehicles))
+    scenario = single()
+    vehicles = (dataclasses.replace(scenario.vehicles[0], airframe=airframe),)
+    plan = rho.plan_convex(dataclasses.replace(scenario, vehicles=vehicles))
     return airframes(
         rho.Plan.from_accelerations(
             dataclasses.replace(plan.scenario, limits=limits), plan.accelerations
@@ -52,9 +52,9 @@ def test_a_body_fits_into_its_ball_and_is_mirror_symmetric(kind: Airframe, light
 @pytest.mark.parametrize("count", [3, 60])
 @pytest.mark.parametrize("separation", [rho.Separation(0.3, 2.0), rho.Separation(0.3, 0.5)])
 def test_separated_vehicles_do_not_touch(count: int, separation: rho.Separation) -> None:
-    asked = crossing(count, separation=separation)
-    stage = Stage.of(asked)
-    positions = asked.motion().at("position", stage.pace.times)
+    plan = crossing(count, separation=separation)
+    stage = Stage.of(plan)
+    positions = plan.motion().at("position", stage.pace.times)
     radii = stage.vehicles.radii[:, None] * stage.vehicles.scales
     true = 0.15 * min(1.0, separation.downwash)
     for i in range(count):

@@ -153,11 +153,11 @@ def crossing(vehicles: int, *, separation: rho.Separation | None = None) -> rho.
     rng = np.random.default_rng(0)
     room = rho.flight_cube(vehicles)
     room_each = rho.Separation(0.3, 2.0)
-    asked = rho.random_transitions(
+    transitions = rho.random_transitions(
         vehicles, rng, volume=room, duration=10.0, step=0.5, separation=room_each
     )
-    plan = rho.plan_convex(dataclasses.replace(asked, separation=None))
-    scenario = dataclasses.replace(asked, separation=separation)
+    plan = rho.plan_convex(dataclasses.replace(transitions, separation=None))
+    scenario = dataclasses.replace(transitions, separation=separation)
     return rho.Plan.from_accelerations(scenario, plan.accelerations)
 
 

@@ -145,9 +145,9 @@ def winds_times(scenario: rho.Scenario, factor: float) -> rho.Simulation:
 @pytest.mark.slow
 def test_a_light_scene_of_a_simulation_has_little_but_the_vehicles() -> None:
     rng = np.random.default_rng(1)
-    asked = rho.random_transitions(30, rng, duration=8.0, step=0.4)
+    scenario = rho.random_transitions(30, rng, duration=8.0, step=0.4)
     around = rho.Disturbance(0.01, feedback_every=0.1)
-    simulation = fly(dataclasses.replace(asked, disturbance=around), replan_every=40)
+    simulation = fly(dataclasses.replace(scenario, disturbance=around), replan_every=40)
     meshcat = rho.animate(simulation)
     assert meshcat.HasPath("/flight/vehicles")
     for part in ("planned", "tube", "tubes", "wind", "predictions"):

@@ -32,11 +32,11 @@ SHAPES = (
 
 def _plan(obstacles: tuple[rho.Obstacle | rho.Sphere, ...], start: float = 0.0) -> rho.Plan:
     """Return a flight of 8 s from the origin that comes near no obstacle."""
-    asked = single(grid=rho.Grid(0.5, 17, start))
-    vehicles = (dataclasses.replace(asked.vehicles[0], radius=0.2),)
-    asked = dataclasses.replace(asked, vehicles=vehicles, obstacles=obstacles)
-    accelerations = rho.plan_convex(asked.without_obstacles()).accelerations
-    return rho.Plan.from_accelerations(asked, accelerations)
+    scenario = single(grid=rho.Grid(0.5, 17, start))
+    vehicles = (dataclasses.replace(scenario.vehicles[0], radius=0.2),)
+    scenario = dataclasses.replace(scenario, vehicles=vehicles, obstacles=obstacles)
+    accelerations = rho.plan_convex(scenario.without_obstacles()).accelerations
+    return rho.Plan.from_accelerations(scenario, accelerations)
 
 
 def _open(page: Page, meshcat: Meshcat) -> None:

@@ -61,9 +61,9 @@ def test_every_argument_of_a_public_function_is_checked(name: str) -> None:
         assert not any(kind.has(object()) for kind in kinds)
     if parameters:
         first, required = next(iter(parameters)), inspect.Parameter.empty
-        asked = [each.name for each in parameters.values() if each.default is required]
+        names = [each.name for each in parameters.values() if each.default is required]
         with pytest.raises(TypeError, match=rf"^{first}: got an object of type object, expected "):
-            function(**{each: object() for each in [first, *asked]})
+            function(**{each: object() for each in [first, *names]})
 
 
 @pytest.mark.parametrize("name", FREE)
@@ -192,25 +192,25 @@ def _is_licensed(solver: SolverInterface) -> bool:
     ("word", "name"), [("clarabel", "Clarabel"), ("daqp", "DAQP"), ("osqp", "OSQP")]
 )
 def test_solvers_can_be_given_by_name(word: Any, name: str) -> None:
-    asked = single(limits=rho.Limits(max_speed=2.0))
+    scenario = single(limits=rho.Limits(max_speed=2.0))
     for planned in (
-        rho.plan(asked, solver=word),
-        rho.plan_convex(asked, solver=word),
-        rho.plan_rho(asked, solver=word, replan_every=8).windows[0].plan,
+        rho.plan(scenario, solver=word),
+        rho.plan_convex(scenario, solver=word),
+        rho.plan_rho(scenario, solver=word, replan_every=8).windows[0].plan,
     ):
         assert planned.statistics.solver == name
     with ThreadPoolExecutor(2) as executor:
-        assert rho.plan(asked, solver=word, executor=executor).statistics.solver == name
-    assert rho.plan(asked, solver=ScsSolver()).statistics.solver != name
+        assert rho.plan(scenario, solver=word, executor=executor).statistics.solver == name
+    assert rho.plan(scenario, solver=ScsSolver()).statistics.solver != name
 
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled, rho.grouped])
 def test_couplings_can_be_given_by_name(coupling: Any) -> None:
-    asked = through_the_middle(3)
-    by_word = rho.plan(asked, coupling=coupling.name, solver=ClarabelSolver())
-    itself = rho.plan_scp(asked, coupling=coupling, solver=ClarabelSolver())
+    scenario = through_the_middle(3)
+    by_word = rho.plan(scenario, coupling=coupling.name, solver=ClarabelSolver())
+    itself = rho.plan_scp(scenario, coupling=coupling, solver=ClarabelSolver())
     np.testing.assert_array_equal(by_word.accelerations, itself.accelerations)
     with pytest.raises(
         ValueError, match=r"^coupling: got 'group', expected Coupling, 'coupled', 'decoupled', 'gr"
     ):
-        rho.plan(asked, coupling="group")  # type: ignore[arg-type]
+        rho.plan(scenario, coupling="group")  # type: ignore[arg-type]

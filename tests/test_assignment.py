@@ -128,10 +128,10 @@ def test_a_goal_beside_an_obstacle_goes_to_a_vehicle_that_is_small_enough() -> N
     wall = rho.Box([-1, -1, -1], [1, 1, 1])
     for beside, kept in ((1.6, "small"), (1.4, "large")):
         track = rho.Track([3.0, 12.0], [[10.0, 40.0, 0.0], [10.0, beside, 0.0]])
-        asked = rho.Scenario(
+        scenario = rho.Scenario(
             "s", rho.Grid(0.5, 21, 2.0), vehicles, obstacles=[rho.Obstacle(wall, track=track)]
         )
-        ends = {vehicle.name: vehicle.goal for vehicle in rho.assign_goals(asked).vehicles}
+        ends = {vehicle.name: vehicle.goal for vehicle in rho.assign_goals(scenario).vehicles}
         assert (ends["small"] == vehicles[1].goal) == (kept == "large")
 
 

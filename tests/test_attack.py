@@ -44,9 +44,9 @@ def test_no_wind_leaves_less_clearance_and_the_attack_attains_its_bound(seed: in
 
 @pytest.mark.parametrize("speed", [10.0, 100.0])
 def test_the_closer_of_two_passes_counts_even_between_samples(speed: float) -> None:
-    asked = single(grid=rho.Grid(1.0, 9), goal=rho.State([8.0, 0.0, 0.0]), between_knots=True)
-    asked = dataclasses.replace(asked, disturbance=rho.Disturbance(0.05, feedback_every=0.25))
-    plan = rho.plan(asked)
+    scenario = single(grid=rho.Grid(1.0, 9), goal=rho.State([8.0, 0.0, 0.0]), between_knots=True)
+    scenario = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.05, feedback_every=0.25))
+    plan = rho.plan(scenario)
     at = plan.motion().at("position", np.array([3.0, 5.01]))[0][:, 0]
     places = [
         [at[0], -3.0 * speed, 0.41],  # past the vehicle at 3 s, at a sample
@@ -55,12 +55,12 @@ def test_the_closer_of_two_passes_counts_even_between_samples(speed: float) -> N
         [at[1], -2.99 * speed, 0.4],
     ]
     ball = rho.Obstacle(rho.Sphere([0, 0, 0], 0.1), track=rho.Track([0, 3.9, 4.1, 8], places))
-    asked = dataclasses.replace(asked, obstacles=(ball,))
-    attack = rho.attack(asked, plan)
+    scenario = dataclasses.replace(scenario, obstacles=(ball,))
+    attack = rho.attack(scenario, plan)
     times = np.linspace(0.0, 8.0, 800_001)
     motion = plan.motion().at("position", times)[0]
     apart = np.linalg.norm(motion - ball.centers(times), axis=1) - 0.1
-    least = float((apart - rho.error_tube(asked).position(times)).min())
+    least = float((apart - rho.error_tube(scenario).position(times)).min())
     assert attack.bound <= least
     assert attack.bound == pytest.approx(least, abs=1e-6)
     assert attack.clearance == pytest.approx(attack.bound, abs=1e-6)

@@ -24,15 +24,15 @@ def _two_in_the_middle() -> rho.Scenario:
     ends = np.array([[0, 0, 0], [0, 10, 0], [0, 20, 0]])
     spheres = (rho.Sphere([5, 0, 0], 1.5), rho.Sphere([5, 10, 0], 2.0))
     limits, goals = rho.Limits(velocity=box(2.5)), ends + np.array([10, 0, 0])
-    asked = fleet(ends, goals, limits=limits, obstacles=spheres, between_knots=False)
-    return asked.without_separation()
+    scenario = fleet(ends, goals, limits=limits, obstacles=spheres, between_knots=False)
+    return scenario.without_separation()
 
 
 @pytest.mark.parametrize("limits", [rho.Limits(), rho.Limits(velocity=box(1.5))])
 def test_without_obstacles_plan_is_the_convex_method(limits: rho.Limits) -> None:
-    asked = single(limits=limits)
-    plan = rho.plan(asked)
-    np.testing.assert_array_equal(plan.accelerations, rho.plan_convex(asked).accelerations)
+    scenario = single(limits=limits)
+    plan = rho.plan(scenario)
+    np.testing.assert_array_equal(plan.accelerations, rho.plan_convex(scenario).accelerations)
     assert plan.statistics.linearisations == 0
     assert plan.statistics.tolerance is None
     assert plan.reference is None
@@ -48,14 +48,15 @@ def test_plan_iterates_from_the_plan_of_the_convex_method(paper: rho.Scenario) -
 
 
 def test_where_the_convex_method_fails_plan_finds_a_path_for_every_vehicle() -> None:
-    asked = _two_in_the_middle()
+    scenario = _two_in_the_middle()
     with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan_convex(asked)
+        rho.plan_convex(scenario)
     assert set(caught.value.conflicts) == {"v0", "v1"}
-    plan = rho.plan(asked)
+    plan = rho.plan(scenario)
     assert rho.verify(plan).ok
     alone = [
-        rho.plan(dataclasses.replace(asked, vehicles=(vehicle,))) for vehicle in asked.vehicles
+        rho.plan(dataclasses.replace(scenario, vehicles=(vehicle,)))
+        for vehicle in scenario.vehicles
     ]
     for index, each in enumerate(alone):
         own = float(np.sum(plan.accelerations[index] ** 2))
@@ -63,23 +64,23 @@ def test_where_the_convex_method_fails_plan_finds_a_path_for_every_vehicle() -> 
 
 
 def test_an_executor_gives_the_same_plan() -> None:
-    asked = _two_in_the_middle()
-    here = rho.plan(asked)
+    scenario = _two_in_the_middle()
+    here = rho.plan(scenario)
     with ThreadPoolExecutor(2) as executor:
-        there = rho.plan(asked, executor=executor)
+        there = rho.plan(scenario, executor=executor)
     np.testing.assert_allclose(there.accelerations, here.accelerations, atol=1e-9)
 
 
 def test_all_vehicles_without_a_path_are_named() -> None:
-    asked = _two_in_the_middle()
+    scenario = _two_in_the_middle()
     walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]))
-    walled = dataclasses.replace(asked.vehicles[0], limits=walls)
-    asked = dataclasses.replace(asked, vehicles=(walled, *asked.vehicles[1:]))
+    walled = dataclasses.replace(scenario.vehicles[0], limits=walls)
+    scenario = dataclasses.replace(scenario, vehicles=(walled, *scenario.vehicles[1:]))
     with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan(asked)
+        rho.plan(scenario)
     assert set(caught.value.conflicts) == {"v0"}  # the other one has a path
     assert caught.value.obstacles == {"v0": frozenset([1])}
-    assert caught.value.scenario == asked
+    assert caught.value.scenario == scenario
     assert caught.value.reference is not None
     assert caught.value.about_linearisation
 
@@ -118,12 +119,12 @@ def test_an_iteration_ends_with_the_first_decrease_below_the_tolerance(paper: rh
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
 def test_reported_convergence_is_true_for_fleets(coupling: Coupling) -> None:
-    asked = through_the_middle(4)
+    scenario = through_the_middle(4)
     options = rho.Options(tolerance=1e-4)
-    plan = rho.plan(asked, coupling=coupling, options=options)
+    plan = rho.plan(scenario, coupling=coupling, options=options)
     assert plan.statistics.converged
     assert plan.statistics.tolerance == 1e-4
-    again = Subproblem(asked, coupling).around(plan)
+    again = Subproblem(scenario, coupling).around(plan)
     assert again.cost <= plan.cost * (1 + INDEX)
     assert plan.cost - again.cost < 1e-3 * plan.cost
     crowd = rho.random_transitions(6, np.random.default_rng(1), duration=4.6, step=0.2)
@@ -154,41 +155,41 @@ def test_progress_reports_the_restoration_of_a_fleet() -> None:
 
 
 def test_a_given_reference_decides_the_side_on_which_an_obstacle_is_passed() -> None:
-    asked = single(goal=rho.State([10, 0, 0]), obstacles=(rho.Sphere([5, 0.3, 0], 1.0),))
+    scenario = single(goal=rho.State([10, 0, 0]), obstacles=(rho.Sphere([5, 0.3, 0], 1.0),))
     ways = []
     for y in (-1.0, 1.0):
         pushed = rho.Sphere([5.0, 0.3 - 2.0 * y, 0.0], 3.5)
         beside = rho.plan(single(goal=rho.State([10, 0, 0]), obstacles=(pushed,)))
-        plan = rho.plan(asked, reference=dataclasses.replace(beside, scenario=asked))
+        plan = rho.plan(scenario, reference=dataclasses.replace(beside, scenario=scenario))
         assert rho.verify(plan).ok
         assert y * (plan.positions[0, 8, 1] - 0.3) >= 1.0 - 1e-6
         ways.append(plan.cost)
     assert ways[0] < ways[1]  # the path below is shorter
-    assert rho.plan(asked).cost == pytest.approx(ways[0], rel=INDEX)
+    assert rho.plan(scenario).cost == pytest.approx(ways[0], rel=INDEX)
 
 
 def test_a_separated_reference_of_a_fleet_is_iterated_from() -> None:
     """Two that meet head-on and pass above and below keep doing so, though beside costs as much."""
     ends = np.array([[-5, 0, 0], [5, 0, 0]])
-    asked = fleet(ends, -ends)
+    scenario = fleet(ends, -ends)
     aside = fleet(ends, -ends, limits=rho.Limits(position=rho.Box([-9, -0.01, -9], [9, 0.01, 9])))
     above = rho.plan(aside)
-    plan = rho.plan(asked, reference=dataclasses.replace(above, scenario=asked))
+    plan = rho.plan(scenario, reference=dataclasses.replace(above, scenario=scenario))
     assert rho.verify(plan).ok
     np.testing.assert_allclose(plan.positions[:, :, 1], 0.0, atol=1e-6)
-    assert plan.statistics.linearisations < rho.plan(asked).statistics.linearisations + 5
+    assert plan.statistics.linearisations < rho.plan(scenario).statistics.linearisations + 5
 
 
 def test_a_fleet_is_coupled_up_to_the_requested_number_of_vehicles() -> None:
-    asked = through_the_middle(3)
-    assert coupling_for(asked, rho.Options(max_coupled=3)) is rho.coupled
-    assert coupling_for(asked, rho.Options(max_coupled=2)) is rho.grouped
-    assert coupling_for(asked, rho.Options(max_coupled=2, max_grouped=2)) is rho.decoupled
+    scenario = through_the_middle(3)
+    assert coupling_for(scenario, rho.Options(max_coupled=3)) is rho.coupled
+    assert coupling_for(scenario, rho.Options(max_coupled=2)) is rho.grouped
+    assert coupling_for(scenario, rho.Options(max_coupled=2, max_grouped=2)) is rho.decoupled
     assert coupling_for(through_the_middle(15)) is rho.coupled
     assert coupling_for(through_the_middle(16, separation=rho.Separation(0.5))) is rho.grouped
     for most, coupling in ((3, rho.coupled), (2, rho.grouped)):
-        plan = rho.plan(asked, options=rho.Options(max_coupled=most))
-        other = rho.plan(asked, coupling=coupling)
+        plan = rho.plan(scenario, options=rho.Options(max_coupled=most))
+        other = rho.plan(scenario, coupling=coupling)
         assert plan.cost == pytest.approx(other.cost, rel=INDEX)
         assert plan.statistics.tolerance == other.statistics.tolerance
 
@@ -199,11 +200,11 @@ def test_default_tolerances_are_the_documented_ones() -> None:
     assert options.tolerance_of(alone, together=True) == 1e-9
     assert options.tolerance_of(few, together=True) == 1e-7
     assert options.tolerance_of(many, together=True) == 1e-3
-    for asked in (few, many):
-        assert options.tolerance_of(asked, together=False) == 5e-2
-        assert options.tolerance_of(asked, together=False, in_groups=True) == 2e-3
-    for asked in (alone, few, many):
-        assert rho.Options(tolerance=0.1).tolerance_of(asked, together=False) == 0.1
+    for scenario in (few, many):
+        assert options.tolerance_of(scenario, together=False) == 5e-2
+        assert options.tolerance_of(scenario, together=False, in_groups=True) == 2e-3
+    for scenario in (alone, few, many):
+        assert rho.Options(tolerance=0.1).tolerance_of(scenario, together=False) == 0.1
     assert (options.max_iterations, options.max_coupled, options.max_ways) == (200, 15, 6)
     assert (options.max_group, options.max_grouped) == (10, 500)
     assert options.max_memory == 1e9
@@ -232,21 +233,21 @@ def test_invalid_options_are_refused(bad: dict[str, float]) -> None:
 def test_a_reference_with_nan_is_refused_before_any_solver_runs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = single(obstacles=(BESIDE,))
-    plan = rho.plan(asked)
+    scenario = single(obstacles=(BESIDE,))
+    plan = rho.plan(scenario)
     monkeypatch.setattr(solve, "SolveInParallel", None)
     for bad in (np.nan, np.inf):
         accelerations = np.array(plan.accelerations)
         accelerations[0, 3, 1] = bad
         with pytest.raises(ValueError, match=r"accelerations: got (nan|inf) for solo at knot 3"):
-            rho.plan(asked, reference=dataclasses.replace(plan, accelerations=accelerations))
+            rho.plan(scenario, reference=dataclasses.replace(plan, accelerations=accelerations))
 
 
 def test_statistics_count_every_step() -> None:
-    asked = _two_in_the_middle()
+    scenario = _two_in_the_middle()
     with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan_convex(asked)
-    plan = rho.plan(asked)
+        rho.plan_convex(scenario)
+    plan = rho.plan(scenario)
     assert plan.statistics.programs > caught.value.statistics.programs + 2
     assert plan.statistics.solver == solve.DEFAULT().solver_id().name()
     assert plan.statistics.seconds > 0.0
@@ -255,15 +256,15 @@ def test_statistics_count_every_step() -> None:
 def test_where_solvers_fail_paths_are_tried_if_there_is_an_obstacle(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = single(obstacles=(BESIDE,))
-    known = rho.plan(asked)
+    scenario = single(obstacles=(BESIDE,))
+    known = rho.plan(scenario)
 
     def failing(*args: object, **options: object) -> rho.Plan:
         raise rho.SolverError("numerically")
 
     monkeypatch.setattr(best, "linearised_once", failing)
-    plan = rho.plan(asked)
+    plan = rho.plan(scenario)
     assert rho.verify(plan).ok
     assert plan.cost == pytest.approx(known.cost, rel=INDEX)
     with pytest.raises(rho.SolverError, match="numerically"):
-        rho.plan(asked.without_obstacles())
+        rho.plan(scenario.without_obstacles())

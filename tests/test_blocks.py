@@ -88,7 +88,7 @@ def test_messages_to_processes_grow_with_the_rows_and_not_with_the_fleet() -> No
 
 
 def test_infeasibility_found_in_other_processes_has_the_same_reasons() -> None:
-    asked = rho.Scenario(
+    scenario = rho.Scenario(
         name="too fast",
         vehicles=[
             rho.Vehicle(f"v{i}", rho.State([3.0 * i, 0, 0]), rho.State([3.0 * i, 50, 0]))
@@ -100,16 +100,16 @@ def test_infeasibility_found_in_other_processes_has_the_same_reasons() -> None:
     errors = []
     for executor in (None, Sent()):
         with pytest.raises(rho.InfeasibleError) as caught:
-            rho.plan(asked, executor=executor)
+            rho.plan(scenario, executor=executor)
         errors.append(caught.value)
     assert errors[0].conflicts == errors[1].conflicts
     assert len(errors[0].conflicts) == 12
 
 
 def test_blocks_hold_every_row_once_and_keep_groups_together() -> None:
-    asked = fleet(3, 40)
-    effort = MinimumEffort.of(asked)
-    pairs = pairs_of(asked, effort.motion, coupled)
+    scenario = fleet(3, 40)
+    effort = MinimumEffort.of(scenario)
+    pairs = pairs_of(scenario, effort.motion, coupled)
     rows = about(effort.motion, [pairs.violated(effort.motion, np.arange(40))])
     assert len(rows[0]) > 50
     groups = groups_of(40, rows)
@@ -121,9 +121,9 @@ def test_blocks_hold_every_row_once_and_keep_groups_together() -> None:
 
 
 def test_multipliers_come_back_with_the_answers() -> None:
-    asked = fleet(4)
-    effort = MinimumEffort.of(asked)
-    pairs = pairs_of(asked, effort.motion, rho.decoupled)
+    scenario = fleet(4)
+    effort = MinimumEffort.of(scenario)
+    pairs = pairs_of(scenario, effort.motion, rho.decoupled)
     rows: list[Rows] = about(
         effort.motion, [pairs.softened(1e3).violated(effort.motion, np.arange(20))]
     )

@@ -51,8 +51,8 @@ def test_a_campaign_and_its_results(
     status, printed, _ = run(capsys, monkeypatch, "results", store)
     assert (status, printed.strip()) == (0, str(rho.Results(store)))
     status, printed, _ = run(capsys, monkeypatch, "results", store, "--json")
-    told = {"status": 0, "export": None, "figures": []} | rho.Results(store).to_json()
-    assert (status, json.loads(printed)) == (0, told)
+    reported = {"status": 0, "export": None, "figures": []} | rho.Results(store).to_json()
+    assert (status, json.loads(printed)) == (0, reported)
     made = [str(tmp_path / "figures"), str(tmp_path / "runs.csv")]
     words = ["results", store, "--figures", made[0], "--export", made[1]]
     status, printed, _ = run(capsys, monkeypatch, *words)

@@ -96,8 +96,8 @@ def test_a_solver_is_chosen_by_its_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     kept = tmp_path / "kept.npz"
-    asked = ["plan", "paper", "--solver", words, "-o", str(kept)]
-    status, out, _ = run(capsys, monkeypatch, *asked)
+    command = ["plan", "paper", "--solver", words, "-o", str(kept)]
+    status, out, _ = run(capsys, monkeypatch, *command)
     assert status == 0, out
     plan = rho.load(kept)
     assert isinstance(plan, rho.Plan)
@@ -249,11 +249,11 @@ def test_the_version_is_that_of_the_package(
 
 def _completed(*words: str) -> list[str]:
     """Return the completions that a shell offers for the last word."""
-    asked = {"COMP_WORDS": shlex.join(words), "COMP_CWORD": str(len(words) - 1)}
+    environment = {"COMP_WORDS": shlex.join(words), "COMP_CWORD": str(len(words) - 1)}
     code = "import sys; sys.argv[0] = 'drake-rho'; from drake_rho.cli import main; main()"
     ran = subprocess.run(
         [sys.executable, "-c", code],
-        env=os.environ | asked | {"_DRAKE_RHO_COMPLETE": "complete_bash"},
+        env=os.environ | environment | {"_DRAKE_RHO_COMPLETE": "complete_bash"},
         capture_output=True,
         text=True,
         check=True,
@@ -301,8 +301,8 @@ def test_a_method_without_a_plan_names_the_method_that_has_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ahead = rho.Sphere([5.0, 2.0, -1.0], 2.0)  # its centre is on the straight path
-    asked = single(limits=rho.Limits(velocity=box(2.2)), obstacles=[ahead])
-    rho.save_scenario(asked, tmp_path / "s.yaml")
+    scenario = single(limits=rho.Limits(velocity=box(2.2)), obstacles=[ahead])
+    rho.save_scenario(scenario, tmp_path / "s.yaml")
     words = ("plan", str(tmp_path / "s.yaml"))
     assert run(capsys, monkeypatch, *words)[0] == 0
     status, out, err = run(capsys, monkeypatch, *words, "--method", "convex")
@@ -401,8 +401,8 @@ def test_a_terminal_without_greek_or_superscripts_works(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_terminal_of_width_zero_and_names_like_markup_work(tmp_path: Path) -> None:
-    asked = dataclasses.replace(single(), name="[/b] [red] :x:")
-    rho.save(rho.plan_convex(asked), tmp_path / "plan.npz")
+    scenario = dataclasses.replace(single(), name="[/b] [red] :x:")
+    rho.save(rho.plan_convex(scenario), tmp_path / "plan.npz")
     for words in (("verify", str(tmp_path / "plan.npz")), ("plan", "[/b] [red] :x:")):
         ran = subprocess.run(
             [sys.executable, "-m", "drake_rho", *words],

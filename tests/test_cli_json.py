@@ -163,12 +163,12 @@ def test_no_plan_is_a_document_with_the_reason_and_the_remedies(
     _agrees(found["diagnosis"], rho.diagnose(rho.load_scenario("weak.yaml")))
 
 
-def _agrees(told: dict[str, Any], expected: rho.Diagnosis) -> None:
-    assert told["feasible"] == expected.feasible
-    assert told["conflicts"] == {name: list(why) for name, why in expected.conflicts.items()}
-    assert told["shortest_duration_s"] == expected.shortest_duration
-    assert told["acceleration_factor"] == expected.acceleration_factor
-    assert [each["excess"] for each in told["violations"]] == [
+def _agrees(reported: dict[str, Any], expected: rho.Diagnosis) -> None:
+    assert reported["feasible"] == expected.feasible
+    assert reported["conflicts"] == {name: list(why) for name, why in expected.conflicts.items()}
+    assert reported["shortest_duration_s"] == expected.shortest_duration
+    assert reported["acceleration_factor"] == expected.acceleration_factor
+    assert [each["excess"] for each in reported["violations"]] == [
         each.excess for each in expected.violations
     ]
 
@@ -231,8 +231,8 @@ def test_the_document_of_a_violating_plan_lists_all_violations(
 ) -> None:
     spheres = [rho.Sphere([5.0, 2.0, -1.0], 0.01 * size) for size in range(50, 150)]
     plan = rho.plan_convex(single())
-    asked = single(obstacles=spheres, between_knots=True)
-    rho.save(rho.Plan.from_accelerations(asked, plan.accelerations), "broken.npz")
+    scenario = single(obstacles=spheres, between_knots=True)
+    rho.save(rho.Plan.from_accelerations(scenario, plan.accelerations), "broken.npz")
     status, out, _ = run(capsys, monkeypatch, "verify", "broken.npz", "--json")
     found = read(out, documents.Judged)
     assert (status, found["status"], found["ok"]) == (1, 1, False)
@@ -308,9 +308,9 @@ def test_a_simulation_has_no_certificate(capsys: Captured, monkeypatch: Patch) -
 def test_a_diagnosis_is_that_of_the_python_function(
     limits: rho.Limits, capsys: Captured, monkeypatch: Patch
 ) -> None:
-    asked = single(limits=limits)
-    rho.save_scenario(asked, "asked.yaml")
-    expected = rho.diagnose(asked)
+    scenario = single(limits=limits)
+    rho.save_scenario(scenario, "asked.yaml")
+    expected = rho.diagnose(scenario)
     assert expected.feasible == (limits is not WEAK)
     status, out, _ = run(capsys, monkeypatch, "diagnose", "asked.yaml", "--json")
     assert status == 0
@@ -325,11 +325,11 @@ def test_assigned_goals_are_those_of_the_python_function(
     _, out, _ = run(capsys, monkeypatch, *ASKED["assign"][0], "--json")
     found, better = read(out, documents.Assigned), rho.assign_goals(asked)
     assert rho.load_scenario("kept.yaml") == better
-    for scenario, told in ((asked, found["effort_before"]), (better, found["effort"])):
+    for scenario, reported in ((asked, found["effort_before"]), (better, found["effort"])):
         free = dataclasses.replace(
             scenario, limits=rho.Limits(), obstacles=(), separation=None, between_knots=False
         )
-        assert told == pytest.approx(rho.plan_convex(free).cost)
+        assert reported == pytest.approx(rho.plan_convex(free).cost)
     for row, vehicle in zip(found["vehicles"], better.vehicles, strict=True):
         assert row["vehicle"] == vehicle.name
         assert row["goal_m"] == vehicle.goal.position.tolist()

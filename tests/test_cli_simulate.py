@@ -52,7 +52,7 @@ def _flown(path: Path) -> rho.Simulation:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         ([], "wind: none; seed 1"),
         (["--wind", "constant"], "wind: constant along 1 0 0; seed 1"),
@@ -67,7 +67,7 @@ def _flown(path: Path) -> rho.Simulation:
 )
 def test_a_scenario_is_flown_verified_saved_and_shown(
     words: list[str],
-    told: str,
+    expected: str,
     mission: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -77,7 +77,7 @@ def test_a_scenario_is_flown_verified_saved_and_shown(
     status, out, err = run(capsys, monkeypatch, "simulate", mission, *words, "-o", str(kept))
     assert status == 0, out + err
     assert err == ""
-    assert told in out
+    assert expected in out
     assert "5 windows" in out
     simulation = _flown(kept)
     strongest = np.linalg.norm(simulation.wind, axis=2).max()

@@ -26,9 +26,9 @@ def test_a_time_is_printed_with_its_digits(time: float, words: str) -> None:
 
 
 def test_reports_and_errors_distinguish_times_of_a_distant_clock() -> None:
-    asked = single(grid=rho.Grid(0.5, 17, 1.7e9 + 0.1))
-    horizon = rho.RecedingHorizon(asked)
-    horizon.step(asked.fleet.start_states, asked.grid.start)
+    scenario = single(grid=rho.Grid(0.5, 17, 1.7e9 + 0.1))
+    horizon = rho.RecedingHorizon(scenario)
+    horizon.step(scenario.fleet.start_states, scenario.grid.start)
     with pytest.raises(ValueError, match=r"from 1700000000\.6 to 1700000007\.6 s"):
-        horizon.step(asked.fleet.start_states, 0.0)
-    assert "1700000008.1" in str(rho.verify(rho.plan(asked)))
+        horizon.step(scenario.fleet.start_states, 0.0)
+    assert "1700000008.1" in str(rho.verify(rho.plan(scenario)))

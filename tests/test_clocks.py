@@ -186,18 +186,18 @@ def test_a_flight_that_ends_before_time_0_avoids_obstacles(
 ) -> None:
     """An obstacle is known from the first knot by default, also where that is before time 0."""
     vehicle = rho.Vehicle("v", rho.State([0, 0, 1]), rho.State([8, 0, 1]))
-    asked = rho.Scenario("before zero", rho.Grid(0.5, 11, -10.0), [vehicle], obstacles=[between])
-    later = dataclasses.replace(asked, grid=rho.Grid(0.5, 11))
-    rho.save_scenario(asked, tmp_path / "asked.yaml")
-    assert rho.load_scenario(tmp_path / "asked.yaml") == asked
+    scenario = rho.Scenario("before zero", rho.Grid(0.5, 11, -10.0), [vehicle], obstacles=[between])
+    later = dataclasses.replace(scenario, grid=rho.Grid(0.5, 11))
+    rho.save_scenario(scenario, tmp_path / "asked.yaml")
+    assert rho.load_scenario(tmp_path / "asked.yaml") == scenario
     for planner in (rho.plan, rho.plan_rho):
-        plan, same = planner(asked), planner(later)
+        plan, same = planner(scenario), planner(later)
         assert plan.cost == pytest.approx(same.cost, rel=1e-9)
         report = rho.verify(plan)
         assert report.ok
         assert any(check.constraint == "obstacle 1" and check.asked for check in report.checks)
         assert not any("before it is known" in check.constraint for check in report.checks)
-    flown = rho.simulate(asked)
+    flown = rho.simulate(scenario)
     assert rho.verify(flown).ok
     (row,) = errors_of(flown)
     assert row.to_obstacles_m == pytest.approx(0.0, abs=1e-6)

@@ -17,8 +17,8 @@ def _wandering(vehicles: int, seed: int) -> rho.Plan:
     """Return vehicles with random motions in a small room."""
     rng = np.random.default_rng(seed)
     room = rho.flight_cube(vehicles / 4)
-    asked = rho.random_transitions(vehicles, rng, volume=room, duration=3.0, step=0.3)
-    return rho.Plan.from_accelerations(asked, rng.uniform(-2.0, 2.0, (vehicles, 10, 3)))
+    scenario = rho.random_transitions(vehicles, rng, volume=room, duration=3.0, step=0.3)
+    return rho.Plan.from_accelerations(scenario, rng.uniform(-2.0, 2.0, (vehicles, 10, 3)))
 
 
 def _every_pair(plan: rho.Plan, separation: rho.Separation) -> dict[tuple[int, int], Motion]:

@@ -35,8 +35,8 @@ def test_a_limit_holds_and_has_an_effect(kind: str, solver: SolverInterface) -> 
     assert rho.verify(limited).ok
     assert limited.cost > free.cost * 1.001
 
-    judged = rho.Plan.from_accelerations(limited.scenario, free.accelerations)
-    violations = rho.verify(judged).violations
+    unlimited = rho.Plan.from_accelerations(limited.scenario, free.accelerations)
+    violations = rho.verify(unlimited).violations
     assert {violation.constraint for violation in violations} == {kind}
 
 
@@ -57,8 +57,8 @@ def test_the_acceleration_before_the_first_knot_counts_for_the_jerk() -> None:
     assert bound.accelerations[0, 0, 0] <= -0.2 + 1.0 * 0.5 + 1e-6
     assert free.accelerations[0, 0, 0] > 0.0
     assert bound.cost > free.cost
-    judged = rho.Plan.from_accelerations(bound.scenario, free.accelerations)
-    assert {violation.constraint for violation in rho.verify(judged).violations} == {"jerk box"}
+    unlimited = rho.Plan.from_accelerations(bound.scenario, free.accelerations)
+    assert {violation.constraint for violation in rho.verify(unlimited).violations} == {"jerk box"}
 
 
 SPHERES = (

@@ -68,8 +68,8 @@ def _course(motion: Motion) -> Course:
     """Return a motion as the verifier sees it, in a scenario without constraints."""
     count, steps = motion.accelerations.shape[:2]
     places = 3.0 * np.arange(count)[:, None] * [1.0, 0.0, 0.0]
-    asked = fleet(places, places, grid=rho.Grid(motion.step, steps + 1))
-    return Course.of(asked, motion)
+    scenario = fleet(places, places, grid=rho.Grid(motion.step, steps + 1))
+    return Course.of(scenario, motion)
 
 
 def _length(positions: np.ndarray) -> np.ndarray:

@@ -83,23 +83,23 @@ def _shared(rng: np.random.Generator) -> DenseProgram:
 FAMILIES = {"plain": _plain, "degenerate": _degenerate, "soft": _soft, "shared": _shared}
 
 
-def _cost(asked: DenseProgram, x: FloatArray) -> float:
+def _cost(program: DenseProgram, x: FloatArray) -> float:
     """Return the cost of x: its squared norm, and for each slack the largest violation."""
-    missing = np.maximum(asked.needed - asked.matrix @ x, 0.0)
+    missing = np.maximum(program.needed - program.matrix @ x, 0.0)
     worst: dict[int, float] = {}
-    for row in np.flatnonzero(np.isfinite(asked.penalties)).tolist():
-        slack = int(asked.slacks[row])
-        worst[slack] = max(worst.get(slack, 0.0), float(asked.penalties[row] * missing[row]))
+    for row in np.flatnonzero(np.isfinite(program.penalties)).tolist():
+        slack = int(program.slacks[row])
+        worst[slack] = max(worst.get(slack, 0.0), float(program.penalties[row] * missing[row]))
     return float(x @ x) + sum(worst.values())
 
 
-def _bound(asked: DenseProgram, y: FloatArray) -> float:
+def _bound(program: DenseProgram, y: FloatArray) -> float:
     """Return the lower bound of the cost by weak duality, for y >= 0 within the slacks' weights."""
-    return float(y @ asked.needed - 0.25 * np.sum((asked.matrix.T @ y) ** 2))
+    return float(y @ program.needed - 0.25 * np.sum((program.matrix.T @ y) ** 2))
 
 
-def _one(asked: Any, solver: Any = None) -> Solution:
-    (found,) = solve([asked], solver)
+def _one(program: Any, solver: Any = None) -> Solution:
+    (found,) = solve([program], solver)
     return found
 
 
@@ -108,27 +108,27 @@ def _one(asked: Any, solver: Any = None) -> Solution:
 @settings(max_examples=20)
 def test_a_solution_meets_the_bound_that_its_multipliers_prove(family: str, seed: int) -> None:
     """A solution that is feasible and costs its lower bound needs no other solver to confirm it."""
-    asked = FAMILIES[family](np.random.default_rng(seed))
-    found = _one(asked, rho.Daqp())
-    x, y = found.x[: asked.matrix.shape[1]], found.multipliers()
+    program = FAMILIES[family](np.random.default_rng(seed))
+    found = _one(program, rho.Daqp())
+    x, y = found.x[: program.matrix.shape[1]], found.multipliers()
     assert found.feasible
-    hard = np.isinf(asked.penalties)
-    assert np.all((asked.matrix @ x - asked.needed)[hard] >= -ROUNDING * (1 + np.abs(x).max()))
+    hard = np.isinf(program.penalties)
+    assert np.all((program.matrix @ x - program.needed)[hard] >= -ROUNDING * (1 + np.abs(x).max()))
     assert np.all(y >= -ROUNDING * np.abs(y).max())
-    for slack in np.unique(asked.slacks[~hard]):
-        own = ~hard & (asked.slacks == slack)
-        assert y[own].sum() <= asked.penalties[own][0] * (1 + COST)
-    cost = _cost(asked, x)
-    assert cost == pytest.approx(_bound(asked, y), rel=COST, abs=COST)
+    for slack in np.unique(program.slacks[~hard]):
+        own = ~hard & (program.slacks == slack)
+        assert y[own].sum() <= program.penalties[own][0] * (1 + COST)
+    cost = _cost(program, x)
+    assert cost == pytest.approx(_bound(program, y), rel=COST, abs=COST)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 @given(seed=seeds)
 @settings(max_examples=13)
 def test_clarabel_finds_the_same_for_the_same_program(family: str, seed: int) -> None:
-    asked = FAMILIES[family](np.random.default_rng(seed))
-    ours, theirs = _one(asked, rho.Daqp()), _one(asked, ClarabelSolver())
-    size = asked.matrix.shape[1]
+    program = FAMILIES[family](np.random.default_rng(seed))
+    ours, theirs = _one(program, rho.Daqp()), _one(program, ClarabelSolver())
+    size = program.matrix.shape[1]
     assert theirs.solver == "Clarabel"
     x, known = ours.x[:size], theirs.x[:size]
     np.testing.assert_allclose(x, known, atol=10 * MOTION * max(1.0, np.abs(known).max()))
@@ -145,9 +145,9 @@ def test_daqp_itself_solves_them(family: str) -> None:
 @given(seed=seeds)
 @settings(max_examples=13)
 def test_hard_rows_are_solved_like_lawson_and_hanson(seed: int) -> None:
-    asked = _plain(np.random.default_rng(seed))
-    found = _one(asked, rho.Daqp())
-    stacked = np.concatenate([asked.matrix.T, asked.needed[None]])
+    program = _plain(np.random.default_rng(seed))
+    found = _one(program, rho.Daqp())
+    stacked = np.concatenate([program.matrix.T, program.needed[None]])
     weights, _ = nnls(stacked, np.append(np.zeros(len(stacked) - 1), 1.0))
     left = stacked @ weights - np.append(np.zeros(len(stacked) - 1), 1.0)
     np.testing.assert_allclose(found.x, -left[:-1] / left[-1], atol=1e-7)
@@ -166,22 +166,22 @@ def test_a_program_without_a_solution_comes_with_the_proof(softened: bool, seed:
     against = -mixed[None] / length
     some = np.linalg.lstsq(start.matrix[hard], start.needed[hard])[0]
     needed = float((against @ some)[0]) + 10.0 + 10.0 * np.abs(some).max()
-    asked = DenseProgram(
+    program = DenseProgram(
         np.concatenate([start.matrix, against]),
         np.append(start.needed, needed),
         np.append(start.penalties, np.inf),
         np.append(start.slacks, len(hard)),
     )
-    ours, theirs = _one(asked, rho.Daqp()), _one(asked)
+    ours, theirs = _one(program, rho.Daqp()), _one(program)
     assert ours.feasible == theirs.feasible
     if ours.feasible:  # no weights combine to that row: a distant point is feasible
         return
     y = ours.multipliers()
     assert ours.solver == "DAQP"
     assert np.all(y >= 0.0)
-    assert np.all(y[np.isfinite(asked.penalties)] <= ROUNDING * y.max())
-    assert np.abs(asked.matrix.T @ y).max() < 1e-7 * y.max()
-    assert asked.needed @ y > 0.0
+    assert np.all(y[np.isfinite(program.penalties)] <= ROUNDING * y.max())
+    assert np.abs(program.matrix.T @ y).max() < 1e-7 * y.max()
+    assert program.needed @ y > 0.0
 
 
 @pytest.mark.parametrize(
@@ -199,10 +199,10 @@ def test_degenerate_rows_are_recognised(
     matrix: list[list[float]], needed: list[float], feasible: bool
 ) -> None:
     count = len(needed)
-    asked = DenseProgram(
+    program = DenseProgram(
         np.array(matrix), np.array(needed), np.full(count, np.inf), np.zeros(count, dtype=int)
     )
-    found = _one(asked, rho.Daqp())
+    found = _one(program, rho.Daqp())
     assert found.feasible is feasible
     if feasible:
         np.testing.assert_allclose(found.x, [1.0, 0.0], atol=1e-8)
@@ -210,22 +210,22 @@ def test_degenerate_rows_are_recognised(
 
 def _written() -> tuple[MathematicalProgram, Any]:
     """Return a program as users write it: symbolic, any cost, equalities, bounds on both sides."""
-    asked = MathematicalProgram()
-    x = asked.NewContinuousVariables(4)
-    asked.AddQuadraticCost((x[0] - 3) ** 2 + (x[0] + x[1]) ** 2 + 2 * (x[2] - x[3]) ** 2)
-    asked.AddLinearCost(0.5 * x[3])
-    asked.AddLinearEqualityConstraint(x[0] + x[2] == 1.0)
-    between = asked.AddLinearConstraint(
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(4)
+    program.AddQuadraticCost((x[0] - 3) ** 2 + (x[0] + x[1]) ** 2 + 2 * (x[2] - x[3]) ** 2)
+    program.AddLinearCost(0.5 * x[3])
+    program.AddLinearEqualityConstraint(x[0] + x[2] == 1.0)
+    between = program.AddLinearConstraint(
         np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 1.0, 1.0, 0.0]]), [-0.5, 2.0], [0.5, 9.0], x
     )
-    asked.AddBoundingBoxConstraint(-2.0, 2.0, x)
-    return asked, between
+    program.AddBoundingBoxConstraint(-2.0, 2.0, x)
+    return program, between
 
 
 def test_a_program_of_drake_is_read_unchanged() -> None:
     """The solution x and the multipliers, signs included, are those of Drake's own solver."""
-    asked, _ = _written()
-    ours, theirs = _one(asked, rho.Daqp()), _one(asked, ClarabelSolver())
+    program, _ = _written()
+    ours, theirs = _one(program, rho.Daqp()), _one(program, ClarabelSolver())
     assert (ours.solver, theirs.solver) == ("DAQP", "Clarabel")
     np.testing.assert_allclose(ours.x, theirs.x, atol=1e-7)
     np.testing.assert_allclose(ours.multipliers(), theirs.multipliers(), atol=1e-6)
@@ -234,10 +234,10 @@ def test_a_program_of_drake_is_read_unchanged() -> None:
 
 
 def test_infeasibility_of_a_program_of_drake_is_proved_in_its_own_rows() -> None:
-    asked, _ = _written()
-    x = asked.decision_variables()
-    asked.AddLinearConstraint(np.ones((1, 4)), [8.5], [np.inf], x)
-    found = _one(asked, rho.Daqp())
+    program, _ = _written()
+    x = program.decision_variables()
+    program.AddLinearConstraint(np.ones((1, 4)), [8.5], [np.inf], x)
+    found = _one(program, rho.Daqp())
     assert not found.feasible
     assert found.solver == "DAQP"
     assert found.multipliers()[2] > 0.0  # without which there is a solution
@@ -246,45 +246,45 @@ def test_infeasibility_of_a_program_of_drake_is_proved_in_its_own_rows() -> None
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_program_written_for_drake_is_read_back_unchanged(family: str) -> None:
     for seed in range(10):
-        asked = FAMILIES[family](np.random.default_rng(seed))
-        ours, again = _one(asked, rho.Daqp()), _one(asked.written, rho.Daqp())
-        assert len(again.x) == asked.written.num_vars()
+        program = FAMILIES[family](np.random.default_rng(seed))
+        ours, again = _one(program, rho.Daqp()), _one(program.written, rho.Daqp())
+        assert len(again.x) == program.written.num_vars()
         np.testing.assert_allclose(
-            again.x[: asked.matrix.shape[1]], ours.x[: asked.matrix.shape[1]], atol=1e-6
+            again.x[: program.matrix.shape[1]], ours.x[: program.matrix.shape[1]], atol=1e-6
         )
 
 
 def _linear() -> MathematicalProgram:
-    asked = MathematicalProgram()
-    x = asked.NewContinuousVariables(2)
-    asked.AddLinearCost(x[0] + x[1])
-    asked.AddBoundingBoxConstraint(1.0, 2.0, x)
-    return asked
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(2)
+    program.AddLinearCost(x[0] + x[1])
+    program.AddBoundingBoxConstraint(1.0, 2.0, x)
+    return program
 
 
 def _conic() -> MathematicalProgram:
-    asked = MathematicalProgram()
-    x = asked.NewContinuousVariables(2)
-    asked.AddQuadraticCost(np.eye(2), np.array([-3.0, 0.0]), x, is_convex=True)
-    asked.AddLorentzConeConstraint(np.array([1.0, x[0], x[1]]))
-    return asked
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(2)
+    program.AddQuadraticCost(np.eye(2), np.array([-3.0, 0.0]), x, is_convex=True)
+    program.AddLorentzConeConstraint(np.array([1.0, x[0], x[1]]))
+    return program
 
 
 def _large() -> MathematicalProgram:
-    asked = MathematicalProgram()
-    x = asked.NewContinuousVariables(401)
-    asked.AddQuadraticCost(np.eye(401), np.ones(401), x, is_convex=True)
-    asked.AddLinearConstraint(np.ones((1, 401)), [1.0], [np.inf], x)
-    return asked
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(401)
+    program.AddQuadraticCost(np.eye(401), np.ones(401), x, is_convex=True)
+    program.AddLinearConstraint(np.ones((1, 401)), [1.0], [np.inf], x)
+    return program
 
 
 def _with_states() -> MathematicalProgram:
-    asked = MathematicalProgram()
-    u, v = asked.NewContinuousVariables(3), asked.NewContinuousVariables(3)
-    asked.AddQuadraticCost(np.eye(3), np.zeros(3), u, is_convex=True)
-    asked.AddLinearEqualityConstraint(np.hstack([np.tri(3), -np.eye(3)]), np.zeros(3), [*u, *v])
-    asked.AddLinearConstraint(np.eye(1), [1.0], [np.inf], v[2:])
-    return asked
+    program = MathematicalProgram()
+    u, v = program.NewContinuousVariables(3), program.NewContinuousVariables(3)
+    program.AddQuadraticCost(np.eye(3), np.zeros(3), u, is_convex=True)
+    program.AddLinearEqualityConstraint(np.hstack([np.tri(3), -np.eye(3)]), np.zeros(3), [*u, *v])
+    program.AddLinearConstraint(np.eye(1), [1.0], [np.inf], v[2:])
+    return program
 
 
 @pytest.mark.parametrize("made", [_linear, _conic, _large, _with_states])
@@ -301,8 +301,8 @@ def test_answers_of_daqp_are_checked(
     family: str, flag: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Wrong numbers, and a false report of infeasibility, are passed on to Clarabel."""
-    asked = FAMILIES[family](np.random.default_rng(3))
-    known = _one(asked, rho.Daqp())
+    program = FAMILIES[family](np.random.default_rng(3))
+    known = _one(program, rho.Daqp())
     package = daqp._package()
 
     def wrong(*args: Any, **settings: Any) -> Any:
@@ -310,28 +310,28 @@ def test_answers_of_daqp_are_checked(
         return 0.9 * x, cost, flag, info
 
     monkeypatch.setattr(daqp, "_package", lambda: SimpleNamespace(solve=wrong))
-    found = _one(asked, rho.Daqp())
+    found = _one(program, rho.Daqp())
     assert (known.solver, found.solver) == ("DAQP", "Clarabel")
-    size = asked.matrix.shape[1]
+    size = program.matrix.shape[1]
     np.testing.assert_allclose(found.x[:size], known.x[:size], atol=1e-4)
 
 
 @pytest.mark.parametrize("wrong", ["x", "multipliers", "sign"])
 def test_all_optimality_conditions_are_checked(wrong: str) -> None:
-    asked = Quadratic.of_dense(_soft(np.random.default_rng(1)))
-    found = daqp._solved_quadratic(asked)
+    program = Quadratic.of_dense(_soft(np.random.default_rng(1)))
+    found = daqp._solved_quadratic(program)
     assert found is not None
     x, size = found.x, len(found.x)
     y = np.concatenate([np.zeros(size), found.multipliers()])
-    y[:size] = asked.hessian @ x + asked.linear - asked.matrix.T @ y[size:]
+    y[:size] = program.hessian @ x + program.linear - program.matrix.T @ y[size:]
     y[np.abs(y) < 1e-9] = 0.0
-    assert asked.is_solved_by(x, y)
+    assert program.is_solved_by(x, y)
     if wrong == "x":
-        assert not asked.is_solved_by(x - 1e-5, y)
+        assert not program.is_solved_by(x - 1e-5, y)
     elif wrong == "multipliers":
-        assert not asked.is_solved_by(x, 1.001 * y)
+        assert not program.is_solved_by(x, 1.001 * y)
     else:
-        assert not asked.is_solved_by(x, -y)
+        assert not program.is_solved_by(x, -y)
 
 
 def test_without_the_package_the_error_says_what_to_install(
@@ -415,28 +415,28 @@ def test_flights_and_their_windows_cost_the_same(paper: rho.Scenario) -> None:
     ],
 )
 def test_the_same_subset_is_reported_where_there_is_no_plan(limits: rho.Limits) -> None:
-    told = []
+    reported = []
     for solver in (rho.Daqp(), ClarabelSolver()):
         with pytest.raises(rho.InfeasibleError) as caught:
             rho.plan_convex(single(limits=limits), solver=solver)
-        told.append(rho.infeasible_subset(caught.value, solver=solver))
-    assert told[0] == told[1]
-    assert told[0]["solo"]
+        reported.append(rho.infeasible_subset(caught.value, solver=solver))
+    assert reported[0] == reported[1]
+    assert reported[0]["solo"]
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_same_vehicles_are_without_a_plan(seed: int) -> None:
     """Proofs may weigh different rows, but not of different vehicles."""
-    scenario, told = random_scenario(seed, tight=True), []
+    scenario, reported = random_scenario(seed, tight=True), []
     for solver in (rho.Daqp(), ClarabelSolver()):
         try:
             rho.plan_convex(scenario, solver=solver)
         except rho.InfeasibleError as error:
-            told.append({name: len(names) > 1 for name, names in error.conflicts.items()})
+            reported.append({name: len(names) > 1 for name, names in error.conflicts.items()})
         else:
-            told.append({})
-    assert told[0] == told[1]
-    assert all(told[0].values())
+            reported.append({})
+    assert reported[0] == reported[1]
+    assert all(reported[0].values())
 
 
 def test_every_form_of_a_program_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -190,8 +190,8 @@ def test_windows_have_distinct_colours_and_make_up_the_flight(study: Study) -> N
 @pytest.fixture(scope="module")
 def fleet() -> rho.Plan:
     """Return twenty vehicles with the separation of flat ellipsoids."""
-    asked = rho.random_transitions(20, np.random.default_rng(1), duration=9.8, step=0.2)
-    return rho.plan_scp(asked)
+    scenario = rho.random_transitions(20, np.random.default_rng(1), duration=9.8, step=0.2)
+    return rho.plan_scp(scenario)
 
 
 def test_separation_is_the_least_distance_of_any_pair_with_its_limit(fleet: rho.Plan) -> None:
@@ -217,13 +217,13 @@ def test_separation_is_the_least_distance_of_any_pair_with_its_limit(fleet: rho.
 def test_separation_is_drawn_where_there_is_one(plan: rho.Plan) -> None:
     with pytest.raises(ValueError, match="separation: got none"):
         rho.separation_figure(plan)
-    asked = dataclasses.replace(
+    scenario = dataclasses.replace(
         plan.scenario,
         vehicles=plan.scenario.vehicles[:1],
         separation=rho.Separation(1.0),
     )
     with pytest.raises(ValueError, match="a single vehicle"):
-        rho.separation_figure(rho.plan_convex(asked))
+        rho.separation_figure(rho.plan_convex(scenario))
 
 
 def _oklab(colours: Sequence[Any]) -> np.ndarray:

@@ -27,14 +27,14 @@ LATE = 128.0
 def _plan(start: float) -> rho.Plan:
     """Return three vehicles beside a sphere, with separation and a largest speed."""
     plan = straight(3)
-    asked = dataclasses.replace(
+    scenario = dataclasses.replace(
         plan.scenario,
         grid=dataclasses.replace(plan.scenario.grid, start=start),
         obstacles=(rho.Sphere([20.0, 5.0, 5.0], 1.0),),
         limits=rho.Limits(max_speed=50.0, max_acceleration=50.0, max_thrust=90.0),
         separation=rho.Separation(1e-6),
     )
-    return rho.Plan.from_accelerations(asked, plan.accelerations)
+    return rho.Plan.from_accelerations(scenario, plan.accelerations)
 
 
 def _flight(start: float) -> rho.Flight:
@@ -98,7 +98,7 @@ class _Recorder:
 
 
 def test_meshcat_receives_the_same_calls() -> None:
-    told = []
+    reported = []
     for start in (0.0, LATE):
         flight, meshcat = _flight(start), _Recorder()
         pace, scene = Pace.of(flight.plan, None), Scene.of(flight.plan)
@@ -106,8 +106,8 @@ def test_meshcat_receives_the_same_calls() -> None:
         record_light_trails(meshcat, scene, flight.plan, pace)
         record_predictions(meshcat, flight.windows, pace)
         record_vehicles(meshcat, flight.plan, Vehicles.of(scene, flight.plan, pace), pace)
-        told.append(meshcat.told)
-    for one, other in zip(*told, strict=True):
+        reported.append(meshcat.told)
+    for one, other in zip(*reported, strict=True):
         assert one[:2] == other[:2]
         for mine, theirs in zip(one[2:], other[2:], strict=True):
             np.testing.assert_array_equal(mine, theirs)

@@ -96,8 +96,8 @@ def test_records_of_constant_accelerations_are_drawn_exactly_at_any_times() -> N
     p, v, a = (motion.at(each, times) for each in ("position", "velocity", "acceleration"))
     p, v, a = (np.swapaxes(each, 0, 1) for each in (p, v, a))
     by_hand = rho.Simulation(flight, times, p, v, np.zeros_like(a), a)
-    asked = np.linspace(0.0, 10.0, 501)
-    off = drawn(by_hand).motion().at("position", asked) - motion.at("position", asked)
+    times = np.linspace(0.0, 10.0, 501)
+    off = drawn(by_hand).motion().at("position", times) - motion.at("position", times)
     # knots within a step of the drawn motion change the acceleration there
     assert np.linalg.norm(off, axis=2).max() <= 6.0 * 0.25**2 / 4.0
 

@@ -53,8 +53,8 @@ def _plan(
     grid = dataclasses.replace(free.scenario.grid, start=START)
     empty = dataclasses.replace(free.scenario, vehicles=flown, grid=grid)
     # unchecked: these tests do not care about obstacles at a start
-    asked = unchecked(empty, obstacles=tuple(obstacles), bodies=as_bodies(obstacles))
-    return rho.Plan.from_accelerations(asked, free.accelerations)
+    scenario = unchecked(empty, obstacles=tuple(obstacles), bodies=as_bodies(obstacles))
+    return rho.Plan.from_accelerations(scenario, free.accelerations)
 
 
 @pytest.fixture(scope="module")

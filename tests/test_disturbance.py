@@ -70,10 +70,10 @@ def test_the_feedback_divides_the_step(every: float) -> None:
 @pytest.mark.parametrize("parts", [1, 2, 3, 7, 1000])
 def test_samples_of_a_flight(parts: int) -> None:
     grid = rho.Grid(0.1, 17)
-    asked = _with(rho.Disturbance(1.0, feedback_every=grid.step / parts), grid).disturbance
-    assert asked is not None
-    assert asked.samples(grid) == 16 * parts
-    assert asked.sample(grid) == pytest.approx(grid.step / parts, rel=1e-15)
+    disturbance = _with(rho.Disturbance(1.0, feedback_every=grid.step / parts), grid).disturbance
+    assert disturbance is not None
+    assert disturbance.samples(grid) == 16 * parts
+    assert disturbance.sample(grid) == pytest.approx(grid.step / parts, rel=1e-15)
     assert rho.Disturbance(1.0).sample(grid) == grid.step  # null means the step
 
 

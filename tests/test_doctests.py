@@ -27,9 +27,9 @@ MAIN = (
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_print_what_they_say(name: str, tmp_path: Path) -> None:
     known = {"rho": rho, "np": np, "folder": tmp_path}
-    told = doctest.testmod(importlib.import_module(name), extraglobs=known)
-    assert told.attempted > 0
-    assert told.failed == 0
+    reported = doctest.testmod(importlib.import_module(name), extraglobs=known)
+    assert reported.attempted > 0
+    assert reported.failed == 0
 
 
 @pytest.mark.parametrize("name", MAIN.split())

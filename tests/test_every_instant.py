@@ -41,9 +41,9 @@ def test_a_dip_between_knots_counts_only_if_every_instant_is_required(
     report = rho.verify(sampled)
     assert report.ok
     assert "not asked for" in str(report)
-    judged = rho.verify(dataclasses.replace(sampled, scenario=careful))
-    assert not judged.ok
-    worst = judged.violations[0]
+    checked = rho.verify(dataclasses.replace(sampled, scenario=careful))
+    assert not checked.ok
+    worst = checked.violations[0]
     assert (worst.constraint, worst.part) == ("obstacle 1", "at all times")
     assert worst.excess == pytest.approx(3.5, abs=0.1)
     assert worst.time != round(worst.time)
@@ -77,11 +77,11 @@ def test_a_position_box_holds_where_the_motion_turns_between_knots() -> None:
     limits = rho.Limits(position=rho.Box([-20, -20, -20], [20, 4.4, 20]))
     coarse = rho.Grid(2.0, 6)
     sampled = rho.plan_convex(single(start=start, grid=coarse, limits=limits))
-    asked = single(start=start, grid=coarse, limits=limits, between_knots=True)
-    over = rho.verify(dataclasses.replace(sampled, scenario=asked))
+    scenario = single(start=start, grid=coarse, limits=limits, between_knots=True)
+    over = rho.verify(dataclasses.replace(sampled, scenario=scenario))
     assert {check.constraint for check in over.violations} == {"position box"}
     assert over.violations[0].part == "y upper at all times"
-    safe = rho.plan_convex(asked)
+    safe = rho.plan_convex(scenario)
     assert rho.verify(safe).ok
     assert safe.cost > sampled.cost
     dense = safe.motion().at("position", np.linspace(0, 10, 10001))
@@ -93,9 +93,9 @@ def test_a_small_obstacle_between_two_knots_is_avoided() -> None:
     ball = rho.Sphere([5.6, 2.24, -1.12], 0.4)
     sampled = rho.plan_scp(single(obstacles=(ball,), grid=rho.Grid(2.0, 5)))
     assert sampled.statistics.rows == 0
-    asked = single(obstacles=(ball,), grid=rho.Grid(2.0, 5), between_knots=True)
-    assert not rho.verify(dataclasses.replace(sampled, scenario=asked)).ok
-    assert rho.verify(rho.plan_scp(asked)).ok
+    scenario = single(obstacles=(ball,), grid=rho.Grid(2.0, 5), between_knots=True)
+    assert not rho.verify(dataclasses.replace(sampled, scenario=scenario)).ok
+    assert rho.verify(rho.plan_scp(scenario)).ok
 
 
 def test_a_plan_along_a_path_is_safe_at_every_instant() -> None:

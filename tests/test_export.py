@@ -28,14 +28,14 @@ def rough(
     """Return vehicles with random accelerations, which reveal any rounding or shift of time."""
     rng = np.random.default_rng(seed)
     starts = rng.uniform(-5.0, 5.0, (vehicles, 3))
-    asked = fleet(
+    scenario = fleet(
         starts,
         starts + 20.0,
         grid=rho.Grid(step, steps + 1, start),
         separation=rho.Separation(1e-9),
     )
     accelerations = rng.normal(size=(vehicles, steps, 3))
-    return rho.Plan.from_accelerations(asked, accelerations, rho.Statistics(programs=3))
+    return rho.Plan.from_accelerations(scenario, accelerations, rho.Statistics(programs=3))
 
 
 def _true(plan: rho.Plan, name: str, times: np.ndarray) -> list[np.ndarray]:
@@ -85,9 +85,9 @@ def test_a_table_has_the_states_at_the_rate_and_at_every_knot(
         times = table[:, 0]
         assert np.all(np.diff(times) > 1e-9 * grid.step)
         assert set(grid.times) <= set(times)
-        asked = start + np.arange(0.0, grid.duration, 1.0 / (rate or 20.0))
-        assert np.abs(times[:, None] - asked).min(axis=0).max() < 1e-9
-        assert len(times) <= len(asked) + grid.knots
+        required = start + np.arange(0.0, grid.duration, 1.0 / (rate or 20.0))
+        assert np.abs(times[:, None] - required).min(axis=0).max() < 1e-9
+        assert len(times) <= len(required) + grid.knots
         p, v, a = _true(plan, name, times)
         np.testing.assert_allclose(table[:, 1:4], p, rtol=0, atol=ROUNDING * 100)
         np.testing.assert_allclose(table[:, 4:7], v, rtol=0, atol=ROUNDING * 100)
@@ -202,14 +202,14 @@ def test_a_document_is_read_back_to_the_last_digit(
     scenario = _hard_to_write()[number]
     rng = np.random.default_rng(number)
     accelerations = rng.normal(size=(len(scenario.vehicles), scenario.grid.knots - 1, 3))
-    told = rho.Statistics(programs=7, steps_tried=(0.1, 0.2), seconds=1.0 / 3.0)
-    plan = rho.Plan.from_accelerations(scenario, accelerations, told)
+    reported = rho.Statistics(programs=7, steps_tried=(0.1, 0.2), seconds=1.0 / 3.0)
+    plan = rho.Plan.from_accelerations(scenario, accelerations, reported)
     for flown in (plan, rho.Flight(plan, (Window(0, plan, plan),))):
         rho.export(flown, tmp_path / "plan.json", format="json", rate=rate)
         loaded = rho.load(tmp_path / "plan.json")
         assert isinstance(loaded, rho.Plan)
         assert _same(loaded, plan)
-        assert loaded.statistics == told
+        assert loaded.statistics == reported
 
 
 @pytest.mark.parametrize(
@@ -331,12 +331,12 @@ def test_a_show_covers_a_flight_that_ends_between_milliseconds(tmp_path: Path) -
 
 
 def test_the_last_setpoint_is_at_rest_at_the_goal(tmp_path: Path) -> None:
-    asked = rho.Scenario(
+    scenario = rho.Scenario(
         "short",
         rho.Grid(1.0 / 3.0, 8),
         [rho.Vehicle("v0", rho.State([0, 0, 1]), rho.State([2, 1, 3]))],
     )
-    rho.export(rho.plan(asked), tmp_path / "setpoints.csv", format="px4", rate=50.0)
+    rho.export(rho.plan(scenario), tmp_path / "setpoints.csv", format="px4", rate=50.0)
     with open(tmp_path / "setpoints.csv", encoding="utf-8", newline="") as file:
         *_, last = csv.DictReader(file)
     assert last["time_boot_ms"] == "2334"  # after the end, at 2333.3 ms

@@ -245,8 +245,8 @@ def test_an_exported_json_is_verified_and_exported_again(
         words = ("export", source, "--format", "json", "-o", target)
         assert run(capsys, monkeypatch, *words)[0] == 0
     assert Path(path).read_bytes() == Path(again).read_bytes()
-    judged = run(capsys, monkeypatch, "verify", path)
-    assert judged == run(capsys, monkeypatch, "verify", kept)
+    checked = run(capsys, monkeypatch, "verify", path)
+    assert checked == run(capsys, monkeypatch, "verify", kept)
 
 
 @pytest.mark.parametrize(

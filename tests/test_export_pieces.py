@@ -70,10 +70,10 @@ def _flown(pieces: list[Piece], elapsed: float, derivative: int = 0) -> np.ndarr
 
 def _random(steps: int, *, seed: int = 0, step: float = 0.25, size: float = 1.0) -> rho.Plan:
     rng = np.random.default_rng(seed)
-    asked = single(
+    scenario = single(
         grid=rho.Grid(step, steps + 1, 3.0), start=rho.State([1, 2, 3], size * rng.normal(size=3))
     )
-    return rho.Plan.from_accelerations(asked, size * rng.normal(size=(1, steps, 3)))
+    return rho.Plan.from_accelerations(scenario, size * rng.normal(size=(1, steps, 3)))
 
 
 @pytest.mark.parametrize("steps", [1, 2, 17, 31])
@@ -166,7 +166,7 @@ def _room(gap: float, downwash: float = 1.0, *, beside: bool = False) -> rho.Pla
     rng = np.random.default_rng(7)
     apart = np.array([0, 1.0 + gap, 0]) if beside else np.array([0, 0, downwash * (1.0 + gap)])
     starts = np.array([0.0, 0.0, 5.0]) + np.array([np.zeros(3), apart])
-    asked = fleet(
+    scenario = fleet(
         starts,
         starts + np.array([30.0, 0.0, 0.0]),
         grid=rho.Grid(0.25, 101),
@@ -181,7 +181,7 @@ def _room(gap: float, downwash: float = 1.0, *, beside: bool = False) -> rho.Pla
     along[0, :, 1], along[1, :, 1] = -wave, wave
     if not beside:
         along[0, :, 2], along[1, :, 2] = -wave, wave
-    return rho.Plan.from_accelerations(asked, along)
+    return rho.Plan.from_accelerations(scenario, along)
 
 
 def _least_clearance(pieces: list[list[Piece]], plan: rho.Plan) -> float:
@@ -224,8 +224,8 @@ def test_lack_of_clearance_is_reported(tmp_path: Path) -> None:
         ),
         plan.accelerations,
     )
-    judged = [each for each in rho.verify(near).checks if each.constraint == "separation"]
-    assert all(each.holds for each in judged)
+    checked = [each for each in rho.verify(near).checks if each.constraint == "separation"]
+    assert all(each.holds for each in checked)
     written = rho.export(near, tmp_path / "swarm", format="crazyswarm")
     assert written.spare is not None
     assert not written.spare.keeps_clear

@@ -90,12 +90,12 @@ def _least_violation_of_rows(rows: Rows) -> float:
     return float(found.fun)
 
 
-def _contradict(scenario: rho.Scenario, name: str, told: Collection[str]) -> bool:
+def _contradict(scenario: rho.Scenario, name: str, described: Collection[str]) -> bool:
     """Return whether the described constraints of one vehicle cannot be met together."""
     vehicle = scenario.vehicles[scenario.index_of(name)]
     for axis, letter in enumerate("xyz"):
         rows: Rows = []
-        for words in told:
+        for words in described:
             if words == f"goal {letter}":
                 rows += _goal_rows(scenario, vehicle, axis)
             elif not words.startswith("goal"):

@@ -30,15 +30,15 @@ def test_the_printed_suggestions_are_sufficient() -> None:
     weak = 0.0944444444
     start, goal = rho.State([0, 0, 0]), rho.State([10, 0, 0])
 
-    def asked(factor: float, step: float = 1.0) -> rho.Scenario:
+    def scaled(factor: float, step: float = 1.0) -> rho.Scenario:
         limits = rho.Limits(acceleration=box(factor * weak))
         return single(limits=limits, grid=rho.Grid(step, 11), start=start, goal=goal)
 
-    text = str(rho.diagnose(asked(1.0)))
+    text = str(rho.diagnose(scaled(1.0)))
     factor = float(text.split("acceleration limits ")[1].split()[0])
     step = float(text.split("a step of ")[1].split()[0])
-    assert rho.verify(rho.plan_scp(asked(factor))).ok
-    assert rho.verify(rho.plan_scp(asked(1.0, step))).ok
+    assert rho.verify(rho.plan_scp(scaled(factor))).ok
+    assert rho.verify(rho.plan_scp(scaled(1.0, step))).ok
 
 
 def test_no_plan_is_shorter_than_the_shortest() -> None:
@@ -164,20 +164,20 @@ def test_another_duration_begins_at_the_same_time_and_obstacles_stay_on_the_cloc
         rho.Obstacle(ball, track=track, known_from=101.0),
         rho.Obstacle(ball, known_from=107.0, name="late"),
     )
-    asked = single(grid=rho.Grid(0.5, 17, 100.0), obstacles=obstacles)
+    scenario = single(grid=rho.Grid(0.5, 17, 100.0), obstacles=obstacles)
     for factor in (0.5, 0.1, 3.0):
-        other = rescaled(asked, factor)
+        other = rescaled(scenario, factor)
         assert other.grid == rho.Grid(0.5 * factor, 17, 100.0)
-        for old, new in zip(asked.bodies, other.bodies, strict=True):
+        for old, new in zip(scenario.bodies, other.bodies, strict=True):
             assert new == dataclasses.replace(old, known_from=min(old.known_from, other.grid.end))
             times = np.linspace(100.0, 110.0, 11)
             np.testing.assert_array_equal(new.centers(times), old.centers(times))
-    assert not is_monotone(asked)
+    assert not is_monotone(scenario)
 
 
 def test_an_obstacle_known_after_a_shorter_end_does_not_end_the_search() -> None:
     """The shortest flight takes 6.4 s, and the obstacle, far away, is known at 7.9 s."""
     far = rho.Obstacle(rho.Sphere([0.0, 99.0, 0.0], 1.0), known_from=7.9)
-    asked = single(limits=rho.Limits(acceleration=box(1.0)), obstacles=(far,))
-    shortest = rho.shortest_plan(asked).scenario.grid.duration
+    scenario = single(limits=rho.Limits(acceleration=box(1.0)), obstacles=(far,))
+    shortest = rho.shortest_plan(scenario).scenario.grid.duration
     assert shortest == pytest.approx(np.sqrt(4 * 10.0 / 1.0), rel=2e-3)

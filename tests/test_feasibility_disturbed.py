@@ -31,8 +31,10 @@ def test_longer_is_not_always_possible_with_a_tube_that_grows() -> None:
 
     def lasting(duration: float) -> rho.Scenario:
         limits = rho.Limits(position=rho.Box([-2, -2, -2], [3, 2, 2]), max_acceleration=1.5)
-        asked = single(grid=rho.Grid(duration / 10, 11), goal=rho.State([1.0, 0, 0]), limits=limits)
-        return dataclasses.replace(asked, disturbance=rho.Disturbance(1.0, share=0.5))
+        scenario = single(
+            grid=rho.Grid(duration / 10, 11), goal=rho.State([1.0, 0, 0]), limits=limits
+        )
+        return dataclasses.replace(scenario, disturbance=rho.Disturbance(1.0, share=0.5))
 
     assert rho.verify(rho.plan(lasting(2.0))).ok
     for duration in (4.0, 8.0, 12.0):
@@ -65,18 +67,18 @@ def test_obstacles_do_not_slow_down_with_a_longer_duration() -> None:
 @pytest.mark.parametrize("windy", [False, True])
 def test_a_conflict_states_the_problem_for_which_it_is_proved(windy: bool) -> None:
     limits = rho.Limits(max_acceleration=0.7)
-    asked = single(goal=rho.State([0.9 * 0.7 * 16.0, 0, 0]), limits=limits)
+    scenario = single(goal=rho.State([0.9 * 0.7 * 16.0, 0, 0]), limits=limits)
     around = rho.Disturbance(0.3, share=1.0) if windy else None
-    asked = dataclasses.replace(asked, disturbance=around)
+    scenario = dataclasses.replace(scenario, disturbance=around)
     if not windy:
-        asked = dataclasses.replace(asked, limits=rho.Limits(max_acceleration=0.6))
+        scenario = dataclasses.replace(scenario, limits=rho.Limits(max_acceleration=0.6))
     with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan(asked)
+        rho.plan(scenario)
     assert caught.value.is_proved == (not windy)
-    for told in (str(caught.value), rho.diagnose(asked).reason):
-        margins = "with the margins that are kept for the disturbance" in told
+    for reported in (str(caught.value), rho.diagnose(scenario).reason):
+        margins = "with the margins that are kept for the disturbance" in reported
         assert margins == windy
-        assert "together" in told
+        assert "together" in reported
 
 
 def test_the_largest_wind_of_a_corridor_fills_it_with_the_tube() -> None:
@@ -87,10 +89,10 @@ def test_the_largest_wind_of_a_corridor_fills_it_with_the_tube() -> None:
     (why,) = diagnosis.conflicts.values()
     assert "disturbance" in why
     assert any("position box" in each for each in why)
-    told = str(diagnosis)
-    assert "without a disturbance there is a plan" in told
-    assert "instead of 5 m/s²" in told
-    assert len(told.splitlines()) <= 12
+    reported = str(diagnosis)
+    assert "without a disturbance there is a plan" in reported
+    assert "instead of 5 m/s²" in reported
+    assert len(reported.splitlines()) <= 12
 
 
 @pytest.mark.slow

@@ -61,8 +61,8 @@ def _among(vehicles: int, obstacles: int, *, named: tuple[str, ...] | None = Non
     ]
     moving = Obstacle(rho.Sphere([5, 5, 5], 0.5), velocity=[0.3, 0.1, 0.0], known_from=1.0)
     every = (*bodies, dataclasses.replace(moving, name="$x^$"))
-    asked = unchecked(free.scenario, obstacles=every, bodies=every)
-    return rho.Plan.from_accelerations(asked, free.accelerations)
+    scenario = unchecked(free.scenario, obstacles=every, bodies=every)
+    return rho.Plan.from_accelerations(scenario, free.accelerations)
 
 
 SCENES: dict[str, Callable[[], rho.Plan]] = {

@@ -62,10 +62,12 @@ def test_the_separation_holds_and_has_an_effect(
     planner: Planner, downwash: float, between_knots: bool
 ) -> None:
     separation = rho.Separation(0.8, downwash)
-    asked = fleet(*CROSSING, separation=separation, between_knots=between_knots)
-    independent = dataclasses.replace(rho.plan_scp(asked.without_separation()), scenario=asked)
+    scenario = fleet(*CROSSING, separation=separation, between_knots=between_knots)
+    independent = dataclasses.replace(
+        rho.plan_scp(scenario.without_separation()), scenario=scenario
+    )
     assert sampled_separation(independent) < 0.9
-    plan = planner(asked)
+    plan = planner(scenario)
     assert rho.verify(plan).ok
     assert not rho.verify(independent).ok
     assert sampled_separation(plan) >= TOUCHED
@@ -75,11 +77,11 @@ def test_the_separation_holds_and_has_an_effect(
 def test_only_the_knots_are_constrained_where_only_they_are_required() -> None:
     """On a coarse grid they may swap between two knots, unless every instant is constrained."""
     starts, goals = np.array([[-5, 0.1, 0], [5, 0, 0]]), np.array([[5, 0, 0], [-5, 0.1, 0]])
-    asked = fleet(starts, goals, grid=rho.Grid(2.0, 6))
-    knots = rho.plan_scp(dataclasses.replace(asked, between_knots=False))
+    scenario = fleet(starts, goals, grid=rho.Grid(2.0, 6))
+    knots = rho.plan_scp(dataclasses.replace(scenario, between_knots=False))
     assert rho.verify(knots).ok
-    assert sampled_separation(dataclasses.replace(knots, scenario=asked)) < 0.5
-    plan = rho.plan_scp(asked)
+    assert sampled_separation(dataclasses.replace(knots, scenario=scenario)) < 0.5
+    plan = rho.plan_scp(scenario)
     assert sampled_separation(plan) >= TOUCHED
     assert plan.cost > knots.cost
 
@@ -88,14 +90,16 @@ def test_only_the_knots_are_constrained_where_only_they_are_required() -> None:
 def test_obstacles_boxes_and_own_limits_hold_beside_the_separation(planner: Planner) -> None:
     limits = rho.Limits(position=box(5.2), velocity=box(2.5))
     sphere = rho.Sphere([0.0, 0.0, 0.5], 1.5)
-    asked = through_the_middle(
+    scenario = through_the_middle(
         4, separation=rho.Separation(1.0, 2.0), limits=limits, obstacles=(sphere,)
     )
-    weak = dataclasses.replace(asked.vehicles[1], limits=rho.Limits(acceleration=box(0.52)))
+    weak = dataclasses.replace(scenario.vehicles[1], limits=rho.Limits(acceleration=box(0.52)))
     level = rho.Limits(position=rho.Box([-5.2, -5.2, -0.2], [5.2, 5.2, 0.2]))
-    flat = dataclasses.replace(asked.vehicles[2], limits=level)
-    asked = dataclasses.replace(asked, vehicles=(asked.vehicles[0], weak, flat, asked.vehicles[3]))
-    plan = planner(asked)
+    flat = dataclasses.replace(scenario.vehicles[2], limits=level)
+    scenario = dataclasses.replace(
+        scenario, vehicles=(scenario.vehicles[0], weak, flat, scenario.vehicles[3])
+    )
+    plan = planner(scenario)
     assert rho.verify(plan).ok
     assert sampled_separation(plan) >= TOUCHED
     assert np.abs(plan.accelerations[1]).max() <= 0.52 * (1 + INDEX)
@@ -103,13 +107,13 @@ def test_obstacles_boxes_and_own_limits_hold_beside_the_separation(planner: Plan
     dense = plan.motion().at("position", np.linspace(0.0, 10.0, 5001))
     assert np.linalg.norm(dense - sphere.center, axis=2).min() >= 1.5 * (1 - INDEX)
     assert np.abs(dense[2, :, 2]).max() <= 0.2 + 1e-5
-    alone = rho.plan_scp(asked.without_separation())
-    assert sampled_separation(dataclasses.replace(alone, scenario=asked)) < 1.0
+    alone = rho.plan_scp(scenario.without_separation())
+    assert sampled_separation(dataclasses.replace(alone, scenario=scenario)) < 1.0
     for spared in (
-        asked.without_obstacles(),
-        dataclasses.replace(asked, vehicles=_without_limits_of_their_own(asked)),
+        scenario.without_obstacles(),
+        dataclasses.replace(scenario, vehicles=_without_limits_of_their_own(scenario)),
     ):
-        assert not rho.verify(dataclasses.replace(planner(spared), scenario=asked)).ok
+        assert not rho.verify(dataclasses.replace(planner(spared), scenario=scenario)).ok
 
 
 def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, ...]:
@@ -120,10 +124,10 @@ def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, .
 @given(seed=st.integers(0, 2**32 - 1), between_knots=st.booleans())
 @settings(max_examples=13)
 def test_random_fleets_are_separated_at_dense_samples(seed: int, between_knots: bool) -> None:
-    asked = random_fleet(seed, between_knots=between_knots)
+    scenario = random_fleet(seed, between_knots=between_knots)
     for coupling in (coupled, decoupled):
         try:
-            plan = rho.plan_scp(asked, coupling=coupling)
+            plan = rho.plan_scp(scenario, coupling=coupling)
         except rho.InfeasibleError:
             continue
         assert rho.verify(plan).ok
@@ -138,11 +142,11 @@ def test_vehicles_that_all_meet_in_one_point_are_planned(
 ) -> None:
     """References coincide in the middle, where no direction leads from one to the other."""
     limits = rho.Limits(position=rho.Box([-9, -9, -0.1], [9, 9, 0.1]) if level else None)
-    asked = through_the_middle(count, limits=limits)
-    plan = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # one of the two
+    scenario = through_the_middle(count, limits=limits)
+    plan = rho.plan_scp(scenario, coupling=coupling)  # type: ignore[arg-type]  # one of the two
     assert rho.verify(plan).ok
     assert sampled_separation(plan) >= TOUCHED
-    again = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # one of the two
+    again = rho.plan_scp(scenario, coupling=coupling)  # type: ignore[arg-type]  # one of the two
     np.testing.assert_array_equal(plan.accelerations, again.accelerations)
 
 
@@ -161,18 +165,18 @@ def test_vehicles_that_all_meet_in_one_point_are_planned(
 def test_mirror_symmetric_meetings_are_planned(
     starts: list[list[float]], goals: list[list[float]], downwash: float
 ) -> None:
-    asked = fleet(starts, goals, separation=rho.Separation(1.0, downwash))
+    scenario = fleet(starts, goals, separation=rho.Separation(1.0, downwash))
     for planner in (PLANNERS["coupled"], PLANNERS["decoupled"]):
-        plan = planner(asked)
+        plan = planner(scenario)
         assert rho.verify(plan).ok
         assert sampled_separation(plan) >= TOUCHED
 
 
 def test_directions_of_coinciding_references_do_not_depend_on_their_order() -> None:
-    asked = through_the_middle(2)
-    swapped = dataclasses.replace(asked, vehicles=asked.vehicles[::-1])
+    scenario = through_the_middle(2)
+    swapped = dataclasses.replace(scenario, vehicles=scenario.vehicles[::-1])
     found = []
-    for each in (asked, swapped):
+    for each in (scenario, swapped):
         free = rho.plan_scp(each.without_separation()).motion()
         pairs = pairs_of(each, free, coupled, penalty=1.0, aside=True)
         assert len(pairs.places) > 0
@@ -187,11 +191,11 @@ def test_directions_of_coinciding_references_do_not_depend_on_their_order() -> N
 
 @pytest.mark.parametrize("name", ["coupled", "decoupled"])
 def test_relabelling_the_vehicles_permutes_the_plan(name: str) -> None:
-    asked = fleet(*CROSSING)
+    scenario = fleet(*CROSSING)
     order = [2, 0, 1]
-    vehicles = tuple(asked.vehicles[index] for index in order)
-    plan = PLANNERS[name](asked)
-    other = PLANNERS[name](dataclasses.replace(asked, vehicles=vehicles))
+    vehicles = tuple(scenario.vehicles[index] for index in order)
+    plan = PLANNERS[name](scenario)
+    other = PLANNERS[name](dataclasses.replace(scenario, vehicles=vehicles))
     assert other.cost == pytest.approx(plan.cost, rel=1e-5)
     largest = np.abs(plan.accelerations).max()
     np.testing.assert_allclose(other.accelerations, plan.accelerations[order], atol=1e-3 * largest)
@@ -209,19 +213,19 @@ def test_mirroring_turning_shifting_and_changing_units(
     seed: int, turn: np.ndarray, shift: tuple[float, float, float], length: float, time: float
 ) -> None:
     """One linearisation is the same in all coordinates; iterations may differ at a fork."""
-    asked = random_fleet(seed)
-    assert asked.separation is not None
-    if asked.separation.downwash != 1.0 and abs(turn[2, 2]) != 1.0:
+    scenario = random_fleet(seed)
+    assert scenario.separation is not None
+    if scenario.separation.downwash != 1.0 and abs(turn[2, 2]) != 1.0:
         turn = np.diag([1.0, -1.0, -1.0])
-    size = max(np.abs(vehicle.start.position).max() for vehicle in asked.vehicles)
-    other = mapped(asked, turn, size * np.array(shift), length, time)
+    size = max(np.abs(vehicle.start.position).max() for vehicle in scenario.vehicles)
+    other = mapped(scenario, turn, size * np.array(shift), length, time)
     costs = []
-    for each, scale in ((asked, 1.0), (other, (length / time**2) ** 2)):
+    for each, scale in ((scenario, 1.0), (other, (length / time**2) ** 2)):
         try:
             costs.append(rho.plan_convex(each).cost / scale)
         except rho.InfeasibleError:
             costs.append(np.inf)
-    met = pairs_within(asked.separation, _free(asked), 1e-3 * size, between=True)
+    met = pairs_within(scenario.separation, _free(scenario), 1e-3 * size, between=True)
     if np.isfinite(costs[0]) and len(met) == 0:
         assert costs[1] == pytest.approx(costs[0], rel=10 * INDEX)
 
@@ -233,12 +237,12 @@ def _free(scenario: rho.Scenario) -> Motion:
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=8)
 def test_a_coupled_plan_never_costs_more_than_its_decoupled_reference(seed: int) -> None:
-    asked = random_fleet(seed, most=5)
+    scenario = random_fleet(seed, most=5)
     try:
-        split = rho.plan_scp(asked, coupling=decoupled)
+        split = rho.plan_scp(scenario, coupling=decoupled)
     except rho.InfeasibleError:
         return
-    together = rho.plan_scp(asked, reference=split, coupling=coupled)
+    together = rho.plan_scp(scenario, reference=split, coupling=coupled)
     assert rho.verify(together).ok
     assert together.cost <= split.cost * (1 + INDEX)
 
@@ -256,19 +260,21 @@ def test_iterates_are_separated_and_the_index_does_not_increase() -> None:
 
 
 def test_every_window_of_a_fleet_has_a_separated_plan() -> None:
-    asked = through_the_middle(4)
-    flight = rho.plan_rho(asked, planner=rho.plan_scp, replan_every=3)
+    scenario = through_the_middle(4)
+    flight = rho.plan_rho(scenario, planner=rho.plan_scp, replan_every=3)
     assert rho.verify(flight).ok
     assert sampled_separation(flight.plan) >= TOUCHED
     assert flight.cost <= flight.windows[0].plan.cost * (1 + 10 * INDEX)
 
 
-def _linearised(asked: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.ndarray]]:
+def _linearised(scenario: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the row n · (p0 - p1) >= d of each inner knot as pairs (n, value of p0 - p1)."""
     rows = []
-    for k in range(1, asked.grid.knots - 1):
+    for k in range(1, scenario.grid.knots - 1):
         gap = at.positions[0, k] - at.positions[1, k]
-        pull = response("position", asked.grid.step, asked.grid.knots, [k * asked.grid.step])[0]
+        pull = response(
+            "position", scenario.grid.step, scenario.grid.knots, [k * scenario.grid.step]
+        )[0]
         rows.append((gap / np.linalg.norm(gap), pull))
     return rows
 
@@ -276,8 +282,8 @@ def _linearised(asked: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.
 @pytest.fixture
 def two() -> tuple[rho.Scenario, rho.Plan]:
     """Return two crossing vehicles, constrained at the knots, and a plan to linearise around."""
-    asked = fleet(CROSSING[0][:2], CROSSING[1][:2], between_knots=False)
-    return asked, rho.plan_scp(asked, coupling=decoupled)
+    scenario = fleet(CROSSING[0][:2], CROSSING[1][:2], between_knots=False)
+    return scenario, rho.plan_scp(scenario, coupling=decoupled)
 
 
 @np.errstate(invalid="ignore")  # numpy warns of Drake's symbols, without a cause
@@ -285,19 +291,19 @@ def test_one_linearisation_equals_the_program_written_out(
     two: tuple[rho.Scenario, rho.Plan],
 ) -> None:
     """The program has every row of the one pair at every knot, in Drake's symbols."""
-    asked, at = two
-    h, steps = asked.grid.step, asked.grid.knots - 1
+    scenario, at = two
+    h, steps = scenario.grid.step, scenario.grid.knots - 1
     twin = MathematicalProgram()
-    a = [twin.NewContinuousVariables(steps, 3) for _ in asked.vehicles]
-    for vehicle, own in zip(asked.vehicles, a, strict=True):
+    a = [twin.NewContinuousVariables(steps, 3) for _ in scenario.vehicles]
+    for vehicle, own in zip(scenario.vehicles, a, strict=True):
         p, v = vehicle.start.position, vehicle.start.velocity
         for k in range(steps):
             p, v = p + h * v + h**2 / 2 * own[k], v + h * own[k]
         twin.AddLinearEqualityConstraint(p, vehicle.goal.position)
         twin.AddLinearEqualityConstraint(v, vehicle.goal.velocity)
         twin.AddQuadraticCost((own**2).sum())
-    between = asked.vehicles[0].start.position - asked.vehicles[1].start.position
-    for n, pull in _linearised(asked, at):
+    between = scenario.vehicles[0].start.position - scenario.vehicles[1].start.position
+    for n, pull in _linearised(scenario, at):
         gap = between + pull @ (a[0] - a[1])
         twin.AddLinearConstraint(n @ gap >= 1.0)
     result = ClarabelSolver().Solve(twin)
@@ -313,9 +319,9 @@ def test_the_converged_plan_equals_that_of_a_nonlinear_solver(
     two: tuple[rho.Scenario, rho.Plan],
 ) -> None:
     """SLSQP minimises with the true distances, in coordinates that satisfy the goals."""
-    asked, at = two
-    effort = MinimumEffort.of(asked)
-    steps = asked.grid.knots - 1
+    scenario, at = two
+    effort = MinimumEffort.of(scenario)
+    steps = scenario.grid.knots - 1
     _, _, rows = np.linalg.svd(effort.goals.rows)
     inside = rows[len(effort.goals.rows) :]  # accelerations that change no goal
     free = effort.motion.accelerations
@@ -324,9 +330,9 @@ def test_the_converged_plan_equals_that_of_a_nonlinear_solver(
         moved: np.ndarray = free + np.einsum("cj,icx->ijx", inside, x.reshape(2, -1, 3))
         return moved
 
-    knots = asked.grid.times[1:-1]
-    responses = response("position", asked.grid.step, asked.grid.knots, knots)
-    ends = np.array([vehicle.start.position for vehicle in asked.vehicles])
+    knots = scenario.grid.times[1:-1]
+    responses = response("position", scenario.grid.step, scenario.grid.knots, knots)
+    ends = np.array([vehicle.start.position for vehicle in scenario.vehicles])
 
     def gaps(x: np.ndarray) -> np.ndarray:
         a = flown(x)
@@ -356,17 +362,21 @@ def test_the_converged_plan_equals_that_of_a_nonlinear_solver(
     assert found.success
     assert steps == flown(found.x).shape[1]
     best = float(np.sum(flown(found.x) ** 2))
-    assert rho.plan_scp(asked, reference=at, coupling=coupled).cost == pytest.approx(best, rel=1e-5)
+    assert rho.plan_scp(scenario, reference=at, coupling=coupled).cost == pytest.approx(
+        best, rel=1e-5
+    )
 
 
 @pytest.mark.parametrize("between_knots", [True, False])
 def test_the_reduced_form_of_coupled_rows_has_the_same_solution(between_knots: bool) -> None:
     """The same rows in all accelerations, with states beside them, have the same solution."""
-    asked = through_the_middle(4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots)
-    subproblem = Subproblem(asked, coupled)
-    known = subproblem.around(rho.plan_scp(asked, coupling=decoupled)).accelerations
+    scenario = through_the_middle(
+        4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots
+    )
+    subproblem = Subproblem(scenario, coupled)
+    known = subproblem.around(rho.plan_scp(scenario, coupling=decoupled)).accelerations
     assert subproblem.planes is not None
-    effort, steps = MinimumEffort.of(asked), asked.grid.knots - 1
+    effort, steps = MinimumEffort.of(scenario), scenario.grid.knots - 1
     rows = list(subproblem.planes.working.rows.values())
     for sparse in (True, False):
         with pytest.MonkeyPatch.context() as patched:
@@ -385,12 +395,12 @@ def test_the_plan_of_two_crossing_vehicles_is_proved_globally_optimal(
     two: tuple[rho.Scenario, rho.Plan],
 ) -> None:
     for downwash, between_knots in ((1.0, False), (1.0, True), (2.0, True)):
-        asked = dataclasses.replace(
+        scenario = dataclasses.replace(
             two[0], separation=rho.Separation(1.0, downwash), between_knots=between_knots
         )
-        proof = rho.certify(rho.plan_scp(asked))
+        proof = rho.certify(rho.plan_scp(scenario))
         assert proof.is_globally_optimal
-        assert proof.lower_bound > rho.plan_scp(asked.without_separation()).cost
+        assert proof.lower_bound > rho.plan_scp(scenario.without_separation()).cost
         for each in proof.vehicles:
             assert each.stationarity < 1e-4
             assert each.complementarity < 1e-5
@@ -400,16 +410,16 @@ def test_the_plan_of_two_crossing_vehicles_is_proved_globally_optimal(
 def test_no_plan_found_from_elsewhere_is_below_the_bound() -> None:
     """References that pass on all sides lead to plans that cost more or as much."""
     rng = np.random.default_rng(0)
-    for asked in (fleet(*CROSSING), through_the_middle(4)):
-        plan = rho.plan_scp(asked)
+    for scenario in (fleet(*CROSSING), through_the_middle(4)):
+        plan = rho.plan_scp(scenario)
         proof = rho.certify(plan)
         assert proof.holds
         assert 0.0 < proof.lower_bound <= plan.cost * (1 + INDEX)
         costs = []
         for _ in range(6):
             noise = rng.normal(size=plan.accelerations.shape) * np.abs(plan.accelerations).max()
-            elsewhere = rho.Plan.from_accelerations(asked, plan.accelerations + 3 * noise)
-            other = rho.plan_scp(asked, reference=elsewhere)
+            elsewhere = rho.Plan.from_accelerations(scenario, plan.accelerations + 3 * noise)
+            other = rho.plan_scp(scenario, reference=elsewhere)
             assert rho.verify(other).ok
             costs.append(other.cost)
         assert min(costs) * (1 + INDEX) >= proof.lower_bound
@@ -424,9 +434,9 @@ HEAD_ON = ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]])
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["coupled", "decoupled", "rho"])
 def test_two_vehicles_that_cannot_pass_in_a_corridor_are_named_with_the_time(name: str) -> None:
-    asked = fleet(*HEAD_ON, limits=TUBE)
+    scenario = fleet(*HEAD_ON, limits=TUBE)
     with pytest.raises(rho.InfeasibleError) as caught:
-        PLANNERS[name](asked)
+        PLANNERS[name](scenario)
     conflicts = caught.value.conflicts
     assert set(conflicts) == {"v0", "v1"}
     for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
@@ -458,10 +468,10 @@ def test_a_linearisation_without_a_solution_is_infeasible_and_no_solver_error(
     seed: int,
 ) -> None:
     """Vehicles without a solution leave their rows violated while others are still being solved."""
-    asked = random_fleet(seed)
-    independent = rho.plan_convex(asked.without_separation())
+    scenario = random_fleet(seed)
+    independent = rho.plan_convex(scenario.without_separation())
     with pytest.raises(rho.InfeasibleError, match="separation from v"):
-        Subproblem(asked, decoupled).around(independent)
+        Subproblem(scenario, decoupled).around(independent)
 
 
 def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(
@@ -487,10 +497,10 @@ def test_a_reference_of_other_vehicles_is_refused() -> None:
 
 
 def test_a_separation_does_not_affect_a_single_vehicle() -> None:
-    asked = dataclasses.replace(single(between_knots=True), separation=rho.Separation(1.0))
-    alone = rho.plan_scp(asked.without_separation())
+    scenario = dataclasses.replace(single(between_knots=True), separation=rho.Separation(1.0))
+    alone = rho.plan_scp(scenario.without_separation())
     for planner in PLANNERS.values():
-        plan = planner(asked)
+        plan = planner(scenario)
         assert rho.verify(plan).ok
         assert plan.cost == pytest.approx(alone.cost, rel=INDEX)
     assert rho.certify(alone).is_globally_optimal

@@ -88,9 +88,9 @@ def test_a_box_gives_a_row_for_every_violated_side_and_knot(seed: int) -> None:
     scenario = _three()
     motion = _flown(scenario, seed)
     for constraint in boxes_of(scenario):
-        for asked in ([0, 1, 2], [1], [0, 2]):
-            rows = constraint.violated(motion, np.array(asked))
-            slow = _slow_box_rows(scenario, motion, constraint.quantity, asked)
+        for vehicles in ([0, 1, 2], [1], [0, 2]):
+            rows = constraint.violated(motion, np.array(vehicles))
+            slow = _slow_box_rows(scenario, motion, constraint.quantity, vehicles)
             assert _places(rows) == slow
             assert len(rows) == len(slow)
             assert np.all(rows.margins(motion) < 0.0)
@@ -309,20 +309,20 @@ def test_two_vehicles_share_the_slack_of_the_reference(seed: int) -> None:
 
 
 @pytest.mark.parametrize("coupling", [coupled, decoupled])
-@pytest.mark.parametrize("asked", [[0], [1], [2], [0, 2], [0, 1, 2]])
+@pytest.mark.parametrize("of", [[0], [1], [2], [0, 2], [0, 1, 2]])
 def test_pairs_with_a_checked_vehicle_give_their_violated_rows(
-    coupling: Coupling, asked: list[int]
+    coupling: Coupling, of: list[int]
 ) -> None:
     scenario = _three(between_knots=False)
     reference, other = _flown(scenario, 4, 0.2), _flown(scenario, 5, 0.3)
     pairs = pairs_of(scenario, reference, coupling)
     every = pairs.rows(pairs.places)
     broken = every.margins(other) < -1e-7
-    looked_at = np.isin(every.vehicles, asked)
+    looked_at = np.isin(every.vehicles, of)
     if coupling.together:
-        looked_at |= np.isin(every.partners, asked)
+        looked_at |= np.isin(every.partners, of)
     expected = every.select(broken & looked_at)
-    found = pairs.violated(other, np.array(asked))
+    found = pairs.violated(other, np.array(of))
     assert len(expected) > 0
     for name in ("vehicles", "partners", "times", "bounds"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
@@ -332,9 +332,9 @@ def test_rows_of_pairs_are_given_at_near_inner_knots_of_the_reference() -> None:
     """Side by side at 1.2 m there are rows at every inner knot, and at 1.4 m there are none."""
     for gap, count in ((1.2, 19), (1.4, 0)):
         ends = np.array([[0, 0, 0], [0, gap, 0]])
-        asked = fleet(ends, ends + np.array([10, 0, 0]))
-        motion = rho.plan_scp(asked.without_separation()).motion()
-        pairs = pairs_of(asked, motion, coupled)
+        scenario = fleet(ends, ends + np.array([10, 0, 0]))
+        motion = rho.plan_scp(scenario.without_separation()).motion()
+        pairs = pairs_of(scenario, motion, coupled)
         assert len(np.unique(pairs.rows(pairs.places).times)) == count
         assert len(pairs.violated(motion, np.arange(2))) == 0
 
@@ -420,10 +420,10 @@ def test_each_encounter_has_one_normal_on_request() -> None:
     legs = [rho.plan_convex(each).accelerations[0] for each in (there, back)]
     ends = np.array([[0, 0, 0], [-5, 0.2, 0]])
     goals = np.array([[0, 0, 0], [-5, -0.6, 0]])
-    asked = fleet(ends, goals, grid=rho.Grid(0.5, 33))
+    scenario = fleet(ends, goals, grid=rho.Grid(0.5, 33))
     flown = np.stack([np.zeros((32, 3)), np.concatenate(legs)])
-    reference = rho.Plan.from_accelerations(asked, flown).motion()
-    pairs = pairs_of(asked, reference, coupled, penalty=1.0, aside=True)
+    reference = rho.Plan.from_accelerations(scenario, flown).motion()
+    pairs = pairs_of(scenario, reference, coupled, penalty=1.0, aside=True)
     places = pairs.places
     close = np.linalg.norm(pairs.offsets(reference, places), axis=1) < 1.0
     for passing, y in ((places.times < 8.0, -1.0), (places.times > 8.0, 1.0)):
@@ -433,7 +433,7 @@ def test_each_encounter_has_one_normal_on_request() -> None:
         assert directions[0] @ [0.0, y, 0.0] > 0.98
         way = pairs.ways(places)[close & passing]
         assert np.abs(way @ directions[0]).max() < 0.1 * np.linalg.norm(way, axis=1).max()
-    plain = pairs_of(asked, reference, coupled, penalty=1.0).directions(places)
+    plain = pairs_of(scenario, reference, coupled, penalty=1.0).directions(places)
     x = pairs.offsets(reference, places)
     along = x / np.linalg.norm(x, axis=1)[:, None]
     np.testing.assert_allclose(plain, along, atol=ROUNDING)

@@ -74,8 +74,8 @@ def test_the_quick_check_agrees_with_verify_on_the_rest_of_a_plan(seed: int) -> 
 
 def test_only_known_obstacles_and_requested_checks_are_evaluated() -> None:
     late = rho.Obstacle(rho.Sphere([5.0, 2.0, -1.0], 1.0), known_from=2.0)
-    asked = single(obstacles=[late], between_knots=True)
-    plan = rho.plan_convex(asked)
+    scenario = single(obstacles=[late], between_knots=True)
+    plan = rho.plan_convex(scenario)
     assert first_violation(plan) is None
     broken = first_violation(plan, [1])
     assert broken is not None
@@ -91,13 +91,13 @@ def test_only_known_obstacles_and_requested_checks_are_evaluated() -> None:
 def test_cases_that_the_quick_check_cannot_decide_are_verified_in_full(
     what: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = single(limits=rho.Limits(max_tilt=0.6))
-    wild = changed(rho.plan(asked), np.random.default_rng(1), 1e3)
+    scenario = single(limits=rho.Limits(max_tilt=0.6))
+    wild = changed(rho.plan(scenario), np.random.default_rng(1), 1e3)
     if what == "many":
         monkeypatch.setattr(holds, "_ALL_PAIRS", 1)
-        asked = through_the_middle(2)
-        wild = independent(asked)
-    assert first_violation(rho.plan(asked)) is None
+        scenario = through_the_middle(2)
+        wild = independent(scenario)
+    assert first_violation(rho.plan(scenario)) is None
     assert first_violation(wild) is not None
 
 
@@ -120,25 +120,27 @@ def test_the_tube_fits_at_the_goal_in_every_window(close: str, every: int) -> No
     around = rho.Disturbance(0.02, 0.3, 0.0, feedback_every=0.25)
     room = 0.1  # the first tube, exact at the start, is thinner at the goal than the later ones
     vehicles = [rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([3, 0, 0]))]
-    asked = rho.Scenario(
+    scenario = rho.Scenario(
         "goal", rho.Grid(0.5, 11), vehicles, rho.Limits(max_acceleration=2.0), disturbance=around
     )
     if close == "wall":
-        asked = dataclasses.replace(asked, obstacles=(rho.Box([3 + room, -5, -5], [4, 5, 5]),))
+        scenario = dataclasses.replace(
+            scenario, obstacles=(rho.Box([3 + room, -5, -5], [4, 5, 5]),)
+        )
     elif close == "room":
         limits = rho.Limits(max_acceleration=2.0, position=rho.Box([-1, -1, -1], [3 + room, 1, 1]))
-        asked = dataclasses.replace(asked, limits=limits)
+        scenario = dataclasses.replace(scenario, limits=limits)
     else:
         other = rho.Vehicle("w", rho.State([9, 0, 0]), rho.State([3.5 + 2 * room, 0, 0]))
-        asked = dataclasses.replace(
-            asked, vehicles=(*vehicles, other), separation=rho.Separation(0.5)
+        scenario = dataclasses.replace(
+            scenario, vehicles=(*vehicles, other), separation=rho.Separation(0.5)
         )
     error = np.array([-0.3, 0.0, 0.0])
     if close == "pair":  # each estimates a larger distance from the other than the true one
         error = np.stack([error, -error])
-    wind = biased(around.samples(asked.grid), error)
+    wind = biased(around.samples(scenario.grid), error)
     # type: ignore[arg-type]  # has that form
-    flown = fly(asked, replan_every=every, wind=wind)  # type: ignore[arg-type]
+    flown = fly(scenario, replan_every=every, wind=wind)  # type: ignore[arg-type]
     assert rho.verify(flown).ok
     assert all(
         first_violation(window.plan) is None or window.kept for window in flown.flight.windows
@@ -152,9 +154,9 @@ def test_the_tube_fits_at_the_goal_in_every_window(close: str, every: int) -> No
 def test_a_window_whose_tube_exceeds_a_waypoint_is_refused() -> None:
     around = rho.Disturbance(0.01, 0.1, 0.0, feedback_every=0.5)
     waypoint = rho.Waypoint(4.0, [5.0, 2.0, -1.0], 0.12)
-    asked = dataclasses.replace(single(waypoints=[waypoint]), disturbance=around)
-    horizon = rho.RecedingHorizon(asked, replan_every=7)
-    first = horizon.step(asked.fleet.start_states, 0.0)
+    scenario = dataclasses.replace(single(waypoints=[waypoint]), disturbance=around)
+    horizon = rho.RecedingHorizon(scenario, replan_every=7)
+    first = horizon.step(scenario.fleet.start_states, 0.0)
     assert first_violation(first.plan) is None
     now = horizon.step(first.plan.states(7), 3.5)
     tube = tube_of(now.plan.scenario)
@@ -165,21 +167,21 @@ def test_a_window_whose_tube_exceeds_a_waypoint_is_refused() -> None:
 @pytest.mark.parametrize("short", [0.0, 0.5, 0.9])
 def test_a_tail_is_accepted_with_the_tolerance_of_its_plan(short: float) -> None:
     around = rho.Disturbance(0.05, 0.3, 0.0, feedback_every=0.25)
-    asked = rho.Scenario(
+    scenario = rho.Scenario(
         "tunnel",
         rho.Grid(0.5, 11),
         [rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([3, 0, 0]))],
         rho.Limits(max_acceleration=2.0),
         disturbance=around,
     )
-    end = 3.0 + float(rho.error_tube(asked).position_over([4.5], [5.0])[0]) - short * 1e-6
+    end = 3.0 + float(rho.error_tube(scenario).position_over([4.5], [5.0])[0]) - short * 1e-6
     walls = [
         rho.Box([-3, 0.2, -3], [6, 2, 3]),
         rho.Box([-3, -2, -3], [6, -0.2, 3]),
         rho.Box([end, -1, -1], [end + 2, 1, 1]),
     ]
-    asked = dataclasses.replace(asked, obstacles=tuple(walls))
-    flown = fly(asked, replan_every=2, wind=rho.winds.none())
+    scenario = dataclasses.replace(scenario, obstacles=tuple(walls))
+    flown = fly(scenario, replan_every=2, wind=rho.winds.none())
     assert rho.verify(flown.flight.windows[0].plan).ok
     assert all(window.kept for window in flown.flight.windows[1:])
     assert rho.verify(flown).ok
@@ -190,10 +192,10 @@ def test_windows_without_a_disturbance_are_not_checked(monkeypatch: pytest.Monke
         raise AssertionError("a window was judged")
 
     monkeypatch.setattr("drake_rho.planning.horizon.windows.first_violation", refused)
-    asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
-    rho.plan_rho(asked)
+    scenario = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
+    rho.plan_rho(scenario)
     with pytest.raises(AssertionError, match="judged"):
-        rho.plan_rho(unchecked(asked, disturbance=rho.Disturbance(0.1)))
+        rho.plan_rho(unchecked(scenario, disturbance=rho.Disturbance(0.1)))
 
 
 def test_a_plan_is_verified_for_the_scenario_given_to_its_planner() -> None:
@@ -215,9 +217,9 @@ def test_a_plan_is_verified_for_the_scenario_given_to_its_planner() -> None:
 def test_tolerances_of_windows_do_not_exceed_those_of_the_flight(every: int) -> None:
     """An early waypoint requires large accelerations, which enlarge the scale of the flight."""
     waypoints = [rho.Waypoint(1.0, [2.0, 0, 0], 0.0), rho.Waypoint(12.0, [0.5, 1.0, 0], 0.0)]
-    asked = single(grid=rho.Grid(0.5, 41), goal=rho.State([1.0, 0, 0]), waypoints=waypoints)
-    flight = rho.plan_rho(asked, replan_every=every)
+    scenario = single(grid=rho.Grid(0.5, 41), goal=rho.State([1.0, 0, 0]), waypoints=waypoints)
+    flight = rho.plan_rho(scenario, replan_every=every)
     assert rho.verify(flight).ok
-    whole = asked.fleet.scale("position")
+    whole = scenario.fleet.scale("position")
     for window in flight.windows:
         assert np.all(window.plan.scenario.fleet.scale("position") <= whole)

@@ -49,15 +49,15 @@ def crowd(seed: int, vehicles: int = 8) -> rho.Scenario:
 
 
 @pytest.fixture(scope="module")
-def asked() -> rho.Scenario:
+def scenario() -> rho.Scenario:
     """Return eight vehicles whose coupled plan costs 5 % less than the decoupled one."""
     return crowd(1)
 
 
 @pytest.fixture(scope="module")
-def first(asked: rho.Scenario) -> Plan:
+def first(scenario: rho.Scenario) -> Plan:
     """Return their first plan, which satisfies all constraints."""
-    return first_plan(asked)
+    return first_plan(scenario)
 
 
 # Partitions
@@ -109,12 +109,12 @@ def test_rounding_does_not_change_the_groups() -> None:
 # Programs of groups
 
 
-def _rows(asked: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
+def _rows(scenario: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
     """Return half-spaces that the minimum-effort motions violate, with those of a tighter box."""
-    effort, everyone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
+    effort, everyone = MinimumEffort.of(scenario), np.arange(len(scenario.vehicles))
     tighter = box(0.9 * np.abs(effort.motion.accelerations).max())
-    asked = dataclasses.replace(asked, limits=rho.Limits(acceleration=tighter))
-    constraints = [*boxes_of(asked), pairs_of(asked, reference.motion(), coupled)]
+    scenario = dataclasses.replace(scenario, limits=rho.Limits(acceleration=tighter))
+    constraints = [*boxes_of(scenario), pairs_of(scenario, reference.motion(), coupled)]
     found = [constraint.violated(effort.motion, everyone) for constraint in constraints]
     return [rows for rows in found if len(rows) > 0]
 
@@ -137,11 +137,11 @@ def _by_drake(effort: MinimumEffort, everyone: IntArray, rows: list[HalfSpaces])
 
 
 def test_the_dual_qp_satisfies_its_rows_at_the_cost_of_drake(
-    asked: rho.Scenario, first: Plan
+    scenario: rho.Scenario, first: Plan
 ) -> None:
-    rows, everyone = _rows(asked, first), np.arange(len(asked.vehicles))
+    rows, everyone = _rows(scenario, first), np.arange(len(scenario.vehicles))
     assert {part.constraint.coupled for part in rows} == {False, True}
-    effort = MinimumEffort.of(asked)
+    effort = MinimumEffort.of(scenario)
     program = LeastNorm(effort, np.zeros(len(everyone), dtype=int))
     for part in rows:
         program.add(part)
@@ -152,7 +152,7 @@ def test_the_dual_qp_satisfies_its_rows_at_the_cost_of_drake(
         assert part.margins(program.motion).min() > -1e-6
     cost = float(np.sum(program.motion.accelerations**2))
     assert cost == pytest.approx(_by_drake(effort, everyone, rows), rel=INDEX)
-    np.testing.assert_allclose(program.motion.positions[:, -1], asked.fleet.goal_positions)
+    np.testing.assert_allclose(program.motion.positions[:, -1], scenario.fleet.goal_positions)
     for part, multipliers in program.pressing():  # these rows are necessary
         assert np.abs(part.margins(program.motion)).max() < 1e-6
         assert multipliers.min() > 0.0
@@ -202,10 +202,10 @@ def test_an_indefinite_gram_matrix_is_an_error(most: float, dense: bool) -> None
         multipliers_of(-np.eye(2), np.ones(2), np.zeros(2), np.full(2, most), dense=dense)
 
 
-def test_soft_rows_are_violated_where_that_costs_less(asked: rho.Scenario, first: Plan) -> None:
+def test_soft_rows_are_violated_where_that_costs_less(scenario: rho.Scenario, first: Plan) -> None:
     """The cost with slack equals Drake's, for penalties at which only some rows are violated."""
-    effort, rows = MinimumEffort.of(asked), _rows(asked, first)
-    hard = LeastNorm(effort, np.zeros(len(asked.vehicles), dtype=int))
+    effort, rows = MinimumEffort.of(scenario), _rows(scenario, first)
+    hard = LeastNorm(effort, np.zeros(len(scenario.vehicles), dtype=int))
     for part in rows:
         hard.add(part)
     hard.solve()
@@ -215,7 +215,7 @@ def test_soft_rows_are_violated_where_that_costs_less(asked: rho.Scenario, first
         dataclasses.replace(part, constraint=dataclasses.replace(part.constraint, penalty=penalty))
         for part in rows
     ]
-    program = LeastNorm(effort, np.zeros(len(asked.vehicles), dtype=int))
+    program = LeastNorm(effort, np.zeros(len(scenario.vehicles), dtype=int))
     for part in soft:
         program.add(part)
     program.solve()
@@ -226,17 +226,17 @@ def test_soft_rows_are_violated_where_that_costs_less(asked: rho.Scenario, first
     assert found < float(np.sum(hard.motion.accelerations**2))
 
 
-def test_rows_fixed_by_the_goal_are_left_out(asked: rho.Scenario, first: Plan) -> None:
+def test_rows_fixed_by_the_goal_are_left_out(scenario: rho.Scenario, first: Plan) -> None:
     """A row at the last knot restates the goal: whatever its bound, nothing changes."""
-    effort, rows = MinimumEffort.of(asked), _rows(asked, first)
+    effort, rows = MinimumEffort.of(scenario), _rows(scenario, first)
     box_rows = rows[0]
     at_goal = dataclasses.replace(
         box_rows.select(slice(1)),
         constraint=dataclasses.replace(box_rows.constraint, quantity="position"),
-        times=np.array([asked.grid.duration]),
+        times=np.array([scenario.grid.duration]),
         bounds=np.array([1e3]),
     )
-    with_it, without = (LeastNorm(effort, np.arange(len(asked.vehicles))) for _ in range(2))
+    with_it, without = (LeastNorm(effort, np.arange(len(scenario.vehicles))) for _ in range(2))
     for program in (with_it, without):
         program.add(box_rows)
     with_it.add(at_goal)
@@ -248,25 +248,25 @@ def test_rows_fixed_by_the_goal_are_left_out(asked: rho.Scenario, first: Plan) -
 
 
 def test_programs_on_an_executor_are_the_same_to_the_last_digit(
-    asked: rho.Scenario, first: Plan, monkeypatch: pytest.MonkeyPatch
+    scenario: rho.Scenario, first: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(least_norm, "_BLOCK", 10)
-    effort, alone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
+    effort, alone = MinimumEffort.of(scenario), np.arange(len(scenario.vehicles))
     with ThreadPoolExecutor(2) as executor:
         workers = OnWorkers(None, executor)
         programs = [LeastNorm(effort, alone, solver=each) for each in (None, workers)]
         for program in programs:
-            program.add(_rows(asked, first)[0])
+            program.add(_rows(scenario, first)[0])
             program.solve()
     here, there = (program.motion.accelerations for program in programs)
     np.testing.assert_array_equal(here, there)
     assert np.abs(here - effort.motion.accelerations).max() > 0.0
 
 
-def test_rows_added_later_lead_to_the_same_motion(asked: rho.Scenario, first: Plan) -> None:
-    rows = _rows(asked, first)
-    together = np.zeros(len(asked.vehicles), dtype=int)
-    at_once, later = (LeastNorm(MinimumEffort.of(asked), together) for _ in range(2))
+def test_rows_added_later_lead_to_the_same_motion(scenario: rho.Scenario, first: Plan) -> None:
+    rows = _rows(scenario, first)
+    together = np.zeros(len(scenario.vehicles), dtype=int)
+    at_once, later = (LeastNorm(MinimumEffort.of(scenario), together) for _ in range(2))
     for part in rows:
         at_once.add(part)
         later.add(part)
@@ -275,10 +275,10 @@ def test_rows_added_later_lead_to_the_same_motion(asked: rho.Scenario, first: Pl
     np.testing.assert_allclose(later.motion.positions, at_once.motion.positions, atol=1e-6)
 
 
-def test_groups_without_new_rows_are_not_solved_again(asked: rho.Scenario, first: Plan) -> None:
-    boxes = _rows(asked, first)[0]
-    alone = np.arange(len(asked.vehicles))
-    program = LeastNorm(MinimumEffort.of(asked), alone)
+def test_groups_without_new_rows_are_not_solved_again(scenario: rho.Scenario, first: Plan) -> None:
+    boxes = _rows(scenario, first)[0]
+    alone = np.arange(len(scenario.vehicles))
+    program = LeastNorm(MinimumEffort.of(scenario), alone)
     program.add(boxes)
     program.solve()
     before, whose = program.motion, boxes.vehicles[0]
@@ -300,34 +300,38 @@ def test_groups_without_new_rows_are_not_solved_again(asked: rho.Scenario, first
 def test_the_index_of_a_grouped_plan_is_almost_that_of_the_coupled_plan(
     seed: int, solver: rho.Daqp | None
 ) -> None:
-    asked = crowd(seed)
-    least, halves = (rho.plan(asked, coupling=each).cost for each in (rho.coupled, rho.decoupled))
+    scenario = crowd(seed)
+    least, halves = (
+        rho.plan(scenario, coupling=each).cost for each in (rho.coupled, rho.decoupled)
+    )
     assert halves > 1.05 * least
-    plan = rho.plan(asked, coupling=rho.grouped, options=SMALL, solver=solver)
+    plan = rho.plan(scenario, coupling=rho.grouped, options=SMALL, solver=solver)
     assert plan.cost < WITHIN * least
     assert plan.statistics.converged
     assert rho.verify(plan).ok
     assert sampled_separation(plan) >= 0.35 - 1e-6
 
 
-def test_planning_in_groups_is_deterministic(asked: rho.Scenario) -> None:
-    one, other = (rho.plan(asked, coupling=rho.grouped, options=SMALL) for _ in range(2))
+def test_planning_in_groups_is_deterministic(scenario: rho.Scenario) -> None:
+    one, other = (rho.plan(scenario, coupling=rho.grouped, options=SMALL) for _ in range(2))
     np.testing.assert_array_equal(one.accelerations, other.accelerations)
 
 
-def test_relabelled_vehicles_cost_the_same(asked: rho.Scenario) -> None:
-    plan = rho.plan(asked, coupling=rho.grouped, options=SMALL)
-    order = np.random.default_rng(2).permutation(len(asked.vehicles))
-    other = rho.plan(asked.of_vehicles(order.tolist()), coupling=rho.grouped, options=SMALL)
+def test_relabelled_vehicles_cost_the_same(scenario: rho.Scenario) -> None:
+    plan = rho.plan(scenario, coupling=rho.grouped, options=SMALL)
+    order = np.random.default_rng(2).permutation(len(scenario.vehicles))
+    other = rho.plan(scenario.of_vehicles(order.tolist()), coupling=rho.grouped, options=SMALL)
     assert other.cost == pytest.approx(plan.cost, rel=INDEX)
 
 
-def test_references_of_a_mirrored_fleet_are_mirror_images(asked: rho.Scenario, first: Plan) -> None:
+def test_references_of_a_mirrored_fleet_are_mirror_images(
+    scenario: rho.Scenario, first: Plan
+) -> None:
     mirror = np.diag([-1.0, 1.0, 1.0])
-    other = mapped(asked, mirror, np.array([0.3, -2.0, 1.0]))
+    other = mapped(scenario, mirror, np.array([0.3, -2.0, 1.0]))
     motion = first.motion()
     mirrored = Plan.from_accelerations(other, motion.accelerations @ mirror).motion()
-    one, two = (InGroups(each, MinimumEffort.of(each), 3) for each in (asked, other))
+    one, two = (InGroups(each, MinimumEffort.of(each), 3) for each in (scenario, other))
     for _ in range(3):
         motion, mirrored = one.around(motion)[0], two.around(mirrored)[0]
         largest = np.abs(motion.accelerations).max()
@@ -338,10 +342,10 @@ def test_references_of_a_mirrored_fleet_are_mirror_images(asked: rho.Scenario, f
 
 
 def test_the_cost_never_increases_and_every_iterate_is_feasible(
-    asked: rho.Scenario, first: Plan
+    scenario: rho.Scenario, first: Plan
 ) -> None:
-    subproblem = Improvement(asked, grouped, most=3)
-    everyone, plans = np.arange(len(asked.vehicles)), [first]
+    subproblem = Improvement(scenario, grouped, most=3)
+    everyone, plans = np.arange(len(scenario.vehicles)), [first]
     for _ in range(4):
         plans.append(subproblem.improved(plans[-1], everyone, 1e-3))
         assert rho.verify(plans[-1]).ok
@@ -351,9 +355,9 @@ def test_the_cost_never_increases_and_every_iterate_is_feasible(
 
 
 def test_references_cost_no_more_than_the_plan_and_groups_change(
-    asked: rho.Scenario, first: Plan
+    scenario: rho.Scenario, first: Plan
 ) -> None:
-    in_groups = InGroups(asked, MinimumEffort.of(asked), 3)
+    in_groups = InGroups(scenario, MinimumEffort.of(scenario), 3)
     assert in_groups.groups is None
     assert in_groups.reference(first, 1e-3).cost < first.cost
     motion, seen = first.motion(), set[tuple[int, ...]]()
@@ -368,31 +372,31 @@ def test_references_cost_no_more_than_the_plan_and_groups_change(
 
 
 def test_a_fleet_no_larger_than_two_groups_is_one() -> None:
-    asked = crowd(1)
-    effort = MinimumEffort.of(asked)
-    groups = InGroups(asked, effort, 4).groups
+    scenario = crowd(1)
+    effort = MinimumEffort.of(scenario)
+    groups = InGroups(scenario, effort, 4).groups
     assert groups is not None
     assert len(np.unique(groups)) == 1
-    assert InGroups(asked, effort, 3).groups is None
+    assert InGroups(scenario, effort, 3).groups is None
 
 
 @pytest.mark.parametrize("useless", ["none", "far", "dear"])
 def test_where_groups_are_useless_vehicles_yield_half_each(
-    asked: rho.Scenario, first: Plan, useless: str, monkeypatch: pytest.MonkeyPatch
+    scenario: rho.Scenario, first: Plan, useless: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    everyone = np.arange(len(asked.vehicles))
-    halves = Subproblem(asked, rho.decoupled).around(first)
+    everyone = np.arange(len(scenario.vehicles))
+    halves = Subproblem(scenario, rho.decoupled).around(first)
 
     def reference(self: InGroups, plan: Plan, tolerance: float) -> Plan:
         if useless == "none":
             raise SolverError("no multipliers")
-        accelerations = MinimumEffort.of(asked).motion.accelerations
+        accelerations = MinimumEffort.of(scenario).motion.accelerations
         if useless == "far":  # all vehicles in one place, so that directions of pairs are arbitrary
             accelerations = np.zeros_like(accelerations)
-        return Plan.from_accelerations(asked, accelerations)
+        return Plan.from_accelerations(scenario, accelerations)
 
     monkeypatch.setattr(InGroups, "reference", reference)
-    plan = Improvement(asked, grouped).improved(first, everyone, 1e-3)
+    plan = Improvement(scenario, grouped).improved(first, everyone, 1e-3)
     assert rho.verify(plan).ok
     assert plan.cost <= first.cost
     if useless == "none":
@@ -402,12 +406,12 @@ def test_where_groups_are_useless_vehicles_yield_half_each(
 def test_among_obstacles_and_limits_of_all_kinds_every_instant_holds() -> None:
     sphere = rho.Sphere([0.0, 0.0, 0.5], 1.5)
     limits = rho.Limits(acceleration=rho.Box([-2.0] * 3, [2.0] * 3), max_speed=3.0)
-    asked = through_the_middle(
+    scenario = through_the_middle(
         6, separation=rho.Separation(1.0, 2.0), limits=limits, obstacles=(sphere,)
     )
-    plan = rho.plan(asked, coupling=rho.grouped, options=SMALL)
+    plan = rho.plan(scenario, coupling=rho.grouped, options=SMALL)
     assert rho.verify(plan).ok
-    assert plan.cost <= rho.plan(asked, coupling=rho.decoupled).cost * (1 + INDEX)
+    assert plan.cost <= rho.plan(scenario, coupling=rho.decoupled).cost * (1 + INDEX)
 
 
 def test_vehicles_without_encounters_fly_their_independent_plan() -> None:
@@ -415,8 +419,8 @@ def test_vehicles_without_encounters_fly_their_independent_plan() -> None:
     starts[1] = [6.0, 0.0, 0.0]
     goals = starts + np.array([0.0, 0.0, 5.0])
     goals[[0, 1]] = starts[[1, 0]]
-    asked = fleet(starts, goals)
-    plan = rho.plan(asked, coupling=rho.grouped, options=rho.Options(max_group=2))
-    independent = rho.plan(asked.without_separation())
+    scenario = fleet(starts, goals)
+    plan = rho.plan(scenario, coupling=rho.grouped, options=rho.Options(max_group=2))
+    independent = rho.plan(scenario.without_separation())
     moved = np.any(np.abs(plan.accelerations - independent.accelerations) > 1e-9, axis=(1, 2))
     assert moved.tolist() == [True, True, False, False, False, False]

@@ -225,8 +225,8 @@ def test_a_step_that_has_a_plan_is_kept() -> None:
 
 def test_another_step_begins_at_the_same_time_on_the_clock() -> None:
     coarse = dataclasses.replace(COARSE, start=30.0)
-    asked = single(grid=coarse, limits=rho.Limits(velocity=box(1.9)))
-    assert rho.plan_convex(asked, steps=[1.0]).scenario.grid == rho.Grid(1.0, 9, 30.0)
+    scenario = single(grid=coarse, limits=rho.Limits(velocity=box(1.9)))
+    assert rho.plan_convex(scenario, steps=[1.0]).scenario.grid == rho.Grid(1.0, 9, 30.0)
 
 
 def test_all_steps_without_a_solution_are_named() -> None:

@@ -188,9 +188,9 @@ def test_the_verifiers_tolerance_is_a_millionth(beyond: float, holds: bool) -> N
 
 
 def test_only_vehicles_with_a_limit_are_checked_for_it() -> None:
-    asked = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
-    slow = dataclasses.replace(asked.vehicles[0], limits=rho.Limits(max_speed=1.1))
-    plan = rho.plan_convex(dataclasses.replace(asked, vehicles=(slow, asked.vehicles[1])))
+    scenario = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
+    slow = dataclasses.replace(scenario.vehicles[0], limits=rho.Limits(max_speed=1.1))
+    plan = rho.plan_convex(dataclasses.replace(scenario, vehicles=(slow, scenario.vehicles[1])))
     report = rho.verify(plan)
     assert report.ok
     (check,) = (check for check in report.checks if check.constraint == "maximum speed")
@@ -200,12 +200,12 @@ def test_only_vehicles_with_a_limit_are_checked_for_it() -> None:
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
 def test_fleets_satisfy_the_limit(coupling: object) -> None:
-    asked = through_the_middle(4, limits=rho.Limits(max_speed=1.3))
-    plan = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # a coupling
+    scenario = through_the_middle(4, limits=rho.Limits(max_speed=1.3))
+    plan = rho.plan_scp(scenario, coupling=coupling)  # type: ignore[arg-type]  # a coupling
     assert rho.verify(plan).ok
-    free = rho.plan_scp(dataclasses.replace(asked, limits=rho.Limits()))
-    judged = rho.Plan.from_accelerations(asked, free.accelerations)
-    assert {each.constraint for each in rho.verify(judged).violations} == {"maximum speed"}
+    free = rho.plan_scp(dataclasses.replace(scenario, limits=rho.Limits()))
+    unlimited = rho.Plan.from_accelerations(scenario, free.accelerations)
+    assert {each.constraint for each in rho.verify(unlimited).violations} == {"maximum speed"}
 
 
 @pytest.mark.parametrize("replan_every", [1, 5])

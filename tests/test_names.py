@@ -51,10 +51,10 @@ def test_figures_show_names_literally(tmp_path: Path) -> None:
 
 
 def test_names_beside_starts_and_of_the_closest_pair_are_text() -> None:
-    asked = dataclasses.replace(
+    scenario = dataclasses.replace(
         straight(2, ["$x^$", LONG]).scenario, separation=rho.Separation(1e-3)
     )
-    plan = rho.plan_scp(asked)
+    plan = rho.plan_scp(scenario)
     figure = Figure()
     space.draw_paths(figure.add_subplot(121, projection="3d"), plan)
     _, ring = curves.draw_separation(figure.add_subplot(122), plan)

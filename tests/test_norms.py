@@ -91,14 +91,14 @@ def _tightened(scenario: rho.Scenario, kinds: Any, part: float) -> rho.Limits | 
     """Return limits that are a fraction of the free plan's; None where the ends violate them."""
     free = dataclasses.replace(scenario, limits=rho.Limits(), obstacles=())
     plan = rho.plan_convex(free)
-    judged = {
+    largest = {
         name: float(values.max()) for name, values in _limited_values(plan.accelerations).items()
     }
     most: dict[str, Any] = {
         "max_speed": part * float(np.linalg.norm(plan.velocities, axis=2).max()),
-        "max_acceleration": part * judged["maximum acceleration"],
-        "max_thrust": G + part * max(1e-3, judged["maximum thrust"] - G),
-        "max_tilt": min(1.5, part * judged["maximum tilt"]),
+        "max_acceleration": part * largest["maximum acceleration"],
+        "max_thrust": G + part * max(1e-3, largest["maximum thrust"] - G),
+        "max_tilt": min(1.5, part * largest["maximum tilt"]),
     }
     limits = dataclasses.replace(scenario.limits, **{kind: most[kind] for kind in kinds})
     try:
@@ -269,10 +269,10 @@ def test_the_least_violation_of_each_limit_is_finite_and_reported() -> None:
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
 def test_every_vehicle_of_a_fleet_satisfies_its_own_limits(coupling: object) -> None:
     limits = rho.Limits(max_acceleration=0.55, max_thrust=9.84, max_tilt=0.056)
-    asked = through_the_middle(4, limits=limits)
-    weak = dataclasses.replace(asked.vehicles[0], limits=rho.Limits(max_tilt=0.05))
-    asked = dataclasses.replace(asked, vehicles=(weak, *asked.vehicles[1:]))
-    plan = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # a coupling
+    scenario = through_the_middle(4, limits=limits)
+    weak = dataclasses.replace(scenario.vehicles[0], limits=rho.Limits(max_tilt=0.05))
+    scenario = dataclasses.replace(scenario, vehicles=(weak, *scenario.vehicles[1:]))
+    plan = rho.plan_scp(scenario, coupling=coupling)  # type: ignore[arg-type]  # a coupling
     report = rho.verify(plan)
     assert report.ok
     found = {each.vehicle: each.limit for each in report.checks if "tilt" in each.constraint}
@@ -282,16 +282,16 @@ def test_every_vehicle_of_a_fleet_satisfies_its_own_limits(coupling: object) -> 
 
 
 def test_only_vehicles_with_a_limit_are_checked_for_it() -> None:
-    asked = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
+    scenario = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
     for field, most in (("max_acceleration", 0.41), ("max_thrust", 9.8155), ("max_tilt", 0.042)):
         own = rho.Limits(**{field: most})  # type: ignore[arg-type]  # a field and its value
-        weak = dataclasses.replace(asked.vehicles[0], limits=own)
-        plan = rho.plan_convex(dataclasses.replace(asked, vehicles=(weak, asked.vehicles[1])))
+        weak = dataclasses.replace(scenario.vehicles[0], limits=own)
+        plan = rho.plan_convex(dataclasses.replace(scenario, vehicles=(weak, scenario.vehicles[1])))
         report = rho.verify(plan)
         assert report.ok
         (check,) = (check for check in report.checks if check.constraint.startswith("maximum"))
         assert (check.vehicle, check.limit) == ("v0", most)
-        free = rho.Plan.from_accelerations(plan.scenario, rho.plan_convex(asked).accelerations)
+        free = rho.Plan.from_accelerations(plan.scenario, rho.plan_convex(scenario).accelerations)
         (violation,) = rho.verify(free).violations
         assert (violation.vehicle, violation.constraint) == ("v0", check.constraint)
 
@@ -346,17 +346,17 @@ def test_invalid_limits_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "told"),
+    ("degrees", "expected"),
     [
         (30, "radians, less than a right angle; 30° are 0.5236 rad"),
         (90.0, "radians, less than a right angle"),
         (np.inf, "radians, less than a right angle"),
     ],
 )
-def test_the_error_of_a_tilt_in_degrees_gives_it_in_radians(degrees: float, told: str) -> None:
+def test_the_error_of_a_tilt_in_degrees_gives_it_in_radians(degrees: float, expected: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         rho.Limits(max_tilt=degrees)
-    assert str(caught.value) == f"limits.max_tilt: got {degrees}, expected an angle in {told}"
+    assert str(caught.value) == f"limits.max_tilt: got {degrees}, expected an angle in {expected}"
 
 
 @pytest.mark.parametrize(
@@ -404,6 +404,6 @@ def test_a_vehicle_upside_down_is_brought_upright() -> None:
     assert rho.verify(plan).ok
     assert plan.accelerations[..., 2].min() == pytest.approx(-G, rel=1e-6)
     assert plan.cost == pytest.approx(twin_cost(falling), rel=TWIN)
-    judged = rho.verify(rho.Plan.from_accelerations(falling, free.accelerations))
-    assert [each.constraint for each in judged.violations] == ["maximum tilt"]
-    assert judged.violations[0].value == pytest.approx(np.pi)
+    checked = rho.verify(rho.Plan.from_accelerations(falling, free.accelerations))
+    assert [each.constraint for each in checked.violations] == ["maximum tilt"]
+    assert checked.violations[0].value == pytest.approx(np.pi)

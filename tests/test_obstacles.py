@@ -69,9 +69,9 @@ def test_a_report_mentions_a_track_that_ends_in_motion(after: Any) -> None:
     ball = rho.Obstacle(rho.Sphere([0, 0, 0], 1.0), track=track, name="bird")
     asked = single(obstacles=[ball], between_knots=True)
     report = rho.verify(rho.plan(asked))
-    told = [note for note in report.notes if "obstacle 1 (bird) is taken to rest" in note]
-    assert len(told) == (after is None)
-    assert all("from 3 s on" in note and "at 8 s" in note for note in told)
+    reported = [note for note in report.notes if "obstacle 1 (bird) is taken to rest" in note]
+    assert len(reported) == (after is None)
+    assert all("from 3 s on" in note and "at 8 s" in note for note in reported)
     assert ("taken to rest" in str(report)) == (after is None)
     if after == "goes_on":
         times = np.linspace(0.0, 8.0, 2001)

@@ -196,11 +196,11 @@ def test_the_deepest_instants_agree_with_dense_samples(seed: int, kind: str, mov
     edges = np.union1d(step * np.arange(9), cuts[(cuts > 0) & (cuts < 4.0)])
     for begin, end in pairwise(edges.tolist()):
         dense = float(distances(np.linspace(begin, end, 2001)).min())
-        told = [time for time in found.values() if begin - 1e-12 <= time <= end + 1e-12]
+        instants = [time for time in found.values() if begin - 1e-12 <= time <= end + 1e-12]
         if dense < below[0] - 1e-9:
-            assert told, "a piece that penetrates is found"
-            assert min(distances(np.array(told))) <= dense + 1e-8 * shape.size
-        for time in told:
+            assert instants, "a piece that penetrates is found"
+            assert min(distances(np.array(instants))) <= dense + 1e-8 * shape.size
+        for time in instants:
             assert distances(np.array([time]))[0] < below[0] + 1e-12 or dense < below[0]
 
 
@@ -244,9 +244,9 @@ def test_an_obstacle_seen_too_late_is_reported_and_the_flight_continues(tmp_path
 def test_an_obstacle_seen_after_the_last_window_is_reported(
     x: float, avoided: bool, planner: Callable[[rho.Scenario], rho.Flight | rho.Simulation]
 ) -> None:
-    asked = late(7.1)
-    bird = dataclasses.replace(asked.bodies[0], shape=rho.Sphere([x, 0, 0], 0.1))
-    flown = planner(dataclasses.replace(asked, obstacles=(bird, late(2.0).bodies[0])))
+    scenario = late(7.1)
+    bird = dataclasses.replace(scenario.bodies[0], shape=rho.Sphere([x, 0, 0], 0.1))
+    flown = planner(dataclasses.replace(scenario, obstacles=(bird, late(2.0).bodies[0])))
     flight = flown.flight if isinstance(flown, rho.Simulation) else flown
     assert flight.windows[-1].plan.scenario.grid.start == 7.0
     first, last = flight.sightings

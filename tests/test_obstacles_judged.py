@@ -20,8 +20,8 @@ PER_STEP = 400
 
 def by_hand(plan: rho.Plan, vehicle: int, times: FloatArray) -> FloatArray:
     """Return positions of a vehicle at times on the scenario's clock, by (1) and (2) alone."""
-    h, asked = plan.scenario.grid.step, plan.scenario.vehicles[vehicle]
-    p, v, found = asked.start.position, asked.start.velocity, np.zeros((len(times), 3))
+    h, record = plan.scenario.grid.step, plan.scenario.vehicles[vehicle]
+    p, v, found = record.start.position, record.start.velocity, np.zeros((len(times), 3))
     elapsed = times - plan.scenario.grid.start
     for k, a in enumerate(plan.accelerations[vehicle]):
         s = (elapsed - k * h)[:, None]
@@ -167,19 +167,19 @@ def test_an_intruder_counts_from_the_time_it_is_known(
     start, goal = rho.State([0, 0, 0], [1, 0, 0]), rho.State([8, 0, 0], [1, 0, 0])
     flown = rho.plan_convex(single(start=start, goal=goal, between_knots=True))
     vehicle = dataclasses.replace(flown.scenario.vehicles[0], radius=0.2)
-    asked = dataclasses.replace(flown.scenario, vehicles=(vehicle,), obstacles=(intruder,))
-    report = rho.verify(dataclasses.replace(flown, scenario=asked))
+    scenario = dataclasses.replace(flown.scenario, vehicles=(vehicle,), obstacles=(intruder,))
+    report = rho.verify(dataclasses.replace(flown, scenario=scenario))
     found = {check.what: check for check in report.checks}
     row = found["obstacle 1 (intruder) at all times"]
     assert row.limit == 0.2
     assert row.excess == pytest.approx(after, abs=1e-6)
     assert report.ok == row.holds == (after < 0.0)
-    told = found.get("obstacle 1 (intruder) before it is known at all times")
-    assert (told is None) == (before is None)
-    if told is not None:
-        assert told.excess == pytest.approx(before, abs=1e-6)
-        assert (told.time < known_from, told.asked) == (True, False)
-        assert told not in report.violations
+    reported = found.get("obstacle 1 (intruder) before it is known at all times")
+    assert (reported is None) == (before is None)
+    if reported is not None:
+        assert reported.excess == pytest.approx(before, abs=1e-6)
+        assert (reported.time < known_from, reported.asked) == (True, False)
+        assert reported not in report.violations
         assert not report.ok or "before it is known at all times" in str(report)
 
 
@@ -191,10 +191,10 @@ def test_an_estimated_track_is_reported() -> None:
     free = rho.plan_convex(single())
     for most in (1.0, None):
         track = rho.Track.sampled(where, times, max_acceleration=most)
-        asked = single(obstacles=(rho.Obstacle(shape, track=track, name="drone"),))
-        text = str(rho.verify(dataclasses.replace(free, scenario=asked)))
-        told = "estimated from samples: how far from its track is obstacle 1 (drone)" in text
-        assert told == (most is None)
+        scenario = single(obstacles=(rho.Obstacle(shape, track=track, name="drone"),))
+        text = str(rho.verify(dataclasses.replace(free, scenario=scenario)))
+        reported = "estimated from samples: how far from its track is obstacle 1 (drone)" in text
+        assert reported == (most is None)
 
 
 def test_all_times_are_on_the_scenarios_clock() -> None:
@@ -204,7 +204,7 @@ def test_all_times_are_on_the_scenarios_clock() -> None:
     starts, goals = np.array([[0, 0, 0], [0, 3, 0]]), np.array([[10, 4, -2], [10, 1, -2]])
     limits = rho.Limits(box(9), box(2), box(2), box(2), max_speed=2.0)
 
-    def asked(start: float) -> rho.Scenario:
+    def scenario(start: float) -> rho.Scenario:
         moved = rho.Track(track.times + start, track.positions)
         drifting = rho.Sphere(ball.center - start * np.array([0.1, 0.0, 0.0]), ball.radius)
         obstacles = (
@@ -225,7 +225,7 @@ def test_all_times_are_on_the_scenarios_clock() -> None:
 
     free = rho.plan_convex(fleet(starts, goals, grid=rho.Grid(0.5, 17)).without_separation())
     early, later = (
-        rho.verify(rho.Plan.from_accelerations(asked(start), free.accelerations)).checks
+        rho.verify(rho.Plan.from_accelerations(scenario(start), free.accelerations)).checks
         for start in (0.0, late)
     )
     assert {check.constraint for check in early} > {"separation", "position box", "goal"}
@@ -242,9 +242,9 @@ def test_huge_numbers_are_verified_without_warnings(kind: str, huge: float) -> N
     rng = np.random.default_rng(3)
     shape = random_shape(rng, kind, np.array([5.0, 9.0, -1.0]), 1.0)
     track = rho.Track([0.0, 3.3, 8.0], [[5, 9, -1], [5, 8, -1], [5, 9, -1]])
-    asked = single(obstacles=(shape, rho.Obstacle(shape, track=track, known_from=3.0)))
+    scenario = single(obstacles=(shape, rho.Obstacle(shape, track=track, known_from=3.0)))
     a = np.zeros((1, 16, 3))
     a[0, 3, 2], a[0, 5] = huge, [-huge, huge, 0.0]
-    report = rho.verify(rho.Plan.from_accelerations(asked, a))
+    report = rho.verify(rho.Plan.from_accelerations(scenario, a))
     assert not report.ok
     assert str(report)

@@ -90,10 +90,10 @@ def test_a_plan_with_smaller_margins_does_not_cost_less_than_the_bound() -> None
     tracking = rho.error_tube(scenario).tracking
     thinner = dataclasses.replace(COARSE, acceleration=0.995 * 0.2, tracking=tracking)
     plan = rho.plan_scp(unchecked(scenario, disturbance=thinner))
-    judged = rho.Plan.from_accelerations(scenario, plan.accelerations)
-    assert rho.verify(judged).ok
+    checked = rho.Plan.from_accelerations(scenario, plan.accelerations)
+    assert rho.verify(checked).ok
     assert best.planned_bound is not None
-    assert best.lower_bound <= judged.cost < best.planned_bound * (1.0 - 1e-5)
+    assert best.lower_bound <= checked.cost < best.planned_bound * (1.0 - 1e-5)
 
 
 def test_constraints_without_a_quadratic_form_are_named() -> None:

@@ -62,8 +62,10 @@ def test_the_citation_has_the_version_of_the_package() -> None:
 
 def test_every_public_name_is_listed_with_its_static_type() -> None:
     code = "import drake_rho, json; print(json.dumps(dir(drake_rho)))"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    listed = json.loads(told.stdout)  # before any name was accessed
+    reported = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    listed = json.loads(reported.stdout)  # before any name was accessed
     assert {*rho.__all__, "__version__"} <= set(listed)
     assert [name for name in listed if not name.startswith("__")] == sorted(rho.__all__)
     source = ast.parse((ROOT / "drake_rho" / "__init__.py").read_text())
@@ -83,8 +85,10 @@ def test_every_public_name_is_listed_with_its_static_type() -> None:
 
 def test_importing_the_package_loads_nothing_else() -> None:
     code = "import sys, drake_rho; print({'numpy', 'pydrake', 'pydantic'} & set(sys.modules))"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "set()"
+    reported = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert reported.stdout.strip() == "set()"
 
 
 @pytest.mark.parametrize(
@@ -101,5 +105,11 @@ def test_ctrl_c_while_the_command_loads_is_one_line(loading: str) -> None:
         "sys.argv = ['drake-rho', '--version']\n"
         "import drake_rho.__main__\n"
     )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (told.returncode, told.stdout, told.stderr) == (130, "", "drake-rho: interrupted\n")
+    reported = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert (reported.returncode, reported.stdout, reported.stderr) == (
+        130,
+        "",
+        "drake-rho: interrupted\n",
+    )

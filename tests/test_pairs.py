@@ -84,17 +84,17 @@ def test_the_pairs_found_equal_a_visit_to_every_pair(seed: int, within: float) -
 
 
 @pytest.mark.parametrize("find", [close_pairs, close_pairs_at_knots])
-@pytest.mark.parametrize("asked", [0, 5, 50])
+@pytest.mark.parametrize("count", [0, 5, 50])
 def test_pairs_equal_a_visit_to_every_pair_in_every_search_mode(
-    find: Any, asked: int, monkeypatch: pytest.MonkeyPatch
+    find: Any, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Trees or no trees, all instants at once or parallel batches: the pairs are the same."""
-    rng = np.random.default_rng(asked)
+    rng = np.random.default_rng(count)
     p, v = 3.0 * rng.normal(size=(80, 3)), rng.normal(size=(80, 3))
     a = rng.normal(size=(80, 25, 3))
     motion = Motion(0.3, *roll_out(p, v, a, 0.3), a, np.full((80, 3), np.nan))
     separation = rho.Separation(1.0, 2.0)
-    of = np.sort(rng.permutation(80)[:asked]) if asked else None
+    of = np.sort(rng.permutation(80)[:count]) if count else None
     found = list[CloseApproaches]()
     for name, value in (("_HANDFUL", 80), ("_HANDFUL", 32), ("_MANY", 1)):
         monkeypatch.setattr(clearance, name, value)

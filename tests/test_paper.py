@@ -25,8 +25,8 @@ def test_the_known_index(number: int, paper: rho.Scenario, solver: SolverInterfa
         plan = rho.plan_rho(scenario, replan_every=5, solver=solver).plan
     assert plan.cost == pytest.approx(INDICES[number], rel=INDEX)
     assert rho.verify(plan).ok
-    asked = solver.solver_id().name() if scenario.obstacles else ""  # otherwise no row was needed
-    assert plan.statistics.solver == asked
+    used = solver.solver_id().name() if scenario.obstacles else ""  # otherwise no row was needed
+    assert plan.statistics.solver == used
 
 
 def test_without_the_obstacle_the_receding_horizon_changes_nothing(study: Study) -> None:

@@ -61,8 +61,8 @@ def test_a_known_plan_is_improved(name: str) -> None:
 
 def test_a_vehicle_keeps_a_known_plan_where_its_linearisation_has_none() -> None:
     """The obstacle-free plan is no feasible reference; the path around it was known."""
-    asked = dataclasses.replace(ASKED, vehicles=ASKED.vehicles[:1], separation=None)
-    plan = rho.plan(asked, reference=DOOR.known)
+    scenario = dataclasses.replace(ASKED, vehicles=ASKED.vehicles[:1], separation=None)
+    plan = rho.plan(scenario, reference=DOOR.known)
     assert rho.verify(plan).ok
 
 
@@ -76,7 +76,7 @@ def test_plans_are_not_stretched_if_obstacles_move_or_starts_differ() -> None:
 def test_a_longer_flight_without_a_plan_is_a_shorter_one_slowed_down(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    first, asked, told = best._first, rescaled(ASKED, 2.0), list[str]()
+    first, asked, reported = best._first, rescaled(ASKED, 2.0), list[str]()
 
     def missed(
         scenario: rho.Scenario,
@@ -93,9 +93,9 @@ def test_a_longer_flight_without_a_plan_is_a_shorter_one_slowed_down(
 
     monkeypatch.setattr(best, "_first", missed)
     assert can_be_slower(asked)
-    plan = rho.plan(asked, progress=told.append)
+    plan = rho.plan(asked, progress=reported.append)
     assert rho.verify(plan).ok
-    assert any("trying a duration" in words for words in told)
+    assert any("trying a duration" in words for words in reported)
     ball = rho.Obstacle(rho.Sphere([0, 0, 99], 1), velocity=[0, 0, 1])
     moving = dataclasses.replace(asked, obstacles=(*asked.obstacles, ball))
     with pytest.raises(rho.InfeasibleError):
@@ -116,13 +116,13 @@ def test_fleets_through_a_gap_are_planned(kind: str, seed: int) -> None:
 @pytest.mark.parametrize("kind", [KINDS[0], *slow(*KINDS[1:])])
 def test_more_time_never_hurts(kind: str, longer: float) -> None:
     """The known motion of a scene, slowed down or held at the goals, is one of each of these."""
-    asked = gap_scene(kind, 4, np.random.default_rng(1)).scenario
-    knots = 1 + round(longer * (asked.grid.knots - 1))
+    scenario = gap_scene(kind, 4, np.random.default_rng(1)).scenario
+    knots = 1 + round(longer * (scenario.grid.knots - 1))
     for grid in (
-        rho.Grid(longer * asked.grid.step, asked.grid.knots),
-        rho.Grid(asked.grid.step, knots),
+        rho.Grid(longer * scenario.grid.step, scenario.grid.knots),
+        rho.Grid(scenario.grid.step, knots),
     ):
-        assert rho.verify(rho.plan(asked.on_grid(grid))).ok
+        assert rho.verify(rho.plan(scenario.on_grid(grid))).ok
 
 
 @pytest.mark.parametrize("kind", KINDS)

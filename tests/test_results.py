@@ -150,12 +150,12 @@ def test_the_summary_is_lossless_json(results: rho.Results) -> None:
     text = json.dumps(results.to_json(), allow_nan=False)
     content = json.loads(text)
     assert content["runs"] == len(results)
-    for told, group in zip(content["groups"], results.groups, strict=True):
-        assert told["success"] == {
+    for reported, group in zip(content["groups"], results.groups, strict=True):
+        assert reported["success"] == {
             "successes": group.success.successes,
             "runs": group.success.runs,
         }
-        assert told["interval_95"] == list(group.success.interval)
+        assert reported["interval_95"] == list(group.success.interval)
 
 
 def test_tables_name_sources_and_methods(results: rho.Results) -> None:
@@ -168,8 +168,8 @@ def test_tables_name_sources_and_methods(results: rho.Results) -> None:
 def test_reasons_are_given_in_full() -> None:
     reason = " ".join(f"vehicle-{number} and all of its neighbours;" for number in range(40))
     failures = [Failure("best", "infeasible", reason, 3), Failure("other", "error", "", 12)]
-    *_, told = tables("runs", (), failures, ()).split("\n\n")
-    head, *lines = told.splitlines()
+    *_, reported = tables("runs", (), failures, ()).split("\n\n")
+    head, *lines = reported.splitlines()
     place = head.index("most often because")
     assert " ".join(line[place:] for line in lines[:-1]) == reason
     assert lines[0][:place].split() == ["best", "infeasible", "3"]

@@ -349,8 +349,8 @@ def _computed(scenario: rho.Scenario) -> list[object]:
         *(scenario.fleet.scale(quantity) for quantity in ("position", "jerk")),
         *(limit.most for limit in scenario.fleet.norms.values()),
     ]
-    told = [scenario.bodies, scenario.bodies_in_flight, scenario.known, scenario.spheres]
-    return [*told, *(array.tolist() for array in arrays)]
+    reported = [scenario.bodies, scenario.bodies_in_flight, scenario.known, scenario.spheres]
+    return [*reported, *(array.tolist() for array in arrays)]
 
 
 def test_no_copy_of_a_scenario_keeps_cached_values_of_another() -> None:

@@ -222,9 +222,9 @@ def test_a_restoration_raises_penalties_until_the_pairs_are_separated(
 
 
 def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -> None:
-    asked = through_the_middle(2)
-    independent = rho.plan(asked.without_separation())
-    start = rho.Plan.from_accelerations(asked, independent.accelerations)
+    scenario = through_the_middle(2)
+    independent = rho.plan(scenario.without_separation())
+    start = rho.Plan.from_accelerations(scenario, independent.accelerations)
     noted: list[tuple[float, int]] = []
 
     class Noted(Subproblem):
@@ -233,7 +233,7 @@ def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -
             return reference
 
     with pytest.raises(rho.InfeasibleError, match="separation from v1 at 5 s") as caught:
-        restored(start, Noted(asked, decoupled))
+        restored(start, Noted(scenario, decoupled))
     assert set(caught.value.conflicts) == {"v0", "v1"}
     penalties = np.array([penalty for penalty, _ in noted])
     # both vehicles stay in violation
@@ -247,17 +247,17 @@ def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -
 
 def test_a_restoration_without_progress_is_given_up() -> None:
     """The sphere is too wide to be passed in time, on both of its sides."""
-    asked = rho.Scenario(
+    scenario = rho.Scenario(
         "late",
         rho.Grid.lasting(5.0, step=0.25),
         [rho.Vehicle("a", rho.State([0, 0, 0]), rho.State([10, 0, 0]))],
         limits=rho.Limits(max_acceleration=1.65),
         obstacles=[rho.Sphere([5, 0.1, 0], 2.0)],
     )
-    start, ends = rho.plan(asked.without_obstacles()), DeadEnds(asked)
+    start, ends = rho.plan(scenario.without_obstacles()), DeadEnds(scenario)
     for _ in range(2):
         with pytest.raises(rho.InfeasibleError) as caught:
-            restored(start, Subproblem(asked, decoupled), dead_ends=ends)
+            restored(start, Subproblem(scenario, decoupled), dead_ends=ends)
         assert caught.value.statistics.linearisations < PATIENCE
     assert len(ends) == 1  # the second time the dead end is known
     assert not ends.is_near(start)

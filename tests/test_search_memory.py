@@ -79,8 +79,8 @@ def test_a_lattice_takes_the_memory_predicted_for_it() -> None:
             _, peak = tracemalloc.get_traced_memory()
         finally:
             tracemalloc.stop()
-        told = size(scenario, finest).bytes
-        assert 0.2 * told < peak < told
+        reported = size(scenario, finest).bytes
+        assert 0.2 * reported < peak < reported
 
 
 def test_grids_are_coarser_with_less_memory() -> None:

@@ -61,10 +61,10 @@ def engine(shape: Shape, turn: RotationMatrix | None = None) -> tuple[SceneGraph
 
 
 def by_drake(
-    asked: tuple[SceneGraph, Any], x: FloatArray
+    scene: tuple[SceneGraph, Any], x: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return signed distances, their gradients, and nearest points of the surface."""
-    graph, context = asked
+    graph, context = scene
     query = graph.get_query_output_port().Eval(context)
     found = [query.ComputeSignedDistanceToPoint(point)[0] for point in x]
     distances = np.array([each.distance for each in found])

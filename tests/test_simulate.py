@@ -99,11 +99,11 @@ def test_quadrotors_follow_and_the_difference_is_reported() -> None:
     assert np.diff(simulation.times).max() <= 1e-3 * (1.0 + 1e-9)
     left = np.diff(simulation.velocities, axis=0) / np.diff(simulation.times)[:, None, None]
     left -= simulation.commands[:-1] + simulation.wind[:-1]
-    told = simulation.tracking_difference
-    np.testing.assert_allclose(told, np.linalg.norm(left, axis=2).max(axis=0), rtol=1e-12)
-    assert np.all(told > 1e-3)  # attitudes do not jump like accelerations
+    reported = simulation.tracking_difference
+    np.testing.assert_allclose(reported, np.linalg.norm(left, axis=2).max(axis=0), rtol=1e-12)
+    assert np.all(reported > 1e-3)  # attitudes do not jump like accelerations
     lasting = np.linalg.norm(left, axis=2)
-    assert np.median(lasting) < 0.05 * told.max()  # only while they turn
+    assert np.median(lasting) < 0.05 * reported.max()  # only while they turn
     goals = simulation.scenario.fleet.goal_positions
     assert np.linalg.norm(simulation.positions[-1] - goals, axis=1).max() < 0.1
 
@@ -248,5 +248,7 @@ def test_invalid_arguments_of_simulate_are_refused_by_name() -> None:
 
 def test_drakes_systems_are_loaded_only_to_fly() -> None:
     code = "import sys, drake_rho; print('pydrake.systems.framework' in sys.modules)"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "False"
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert printed.stdout.strip() == "False"

@@ -49,13 +49,13 @@ def test_records_of_windows_are_read_back(tmp_path: Path) -> None:
     flown = _flown(1)
     first, *others = flown.flight.windows
     off = {"off_tube": ("v0", "v1"), "learned": (1, 2), "not_avoided": (2,)}
-    told = (first, *(dataclasses.replace(each, kept=True, **off) for each in others))  # type: ignore[arg-type]
-    told = (*told[:-1], dataclasses.replace(told[-1], infeasible="no room", kept=False))
-    flight = dataclasses.replace(flown.flight, windows=told)
+    reported = (first, *(dataclasses.replace(each, kept=True, **off) for each in others))  # type: ignore[arg-type]
+    reported = (*reported[:-1], dataclasses.replace(reported[-1], infeasible="no room", kept=False))
+    flight = dataclasses.replace(flown.flight, windows=reported)
     rho.save(dataclasses.replace(flown, flight=flight), tmp_path / "storm.npz")
     loaded = rho.load(tmp_path / "storm.npz")
     assert isinstance(loaded, rho.Simulation)
-    for one, other in zip(loaded.flight.windows, told, strict=True):
+    for one, other in zip(loaded.flight.windows, reported, strict=True):
         for name in ("infeasible", "learned", "not_avoided", "kept", "off_tube"):
             assert getattr(one, name) == getattr(other, name)
 

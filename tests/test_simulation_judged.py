@@ -40,9 +40,9 @@ def test_the_report_agrees_with_the_record(kind: str, seed: int) -> None:
     simulation = fly(scenario, wind=winds_for(scenario, seed)[kind], rng=rng, replan_every=4)
     report = rho.verify(simulation)
     assert report.ok
-    told, seen = least_reported(report), least_margin(simulation)
+    reported, seen = least_reported(report), least_margin(simulation)
     between = np.abs(simulation.velocities).max() * np.diff(simulation.times).max()
-    assert seen - between <= told <= seen + ROUNDING * np.abs(simulation.positions).max()
+    assert seen - between <= reported <= seen + ROUNDING * np.abs(simulation.positions).max()
     assert max(tube_filled(simulation).values()) <= 1.0 + 1e-9
     assert "of the tube's radii" in str(report)
     assert "left their tube" not in str(report)
@@ -68,9 +68,9 @@ def test_too_strong_a_wind_violates_the_reported_constraints(seed: int) -> None:
     radius = rho.error_tube(scenario).position(scenario.grid.end)
     assert all(each.limit == each.errors == radius for each in goals)
     assert "vehicles left their tube" in str(report)
-    told, seen = least_reported(report), least_margin(simulation)
-    assert told <= seen + 1e-9
-    assert (told < 0.0) == bool(broken - {"goal"})
+    reported, seen = least_reported(report), least_margin(simulation)
+    assert reported <= seen + 1e-9
+    assert (reported < 0.0) == bool(broken - {"goal"})
 
 
 def _one_window(plan: rho.Plan) -> rho.Flight:
@@ -98,8 +98,8 @@ def _with_scenario(simulation: rho.Simulation, **changes: Any) -> rho.Simulation
     """Return the simulation with another scenario of its plan."""
     plan = simulation.flight.plan
     scenario = dataclasses.replace(plan.scenario, **changes)
-    asked = rho.Plan(scenario, plan.positions, plan.velocities, plan.accelerations)
-    return dataclasses.replace(simulation, flight=rho.Flight(asked, simulation.flight.windows))
+    plan = rho.Plan(scenario, plan.positions, plan.velocities, plan.accelerations)
+    return dataclasses.replace(simulation, flight=rho.Flight(plan, simulation.flight.windows))
 
 
 def test_no_violation_between_two_times_of_a_record_is_missed() -> None:
@@ -142,8 +142,8 @@ def test_windows_with_the_previous_plan_and_vehicles_off_the_tube_are_reported()
     last = simulation.flight.windows[-1]
     off = dataclasses.replace(last, off_tube=("v1",))
     flight = dataclasses.replace(simulation.flight, windows=(*simulation.flight.windows[:-1], off))
-    told = str(rho.verify(dataclasses.replace(simulation, flight=flight)))
-    assert f"off the tube: v1 from {last.plan.scenario.grid.start:g} s" in told
+    reported = str(rho.verify(dataclasses.replace(simulation, flight=flight)))
+    assert f"off the tube: v1 from {last.plan.scenario.grid.start:g} s" in reported
 
 
 def test_a_quadrotor_is_verified_by_its_record() -> None:
@@ -153,8 +153,8 @@ def test_a_quadrotor_is_verified_by_its_record() -> None:
     report = rho.verify(simulation)
     assert "quadrotor: judged by its record, every 0.000998 s" in str(report)
     assert not any(each.constraint == "dynamics" for each in report.checks)
-    told, seen = least_reported(report), least_margin(simulation)
-    assert seen - 1e-2 <= told <= seen + 1e-9
+    reported, seen = least_reported(report), least_margin(simulation)
+    assert seen - 1e-2 <= reported <= seen + 1e-9
 
 
 def test_a_window_without_a_plan_in_free_space_violates_least() -> None:

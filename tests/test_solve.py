@@ -53,8 +53,8 @@ def test_solutions_come_in_the_order_of_the_programs(
     """The programs are solved here or, in chunks, on threads."""
     monkeypatch.setattr(solve, "_CHUNK", chunk)
     batches = [[1.0, 2.0, 3.0], [], [4.0], [5.0, 6.0, 7.0, 8.0, 9.0]]
-    asked = ([nearest(value) for value in batch] for batch in batches)
-    found = solve_side_by_side(asked)
+    programs = ([nearest(value) for value in batch] for batch in batches)
+    found = solve_side_by_side(programs)
     assert [[round(value_of(each), 6) for each in batch] for batch in found] == batches
 
 
@@ -76,7 +76,7 @@ Attempt = Callable[
 
 def _spoiled(spoil: Callable[[str, int, Solution], Solution | None]) -> tuple[Attempt, list[str]]:
     """Return an attempt that passes answers through `spoil`, and the names of solvers used."""
-    asked: list[str] = []
+    used: list[str] = []
     solve_with = solve._solve_with
 
     def attempt(
@@ -85,14 +85,14 @@ def _spoiled(spoil: Callable[[str, int, Solution], Solution | None]) -> tuple[At
         programs: Sequence[MathematicalProgram],
     ) -> list[Solution | None]:
         name = str(solver.solver_id().name()) + ("" if values else " as it is")
-        asked.append(name)
+        used.append(name)
         answers = solve_with(solver, values, programs)
         return [
             None if answer is None else spoil(name, index, answer)
             for index, answer in enumerate(answers)
         ]
 
-    return attempt, asked
+    return attempt, used
 
 
 def test_only_programs_on_which_a_solver_fails_go_to_the_next(
@@ -101,11 +101,11 @@ def test_only_programs_on_which_a_solver_fails_go_to_the_next(
     def fail(name: str, index: int, answer: Solution) -> Solution | None:
         return None if name == "Clarabel" and index == 1 else answer
 
-    attempt, asked = _spoiled(fail)
+    attempt, used = _spoiled(fail)
     monkeypatch.setattr(solve, "_solve_with", attempt)
     found = solve.solve([nearest(2.0), nearest(3.0), nearest(4.0)])
     assert [value_of(each) for each in found] == pytest.approx([2.0, 3.0, 4.0])
-    assert asked == ["Clarabel", "Clarabel as it is"]
+    assert used == ["Clarabel", "Clarabel as it is"]
 
 
 def _violating(answer: Solution) -> Solution:
@@ -124,7 +124,7 @@ def test_programs_with_unsatisfied_rows_are_solved_again_by_another_solver(
     wrong: tuple[str, ...], solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     known = rho.plan_convex(single(limits=SLOW))
-    attempt, asked = _spoiled(
+    attempt, used = _spoiled(
         lambda name, _, answer: _violating(answer) if name in wrong else answer
     )
     monkeypatch.setattr(solve, "_solve_with", attempt)
@@ -132,17 +132,17 @@ def test_programs_with_unsatisfied_rows_are_solved_again_by_another_solver(
     assert plan.cost == pytest.approx(known.cost, rel=INDEX)
     assert rho.verify(plan).ok
     assert plan.statistics.solver == solver
-    assert set(wrong) < set(asked)
+    assert set(wrong) < set(used)
 
 
 def test_rows_that_no_solver_satisfies_are_named_in_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    attempt, asked = _spoiled(lambda name, index, answer: _violating(answer))
+    attempt, used = _spoiled(lambda name, index, answer: _violating(answer))
     monkeypatch.setattr(solve, "_solve_with", attempt)
     with pytest.raises(rho.SolverError, match="do not keep the velocity box of solo") as caught:
         rho.plan_convex(single(limits=SLOW))
-    assert asked == ["Clarabel", "OSQP"]
+    assert used == ["Clarabel", "OSQP"]
     assert caught.value.statistics.programs == 2
 
 
@@ -154,11 +154,11 @@ def test_an_almost_solution_is_used_only_where_all_solvers_fail(
             return None if index == 1 else answer
         return dataclasses.replace(answer, exact=False)
 
-    attempt, asked = _spoiled(almost)
+    attempt, used = _spoiled(almost)
     monkeypatch.setattr(solve, "_solve_with", attempt)
     found = solve.solve([nearest(2.0), nearest(3.0)])
     assert [(each.solver, each.exact) for each in found] == [("OSQP", True), ("Clarabel", False)]
-    assert asked == ["Clarabel", "Clarabel as it is", "OSQP"]
+    assert used == ["Clarabel", "Clarabel as it is", "OSQP"]
 
 
 @pytest.mark.parametrize("inexact", [3, 100])
@@ -208,14 +208,14 @@ def test_the_next_program_begins_with_the_first_solver_after_a_failure(
         spoiled[0] = True
         return _violating(answer)
 
-    attempt, asked = _spoiled(first_only)
+    attempt, used = _spoiled(first_only)
     monkeypatch.setattr(solve, "_solve_with", attempt)
     start = rho.State([0, 0, 0], acceleration=[0, 0, 0])
     limits = rho.Limits(velocity=box(1.8), jerk=box(1.0))
     plan = rho.plan_convex(single(limits=limits, start=start, grid=rho.Grid(0.1, 81)))
     assert rho.verify(plan).ok
-    assert asked[:2] == ["Clarabel", "OSQP"]
-    assert set(asked[2:]) == {"Clarabel"}
+    assert used[:2] == ["Clarabel", "OSQP"]
+    assert set(used[2:]) == {"Clarabel"}
 
 
 def test_retries_go_to_another_solver(solver: SolverInterface) -> None:

@@ -29,16 +29,16 @@ from tests.tolerances import INDEX, MOTION
 
 
 def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
-    asked = single(
+    scenario = single(
         start=rho.State([0, 0, 0], acceleration=[0, 0, 0]),
         limits=rho.Limits(velocity=box(1.7), jerk=box(1.2)),
         grid=rho.Grid(0.1, 81),
         obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),),
     )
-    reference = rho.plan_convex(asked)
-    warm = Subproblem(asked, coupled)
+    reference = rho.plan_convex(scenario)
+    warm = Subproblem(scenario, coupled)
     first, second = warm.around(reference), warm.around(reference)
-    cold = Subproblem(asked, coupled).around(reference)
+    cold = Subproblem(scenario, coupled).around(reference)
     largest = np.abs(cold.accelerations).max()
     for each in (first, second):
         np.testing.assert_allclose(each.accelerations, cold.accelerations, atol=MOTION * largest)
@@ -51,26 +51,26 @@ def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
 def test_vehicles_that_are_not_planned_fly_the_reference() -> None:
     spheres = (rho.Sphere([5, 0.5, 0], 1.0), rho.Sphere([5, 10.5, 0], 1.0))
     ends = np.array([[0, 0, 0], [0, 10, 0]])
-    asked = fleet(ends, ends + np.array([10, 0, 0]), obstacles=spheres).without_separation()
-    reference = rho.plan_convex(asked)
-    after = Subproblem(asked).around(reference, np.array([1]))
+    scenario = fleet(ends, ends + np.array([10, 0, 0]), obstacles=spheres).without_separation()
+    reference = rho.plan_convex(scenario)
+    after = Subproblem(scenario).around(reference, np.array([1]))
     np.testing.assert_array_equal(after.accelerations[0], reference.accelerations[0])
-    both = Subproblem(asked).around(reference)
+    both = Subproblem(scenario).around(reference)
     np.testing.assert_allclose(after.accelerations[1], both.accelerations[1], atol=1e-6)
     assert not np.array_equal(both.accelerations[0], reference.accelerations[0])
 
 
 def test_vehicles_without_violation_fly_the_reference_while_others_are_separated() -> None:
     starts = np.array([[-5, 0, 0], [0, 30, 0], [5, 0, 0]])
-    asked = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
-    start = independent(asked)
-    subproblem = Subproblem(asked, decoupled)
+    scenario = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
+    start = independent(scenario)
+    subproblem = Subproblem(scenario, decoupled)
     assert not subproblem.holds(start)
     after = subproblem.restored(start, 1e3, 0)
     np.testing.assert_array_equal(after.accelerations[1], start.accelerations[1])
-    assert asked.separation is not None
+    assert scenario.separation is not None
     close = [
-        too_close(asked.separation, plan.motion(), margins_of(asked), between=True)
+        too_close(scenario.separation, plan.motion(), margins_of(scenario), between=True)
         for plan in (start, after)
     ]
     gaps = [found.distances.min(initial=1.0) for found in close]
@@ -80,9 +80,9 @@ def test_vehicles_without_violation_fly_the_reference_while_others_are_separated
 def test_pairs_left_too_close_are_named_for_both_vehicles_in_order_of_distance() -> None:
     """Three vehicles in a row pass one point; each reason has the time of its closest approach."""
     starts = np.array([[-5, 0, 0], [5, 0, 0], [0.0, -5, 0]])
-    asked = fleet(starts, np.array([[5, 0, 0], [-5, 0, 0], [0.8, 5, 0]]))
-    alone = rho.plan(asked.without_separation())
-    error = Subproblem(asked).failure(alone, rho.Statistics(programs=7))
+    scenario = fleet(starts, np.array([[5, 0, 0], [-5, 0, 0], [0.8, 5, 0]]))
+    alone = rho.plan(scenario.without_separation())
+    error = Subproblem(scenario).failure(alone, rho.Statistics(programs=7))
     assert isinstance(error, rho.InfeasibleError)
     times = np.linspace(0.0, 10.0, 100_001)
     x = alone.motion().at("position", times)
@@ -95,48 +95,48 @@ def test_pairs_left_too_close_are_named_for_both_vehicles_in_order_of_distance()
         "separation from v1",
     }
     assert error.statistics.programs == 7
-    assert error.scenario == asked
+    assert error.scenario == scenario
     assert error.about_linearisation
     assert set(error.obstacles.values()) == {frozenset([0])}
-    assert Subproblem(asked).failure(rho.plan(asked), rho.Statistics()) is None
+    assert Subproblem(scenario).failure(rho.plan(scenario), rho.Statistics()) is None
 
 
 def test_a_coupled_fleet_without_a_solution_has_reasons_for_each_vehicle() -> None:
-    asked = through_the_middle(2, grid=rho.Grid(5.0, 3))
-    alone = rho.plan(asked.without_separation())
+    scenario = through_the_middle(2, grid=rho.Grid(5.0, 3))
+    alone = rho.plan(scenario.without_separation())
     with pytest.raises(rho.InfeasibleError) as caught:
-        Subproblem(asked, coupled).around(dataclasses.replace(alone, scenario=asked))
+        Subproblem(scenario, coupled).around(dataclasses.replace(alone, scenario=scenario))
     for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
         assert f"separation from {partner} at 5 s" in caught.value.conflicts[vehicle]
         assert caught.value.obstacles[vehicle] == frozenset([0])
 
 
 def test_vehicles_with_a_separation_iterate_together_and_others_independently() -> None:
-    asked = through_the_middle(3)
-    assert len(set(Subproblem(asked).labels.tolist())) == 1
-    assert len(set(Subproblem(asked.without_separation()).labels.tolist())) == 3
+    scenario = through_the_middle(3)
+    assert len(set(Subproblem(scenario).labels.tolist())) == 1
+    assert len(set(Subproblem(scenario.without_separation()).labels.tolist())) == 3
 
 
 @pytest.mark.parametrize("wrong", ["vehicles", "knots", "step"])
 def test_a_reference_that_does_not_fit_is_refused(wrong: str) -> None:
-    asked = single(obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),))
+    scenario = single(obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),))
     others = {
-        "vehicles": through_the_middle(2, grid=asked.grid).without_separation(),
+        "vehicles": through_the_middle(2, grid=scenario.grid).without_separation(),
         "knots": single(grid=rho.Grid(0.5, 18)),
         "step": single(grid=rho.Grid(0.51, 17)),
     }
     reference = rho.plan_convex(others[wrong])
     with pytest.raises(ValueError, match=r"reference: got . vehicles on .* expected 1 vehicles on"):
-        plan_around(asked, reference)
+        plan_around(scenario, reference)
 
 
 def test_violated_obstacles_are_numbered_as_in_the_scenario() -> None:
     far, near = rho.Sphere([5.0, 30.0, 0.0], 1.0), rho.Sphere([5, 0.1, 0], 2.0)
     walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5))
     for spheres, number in (((far, near), 2), ((near, far), 1), ((far, far, near), 3)):
-        asked = single(goal=rho.State([10, 0, 0]), limits=walls, obstacles=spheres)
+        scenario = single(goal=rho.State([10, 0, 0]), limits=walls, obstacles=spheres)
         with pytest.raises(rho.InfeasibleError) as caught:
-            rho.plan_convex(asked)
+            rho.plan_convex(scenario)
         assert caught.value.obstacles == {"solo": frozenset([number])}
         assert any(f"obstacle {number} " in name for name in caught.value.conflicts["solo"])
 
@@ -144,12 +144,12 @@ def test_violated_obstacles_are_numbered_as_in_the_scenario() -> None:
 def test_the_minimum_violation_plan_considers_obstacles_and_accelerations() -> None:
     """A sphere fills a corridor: the violation is shared, and acceleration limits hold."""
     walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5))
-    asked = single(
+    scenario = single(
         goal=rho.State([10, 0, 0]), limits=walls, obstacles=(rho.Sphere([5, 0.1, 0], 2),)
     )
-    plan = minimum_violation(asked)
+    plan = minimum_violation(scenario)
     assert np.abs(plan.accelerations).max() <= 5.0 * (1 + INDEX)
-    free = minimum_violation(asked.without_obstacles())
+    free = minimum_violation(scenario.without_obstacles())
     assert rho.verify(free).ok
     depth = [
         2.0 - np.linalg.norm(each.positions[0] - [5, 0.1, 0], axis=1).min() for each in (plan, free)
@@ -163,8 +163,8 @@ def test_the_minimum_violation_plan_considers_obstacles_and_accelerations() -> N
 def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_search_longer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = through_the_middle(2)
-    start = independent(asked)
+    scenario = through_the_middle(2)
+    start = independent(scenario)
     made: list[KeepApart] = []
 
     def noted(*args: Any, **options: Any) -> KeepApart:
@@ -173,7 +173,7 @@ def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_searc
 
     monkeypatch.setattr(module, "pairs_of", noted)
     for number in range(4):
-        Subproblem(asked, decoupled).restored(start, 7.0, number)
+        Subproblem(scenario, decoupled).restored(start, 7.0, number)
     assert [each.aside for each in made] == [True, False, False, False]
     assert [each.rounds for each in made] == [1, 1, 2, 2]
     assert {each.penalty for each in made} == {7.0}
@@ -182,8 +182,8 @@ def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_searc
 def test_pairs_are_separated_by_references_that_guarantee_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = through_the_middle(3)
-    plan = independent(asked)
+    scenario = through_the_middle(3)
+    plan = independent(scenario)
     made: list[dict[str, Any]] = []
     around = InGroups.around
 
@@ -192,7 +192,7 @@ def test_pairs_are_separated_by_references_that_guarantee_nothing(
         return around(self, reference, **options)
 
     monkeypatch.setattr(InGroups, "around", noted)
-    subproblem = Restoration(asked)
+    subproblem = Restoration(scenario)
     breaches = [subproblem.worst_breach(plan)]
     for number in range(20):
         if subproblem.almost_holds(plan):
@@ -211,13 +211,13 @@ def test_pairs_are_separated_by_references_that_guarantee_nothing(
 
 def test_a_reference_that_satisfies_every_constraint_is_a_plan() -> None:
     """References that are far enough apart need no program with hard rows."""
-    asked = through_the_middle(3)
+    scenario = through_the_middle(3)
 
     class Refusing(Restoration):
         def around(self, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
             raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=self.scenario)
 
-    plan = restored(independent(asked), Refusing(asked))
+    plan = restored(independent(scenario), Refusing(scenario))
     assert plan.statistics.linearisations > 1
     assert rho.verify(plan).ok
 
@@ -226,7 +226,7 @@ def test_only_violating_vehicles_have_programs_at_the_end_of_a_restoration(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The other vehicles keep their feasible motions, and the plan as a whole is feasible."""
-    asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
+    scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
     kept, planned = Subproblem.around, list[int]()
 
     def noted(self: Subproblem, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
@@ -239,7 +239,7 @@ def test_only_violating_vehicles_have_programs_at_the_end_of_a_restoration(
         return plan
 
     monkeypatch.setattr(Subproblem, "around", noted)
-    plan = restored(independent(asked), Restoration(asked))
+    plan = restored(independent(scenario), Restoration(scenario))
     assert 0 < planned[-1] < 12
     assert rho.verify(plan).ok
 
@@ -248,7 +248,7 @@ def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Its neighbours would otherwise keep their motions, as they violate nothing."""
-    asked = rho.random_transitions(40, np.random.default_rng(5), duration=5.0)
+    scenario = rho.random_transitions(40, np.random.default_rng(5), duration=5.0)
     hard, in_groups, stuck = Subproblem.around, InGroups.around, list[int]()
     beside, seen = np.zeros(40, dtype=bool), list[int]()
 
@@ -259,12 +259,12 @@ def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
             return hard(self, reference, vehicles)
         stuck.append(int(self.in_trouble(reference)[0]))
         x = reference.motion().at("position", np.linspace(0.1, 4.9, 2000))
-        x /= np.array([1.0, 1.0, separation_of(asked).downwash])
+        x /= np.array([1.0, 1.0, separation_of(scenario).downwash])
         distances = np.linalg.norm(x - x[stuck[0]], axis=2).min(axis=1)
-        beside[:] = distances < 1.05 * separation_of(asked).distance
+        beside[:] = distances < 1.05 * separation_of(scenario).distance
         beside[self.in_trouble(reference)] = False
-        names = [asked.vehicles[each].name for each in stuck]
-        raise rho.InfeasibleError({names[0]: ("separation",)}, scenario=asked)
+        names = [scenario.vehicles[each].name for each in stuck]
+        raise rho.InfeasibleError({names[0]: ("separation",)}, scenario=scenario)
 
     def noted(self: InGroups, reference: Motion, **options: Any) -> tuple[Motion, Statistics]:
         if stuck and beside.any():
@@ -279,13 +279,13 @@ def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
 
     monkeypatch.setattr(Subproblem, "around", refused_once)
     monkeypatch.setattr(InGroups, "around", noted)
-    plan = restored(independent(asked), Restoration(asked))
+    plan = restored(independent(scenario), Restoration(scenario))
     assert seen  # a neighbour was without violation
     assert rho.verify(plan).ok
 
 
 def test_where_groups_fail_soft_rows_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
+    scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
     around, fails = InGroups.around, [False, True]
 
     def at_times(self: InGroups, *args: Any, **options: Any) -> tuple[Motion, Statistics]:
@@ -294,7 +294,7 @@ def test_where_groups_fail_soft_rows_are_used(monkeypatch: pytest.MonkeyPatch) -
         return around(self, *args, **options)
 
     monkeypatch.setattr(InGroups, "around", at_times)
-    plan = restored(independent(asked), Restoration(asked))
+    plan = restored(independent(scenario), Restoration(scenario))
     assert not fails
     assert rho.verify(plan).ok
 
@@ -302,7 +302,7 @@ def test_where_groups_fail_soft_rows_are_used(monkeypatch: pytest.MonkeyPatch) -
 def test_all_vehicles_have_hard_rows_even_where_no_reference_is_better(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
+    scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
     kept, planned = Subproblem.around, list[IntArray | None]()
 
     def noted(self: Subproblem, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
@@ -314,7 +314,7 @@ def test_all_vehicles_have_hard_rows_even_where_no_reference_is_better(
 
     monkeypatch.setattr(Subproblem, "around", noted)
     monkeypatch.setattr(InGroups, "reference", none_better)
-    plan = rho.plan(asked, coupling=rho.grouped)
+    plan = rho.plan(scenario, coupling=rho.grouped)
     assert planned[-1] is None
     assert plan.statistics.converged
     assert rho.verify(plan).ok
@@ -326,9 +326,9 @@ def test_leaving_a_box_between_knots_counts_if_every_instant_is_required() -> No
     accelerations = np.array([[[-2.0, 0, 0], [0, 0, 0]]])
     for upper, beyond in ((0.3, []), (0.2, [0])):
         room = rho.Box([-9.0] * 3, [upper, 9.0, 9.0])
-        asked = single(start=start, goal=goal, limits=rho.Limits(room), grid=rho.Grid(1.0, 3))
+        scenario = single(start=start, goal=goal, limits=rho.Limits(room), grid=rho.Grid(1.0, 3))
         for strict in (True, False):
-            each = dataclasses.replace(asked, between_knots=strict)
+            each = dataclasses.replace(scenario, between_knots=strict)
             found = breaches_of(each, rho.Plan.from_accelerations(each, accelerations))
             assert found.beyond.tolist() == (beyond if strict else [])
 
@@ -336,9 +336,9 @@ def test_leaving_a_box_between_knots_counts_if_every_instant_is_required() -> No
 def test_vehicles_that_did_not_move_are_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """The violations are the same as after checking all vehicles."""
     rng = np.random.default_rng(5)
-    asked = rho.random_transitions(12, rng, duration=5.0)
-    plan = independent(asked)
-    found, looked = breaches_of(asked, plan), list[int]()
+    scenario = rho.random_transitions(12, rng, duration=5.0)
+    plan = independent(scenario)
+    found, looked = breaches_of(scenario, plan), list[int]()
 
     def noted(*args: Any, **options: Any) -> CloseApproaches:
         looked.append(len(options["of"]))
@@ -348,11 +348,11 @@ def test_vehicles_that_did_not_move_are_not_checked_again(monkeypatch: pytest.Mo
         accelerations = np.array(plan.accelerations)
         some = rng.permutation(12)[:3]
         accelerations[some] += rng.normal(size=accelerations[some].shape)
-        after = rho.Plan.from_accelerations(asked, accelerations)
+        after = rho.Plan.from_accelerations(scenario, accelerations)
         with monkeypatch.context() as patched:
             patched.setattr(module_of_breaches, "too_close", noted)
-            again = breaches_of(asked, after, (plan, found))
-        plan, found = after, breaches_of(asked, after)
+            again = breaches_of(scenario, after, (plan, found))
+        plan, found = after, breaches_of(scenario, after)
         assert len(found.pairs) > 0
         for name in ("one", "other", "times", "distances"):
             one, other = getattr(again.pairs, name), getattr(found.pairs, name)

@@ -133,8 +133,8 @@ def _flight(rng: np.random.Generator, plan: rho.Plan, size: float) -> rho.Flight
             tracking = _tracking(grid.start, tracking.gains, errors)
         p, v = plan.positions[:, knot:], plan.velocities[:, knot:]
         before = np.zeros_like(p[:, 0])
-        asked = plan.scenario.from_states(grid, p[:, 0], v[:, 0], before, tracking)
-        here = rho.Plan(asked, p, v, plan.accelerations[:, knot:])
+        scenario = plan.scenario.from_states(grid, p[:, 0], v[:, 0], before, tracking)
+        here = rho.Plan(scenario, p, v, plan.accelerations[:, knot:])
         windows.append(rho.Window(knot, here, here))
     return rho.Flight(plan, tuple(windows))
 
@@ -227,8 +227,8 @@ def _excess(plan: rho.Plan, check: rho.Check, tube: rho.ErrorTube, times: FloatA
 
 def judged(flown: rho.Plan | rho.Flight) -> list[rho.Check]:
     """Return the checks in which errors count."""
-    told = ("dynamics", "goal", "jerk box")
-    return [each for each in rho.verify(flown).checks if each.constraint not in told]
+    reported = ("dynamics", "goal", "jerk box")
+    return [each for each in rho.verify(flown).checks if each.constraint not in reported]
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -244,11 +244,11 @@ def test_random_plans_hold_in_an_independent_check(scenario: rho.Scenario) -> No
 
 def test_the_closest_of_many_obstacles_are_reported() -> None:
     spheres = [rho.Sphere([5.0, 5.0 + 3.0 * number, 0.0], 1.0) for number in range(30)]
-    asked = single(obstacles=spheres[::-1], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
-    free = rho.plan_convex(asked.without_obstacles())
-    report = rho.verify(dataclasses.replace(free, scenario=asked))
+    scenario = single(obstacles=spheres[::-1], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
+    free = rho.plan_convex(scenario.without_obstacles())
+    report = rho.verify(dataclasses.replace(free, scenario=scenario))
     assert len([check for check in report.checks if "obstacle" in check.constraint]) == 60
     rows = str(report).splitlines()
-    told = [row.split()[2] for row in rows if row.startswith("solo") and "obstacle" in row]
-    assert told == [str(number) for number in range(19, 31) for _ in range(2)]
+    reported = [row.split()[2] for row in rows if row.startswith("solo") and "obstacle" in row]
+    assert reported == [str(number) for number in range(19, 31) for _ in range(2)]
     assert rows[-1] == "… and 18 more obstacles, further away"

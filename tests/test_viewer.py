@@ -34,14 +34,14 @@ def _opened(html: str, folder: Path) -> Iterator[Page]:
     """Open a page from disk offline; check that it requests nothing and its console stays empty."""
     file = folder / "page.html"
     file.write_text(html)
-    asked: list[str] = []
+    requested: list[str] = []
     with open_page(offline=True) as (page, said):
-        page.on("request", lambda request: asked.append(request.url))
+        page.on("request", lambda request: requested.append(request.url))
         page.goto(file.as_uri())
         page.wait_for_function("window.drakeRho", timeout=60_000)
         page.evaluate("drakeRho.play(false)")
         yield page
-        assert [url for url in asked if not url.startswith("data:")] == [file.as_uri()]
+        assert [url for url in requested if not url.startswith("data:")] == [file.as_uri()]
         assert said == []
 
 

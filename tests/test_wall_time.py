@@ -70,7 +70,9 @@ def test_seconds_are_from_the_call_to_the_return(
         rho.plan,
         rho.plan_convex,
         rho.plan_rho,
-        lambda asked: rho.scp_step(rho.Plan.from_accelerations(asked, STRAIGHT.accelerations)),
+        lambda scenario: rho.scp_step(
+            rho.Plan.from_accelerations(scenario, STRAIGHT.accelerations)
+        ),
     ],
 )
 def test_an_error_has_the_seconds_until_it_was_raised_even_in_another_process(

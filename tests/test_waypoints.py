@@ -89,10 +89,10 @@ def test_a_waypoint_holds_has_an_effect_and_is_verified(within: float) -> None:
     assert _missed(plan) == pytest.approx([within], abs=1e-7)
     assert plan.cost > free.cost * 1.001
 
-    judged = rho.Plan.from_accelerations(scenario, free.accelerations)
-    (missed,), (violation,) = _missed(judged), rho.verify(judged).violations
-    told = (violation.constraint, violation.part, violation.unit, violation.time)
-    assert told == ("waypoint 1", "", "m", 3.3)
+    unlimited = rho.Plan.from_accelerations(scenario, free.accelerations)
+    (missed,), (violation,) = _missed(unlimited), rho.verify(unlimited).violations
+    reported = (violation.constraint, violation.part, violation.unit, violation.time)
+    assert reported == ("waypoint 1", "", "m", 3.3)
     assert violation.value == pytest.approx(missed)
     assert violation.limit == within
     assert violation.excess == pytest.approx(missed - within)
@@ -249,8 +249,8 @@ def test_every_vehicle_of_a_fleet_passes_its_own_waypoints(coupling: object) -> 
         ("v3", "waypoint 1"),
     ]
     assert max(_missed(plan)) < 0.2 + 1e-6
-    judged = rho.Plan.from_accelerations(scenario, rho.plan_scp(asked).accelerations)
-    assert "waypoint 1" in {each.constraint for each in rho.verify(judged).violations}
+    unlimited = rho.Plan.from_accelerations(scenario, rho.plan_scp(asked).accelerations)
+    assert "waypoint 1" in {each.constraint for each in rho.verify(unlimited).violations}
 
 
 def test_waypoints_hold_past_obstacles_at_rest_and_moving() -> None:
@@ -393,12 +393,12 @@ def test_two_waypoints_at_one_time_are_refused() -> None:
     assert caught.value.value == 3.0
     assert "no other waypoint" in str(caught.value)
     # different vehicles may have one time
-    asked = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
+    scenario = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
     vehicles = tuple(
         dataclasses.replace(each, waypoints=(rho.Waypoint(3.0, [1, y, 0]),))
-        for each, y in zip(asked.vehicles, (0, 5), strict=True)
+        for each, y in zip(scenario.vehicles, (0, 5), strict=True)
     )
-    assert rho.verify(rho.plan(dataclasses.replace(asked, vehicles=vehicles))).ok
+    assert rho.verify(rho.plan(dataclasses.replace(scenario, vehicles=vehicles))).ok
 
 
 @pytest.mark.parametrize(

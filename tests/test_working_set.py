@@ -250,9 +250,9 @@ def test_multipliers_balance_the_cost() -> None:
 def test_multipliers_of_a_coupled_group_balance_the_cost_of_all_of_it() -> None:
     """Two crossing vehicles share a program; a distant third one has none."""
     starts = np.array([[-5, 0.3, 0], [0, 50, 0], [0, -5, 0]])
-    asked = fleet(starts, np.array([[5, 0, 0], [9, 50, 0], [0, 5, 0.2]]))
-    subproblem = Subproblem(asked, coupled)
-    subproblem.around(rho.plan_scp(asked))
+    scenario = fleet(starts, np.array([[5, 0, 0], [9, 50, 0], [0, 5, 0.2]]))
+    subproblem = Subproblem(scenario, coupled)
+    subproblem.around(rho.plan_scp(scenario))
     planes = subproblem.planes
     assert planes is not None
     assert planes.working.group(0).tolist() == planes.working.group(2).tolist() == [0, 2]
@@ -260,6 +260,6 @@ def test_multipliers_of_a_coupled_group_balance_the_cost_of_all_of_it() -> None:
     changed, gradient = _dual_gradient(planes, 2)
     assert np.abs(changed).max() > 1e-3
     np.testing.assert_allclose(changed, gradient, atol=1e-5 * np.abs(changed).max())
-    assert MinimumEffort.of(asked).motion.accelerations[1] == pytest.approx(
+    assert MinimumEffort.of(scenario).motion.accelerations[1] == pytest.approx(
         planes.motion.accelerations[1]
     )
