@@ -22,7 +22,7 @@ from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.parts import GRAVITY
 from tests.scenarios import box, single
 from tests.shapes import KINDS, random_shape
-from tests.test_obstacles_judged import by_hand, places, random_case
+from tests.test_obstacles_verified import by_hand, places, random_case
 
 PER_STEP = 200
 
