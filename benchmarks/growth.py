@@ -189,7 +189,7 @@ def _main(words: list[str]) -> None:
     work, size, cores = words[0], int(words[1]), int(words[2])
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, range(cores))
-    print(json.dumps(measure(work, size)))  # noqa: T201  # noqa: T201  # read by the parent process
+    print(json.dumps(measure(work, size)))  # noqa: T201  # read by the parent process
     return None
 
 

@@ -141,10 +141,10 @@ def _killed(folder: Path) -> tuple[int, int]:
     command = [sys.executable, "-m", "drake_rho", "campaign", str(folder / "study.yaml")]
     command += ["--store", str(store), "--workers", "2"]
     began = time.perf_counter()
-    subprocess.run(command, check=True, capture_output=True)  # noqa: S603  # noqa: S603  # our own
+    subprocess.run(command, check=True, capture_output=True)  # noqa: S603  # our own
     lasting = time.perf_counter() - began
     whole, wrong = set(_rows(folder / "whole.sqlite")), 0
-    chance = random.Random(0)  # noqa: S311  # noqa: S311  # not a secret
+    chance = random.Random(0)  # noqa: S311  # not a secret
     for number in track(range(KILLS), "kills"):
         if len(_rows(store)) == len(whole):
             for path in folder.glob("killed.sqlite*"):
@@ -162,7 +162,7 @@ def _killed(folder: Path) -> tuple[int, int]:
 def _begun(command: list[str]) -> subprocess.Popen[bytes]:
     nowhere = subprocess.DEVNULL
     # our own
-    return subprocess.Popen(command, stdout=nowhere, stderr=nowhere)  # noqa: S603
+    return subprocess.Popen(command, stdout=nowhere, stderr=nowhere)  # noqa: S603  # our own
 
 
 def _victims(client: int, kind: str, chance: random.Random) -> list[int]:

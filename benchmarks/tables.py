@@ -122,7 +122,7 @@ def commit() -> str:
     """Return the commit, and whether tracked files differ from it."""
     command = ["git", "describe", "--always", "--dirty=, with changes not committed"]
     try:
-        done = subprocess.run(  # noqa: S603  # noqa: S603  # a fixed command
+        done = subprocess.run(  # noqa: S603  # a fixed command
             command, capture_output=True, text=True, check=True, cwd=RESULTS.parent
         )
     except (OSError, subprocess.CalledProcessError):

@@ -121,7 +121,7 @@ def test_the_custom_diagram_in_the_documents_flies() -> None:
     (code,) = (block for block in blocks if "DiagramBuilder" in block)
     found: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):
-        exec(code, found)  # noqa: S102  # noqa: S102  # of the document
+        exec(code, found)  # noqa: S102  # of the document
     scenario, states = found["scenario"], found["states"].T.reshape(-1, 4, 6)
     assert len(found["controller"].flight.windows) == len(rho.plan_rho(scenario).windows)
     missed = np.linalg.norm(states[-1, :, :3] - scenario.fleet.goal_positions, axis=1)

@@ -194,7 +194,7 @@ def test_the_code_in_the_documents_runs(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     found: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):
-        exec(code, found)  # noqa: S102  # noqa: S102  # of the document
+        exec(code, found)  # noqa: S102  # of the document
     assert {each.name for each in tmp_path.iterdir()} == {"plan.csv", "plan.json", "courier"}
     np.testing.assert_array_equal(found["again"].positions, found["plan"].positions)
 

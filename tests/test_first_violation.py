@@ -139,8 +139,7 @@ def test_the_tube_fits_at_the_goal_in_every_window(close: str, every: int) -> No
     if close == "pair":  # each estimates a larger distance from the other than the true one
         error = np.stack([error, -error])
     wind = biased(around.samples(scenario.grid), error)
-    # type: ignore[arg-type]  # has that form
-    flown = fly(scenario, replan_every=every, wind=wind)  # type: ignore[arg-type]
+    flown = fly(scenario, replan_every=every, wind=wind)  # type: ignore[arg-type]  # has that form
     assert rho.verify(flown).ok
     assert all(
         first_violation(window.plan) is None or window.kept for window in flown.flight.windows

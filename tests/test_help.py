@@ -65,6 +65,6 @@ def test_the_schema_describes_a_record_without_fields_and_examples() -> None:
 def test_a_record_without_source_code_keeps_its_own_docstring() -> None:
     made: dict[str, Any] = {"Described": Described}
     text = 'class R(metaclass=Described):\n    """Of a string."""\n    a: int = 0\n'
-    exec(text, made)  # noqa: S102  # noqa: S102  # written above
+    exec(text, made)  # noqa: S102  # written above
     record: Any = dataclasses.dataclass(made["R"])
     assert record.__doc__ == "Of a string."

@@ -47,7 +47,7 @@ def test_the_gallery_has_scenes_of_every_kind() -> None:
 @pytest.mark.parametrize("name", scenes(DOCS / "gallery.md"))
 def test_a_scene_of_the_gallery_is_planned_and_drawn(name: str) -> None:
     found: dict[str, object] = {}
-    exec(scenes(DOCS / "gallery.md")[name], found)  # noqa: S102  # noqa: S102  # of the page
+    exec(scenes(DOCS / "gallery.md")[name], found)  # noqa: S102  # of the page
     figure = found["figure"]
     assert figure.axes  # type: ignore[attr-defined]  # matplotlib's
 

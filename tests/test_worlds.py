@@ -194,8 +194,7 @@ def test_the_same_seed_draws_the_same_and_more_obstacles_extend_it(
     ("make", "name"),
     [
         (lambda: swap(-1), "boxes"),
-        # type: ignore[arg-type]  # what is tested
-        (lambda: swap(2.5), "boxes"),  # type: ignore[arg-type]
+        (lambda: swap(2.5), "boxes"),  # type: ignore[arg-type]  # what is tested
         (lambda: swap(1, vehicles=0), "vehicles"),
         (lambda: swap(1, step=0.3), "step"),
         (lambda: swap(1, vehicles=300), "scenario.vehicles"),
