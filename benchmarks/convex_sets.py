@@ -46,10 +46,10 @@ def fly(scenario: rho.Scenario, seed: int) -> Lap:
     seconds = time.perf_counter() - began
     if curve is None:
         return Lap(seconds, "none")
-    return Lap(seconds, _judge(scenario, curve), curve.cost(scenario.grid.step))
+    return Lap(seconds, _verify(scenario, curve), curve.cost(scenario.grid.step))
 
 
-def _judge(scenario: rho.Scenario, curve: Curve) -> Verdict:
+def _verify(scenario: rho.Scenario, curve: Curve) -> Verdict:
     times = np.linspace(0.0, scenario.grid.duration, SAMPLES)
     at = scenario.grid.start + times
     if clearance(scenario, at, curve.at(times)[:, None]) < -TOUCHING:

@@ -98,10 +98,10 @@ def attempt(
     except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
         plan, broken = None, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
     seconds, megabytes = time.perf_counter() - began, memory()
-    return _judged(scenario, plan, broken, seconds, megabytes, bound)
+    return _trial(scenario, plan, broken, seconds, megabytes, bound)
 
 
-def _judged(
+def _trial(
     scenario: rho.Scenario,
     plan: rho.Plan | None,
     broken: str,
@@ -158,7 +158,7 @@ def attempts(
 def _of_run(scenario: rho.Scenario, row: Row, plan: rho.Plan | None, bound: Bound) -> Trial:
     broken = row.reason if plan is not None else f"{row.status}: {row.reason}"
     seconds = (row.plan_seconds or 0.0) + (row.verify_seconds or 0.0)
-    return _judged(scenario, plan, broken, seconds, row.megabytes or np.nan, bound)
+    return _trial(scenario, plan, broken, seconds, row.megabytes or np.nan, bound)
 
 
 COLUMNS = (

@@ -26,12 +26,12 @@ PLACES = (0.0, 0.1, 1e3, 1e6)
 _DENSE = 200
 """Samples of a step."""
 
-_BROKEN = 2e-6
+_VIOLATED = 2e-6
 """Depth beyond which a plan is wrong, over the obstacle's size: twice the package's tolerance."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Judged:
+class SceneResult:
     """Result of one scene."""
 
     planned: bool
@@ -68,11 +68,11 @@ def run() -> Table:
     )
 
 
-def _is_wrong(scene: Judged) -> bool:
-    return scene.planned and (scene.deepest > _BROKEN or not scene.verified)
+def _is_wrong(scene: SceneResult) -> bool:
+    return scene.planned and (scene.deepest > _VIOLATED or not scene.verified)
 
 
-def _row(name: str, found: list[Judged]) -> tuple[str, int, int, float, int]:
+def _row(name: str, found: list[SceneResult]) -> tuple[str, int, int, float, int]:
     return (
         name,
         len(found),
@@ -82,7 +82,7 @@ def _row(name: str, found: list[Judged]) -> tuple[str, int, int, float, int]:
     )
 
 
-def on_a_clock(number: int) -> Judged:
+def on_a_clock(number: int) -> SceneResult:
     """Plan one or two vehicles among obstacles with corners at odd times, drawn by the number."""
     rng = np.random.default_rng(number)
     tenths, knots = int(rng.integers(0, 100)), int(rng.integers(5, 14))
@@ -107,12 +107,12 @@ def on_a_clock(number: int) -> Judged:
         scenario = rho.Scenario("clock", grid, vehicles, obstacles=obstacles)
         flown = rho.plan(scenario) if number % 2 else rho.plan_rho(scenario, replan_every=3)
     except (rho.ScenarioError, rho.InfeasibleError):
-        return Judged(False, -np.inf, True)
+        return SceneResult(False, -np.inf, True)
     plan = flown.plan if isinstance(flown, rho.Flight) else flown
-    return Judged(True, deepest(plan), rho.verify(flown).ok)
+    return SceneResult(True, deepest(plan), rho.verify(flown).ok)
 
 
-def somewhere(number: int) -> Judged:
+def somewhere(number: int) -> SceneResult:
     """Plan a vehicle that hovers, or nearly, while an obstacle passes, drawn by the number.
 
     The known motion moves to one side and back, with an acceleration in four pieces.
@@ -138,8 +138,8 @@ def somewhere(number: int) -> Judged:
     try:
         plan = rho.plan(scenario)
     except rho.InfeasibleError:
-        return Judged(False, -np.inf, True, is_known)
-    return Judged(True, deepest(plan), rho.verify(plan).ok, is_known)
+        return SceneResult(False, -np.inf, True, is_known)
+    return SceneResult(True, deepest(plan), rho.verify(plan).ok, is_known)
 
 
 def _aside(scenario: rho.Scenario, far: float) -> rho.Plan | None:
@@ -193,4 +193,4 @@ tracks, at multiples of a tenth of a step, on clocks that begin at tenths of a s
 whose starts or goals are inside of something, and those without a plan, are left out. Hovering: a
 vehicle whose goal is its start, or up to some 0.1 m away, with a ball that passes within its own
 radius, up to {PLACES[-1]:g} m from the origin. Deepest: at {_DENSE} instants in each step, of the
-obstacle's size; from {_BROKEN:g} on a plan is wrong."""
+obstacle's size; from {_VIOLATED:g} on a plan is wrong."""

@@ -16,7 +16,7 @@ from rich.progress import track
 
 import drake_rho as rho
 from benchmarks.adversaries import Chaser, WorstAtClosest
-from benchmarks.flown import breaches
+from benchmarks.flown import violations
 from benchmarks.tables import Cell, Goal, Table
 from benchmarks.windy_worlds import WORLDS
 from drake_rho.motion.simulation import Simulation
@@ -36,7 +36,7 @@ WINDS = ("random", "gusts", "worst case", "chasing")
 _MIX = (*WINDS[:3] * 3, WINDS[3])
 """Kinds of wind of ten flights in a world; chasing takes the longest to simulate."""
 
-BROKEN = 1e-6
+VIOLATED = 1e-6
 """Violation that counts, over the limit's scale: twice the package's tolerance, and rounding."""
 
 _ONCE = 20
@@ -92,7 +92,7 @@ def run(flights: int = FLIGHTS) -> Table:
         for world in WORLDS
         for wind in WINDS
     ]
-    unbroken = sum(each.worst_without <= BROKEN for each in found) / len(found)
+    satisfied = sum(each.worst_without <= VIOLATED for each in found) / len(found)
     return Table(
         name="flight_closed_loop",
         title="Flights in wind, with margins and without",
@@ -100,7 +100,7 @@ def run(flights: int = FLIGHTS) -> Table:
         rows=tuple(rows),
         notes=(f"{len(found)} flights. {_ABOUT}", _WORLDS, _LIMITATIONS),
         goals=(
-            Goal("flights that break a limit", 0.0, sum(each.worst > BROKEN for each in found)),
+            Goal("flights that break a limit", 0.0, sum(each.worst > VIOLATED for each in found)),
             Goal("flights that `verify` refuses", 0.0, sum(not each.verified for each in found)),
             Goal("distance from the flight in Drake's simulator", 1e-9, _most_apart(found)),
             Goal("windows without a plan", 0.0, sum(each.without_plan for each in found)),
@@ -108,7 +108,7 @@ def run(flights: int = FLIGHTS) -> Table:
             Goal(
                 "distance from the goal over the radius there", 1.0 + 1e-6, _most(found, "off_goal")
             ),
-            Goal("part of flights without margins that break no limit", 2.0 / 3.0, unbroken),
+            Goal("part of flights without margins that break no limit", 2.0 / 3.0, satisfied),
         ),
     )
 
@@ -133,12 +133,12 @@ def _row(found: list[Outcome]) -> tuple[Cell, ...]:
         found[0].world,
         found[0].wind,
         len(found),
-        sum(each.worst > BROKEN for each in found),
+        sum(each.worst > VIOLATED for each in found),
         _most(found, "worst"),
         sum(each.without_plan for each in found),
         sum(each.kept for each in found),
         1.0 + _most(found, "beyond_tube"),
-        sum(each.worst_without > BROKEN for each in found),
+        sum(each.worst_without > VIOLATED for each in found),
         float(np.median([each.seconds for each in found])),
     )
 
@@ -185,8 +185,8 @@ def outcome(world: str, kind: str, number: int, compared: bool) -> Outcome:
     return Outcome(
         world,
         kind,
-        breaches(flown).worst,
-        breaches(held).worst,
+        violations(flown).worst,
+        violations(held).worst,
         sum(bool(window.infeasible) for window in windows) - without_plan,
         without_plan,
         float(np.max(flown.errors() / np.maximum(radii, 1e-9)[:, None])) - 1.0,
@@ -299,7 +299,7 @@ instant W towards what is nearest to each vehicle just then, or at an angle to i
 Errors of the estimate are drawn evenly from their balls otherwise. A flight is judged by samples of
 its true motion twice between any two steps of the simulation, apart from the package's verifier
 (`benchmarks/flown.py`): obstacles, separation, boxes of position, velocity and command, speed and
-size of the command, as a part of their scale; more than {BROKEN:g} is broken. The verifier judges
+size of the command, as a part of their scale; more than {VIOLATED:g} is broken. The verifier judges
 it too. Every fiftieth is flown in Drake's simulator as well, and the two are compared. A window is
 without a plan if it has no new one and does not fly on along the previous one's. Without margins:
 the plan of the same scenario without a disturbance, held by the same feedback in the same wind."""

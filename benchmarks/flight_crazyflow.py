@@ -40,7 +40,7 @@ COLUMNS = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Judged:
+class FlownPlan:
     """Plan that was flown."""
 
     plan: rho.Plan
@@ -123,7 +123,7 @@ def with_room(path: Path) -> rho.Scenario:
     return dataclasses.replace(mission, limits=limits)
 
 
-def fly(scenario: rho.Scenario) -> Judged:
+def fly(scenario: rho.Scenario) -> FlownPlan:
     """Plan, let Crazyflies fly the plan, and measure."""
     began = time.perf_counter()
     plan = rho.plan(scenario)
@@ -137,7 +137,7 @@ def fly(scenario: rho.Scenario) -> Judged:
     radii = rho.error_tube(scenario).position(times)
     with np.errstate(divide="ignore"):
         over = np.max(off[1:] / radii[1:])
-    return Judged(
+    return FlownPlan(
         plan,
         seconds,
         least_distance(np.moveaxis(flown, 0, 1), scenario.separation),

@@ -11,8 +11,8 @@ import numpy as np
 from rich.progress import track
 
 import drake_rho as rho
-from benchmarks.flight_closed_loop import BROKEN
-from benchmarks.flown import breaches
+from benchmarks.flight_closed_loop import VIOLATED
+from benchmarks.flown import violations
 from benchmarks.tables import Cell, Goal, Table
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError
@@ -102,7 +102,7 @@ def run(flights: int = FLIGHTS) -> Table:
             f"{len(found) - len(flown)} scenarios more have no plan at all. {_ABOUT}",
         ),
         goals=(
-            Goal("flights that break a limit", 0.0, sum(_is_broken(each) for each in flown)),
+            Goal("flights that break a limit", 0.0, sum(_violates(each) for each in flown)),
             Goal("flights that `verify` refuses", 0.0, sum(not each.verified for each in flown)),
             Goal("windows without a plan", 0.0, sum(each.without_plan for each in flown)),
             Goal("error above the radius, over it", 1e-6, max(each.over_tube for each in flown)),
@@ -123,8 +123,8 @@ COLUMNS = (
 )
 
 
-def _is_broken(loop: Loop) -> bool:
-    return loop.worst > BROKEN or loop.missed > BROKEN
+def _violates(loop: Loop) -> bool:
+    return loop.worst > VIOLATED or loop.missed > VIOLATED
 
 
 def _row(found: list[Loop]) -> tuple[Cell, ...]:
@@ -135,7 +135,7 @@ def _row(found: list[Loop]) -> tuple[Cell, ...]:
         windows,
         kept,
         round(100.0 * kept / windows, 1),
-        sum(_is_broken(each) for each in found),
+        sum(_violates(each) for each in found),
         float(max(each.worst for each in found)),
         sum(each.without_plan for each in found),
         1.0 + float(max(each.over_tube for each in found)),
@@ -161,7 +161,7 @@ def flown_loop(number: int) -> Loop:
         len(windows),
         sum(window.kept for window in windows),
         sum(bool(window.infeasible) and not window.kept for window in windows),
-        breaches(flown).worst,
+        violations(flown).worst,
         _missed(flown),
         rho.verify(flown).ok,
         float(over.max()) - 1.0,
@@ -248,5 +248,5 @@ the room, delays from 0 to 2 samples; estimates are biased as far as declared in
 switch between two, and so does the wind, in three of four flights; else there is no wind, and
 errors are drawn from their balls. New windows begin every one to four steps. Judged by samples of
 the true motion twice between any two steps of the simulation (`benchmarks/flown.py`), and at the
-waypoints' times; more than {BROKEN:g} of the scale is broken. A window is without a plan if it has
+waypoints' times; more than {VIOLATED:g} of the scale is broken. A window is without a plan if it has
 no new one and does not keep the previous one's."""

@@ -13,7 +13,7 @@ import numpy as np
 from rich.progress import track
 
 import drake_rho as rho
-from benchmarks.flown import breaches
+from benchmarks.flown import violations
 from benchmarks.tables import Goal, Table
 
 FLIGHTS = 100
@@ -24,7 +24,7 @@ STRENGTH, DECLARED = 0.3, 1.0
 JERK = 5.0
 """Jerk limit along each axis [m/s³]."""
 
-BROKEN = 1e-6
+VIOLATED = 1e-6
 """Violation of a limit that counts, over its scale."""
 
 ROUNDING = 1e-6
@@ -69,7 +69,7 @@ def run() -> Table:
         done = processes.map(outcome, range(FLIGHTS), chunksize=5)
         found = list(track(done, "flights", total=FLIGHTS))
     differences = [each.difference for each in found]
-    broken = sum(each.worst > BROKEN for each in found)
+    broken = sum(each.worst > VIOLATED for each in found)
     row = (
         FLIGHTS,
         broken,
@@ -132,7 +132,7 @@ def outcome(number: int) -> Outcome:
     over = flown.errors() / np.maximum(flown.radii(), ROUNDING)[:, None]
     windows = flown.flight.windows
     return Outcome(
-        breaches(flown).worst,
+        violations(flown).worst,
         float(over.max()),
         float(flown.tracking_difference.max()),
         sum(bool(window.infeasible) for window in windows),

@@ -22,7 +22,7 @@ PARTS = 2
 
 
 @dataclasses.dataclass(frozen=True)
-class Breaches:
+class Violations:
     """Largest violations of limits; negative for a margin."""
 
     obstacles: float
@@ -43,7 +43,7 @@ class Breaches:
         return max(lengths, self.boxes, self.norms)
 
 
-def breaches(simulation: Simulation) -> Breaches:
+def violations(simulation: Simulation) -> Violations:
     """Return the violations of a flight of point masses."""
     scenario = simulation.scenario
     times, positions, velocities = _finer(simulation)
@@ -66,7 +66,7 @@ def breaches(simulation: Simulation) -> Breaches:
     if scenario.separation is not None and len(scenario.vehicles) > 1:
         separation = scenario.separation
         pairs = separation.distance - least_distance(positions, separation)
-    return Breaches(
+    return Violations(
         -clearance(scenario, times, positions),
         pairs,
         boxes,

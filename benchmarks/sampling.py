@@ -56,7 +56,7 @@ def sample(plan: Plan) -> Sampled:
         metres += float(np.sum(np.linalg.norm(np.diff(positions, axis=0), axis=-1)))
         clear = min(clear, clearance(scenario, scenario.grid.times[k] + elapsed, positions))
         for i, box in enumerate(boxes):
-            beyond = max(beyond, _breach(positions[:, i], box))
+            beyond = max(beyond, _excess(positions[:, i], box))
         if len(p) > 1:
             least = min(least, least_distance(positions, scenario.separation))
     return Sampled(metres, least, clear, beyond)
@@ -69,14 +69,14 @@ def _beyond(plan: Plan, i: int, positions: FloatArray, velocities: FloatArray) -
     limits, before = scenario.limits_of(vehicle), vehicle.start.acceleration
     with_before = accelerations if before is None else np.vstack([before, accelerations])
     return max(
-        _breach(positions, limits.position),
-        _breach(velocities, limits.velocity),
-        _breach(accelerations, limits.acceleration),
-        _breach(np.diff(with_before, axis=0) / scenario.grid.step, limits.jerk),
+        _excess(positions, limits.position),
+        _excess(velocities, limits.velocity),
+        _excess(accelerations, limits.acceleration),
+        _excess(np.diff(with_before, axis=0) / scenario.grid.step, limits.jerk),
     )
 
 
-def _breach(values: FloatArray, box: Box | None) -> float:
+def _excess(values: FloatArray, box: Box | None) -> float:
     """Return how far values, shape (M, 3), are beyond a box at most, over its side."""
     if box is None or len(values) == 0:
         return -np.inf

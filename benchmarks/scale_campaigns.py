@@ -161,7 +161,6 @@ def _killed(folder: Path) -> tuple[int, int]:
 
 def _begun(command: list[str]) -> subprocess.Popen[bytes]:
     nowhere = subprocess.DEVNULL
-    # our own
     return subprocess.Popen(command, stdout=nowhere, stderr=nowhere)  # noqa: S603  # our own
 
 

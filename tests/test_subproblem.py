@@ -193,14 +193,14 @@ def test_pairs_are_separated_by_references_that_guarantee_nothing(
 
     monkeypatch.setattr(InGroups, "around", noted)
     subproblem = Restoration(scenario)
-    breaches = [subproblem.worst_breach(plan)]
+    violations = [subproblem.worst_breach(plan)]
     for number in range(20):
         if subproblem.almost_holds(plan):
             break
         plan = subproblem.restored(plan, 10.0 * 3.0**number, number)
-        breaches.append(subproblem.worst_breach(plan))
+        violations.append(subproblem.worst_breach(plan))
         assert not subproblem.holds(plan)  # although the references are separated
-    assert breaches[-1] < 0.05 < breaches[0]
+    assert violations[-1] < 0.05 < violations[0]
     assert [each["aside"] for each in made] == [True] + [False] * (len(made) - 1)
     assert [each["rounds"] for each in made] == [min(k + 1, 4) for k in range(len(made))]
     assert [each["penalty"] for each in made] == [10.0 * 3.0**k for k in range(len(made))]

@@ -25,7 +25,7 @@ def draw_gallery(page: Path, folder: Path) -> list[Path]:
     drawn = []
     for name, code in scenes(page).items():
         left: dict[str, object] = {}
-        # of the page
+        # the code is that of the page
         exec(compile(code, f"{page.name}: {name}", "exec"), left)  # noqa: S102
         path = folder / "gallery" / f"{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
