@@ -110,11 +110,11 @@ def main() -> None:
     arguments = parser.parse_args()
     unknown = [name for name in arguments.names if name not in known]
     if unknown:
-        parser.error(f"no benchmark {', '.join(unknown)}; there are {', '.join(known)}")
+        parser.error(f"names: got {', '.join(unknown)}, expected some of {', '.join(known)}")
     if arguments.repetitions < 5:
-        parser.error("--repetitions: at least 5, for a median that means something")
+        parser.error("--repetitions: expected at least 5, for a meaningful median")
     if arguments.seeds is not None and arguments.seeds < 1:
-        parser.error("--seeds: at least 1")
+        parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
     others = alone + worlds + flight + SCALE

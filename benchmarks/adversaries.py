@@ -133,7 +133,7 @@ def _obstacle(
         shape, kept = obstacle.shape, radii + obstacle.deviation
         away = displacement(obstacle, np.array([time]))[0]
     if not isinstance(shape, rho.Sphere | rho.Box):
-        raise TypeError(f"no way to {shape}")
+        raise TypeError(f"shape: got {shape}, expected a sphere or a box")
     there = positions - away
     return nearest(shape, there) - there, distances(shape, there) - kept
 

@@ -32,7 +32,7 @@ def run_apart(peer: str, script: str, *files: Path) -> None:
     )
     if done.returncode != 0:
         said = done.stderr.strip().splitlines()
-        raise Skipped(f"{script} failed: {said[-1] if said else 'without a word'}")
+        raise Skipped(f"{script} failed: {said[-1] if said else 'without a message'}")
 
 
 def accelerations_apart(peer: str, module: str, scenario: Scenario) -> FloatArray:
@@ -55,7 +55,9 @@ def accelerations_apart(peer: str, module: str, scenario: Scenario) -> FloatArra
     except BrokenPipeError:
         line = ""
     if not line:
-        raise Skipped(f"{peer} does not start: `.venv-{peer}/bin/python -m {module}` says why")
+        raise Skipped(
+            f"{peer} does not start: run `.venv-{peer}/bin/python -m {module}` for the reason"
+        )
     answer = json.loads(line)
     if "error" in answer:
         raise RuntimeError(answer["error"])

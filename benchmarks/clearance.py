@@ -28,7 +28,7 @@ def distances(shape: object, positions: FloatArray) -> FloatArray:
         beyond = np.maximum(shape.lower - positions, positions - shape.upper)
         outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
         return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
-    raise TypeError(f"no distance from {shape}")
+    raise TypeError(f"shape: got {shape}, expected a sphere or a box")
 
 
 def nearest(shape: rho.Sphere | rho.Box, positions: FloatArray) -> FloatArray:

@@ -41,10 +41,10 @@ def field_of(scenario: rho.Scenario) -> Field:
     (vehicle,), limits = scenario.vehicles, scenario.limits
     room, velocity, acceleration = limits.position, limits.velocity, limits.acceleration
     if room is None or velocity is None or acceleration is None:
-        raise TypeError("a limit is missing")
+        raise TypeError("limits: got None, expected boxes of position, velocity and acceleration")
     shapes = tuple(each for each in scenario.obstacles if isinstance(each, rho.Sphere | rho.Box))
     if len(shapes) < len(scenario.obstacles):
-        raise TypeError("an obstacle is neither a sphere nor a box at rest")
+        raise TypeError("obstacles: got another kind, expected spheres and boxes at rest")
     return Field(
         vehicle.start.position,
         vehicle.goal.position,

@@ -90,11 +90,11 @@ def _published(count: int) -> tuple[Cell, ...]:
 
 _WORK = """\
 The second series of Luis and Schoellig (carlosluis/multiagent_planning, `failure_rate.m`): as B1
-(see `fleet_b1` for what counts, what a time is and how it is run), but in a cube of N m³, in which
-every fleet of up to two hundred gets 15 s and that of a thousand 20 s. A fleet of seed s is
+(see `fleet_b1` for the criteria, the times and the procedure), but in a cube of N m³, in which
+every fleet of up to two hundred has 15 s and that of a thousand 20 s. A fleet of seed s is
 `random_transitions(N, default_rng(s), volume=flight_cube(N), duration=T)`."""
 
 _LIMITATIONS = """\
-Limitations. DMPC's lines are quoted: flight times of up to 30 s, 5 cm of breach allowed, MATLAB on
-another machine. A version of it in C++ is published to plan a hundred vehicles in 4.2 s on eight
-clusters, and in 12.4 s on one. The thousand are one draw."""
+Limitations. DMPC's lines are quoted: flight times of up to 30 s, violations of 5 cm allowed,
+MATLAB on another machine. A version of it in C++ is published to plan a hundred vehicles in 4.2 s
+on eight clusters, and in 12.4 s on one. The thousand are one draw."""

@@ -47,20 +47,21 @@ def run() -> Table:
 
 
 _WORK = f"""\
-The circle swap of mit-acl/rmader and lis-epfl/multi_agent_pkgs: antipodal goals, velocity up to
-10 m/s, acceleration up to 20 m/s², jerk up to 30 m/s³ along each axis, spheres of 0.25 m diameter,
-from rest without acceleration to rest; {STEPS} steps. All vehicles start in one plane, in which
-they need not stay."""
+The circle swap of mit-acl/rmader and lis-epfl/multi_agent_pkgs: antipodal goals, velocity up to 10
+m/s, acceleration up to 20 m/s², jerk up to 30 m/s³ along each axis, spheres of 0.25 m diameter,
+from rest without acceleration to rest; {STEPS} steps. All vehicles start in one plane, which they
+may leave."""
 
 _END = """\
-The end of a flight is limited in jerk with the others and not here: a goal has no acceleration, and
-in the last step there is still one of {:.3g} m/s² along an axis. One vehicle alone that flies along
-an axis and has to end without acceleration needs 3.155 s: twice 2 (10 / 30)^½ = 1.155 s, and
-5.77 m, from rest to 10 m/s or back, and 0.845 s at that between them. That is some 0.3 s more than
-the line with nobody in the way says, and so much is to be added for a fair comparison."""
+The published planners limit the jerk at the end of a flight, which is not limited here: a goal has
+no acceleration, and in the last step there is still one of {:.3g} m/s² along an axis. One vehicle
+alone that flies along an axis and has to end without acceleration needs 3.155 s: twice 2 (10 /
+30)^½ = 1.155 s, and 5.77 m, from rest to 10 m/s or back, and 0.845 s at that speed in between.
+That is some 0.3 s more than the line without separation, and has to be added for a fair
+comparison."""
 
 _LIMITATIONS = """\
-Limitations. The published planners fly on line, each vehicle for itself, with delays in what they
-tell each other, and the times are means of what they travel. Here the whole flight is planned at
-once, beforehand, its accelerations constant from knot to knot, and all arrive together. So the
-times show what there is to gain; it is no race."""
+Limitations. The published planners run during the flight, each vehicle for itself, with delayed
+communication, and the times are mean travel times. Here the whole flight is planned at once,
+beforehand, its accelerations constant from knot to knot, and all vehicles arrive together. So the
+times show the possible gain; they are no race."""

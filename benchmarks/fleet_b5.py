@@ -42,10 +42,10 @@ def run() -> Table:
 
 _WORK = f"""\
 Antipodal goals, velocity up to 8 m/s and acceleration up to 5 m/s² along each axis, 0.25 m apart,
-from rest to rest, at most {BEGIN:g} s; {STEPS} steps. All vehicles start in one plane, in which
-they need not stay."""
+from rest to rest, at most {BEGIN:g} s; {STEPS} steps. All vehicles start in one plane, which they
+may leave."""
 
 _LIMITATIONS = """\
-Limitations. OpenSCvx, whose example this is, was not run here; no figure of it is published. A
-vehicle alone on an axis needs 2 (10 / 5)^½ = 2.828 s, if it may choose its acceleration at any
-time; on these knots it has to be constant from one to the next."""
+Limitations. OpenSCvx, whose example this is, was not run here, and no figure of it is published. A
+single vehicle on an axis needs 2 (10 / 5)^½ = 2.828 s if it may change its acceleration at any
+time; here it is constant between knots."""

@@ -103,7 +103,7 @@ def _lap(scenario: rho.Scenario, plan: Callable[[rho.Scenario], rho.Plan]) -> La
         return Lap(time.perf_counter() - began, math.nan, str(error).splitlines()[0])
     seconds = time.perf_counter() - began
     if not report.ok:
-        return Lap(seconds, math.nan, f"{len(report.violations)} constraints broken")
+        return Lap(seconds, math.nan, f"{len(report.violations)} constraints violated")
     return Lap(seconds, found.cost)
 
 
@@ -152,14 +152,14 @@ _WORK = """\
 The fleets of B1 (`fleet_b1`), seeds from 0. Joint SCP is that of Augugliaro, Schoellig and
 D'Andrea (2012), reference [10] of the paper: all vehicles in one program of least index, every
 pair at every knot linearised around the iterate before, the first iterate without pairs, until all
-pairs are apart at the knots (to 1 µm) and the index changes by less than a thousandth; it is
-written with CVXPY without loops over pairs or knots, and solved by Clarabel at its defaults. The
-three methods plan each fleet in turn, in one process, after one fleet that is not counted. A time
-runs from the scenario record to the verified plan."""
+pairs are separated at the knots (to 1 µm) and the index changes by less than a thousandth. It is
+written with CVXPY without loops over pairs or knots, and solved by Clarabel with default settings.
+The three methods plan each fleet in turn, in one process, after one fleet that does not count. A
+time runs from the scenario record to the verified plan."""
 
 _LIMITATIONS = """\
-Limitations. Joint SCP is judged at the knots only, as it is published; this package's first line
-holds at every instant, its second, at the knots, is what compares one to one. Its success was
-published with 5 cm of breach allowed, here none is. Both end in local optima, which need not be
-the same, so on a single fleet either may be far below the other. The machine has other work at
-times: trust the ratios."""
+Limitations. Joint SCP is verified at the knots only, as published. This package's first line holds
+at every instant; its second, at the knots, is directly comparable. The success of joint SCP was
+published with violations of 5 cm allowed; here none is. Both end in local optima, which need not
+be the same, so on a single fleet either may cost far less than the other. The machine has other
+work at times: trust the ratios."""

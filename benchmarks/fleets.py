@@ -117,7 +117,7 @@ def _trial(
     if plan is None:
         return Trial(*reported, fault=broken)
     found = sample(plan)
-    fault = f"{broken} is broken" if broken else ""
+    fault = f"{broken} is violated" if broken else ""
     fault = fault or (_fault(found, scenario) if scenario.between_knots else "")
     return Trial(*reported, plan.cost, found, fault, np.nan if fault else bound(plan))
 
@@ -126,11 +126,11 @@ def _fault(found: Sampled, scenario: rho.Scenario) -> str:
     """Describe the violation found by the samples; empty if there is none."""
     separation = scenario.separation
     if separation is not None and found.least < separation.distance - SAMPLED:
-        return f"two are {found.least:.7g} m apart by the samples"
+        return f"two vehicles are {found.least:.7g} m apart at the samples"
     if found.clearance < -TOUCHING:
-        return f"an obstacle is {-found.clearance:.7g} m too close by the samples"
+        return f"an obstacle is {-found.clearance:.7g} m too close at the samples"
     if found.beyond > TOUCHING:
-        return f"a box is left by {found.beyond:.2g} of its side by the samples"
+        return f"a box is left by {found.beyond:.2g} of its side at the samples"
     return ""
 
 
@@ -203,6 +203,6 @@ def findings(trials: Sequence[Trial]) -> str:
     reported = [f"The slowest: {slowest.name}, {slowest.seconds:.3g} s."]
     reported += [f"- {trial.name}: {trial.fault}" for trial in trials if not trial.counts]
     if len(reported) == 1:
-        return f"Every fleet was planned and keeps everything asked. {reported[0]}"
-    reported[1:1] = ["", "Fleets without a plan that keeps everything asked:", ""]
+        return f"Every fleet was planned and satisfies every constraint. {reported[0]}"
+    reported[1:1] = ["", "Fleets without a plan that satisfies every constraint:", ""]
     return "\n".join(reported)

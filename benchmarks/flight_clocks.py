@@ -189,8 +189,8 @@ def _distances(shape: object, x: FloatArray) -> FloatArray:
 _ABOUT = f"""\
 Moving obstacles: one or two vehicles and up to three balls and cubes with four corners in their
 tracks, at multiples of a tenth of a step, on clocks that begin at tenths of a second after
-{CLOCKS[0]:g}, {CLOCKS[1]:g} and {CLOCKS[2]:g} s, by `rho.plan` and `rho.plan_rho` in turn; those
-whose starts or goals are inside of something, and those without a plan, are left out. Hovering: a
+{CLOCKS[0]:g}, {CLOCKS[1]:g} and {CLOCKS[2]:g} s, by `rho.plan` and `rho.plan_rho` in turn; scenes
+with starts or goals inside an obstacle, and those without a plan, are left out. Hovering: a
 vehicle whose goal is its start, or up to some 0.1 m away, with a ball that passes within its own
-radius, up to {PLACES[-1]:g} m from the origin. Deepest: at {_DENSE} instants in each step, of the
-obstacle's size; from {_VIOLATED:g} on a plan is wrong."""
+radius, up to {PLACES[-1]:g} m from the origin. Deepest: the largest depth at {_DENSE} instants in
+each step, over the obstacle's size; a plan deeper than {_VIOLATED:g} is wrong."""

@@ -289,29 +289,30 @@ def drawn(kind: str, set_up: SetUp, rng: np.random.Generator) -> Wind:
 
 
 _ABOUT = f"""\
-In each the fleet plans anew every five steps from the states it estimates, with `rho.plan_convex`
-and `rho.plan` where that has no plan, and a sampled feedback holds it to the plan in between. Winds
-are of up to the W of the world. Random: coloured noise of any correlation up to the whole flight,
-clipped to W. Gusts: one minus a cosine from any direction, up to W, at any time. Worst case: what
-`rho.worst_case` gives for each vehicle towards what it comes near to, at a random one of the
-instants at which it is near, with the errors of the estimate that belong to it. Chasing: at every
-instant W towards what is nearest to each vehicle just then, or at an angle to it that is drawn.
-Errors of the estimate are drawn evenly from their balls otherwise. A flight is judged by samples of
-its true motion twice between any two steps of the simulation, apart from the package's verifier
-(`benchmarks/flown.py`): obstacles, separation, boxes of position, velocity and command, speed and
-size of the command, as a part of their scale; more than {VIOLATED:g} is broken. The verifier judges
-it too. Every fiftieth is flown in Drake's simulator as well, and the two are compared. A window is
-without a plan if it has no new one and does not fly on along the previous one's. Without margins:
-the plan of the same scenario without a disturbance, held by the same feedback in the same wind."""
+In each world the fleet replans every five steps from its estimated states, with `rho.plan_convex`,
+and with `rho.plan` where that has no plan; a sampled feedback tracks the plan in between. The
+strength of winds is at most the W of the world. Random: coloured noise of any correlation up to
+the whole flight, clipped to W. Gusts: one minus a cosine from any direction, up to W, at any time.
+Worst case: `rho.worst_case` for each vehicle towards what it comes near to, at a random one of the
+instants at which it is near, with the corresponding errors of the estimate. Chasing: at every
+instant W towards what is nearest to each vehicle at that time, or at a drawn angle to it.
+Otherwise errors of the estimate are drawn uniformly from their balls. A flight is verified by
+samples of its true motion twice between any two steps of the simulation, independently of the
+package's verifier (`benchmarks/flown.py`): obstacles, separation, boxes of position, velocity and
+command, speed and norm of the command, as a fraction of their scale; more than {VIOLATED:g} is a
+violation. The package's verifier checks it too. Every fiftieth flight is flown in Drake's
+simulator as well, and the two are compared. A window is without a plan if it has neither a new one
+nor the rest of the previous one. Without margins: the plan of the same scenario without a
+disturbance, tracked by the same feedback in the same wind."""
 
 _WORLDS = """\
-Example 4: the paper's, safe at every instant, W = 2 m/s², a tenth of its acceleration limit; errors
-of the estimate, a delay of one sample. Gate: two vehicles through a gap of 0.5 m between two boxes,
+Example 4: the paper's, at every instant, W = 2 m/s², a tenth of its acceleration limit; errors of
+the estimate, a delay of one sample. Gate: two vehicles through a gap of 0.5 m between two boxes,
 in a narrow room, with a speed limit. Crossing: one vehicle among two spheres and one that crosses
-its way; errors of the estimate, a delay of one sample. Swap: four vehicles on a circle, 0.5 m
+its path; errors of the estimate, a delay of one sample. Swap: four vehicles on a circle, 0.5 m
 apart, with limits on speed and acceleration; errors of the estimate. Transitions: four vehicles as
-in `fleet_b1`, in a room that is wider by 0.1 m."""
+in `fleet_b1`, with a position box wider by 0.1 m."""
 
 _LIMITATIONS = """\
 Limitations. Five worlds, of point masses. All flights of a world begin with the same first window,
-which is planned once. Samples can miss what lies between them."""
+which is planned once. Samples can miss violations between them."""

@@ -76,7 +76,7 @@ def run() -> Table:
                 1.1,
                 statistics.fmean(ratios[1:]),
             ),
-            Goal("time of a window, with margins and judged, over without", 1.5, slower),
+            Goal("time of a window, with margins and verified, over without", 1.5, slower),
         ),
     )
 
@@ -164,13 +164,14 @@ def _fly(scenario: rho.Scenario) -> list[float]:
 
 
 _ABOUT = f"""\
-Example 4 as the paper has it, flown by `plan_rho` as planned, with feedback at every knot. Fleets
-of {VEHICLES} are draws of `fleet_b1` in its published flight time, by `rho.plan`, with the wind
-that leads to a tube of {TUBE:g} m at a feedback of a fifth of the acceleration limit every 0.1 s.
-Starts and goals are drawn {2.5 * TUBE:g} m further apart than the separation asked, and the room is
-wider by {2.0 * TUBE:g} m, with a disturbance and without: where vehicles begin or end at a distance
-that has no room for the tube there is no plan. All plans are verified. Windows are those after the
-first, from states to a plan; median of all windows, of each the least of {ROUNDS} rounds."""
+The paper's Example 4 flown by `plan_rho` as planned, with feedback at every knot. Fleets of
+{VEHICLES} are draws of `fleet_b1` in its published flight time, by `rho.plan`, with the wind that
+leads to a tube of {TUBE:g} m at a feedback of a fifth of the acceleration limit every 0.1 s.
+Starts and goals are drawn {2.5 * TUBE:g} m further apart than the separation requires, and the
+position box is wider by {2.0 * TUBE:g} m, with a disturbance and without: where vehicles begin or
+end closer than the tube allows there is no plan. All plans are verified. Windows are those after
+the first, from states to a plan; the median is over windows, each with its least time of {ROUNDS}
+rounds."""
 
 _LIMITATIONS = """\
-Limitations. Windows are timed where the fleet is as planned, with tubes that begin anew."""
+Limitations. Windows are timed where the fleet is as planned, with new tubes."""

@@ -168,21 +168,21 @@ _ABOUT = f"""\
 The first missions of qwerty35/lsc_planner with ten, thirty and sixty vehicles, T = {DURATION:g} s,
 h = {STEP:g} s, 0.3 m apart side by side and twice that above each other. Crazyflow simulates
 Crazyflies from first principles at 500 Hz, with the Mellinger controller of their firmware at
-{RATE} Hz, which is given position, velocity and acceleration of the plan. The least distance is
-that of the flown positions at {RATE} Hz. Most of the error is a height offset that all vehicles
-share, whatever they fly. So the fleet's mean error at each time, of which `fleet_offset_m` is the
-largest, is taken off before an error is compared with the tube at that time; two vehicles are no
-closer for it."""
+{RATE} Hz, which tracks position, velocity and acceleration of the plan. The least distance is that
+of the flown positions at {RATE} Hz. Most of the error is a height offset common to all vehicles,
+whatever they fly. So the fleet's mean error at each time, of which `fleet_offset_m` is the
+largest, is subtracted before an error is compared with the tube at that time; it does not affect
+the distance of two vehicles."""
 
 _MODEL = f"""\
 The model: W = {MODEL.acceleration:g} m/s², corrected every {STEP:g} s, with a feedback of at most
-{MODEL.share:g} of the acceleration limit (1 m/s² upwards, 2 m/s² sideways). W is what the first
-tenth of a second needs, before any feedback: there errors without margins grew like those of an
-acceleration of up to 0.255 m/s². The radius that it leads to, 0.02 m, holds the 0.014 m reached
-later. The room is wider by the radius, with and without margins, since starts and goals lie at its
-walls."""
+{MODEL.share:g} of the acceleration limit (1 m/s² upwards, 2 m/s² sideways). W covers the first
+tenth of a second, before any feedback: there errors without margins grew like those of an
+acceleration of up to 0.255 m/s². The resulting radius, 0.02 m, holds the 0.014 m reached later.
+The position box is wider by the radius, with and without margins, since starts and goals lie at
+its walls."""
 
 _LIMITATIONS = """\
-Limitations. The tube is that of the package's own feedback, while the Crazyflies are held by that
-of their firmware: the tube is a model of their errors, fitted to these very missions, and no proof
-for them. One run of each mission, as nothing in the simulation is random. It is a simulation."""
+Limitations. The tube is that of the package's own feedback, while the Crazyflies use that of their
+firmware: the tube is a model of their errors, fitted to these very missions, and no proof for
+them. One run of each mission, as nothing in the simulation is random. It is a simulation."""

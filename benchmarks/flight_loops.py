@@ -241,12 +241,13 @@ def _units(vectors: FloatArray) -> FloatArray:
 
 
 _ABOUT = f"""\
-One to three vehicles whose goals are next to a wall, to the sides of their room, or to each other's
-(round separations and such with downwash), or which pass a waypoint just before, by 0.9 to 1.3
-times what the first tube has at most, or more. Errors of the estimate are from none to a third of
-the room, delays from 0 to 2 samples; estimates are biased as far as declared in one direction or
-switch between two, and so does the wind, in three of four flights; else there is no wind, and
-errors are drawn from their balls. New windows begin every one to four steps. Judged by samples of
-the true motion twice between any two steps of the simulation (`benchmarks/flown.py`), and at the
-waypoints' times; more than {VIOLATED:g} of the scale is broken. A window is without a plan if it has
-no new one and does not keep the previous one's."""
+One to three vehicles whose goals are next to a wall, to the sides of their position box, or to
+each other's goals (with spherical separation or downwash), or which pass a waypoint just before.
+The distances are 0.9 to 1.3 times the largest radius of the first tube, or more. Errors of the
+estimate are up to a third of the distance, delays 0 to 2 samples. In three of four flights the
+estimates have their largest error in one direction or switch between two, and so does the wind;
+otherwise there is no wind, and errors are drawn from their balls. New windows begin every one to
+four steps. Flights are verified by samples of the true motion twice between any two steps of the
+simulation (`benchmarks/flown.py`), and at the waypoints' times; more than {VIOLATED:g} of the
+scale is a violation. A window is without a plan if it has neither a new one nor the rest of the
+previous one."""

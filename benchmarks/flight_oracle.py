@@ -89,17 +89,17 @@ def _supports(cases: list[Case]) -> list[list[float]]:
 
 
 _ABOUT = """\
-Of one axis, as the error is a ball: ampyc adds up polytopes by Minkowski's sum (`compute_drs`), and
-the support of the last is the largest error at the end of the flight. Its wind is constant in
-quarters of a sample, so it can be a little below the tube and never above. Gains are drawn among
-the stable ones, errors of the estimate at random. Differences are relative, ampyc less the tube.
-`tests/test_tube_oracle.py` compares more cases, delays of up to five samples, feedback and first
-errors with supports computed backwards in time by matrix exponentials: in 200 cases at most 1.1e-4
-below, and nothing above."""
+The computation is for one axis, as the error is a ball: ampyc adds up polytopes by Minkowski sums
+(`compute_drs`), and the support of the last is the largest error at the end of the flight. Its
+wind is constant in quarters of a sample, so the result can be slightly below the tube and never
+above. Gains are drawn among the stable ones, errors of the estimate at random. Differences are
+relative, ampyc less the tube. `tests/test_tube_oracle.py` compares more cases (delays of up to
+five samples, feedback and initial errors) with supports computed backwards in time by matrix
+exponentials: in 200 cases they are at most 1.1e-4 below, and never above."""
 
 _LIMITATIONS = """\
-Limitations. ampyc takes a polytope thinner than 1e-7 for the line from its first vertex to the one
-farthest away, which is only a part of it where the first is no end. A loop that takes one error to
-zero almost at once (α = 1.63, β = 1.83) so came out 3 % too small in position and 8 % in velocity,
-while the supports of the same polytopes, added up one by one, are those of the tube. So gains that
-make sets so thin are not drawn."""
+Limitations. ampyc replaces a polytope thinner than 1e-7 by the line from its first vertex to the
+one farthest away, which is only a part of it unless the first vertex is an end. A loop that takes
+one error to zero almost at once (α = 1.63, β = 1.83) therefore came out 3 % too small in position
+and 8 % in velocity, while the supports of the same polytopes, added up one by one, are those of
+the tube. So gains with such thin sets are not drawn."""

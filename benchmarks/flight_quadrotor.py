@@ -142,16 +142,16 @@ def outcome(number: int) -> Outcome:
 
 
 _ABOUT = f"""\
-Drake's `QuadrotorPlant` with a controller of thrust and attitude, two of them in each flight, which
-change places past a sphere in 8 s with h = δ = 0.2 s, a jerk limit of {JERK:g} m/s³ along each
-axis, and limits on speed and acceleration. Each flight has one gust, one minus a cosine of up to
-{STRENGTH:g} m/s², from any direction, for 0.5 to 5 s at any time. A quadrotor does not have the
+Two of Drake's `QuadrotorPlant` in each flight, with a controller of thrust and attitude, swap
+places past a sphere in 8 s with h = δ = 0.2 s, a jerk limit of {JERK:g} m/s³ along each axis, and
+limits on speed and acceleration. Each flight has one gust, one minus a cosine of up to
+{STRENGTH:g} m/s², from any direction, for 0.5 to 5 s at any time. A quadrotor does not reach the
 commanded acceleration at once, since it has to turn first; the difference is the largest norm of
 true acceleration less command and wind at any step of the simulation. Wind and difference together
-must stay within what the scenario declares, W = {DECLARED:g} m/s², or the tube is no bound. The
-judge is that of `flight_closed_loop`."""
+must stay within the declared W = {DECLARED:g} m/s², or the tube is no bound. Flights are verified
+as in `flight_closed_loop`."""
 
 _LIMITATIONS = """\
-Limitations. One scenario. The difference is measured and not bounded by anything. It comes with the
-steps of the command, and so with the jerk of the plan and with the gains, which depend on the W
-declared; what is declared here was found by trying."""
+Limitations. One scenario. The difference is measured, not bounded. It is caused by the steps of
+the command, and so depends on the jerk of the plan and on the gains, which depend on the declared
+W; the value declared here was found by trial."""

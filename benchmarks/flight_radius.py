@@ -83,12 +83,12 @@ def over_bound(tube: rho.ErrorTube) -> float:
 
 
 _ABOUT = f"""\
-Peaks of ρ_p over {SECONDS:g} s with W = {WIND:g} m/s² and no errors of the estimate, with the gains
-that `rho.error_tube` finds within a share of the limit, {LIMIT:g} W. Wind of the last 1 + d samples
-is not yet answered by any feedback and drives a vehicle (1 + d)² δ² W / 2 far, so no sampled
-feedback has a smaller peak; peak over bound is the largest of the three samples. The last column is
-the largest feedback at δ = {SAMPLES[-1]:g} s."""
+Peaks of ρ_p over {SECONDS:g} s with W = {WIND:g} m/s² and no errors of the estimate, with the
+gains that `rho.error_tube` finds within a share of the limit, {LIMIT:g} W. Wind of the last 1 + d
+samples is not yet answered by any feedback and drives a vehicle by (1 + d)² δ² W / 2, so no
+sampled feedback has a smaller peak; peak over bound is the largest of the three samples. The last
+column is the largest feedback at δ = {SAMPLES[-1]:g} s."""
 
 _LIMITATIONS = """\
-Limitations. The feedback is linear in one measurement and does not predict with its own commands
-under way, so with a delay it stays far above the bound."""
+Limitations. The feedback is linear in one measurement and does not use its own queued commands for
+a prediction, so with a delay it stays far above the bound."""

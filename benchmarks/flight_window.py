@@ -119,12 +119,12 @@ def _row(scenario: rho.Scenario, found: list[tuple[float, bool]]) -> tuple[Cell,
 
 _ABOUT = """\
 `RecedingHorizon.step` with its defaults, a new window every five steps, in a process confined to
-one core. Each window begins at errors drawn evenly from the tube's balls around the plan before;
-the first window of a flight is not counted. Kept: windows that flew on along the previous plan, as
-there was no new one; they are timed like the others. Too late: windows that took longer than the
-five steps until the next."""
+one core. Each window begins at errors drawn uniformly from the tube's balls around the plan
+before; the first window of a flight does not count. Kept: windows that continued the previous
+plan, as there was no new one; they are timed like the others. Too late: windows that took longer
+than the five steps until the next."""
 
 _LIMITATIONS = """\
-Limitations. Errors of position and velocity are drawn each from its ball, while not every pair of
-them can be reached together, and winds of one's own would not drive all vehicles so. One fleet of
-each kind."""
+Limitations. Errors of position and velocity are each drawn from their ball, although not every
+pair of them can occur together, and independent winds would not drive all vehicles to such errors.
+One fleet of each kind."""

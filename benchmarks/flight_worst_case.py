@@ -103,9 +103,9 @@ def _row(found: list[Found], quantity: Quantity) -> tuple[Cell, ...]:
 
 
 _ABOUT = """\
-Gains are drawn among the stable ones, samples from 0.01 to 3 s, wind, errors of the estimate and of
-the first state, times and directions at random. `rho.worst_case` gives the wind, the errors of the
-estimate and the first errors, and a loop that knows nothing of the tube flies them: p'' = u + w
-exactly from one change to the next (`benchmarks/error_loop.py`). Reached is the error in the
-direction and at the time asked, over its radius. The largest error is that of any of the three
-quantities at any step of any flight, over its radius then."""
+Gains are drawn among the stable ones, samples from 0.01 to 3 s, wind, errors of the estimate and
+of the first state, times and directions at random. `rho.worst_case` gives the wind, the errors of
+the estimate and the initial errors, and a loop without code of the tube integrates them: p'' = u +
+w exactly from one change to the next (`benchmarks/error_loop.py`). Reached is the error in the
+given direction and at the given time, over its radius. The largest error is that of any of the
+three quantities at any step of any flight, over its radius at that time."""

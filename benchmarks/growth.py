@@ -113,14 +113,15 @@ def run() -> Table:
     )
 
 
-_ABOUT = """Knots: UAV-1 of the paper around the sphere by `plan_convex`, safe at every instant, its
-49 s cut into ever finer steps. Vehicles: Example 4's work (ten windows) for fleets like the
-paper's, starts and goals shifted at random, nothing coupling them. Each size runs in a process of
-its own, five times; a time runs from the scenario record to the verified plan, after one small
-flight that is not counted. Memory is the process's largest, of which the interpreter and Drake take
-some 125 MB. The exponent is the slope of a straight line fitted to the logarithms; with few
-vehicles the calls cost more than the arithmetic, so the fit in N begins at 40. One core means that
-the process is confined to one."""
+_ABOUT = """\
+Knots: UAV-1 of the paper around the sphere by `plan_convex`, at every instant, its 49 s divided
+into ever finer steps. Vehicles: Example 4's work (ten windows) for fleets like the paper's, starts
+and goals shifted at random, without coupling. Each size runs in a separate process, five times; a
+time runs from the scenario record to the verified plan, after one small flight that does not
+count. Memory is the largest of the process, of which the interpreter and Drake take some 125 MB.
+The exponent is the slope of a straight line fitted to the logarithms; with few vehicles the calls
+cost more than the arithmetic, so the fit in N begins at 40. One core means that the process is
+confined to one."""
 
 
 def _in_process(work: str, size: int, cores: int) -> dict[str, float]:

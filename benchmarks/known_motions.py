@@ -90,11 +90,12 @@ def _trial(seed: int) -> Trial:
 
 _WORK = f"""\
 Random smooth motions of one to three vehicles on 8 to 40 knots, of centimetres to hundreds of
-metres; boxes of positions, velocities and accelerations, and norms, that they keep with 2 to 60 %
-to spare, some that only lead forward and some in which a vehicle hardly climbs; 2 to 20 obstacles
-of all shapes, a third of them in motion, most of which the straight way meets. The motion itself
-passes `verify`, which judges the plans as well. A plan that takes longer than {LIMIT:g} s counts
-as missed. Memory is the largest of the process, the interpreter and Drake included."""
+metres; boxes of positions, velocities and accelerations, and limits on norms, that they satisfy
+with 2 to 60 % to spare, some that allow only forward motion and some in which a vehicle hardly
+climbs; 2 to 20 obstacles of all shapes, a third of them in motion, most of them on the straight
+path. The motion itself passes `verify`, which checks the plans as well. A plan that takes longer
+than {LIMIT:g} s counts as missed. Memory is the largest of the process, the interpreter and Drake
+included."""
 
 
 def _drawn(rng: np.random.Generator, name: str) -> KnownMotion:

@@ -28,7 +28,7 @@ def rounds(repetitions: int) -> str:
     """Explain the columns of a race with so many rounds."""
     return (
         f"Times are of {repetitions} rounds. The ratio is that of the medians, to this package's; "
-        "the error of the index is a relative one, the largest of all rounds."
+        "the error of the index is relative, the largest of all rounds."
     )
 
 
@@ -58,9 +58,9 @@ def _row(result: Result, ours: Result) -> tuple[Cell, ...]:
 def _note(result: Result) -> str:
     notes = []
     if not result.verified:
-        notes.append("a constraint is broken: time not counted")
+        notes.append("a constraint is violated: time does not count")
     if abs(result.index_error) > SAME_INDEX:
-        notes.append("another index: time not counted")
+        notes.append("another index: time does not count")
     solver = sorted(lap.solver_seconds for lap in result.laps)[len(result.laps) // 2]
     if solver:
         notes.append(f"solver's own {solver:.2g} s")

@@ -237,13 +237,13 @@ def _made_up(one: Run, rng: np.random.Generator) -> Done:
 
 _WORK = f"""\
 A run is the paper's scenario with a drawn start and obstacle. Added is the time of a campaign by
-one worker less that of its runs, making and judging their scenarios included, over their number;
-they are planned by `plan_convex`, in a few milliseconds. One worker and two plan the same {RUNS}
-scenarios by `plan`, in {ROUNDS} rounds in turn, processes started before; after each, {ALONE} of
-its runs are done by one process and by two that get their share at once. Killed are, in turn, a
-worker, the process that runs the campaign, and all, at a time drawn from the length of the campaign
-of 400 runs; the next command goes on, and begins anew where all is done. Wrong is each row that is
-not in an undisturbed campaign with the same values in all columns but times, or is missing in the
-end. The last two lines are a whole process, from its start to its end, of a store with made-up
-values. Limitations: two workers and the process that sends to them need two cores that have nothing
-else to do; on a machine that is busy they are hardly faster than one, which shares it as well."""
+one worker less that of its runs, including the creation and verification of their scenarios, over
+their number; they are planned by `plan_convex`, in a few milliseconds. One worker and two plan the
+same {RUNS} scenarios by `plan`, in {ROUNDS} rounds in turn, with processes started before; after
+each, {ALONE} of its runs are done by one process and by two that receive their share at once. In
+turn, a worker, the process that runs the campaign, or all processes are killed, at a time drawn
+from the length of the campaign of 400 runs; the next command resumes it, and begins anew where all
+is done. A row is wrong if it is not in an undisturbed campaign with the same values in all columns
+but times, or is missing in the end. The last two lines are a whole process, from its start to its
+end, for a store with synthetic values. Limitations: two workers and the process that sends to them
+need two idle cores; on a busy machine they are hardly faster than one, which shares it as well."""

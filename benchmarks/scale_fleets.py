@@ -139,8 +139,8 @@ def _faults(every: list[list[Trial]]) -> float:
 
 
 _ABOUT = f"""\
-Random transitions by `rho.plan`: in a cube with a cubic metre for each vehicle, and those of B1, 20
-vehicles in 4 m³, of {SEEDS} seeds. Times are from the scenario to the verified plan; memory is the
-largest of the process, and of those that plan for it, until then. Plans are judged by dense samples
-as well. Processes are started, and have planned a fleet of {SMALL}, before the time begins; what
-they plan is decoupled, whatever its size."""
+Random transitions by `rho.plan`: in a cube with a cubic metre for each vehicle, and those of B1,
+20 vehicles in 4 m³, of {SEEDS} seeds. Times are from the scenario to the verified plan; memory is
+the largest so far of the process and its planning processes. Plans are verified by dense samples
+as well. Processes are started, and have planned a fleet of {SMALL}, before the time begins; they
+plan decoupled, whatever the size."""

@@ -84,10 +84,11 @@ def published(method: str, duration: str, free: str) -> tuple[Cell, ...]:
 
 
 METHOD = """\
-The duration is that of `shortest_plan`: bisection to 1e-4 of it, the knots kept; without a
+The duration is that of `shortest_plan`: bisection to 1e-4 of it, with the same knots, without a
 proof that none is shorter, as the planner may miss a plan. The line with nobody in the way is the
-same fleet without separation: the time that its slowest vehicle needs alone, which no fleet can
-beat on these knots. A flight counts if `verify` finds nothing broken at any instant, and no two
-vehicles are closer than the separation less 1 µm at any of 100 samples of each step, computed apart
-from the package; for the line with nobody in the way there is no separation to keep, and the least
-distance shows how much is asked. Seconds are of the whole search with the verification."""
+same fleet without separation: the time that its slowest vehicle needs alone, a lower bound for any
+fleet on these knots. A flight counts if `verify` finds no violation at any instant, and no two
+vehicles are closer than the separation less 1 µm at any of 100 samples of each step, computed
+independently of the package; the line with nobody in the way has no separation to satisfy, and its
+least distance shows how demanding the separation is. Seconds are of the whole search with the
+verification."""

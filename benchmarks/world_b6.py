@@ -84,16 +84,17 @@ _PUBLISHED: tuple[tuple[Cell, ...], ...] = (
 )
 
 _WORK = f"""\
-The worlds of qwerty35/lsc_dr_planner as they are: ten vehicles of 0.15 m among pillars from floor
-to ceiling, 0.3 m apart side by side and twice that above each other, at most 1 m/s and 2 m/s² along
-each axis. A forest has 40 pillars in 10 m by 10 m, where a straight flight needs 8.5 s; passages of
-the mazes are 0.5 m wide, of which the middle of a vehicle has 0.2 m. Missions have no duration:
-here it is that of the table, in steps of at most {STEP:g} s. A plan that takes longer than
-{LIMIT:g} s counts as a failure. The bound is the index of the same flight with no pillars and no
+The worlds of qwerty35/lsc_dr_planner, unchanged: ten vehicles of 0.15 m among pillars from floor
+to ceiling, 0.3 m apart side by side and twice that above each other, at most 1 m/s and 2 m/s²
+along each axis. A forest has 40 pillars in 10 m by 10 m, where a straight flight needs 8.5 s;
+passages of the mazes are 0.5 m wide, which leaves 0.2 m to the centre of a vehicle. Missions have
+no duration: here it is that of the table, in steps of at most {STEP:g} s. A plan that takes longer
+than {LIMIT:g} s counts as a failure. The bound is the index of the same flight without pillars and
 other vehicles, which is a convex program; no plan can be below it, and none may reach it."""
 
 _LIMITATIONS = """\
-Limitations. LSC-DR flies on line, each vehicle for itself, in the plane, and takes 8.3 ms in the
-forest and 5.3 ms in the maze a vehicle and replanning step; its times are what a flight took in its
-own simulation. Here the whole flight of all vehicles is planned at once, beforehand, in three
-dimensions, so that vehicles may pass above each other, and all arrive together."""
+Limitations. LSC-DR plans during the flight, each vehicle for itself, in the plane, and takes 8.3
+ms in the forest and 5.3 ms in the maze a vehicle and replanning step; its times are durations of
+flights in its own simulation. Here the whole flight of all vehicles is planned at once,
+beforehand, in three dimensions, so that vehicles may pass above each other, and all arrive
+together."""

@@ -62,7 +62,7 @@ def run(seeds: int = 50, stores: Path | None = None) -> Table:
     plans, laps, answers = list[Trial](), list[Lap](), list[Answer]()
     for count in OBSTACLES:
         draws = range(seeds)
-        asked = _in_processes(partial(_ask, count), draws, f"{count}: is there a way", 2)
+        asked = _in_processes(partial(_ask, count), draws, f"{count}: is there a path", 2)
         planned = _planned(count, seeds, stores)
         flown = _in_processes(partial(_fly, count), draws, f"{count}: graphs of convex sets", 1)
         ways = [answer.verdict == "way" for answer in asked]
@@ -77,7 +77,7 @@ def run(seeds: int = 50, stores: Path | None = None) -> Table:
         notes=(_of_the_oracle(answers, plans), findings(plans), *_NOTES, JUDGED, _LIMITATIONS),
         goals=(
             Goal(
-                "draws with a way, failures [%]",
+                "draws with a path, failures [%]",
                 0.0,
                 100.0 - _success(ways, [plan.counts for plan in plans]),
             ),
@@ -198,7 +198,7 @@ def _of_the_oracle(answers: Sequence[Answer], plans: Sequence[Trial]) -> str:
     both = zip(verdicts, plans, strict=True)
     beyond = sum(plan.counts for verdict, plan in both if verdict != "way")
     return (
-        f"Of {len(verdicts)} draws the oracle finds a way in {verdicts.count('way')}, a path that "
+        f"Of {len(verdicts)} draws the oracle finds a path in {verdicts.count('way')}, one that "
         f"is too slow in {verdicts.count('too slow')} and none in {verdicts.count('none')}; of the "
         f"latter two {beyond} are planned all the same."
     )
@@ -206,28 +206,30 @@ def _of_the_oracle(answers: Sequence[Answer], plans: Sequence[Trial]) -> str:
 
 _NOTES = (
     f"""\
-The fields of `random_field`, seeds from 0: 10 m by 10 m by 5 m, a vehicle of 0.15 m from one wall
-to the opposite one in twice the bang-bang time, at most 3 m/s and 3 m/s² along each axis, half the
-obstacles spheres of radius 0.4 to 1.2 m, half boxes of side 0.4 to 2 m. Whether a draw has a way is
-told by an oracle of the benchmark's own: the shortest path on a grid between the shapes grown by
-the radius, at 0.2 m and where that finds none at 0.1 m, pulled straight, and timed optimally within
-the limits. Its yes is a motion that keeps clear; its no is no proof. Success is of the draws with a
-way. A plan that takes longer than {LIMIT:g} s counts as a failure. The bound is that of `certify`,
-of the first {CERTIFIED} draws of each size, if it comes within {PATIENCE:g} s; it does not count
-obstacles other than spheres, so part of the gap is its own.""",
+The fields of `random_field`, seeds from 0: 10 m by 10 m by 5 m, a vehicle of 0.15 m from one
+wall to the opposite one in twice the bang-bang time, at most 3 m/s and 3 m/s² along each axis,
+half the obstacles spheres of radius 0.4 to 1.2 m, half boxes of side 0.4 to 2 m. An oracle of
+the benchmark's own decides whether a draw has a path: the shortest path on a grid between the
+shapes grown by the radius, at 0.2 m and where that finds none at 0.1 m, pulled straight, and
+timed optimally within the limits. Its yes is a collision-free motion; its no is no proof.
+Success is of the draws with a path. A plan that takes longer than {LIMIT:g} s counts as a
+failure. The bound is that of `certify`, of the first {CERTIFIED} draws of each size, if found
+within {PATIENCE:g} s; it includes no obstacles but spheres, which is part of the gap.""",
     """\
 The peer is Drake's `GcsTrajectoryOptimization` with Clarabel, in the same run: regions by IRIS
-around start, goal, points of the straight line between them and random points, where not in one
-yet, at least 15 and at most 30 until they connect the ends; the shortest path through them, by the
-convex relaxation and rounding; then the curve of order 5 of least index in the regions of the path,
-continuous with its velocity, a quadratic program for given durations of its pieces, and these by
-Powell's method, together T. Its index is the integral of its squared acceleration over h. It is
-judged by 5000 samples. Where no such curve keeps the limits it is the one without them, and counts
-as breaking limits and not as success. Its time includes the regions.""",
+around start, goal, points of the straight line between them and random points outside the
+regions so far, at least 15 and at most 30 until they connect the ends; the shortest path through
+them, by the convex relaxation and rounding; then the curve of order 5 of least index in the
+regions of the path, continuous with its velocity, a quadratic program for given durations of its
+pieces, and these by Powell's method, together T. Its index is the integral of its squared
+acceleration over h. It is verified at 5000 samples. Where no such curve satisfies the limits, it
+is the one without limits, which counts as violating them and not as a success. Its time includes
+the regions.""",
 )
 
 _LIMITATIONS = """\
-Limitations. The peer's curves are smooth and this package's accelerations are constant from knot to
-knot, which costs less than a thousandth of the index here; what tells them apart is the way and the
-timing. With more regions, other seeds of them or MOSEK the peer may find better ways; with forty
-regions and Clarabel it takes ten to a hundred times as long. Neither knows the oracle's path."""
+Limitations. The peer's curves are smooth and this package's accelerations are constant from knot
+to knot, which costs less than a thousandth of the index here; the results differ by the path and
+the timing. With more regions, other seeds of them or MOSEK the peer may find better paths; with
+forty regions and Clarabel it takes ten to a hundred times as long. Neither uses the oracle's
+path."""

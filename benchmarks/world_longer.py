@@ -73,7 +73,7 @@ def run(seeds: int = 200) -> Table:
         ),
         tuple(_row(kind, trials) for kind, trials in found.items()),
         notes=(
-            "One to five vehicles from rest to rest in a room with one to six boxes and spheres at "
+            "One to five vehicles from rest to rest in a box with one to six boxes and spheres at "
             "rest. Longer flights last "
             + ", ".join(f"{each:g}" for each in LONGER)
             + " times as long, on as many knots and on the same step. The seconds are those of "

@@ -117,9 +117,9 @@ def published(
 
 
 JUDGED = """\
-A plan counts if `verify` finds nothing broken at any instant and dense samples do not either: 100
-of each step, flown anew from the accelerations alone by code that shares nothing with the package's
-checks, for pairs, obstacles with the vehicles' radii, and the boxes of positions, velocities,
-accelerations and jerks. Whole distances count: 1 µm less is a failure, as is an exception.
-Fleets are planned one after another, in one process, after one fleet that is not counted. A time
-runs from the scenario record to the verified plan, or to the failure."""
+A plan counts if neither `verify` nor dense samples find a violation at any instant. There are 100
+samples of each step, integrated anew from the accelerations alone by code that shares nothing with
+the package's checks, for pairs, obstacles with the vehicles' radii, and the boxes of positions,
+velocities, accelerations and jerks. Distances count in full: 1 µm less is a failure, as is an
+exception. Fleets are planned one after another, in one process, after one fleet that does not
+count. A time runs from the scenario record to the verified plan, or to the failure."""
