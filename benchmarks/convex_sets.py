@@ -35,7 +35,7 @@ class Lap:
 
     @property
     def counts(self) -> bool:
-        """Whether there is a curve that satisfies every limit."""
+        """True if there is a curve that satisfies every limit."""
         return self.verdict == "kept"
 
 

@@ -51,7 +51,7 @@ class Trial:
 
     @property
     def counts(self) -> bool:
-        """Whether there is a plan that satisfies every constraint."""
+        """True if there is a plan that satisfies every constraint."""
         return not self.fault
 
     @property

@@ -35,13 +35,13 @@ class SceneResult:
     """Result of one scene."""
 
     planned: bool
-    """whether it has a plan"""
+    """true if it has a plan"""
     deepest: float
     """largest depth of a vehicle inside an obstacle, over its size; negative for a clearance"""
     verified: bool
-    """whether `rho.verify` accepts the plan"""
+    """true if `rho.verify` accepts the plan"""
     is_known: bool = False
-    """whether a motion that satisfies every constraint is known"""
+    """true if a motion that satisfies every constraint is known"""
 
 
 def run() -> Table:

@@ -64,7 +64,7 @@ class Outcome:
     off_goal: float
     """largest distance from the goal at the end, over the tube's radius there"""
     verified: bool
-    """whether `rho.verify` accepts the flight with margins"""
+    """true if `rho.verify` accepts the flight with margins"""
     apart: float
     """largest distance from the same flight in Drake's simulator, over the scene's extent; NaN if
     that was not flown"""

@@ -1,4 +1,4 @@
-"""Plans flown by simulated Crazyflies: whether the tube holds in another simulator."""
+"""Plans flown by simulated Crazyflies, to test the tube in another simulator."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Loop:
     missed: float
     """largest distance beyond the ball of a waypoint [m]"""
     verified: bool
-    """whether `rho.verify` accepts the flight"""
+    """true if `rho.verify` accepts the flight"""
     over_tube: float
     """largest error over the tube's radius at that time, less 1"""
 

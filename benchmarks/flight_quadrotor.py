@@ -1,4 +1,4 @@
-"""Quadrotors with thrust and attitude in gusts: whether the tube's model holds for them."""
+"""Quadrotors with thrust and attitude in gusts, to test the tube's model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the worst case attains the tube's radius and nothing exceeds it: random cases, flown."""
+"""Random worst cases, flown: they should attain the tube's radius, and nothing should exceed it."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Lap:
     index: float
     """f (13) [m²/s⁴]"""
     verified: bool
-    """whether every constraint of the scenario holds"""
+    """true if every constraint of the scenario holds"""
     solver_seconds: float
     """time reported by the solver [s], summed over the programs; 0 if not recorded"""
 
@@ -66,12 +66,12 @@ class Result:
 
     @property
     def verified(self) -> bool:
-        """Whether every run's flight satisfies the constraints."""
+        """True if every run's flight satisfies the constraints."""
         return bool(self.laps) and all(lap.verified for lap in self.laps)
 
     @property
     def counts(self) -> bool:
-        """Whether it did the work: only then does its time count."""
+        """True if it did the work: only then does its time count."""
         return self.verified and abs(self.index_error) <= SAME_INDEX
 
     @property

@@ -32,7 +32,7 @@ class Swap:
     duration: float
     """duration T [s]"""
     kept: bool
-    """whether it satisfies every constraint"""
+    """true if it satisfies every constraint"""
     least: float
     """least distance of any pair, by dense samples [m]"""
     metres: float

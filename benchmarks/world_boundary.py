@@ -42,9 +42,9 @@ class Trial(NamedTuple):
     """Result of one scene."""
 
     planned: bool
-    """whether there was a plan"""
+    """true if there was a plan"""
     undecided: bool
-    """whether there was neither a plan nor a reason"""
+    """true if there was neither a plan nor a reason"""
     seconds: float
     """processor time [s]"""
 

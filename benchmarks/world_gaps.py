@@ -22,7 +22,7 @@ class Outcome(NamedTuple):
     """Result of one scene."""
 
     planned: bool
-    """whether there is a plan that holds"""
+    """true if there is a plan that holds"""
     seconds: float
     """processor time [s]"""
     cheaper: float

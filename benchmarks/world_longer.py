@@ -42,7 +42,7 @@ class Trial(NamedTuple):
     """Result of one scene."""
 
     planned: bool
-    """whether its shortest flight has a plan"""
+    """true if its shortest flight has a plan"""
     longer: int
     """number of longer flights planned"""
     violations: int

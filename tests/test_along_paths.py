@@ -59,7 +59,7 @@ def test_a_corridor_open_on_the_other_side_is_found() -> None:
     assert plan.positions[0, :, 1].min() < -1.3
 
 
-def test_a_receding_horizon_finds_it_with_scp_in_its_windows() -> None:
+def test_a_receding_horizon_finds_the_path_with_scp_in_its_windows() -> None:
     flight = rho.plan_rho(_through_the_middle(), planner=rho.plan_scp)
     assert rho.verify(flight).ok
 

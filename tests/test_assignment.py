@@ -53,7 +53,7 @@ def test_the_order_of_the_goals_does_not_matter(
 
 
 def test_velocities_belong_to_the_goals_and_affect_the_assignment() -> None:
-    """Of two goals at one place, the fast vehicle takes the one at rest.
+    """The fast vehicle takes the goal at rest of two goals at one place.
 
     The index of velocities v at the start and v' at the goal contains 4 v v' / T.
     """

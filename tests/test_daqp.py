@@ -344,7 +344,7 @@ def test_without_the_package_the_error_says_what_to_install(
     daqp._package.cache_clear()
 
 
-def test_it_can_be_sent_to_another_process() -> None:
+def test_the_solver_can_be_sent_to_another_process() -> None:
     assert pickle.loads(pickle.dumps(rho.Daqp())) == rho.Daqp()  # noqa: S301  # own
 
 

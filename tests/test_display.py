@@ -290,7 +290,7 @@ def test_the_legend_shows_36_vehicles_as_they_are_drawn(
 
 
 def test_no_two_vehicles_of_a_flight_look_alike() -> None:
-    """Where colours are those of the windows, starts and knots distinguish the vehicles."""
+    """Starts and knots distinguish the vehicles where colours are those of the windows."""
     plan = straight(36)
     flown = rho.Flight(plan, (Window(0, plan, plan),))
     drawn = rho.paths_figure(flown)

@@ -25,7 +25,7 @@ MAIN = (
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_print_what_they_say(name: str, tmp_path: Path) -> None:
+def test_examples_print_the_documented_output(name: str, tmp_path: Path) -> None:
     known = {"rho": rho, "np": np, "folder": tmp_path}
     reported = doctest.testmod(importlib.import_module(name), extraglobs=known)
     assert reported.attempted > 0

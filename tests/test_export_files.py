@@ -207,7 +207,7 @@ def kept(plan: rho.Plan, tmp_path: Path) -> str:
 
 
 @pytest.mark.parametrize("format", ALL)
-def test_the_command_writes_what_the_function_does(
+def test_the_command_and_the_function_write_the_same_files(
     format: str,
     plan: rho.Plan,
     kept: str,

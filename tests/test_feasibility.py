@@ -101,7 +101,7 @@ def _check_suggestions(scenario: rho.Scenario, reason: rho.Diagnosis) -> None:
         assert rho.verify(rho.plan_scp(stronger)).ok
 
 
-def test_an_error_carries_what_a_diagnosis_needs() -> None:
+def test_an_error_carries_the_data_of_a_diagnosis() -> None:
     weak = single(limits=rho.Limits(acceleration=box(0.5)))
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_rho(weak)

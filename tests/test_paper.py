@@ -73,7 +73,7 @@ def test_example_4_has_ten_windows_the_last_of_four_steps(study: Study) -> None:
     assert [window.plan.scenario.grid.knots for window in windows] == list(range(50, 0, -5))
 
 
-def test_linearising_anew_is_what_makes_example_4_cheaper(paper: rho.Scenario) -> None:
+def test_repeated_linearisation_makes_example_4_cheaper(paper: rho.Scenario) -> None:
     converged, horizon = rho.plan_scp(paper), rho.plan_rho(paper).plan
     assert converged.statistics.converged
     assert converged.cost < horizon.cost < rho.plan_convex(paper).cost

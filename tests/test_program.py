@@ -139,7 +139,7 @@ def test_least_effort_from_rest_to_rest_is_known(knots: int) -> None:
     assert plan.cost == pytest.approx(12 * (d @ d) / (h**4 * n * (n**2 - 1)), rel=1e-9)
 
 
-def test_one_step_reaches_only_what_one_acceleration_can() -> None:
+def test_one_step_reaches_only_goals_of_one_acceleration() -> None:
     grid = rho.Grid(2.0, 2)
     start, a = rho.State([0, 0, 0], [1, 0, 0]), np.array([0.5, -1.0, 0.25])
     goal = rho.State(2 * start.velocity + 2 * a, start.velocity + 2 * a)

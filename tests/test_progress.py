@@ -42,7 +42,7 @@ def test_planners_report_each_linearisation(
     assert last == pytest.approx(plan.cost, rel=0.03)  # it was stopped because it saves too little
 
 
-def test_the_worst_violation_is_what_pairs_lack_of_their_separation(swap: rho.Scenario) -> None:
+def test_the_worst_violation_of_pairs_is_their_missing_separation(swap: rho.Scenario) -> None:
     independent = rho.plan_convex(swap.without_separation())
     plan = rho.Plan.from_accelerations(swap, independent.accelerations)
     times = np.linspace(0.0, swap.grid.duration, 4001)

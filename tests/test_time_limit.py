@@ -92,7 +92,7 @@ def test_more_time_is_no_worse_and_an_infinite_limit_is_none(
     assert whole.statistics.last_fall < 1e-6
 
 
-def test_the_error_without_a_result_says_what_was_being_done() -> None:
+def test_the_error_without_a_result_names_the_interrupted_step() -> None:
     said: list[str] = []
     with pytest.raises(rho.OutOfTimeError) as caught:
         rho.plan(HURRY, options=rho.Options(time_limit=1e-9), progress=said.append)

@@ -21,7 +21,7 @@ from tests.studies import own
 FOUR = [partial(scenario, 4, seed) for seed in range(3)]
 
 
-def test_a_campaign_of_fleets_finds_what_planning_each_does() -> None:
+def test_a_campaign_of_fleets_gives_the_same_plans_as_single_calls() -> None:
     if solve.DEFAULT is not ClarabelSolver:
         pytest.skip("other processes use the usual default solver")
 

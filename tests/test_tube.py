@@ -57,7 +57,7 @@ def sizes_of(tube: rho.ErrorTube) -> tuple[float, float, float, float, float]:
 
 @given(seed=seeds)
 @settings(max_examples=13)
-def test_radii_are_what_brute_force_adds_up(seed: int) -> None:
+def test_radii_equal_sums_by_brute_force(seed: int) -> None:
     """Sums over fractions of a sample are below the integrals, by the square of the fraction."""
     tube, loop = random_tube(seed)
     for parts in (4, 8, 32):

@@ -126,7 +126,7 @@ def _failing(scenario: rho.Scenario, **options: object) -> rho.Plan:
         ByPlanRho(name="in windows", planner="plan_rho"),
     ],
 )
-def test_campaigns_record_these_seconds(method: Runs) -> None:
+def test_campaigns_record_the_seconds_of_planners(method: Runs) -> None:
     found = method.run(ASKED, np.random.default_rng(0))
     assert isinstance(found.planned, rho.Plan | rho.Flight)
     assert found.seconds == found.planned.statistics.seconds > 0.0

@@ -364,7 +364,7 @@ _MOVING = rho.Obstacle(rho.Sphere([0.0, 5.0, 0.0], 0.5), velocity=[1.0, 0.0, 0.0
         ),
     ],
 )
-def test_what_makes_no_sense_is_refused(
+def test_invalid_waypoints_are_refused(
     waypoints: list[rho.Waypoint], options: dict[str, object], field: str, words: str
 ) -> None:
     with pytest.raises(rho.ScenarioError) as caught:

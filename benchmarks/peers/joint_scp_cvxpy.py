@@ -36,7 +36,7 @@ class Answer:
     programs: int
     """number of programs solved"""
     converged: bool
-    """whether all pairs are separated at the knots and the index did not change any more"""
+    """true if all pairs are separated at the knots and the index did not change any more"""
 
 
 def solve(scenario: Scenario) -> Answer:
