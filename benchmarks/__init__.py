@@ -1,1 +1,1 @@
-"""Side-by-side benchmarks: this package, and its work done by hand with other tools."""
+"""Side-by-side benchmarks: this package, and the same work done by hand with other tools."""

@@ -15,10 +15,10 @@ from benchmarks.race import Skipped
 from benchmarks.tables import Table, to_markdown, write
 
 RACES = ("example_4", "converged")
-"""Those that run every implementation in rounds: `run(repetitions) -> Table`."""
+"""Benchmarks that run every implementation in rounds: `run(repetitions) -> Table`."""
 
 STUDIES = ("growth", "import_time")
-"""The others without fleets: `run() -> Table`."""
+"""Other benchmarks without fleets: `run() -> Table`."""
 
 DRAWN = {
     "fleet_b1": 50,
@@ -31,16 +31,16 @@ DRAWN = {
     "world_gaps": 20,
     "world_longer": 200,
 }
-"""Those of random fleets and worlds, and how many of each size: `run(seeds) -> Table`."""
+"""Benchmarks of random fleets and worlds, with the number of each size: `run(seeds) -> Table`."""
 
 MISSIONS = ("fleet_b3", "world_b6")
-"""Those of missions in files: `run(folder) -> Table`."""
+"""Benchmarks of missions in files: `run(folder) -> Table`."""
 
 SCALE = ("scale_campaigns", "scale_fleets")
-"""Those of many runs: `run() -> Table`."""
+"""Benchmarks of many runs: `run() -> Table`."""
 
 SWAPS = ("fleet_b4", "fleet_b5")
-"""Those of given fleets: `run() -> Table`."""
+"""Benchmarks of given fleets: `run() -> Table`."""
 
 FLIGHT = (
     "flight_worst_case",
@@ -53,13 +53,13 @@ FLIGHT = (
     "flight_clocks",
     "flight_quadrotor",
 )
-"""Those of wind, feedback, margins and windows: `run() -> Table`."""
+"""Benchmarks of wind, feedback, margins and windows: `run() -> Table`."""
 
 FLOWN_MISSIONS = ("flight_crazyflow",)
-"""Of these, the ones of missions in files: `run(folder) -> Table`."""
+"""Benchmarks of flown missions in files: `run(folder) -> Table`."""
 
 CAMPAIGNS = ("fleet_b1", "fleet_b2", "fleet_b3", "world_b6", "world_b7", "world_b8")
-"""Those among them that are campaigns, whose stores may be kept: `run(..., stores) -> Table`."""
+"""Benchmarks that are campaigns, whose stores may be kept: `run(..., stores) -> Table`."""
 
 WORLDS = (
     "world_b6",
@@ -70,11 +70,11 @@ WORLDS = (
     "world_longer",
     "known_motions",
 )
-"""Those among the draws and the missions that are of worlds with obstacles."""
+"""Benchmarks of worlds with obstacles."""
 
 
 def main() -> None:
-    """Run those named on the command line, by default all but fleets, worlds and flight."""
+    """Run the benchmarks named on the command line, by default the races and studies."""
     known = [
         name
         for name in (
@@ -90,29 +90,31 @@ def main() -> None:
         if find_spec(f"benchmarks.{name}")
     ]
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(known)}")
-    parser.add_argument("--fleets", action="store_true", help="all those of fleets")
-    parser.add_argument("--worlds", action="store_true", help="all those of worlds")
-    parser.add_argument("--flight", action="store_true", help="all those of wind and margins")
-    parser.add_argument("--scale", action="store_true", help="large fleets and campaigns")
+    parser.add_argument("names", nargs="*", metavar="name", help=f"one of {', '.join(known)}")
+    parser.add_argument("--fleets", action="store_true", help="all benchmarks of fleets")
+    parser.add_argument("--worlds", action="store_true", help="all benchmarks of worlds")
+    parser.add_argument("--flight", action="store_true", help="all benchmarks of wind and margins")
+    parser.add_argument(
+        "--scale", action="store_true", help="benchmarks of large fleets and campaigns"
+    )
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
-    parser.add_argument("--seeds", type=int, help="random fleets or worlds of each size")
+    parser.add_argument("--seeds", type=int, help="number of random fleets or worlds of each size")
     parser.add_argument(
         "--missions", type=Path, help="folder with missions of the LSC planner, or of LSC-DR"
     )
     parser.add_argument(
         "--stores",
         type=Path,
-        help=f"folder in which {', '.join(CAMPAIGNS)} keep their runs, to go on if interrupted",
+        help=f"folder in which {', '.join(CAMPAIGNS)} store their runs, to resume if interrupted",
     )
     arguments = parser.parse_args()
     unknown = [name for name in arguments.names if name not in known]
     if unknown:
-        parser.error(f"no benchmark {', '.join(unknown)}; there are {', '.join(known)}")
+        parser.error(f"names: got {', '.join(unknown)}, expected some of {', '.join(known)}")
     if arguments.repetitions < 5:
-        parser.error("--repetitions: at least 5, for a median that means something")
+        parser.error("--repetitions: expected at least 5, for a meaningful median")
     if arguments.seeds is not None and arguments.seeds < 1:
-        parser.error("--seeds: at least 1")
+        parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
     others = alone + worlds + flight + SCALE

@@ -1,4 +1,4 @@
-"""Winds that mean harm, at full strength: towards what a vehicle is to keep away from."""
+"""Adversarial winds of full strength, towards what a vehicle has to avoid."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from benchmarks.clearance import displacement, distances, nearest
 from drake_rho.scenario.fields import FloatArray
 
 LOOKS = 40
-"""Instants in a flight at which it is looked what is near."""
+"""Sampled instants of a flight at which the nearest obstacles are determined."""
 
 NEAR = 8
-"""Of these, so many at which a vehicle is nearest to something are worth a wind."""
+"""Sampled instants with the least clearance of a vehicle among which one is drawn for a wind."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WorstAtClosest:
-    """For each vehicle the wind of `rho.worst_case` towards what it comes near to, then."""
+    """Wind of `rho.worst_case` for each vehicle, towards what it comes near, at that time."""
 
     switching_times: FloatArray
-    """when it changes for any vehicle [s], shape (S,)"""
+    """times at which it changes for any vehicle [s], shape (S,)"""
     winds: FloatArray
-    """from each switching time on [m/s²], shape (S, N, 3)"""
+    """wind from each switching time on [m/s²], shape (S, N, 3)"""
     position_errors: FloatArray
-    """errors of the estimates that go with it [m], shape (J, N, 3)"""
+    """errors of the estimated positions with it [m], shape (J, N, 3)"""
     velocity_errors: FloatArray
-    """the same of the velocities [m/s], shape (J, N, 3)"""
+    """errors of the estimated velocities with it [m/s], shape (J, N, 3)"""
 
     @classmethod
     def drawn(
         cls, scenario: rho.Scenario, plan: rho.Plan, rng: np.random.Generator
     ) -> WorstAtClosest:
-        """A wind against a plan that is tracked from its first knot on.
+        """Draw a wind against a plan that is tracked from its first knot on.
 
         Args:
-            scenario: what there is, and how strong the wind may be.
-            plan: how the vehicles come near to it.
-            rng: draws one of the instants at which each vehicle is nearest to something.
+            scenario: obstacles, limits, and the strength of the wind.
+            plan: the vehicles' motion.
+            rng: draws, for each vehicle, one of the instants with the least clearance.
         """
         grid = scenario.grid
         times = grid.start + rng.uniform(0.0, grid.duration, LOOKS)
@@ -61,28 +61,28 @@ class WorstAtClosest:
         )
 
     def over(self, times: FloatArray, vehicles: int) -> FloatArray:
-        """The wind at many times [m/s²], shape (M, N, 3)."""
+        """Return the wind at many times [m/s²], shape (M, N, 3)."""
         k = np.searchsorted(self.switching_times, times + 1e-9, side="right") - 1
         return np.where(k[:, None, None] >= 0, self.winds[k], 0.0)
 
     def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-        """The wind at one time, shape (N, 3)."""
+        """Return the wind at one time, shape (N, 3)."""
         return np.asarray(self.over(np.array([time]), len(positions))[0])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Chaser:
-    """A wind that always blows every vehicle towards whatever is nearest to it just then."""
+    """Wind that always blows every vehicle towards whatever is nearest to it."""
 
     scenario: rho.Scenario
-    """what there is, and how strong it may be"""
+    """obstacles, limits, and the strength of the wind"""
     aside: float = 0.0
-    """part of the wind that blows in one direction instead, from 0 to 1"""
+    """fraction of the wind that blows in a constant direction instead, from 0 to 1"""
     angle: float = 0.0
-    """of that direction in the x-y plane [rad]"""
+    """angle of that direction in the x-y plane [rad]"""
 
     def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-        """The wind at one time [m/s²], shape (N, 3)."""
+        """Return the wind at one time [m/s²], shape (N, 3)."""
         around = self.scenario.disturbance
         strongest = 0.0 if around is None else around.acceleration
         other = np.array([np.cos(self.angle), np.sin(self.angle), 0.0])
@@ -91,7 +91,7 @@ class Chaser:
 
 
 def unit_vectors(ways: FloatArray) -> FloatArray:
-    """Ways (N, 3) with length 1; along x where they have none."""
+    """Return vectors (N, 3) scaled to length 1; along x where they are zero."""
     lengths = np.linalg.norm(ways, axis=1, keepdims=True)
     return np.asarray(np.where(lengths > 1e-12, ways / np.maximum(lengths, 1e-12), np.eye(3)[0]))
 
@@ -99,13 +99,13 @@ def unit_vectors(ways: FloatArray) -> FloatArray:
 def towards_nearest(
     scenario: rho.Scenario, time: float, positions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors to what is nearest to each vehicle, and how far that is beyond what is kept.
+    """Return unit vectors to what is nearest to each vehicle, and how far it is beyond the limit.
 
-    Obstacles, the walls of position boxes, and the other vehicles if they are to keep apart. A
-    vehicle with nothing around it is blown along x.
+    Obstacles, the walls of position boxes, and the other vehicles, if there is a separation, count.
+    A vehicle with nothing around it gets the direction x.
 
     Args:
-        scenario: what there is.
+        scenario: obstacles, limits and separation.
         time: on the scenario's clock [s].
         positions: of the vehicles [m], shape (N, 3).
 
@@ -127,19 +127,19 @@ def towards_nearest(
 def _obstacle(
     obstacle: object, time: float, positions: FloatArray, radii: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Ways to an obstacle, and distances."""
+    """Return vectors to an obstacle, and distances beyond the required one."""
     shape, kept, away = obstacle, radii, np.zeros(3)
     if isinstance(obstacle, rho.Obstacle):
         shape, kept = obstacle.shape, radii + obstacle.deviation
         away = displacement(obstacle, np.array([time]))[0]
     if not isinstance(shape, rho.Sphere | rho.Box):
-        raise TypeError(f"no way to {shape}")
+        raise TypeError(f"shape: got {shape}, expected a sphere or a box")
     there = positions - away
     return nearest(shape, there) - there, distances(shape, there) - kept
 
 
 def _walls(scenario: rho.Scenario, positions: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Ways to each wall of the position boxes, and distances."""
+    """Return vectors to each wall of the position boxes, and distances."""
     boxes = [scenario.limits_of(vehicle).position for vehicle in scenario.vehicles]
     found = []
     for axis, out in ((axis, out) for axis in range(3) for out in (-1.0, 1.0)):
@@ -152,10 +152,10 @@ def _walls(scenario: rho.Scenario, positions: FloatArray) -> list[tuple[FloatArr
     return found
 
 
-def _partner(asked: rho.Separation, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ways to the nearest other vehicle, and how much further away it is than it must be."""
-    scaled = positions / np.array([1.0, 1.0, asked.downwash])
+def _partner(separation: rho.Separation, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return vectors to the nearest other vehicle, and distances beyond the separation."""
+    scaled = positions / np.array([1.0, 1.0, separation.downwash])
     far = np.linalg.norm(scaled[:, None] - scaled, axis=-1)
     np.fill_diagonal(far, np.inf)
     other = np.argmin(far, axis=1)
-    return positions[other] - positions, far.min(axis=1) - asked.distance
+    return positions[other] - positions, far.min(axis=1) - separation.distance

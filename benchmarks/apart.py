@@ -1,4 +1,4 @@
-"""Peers in environments of their own, which nothing else may share: `.venv-<peer>`."""
+"""Peers in environments of their own, `.venv-<peer>`, with conflicting dependencies."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ ROOT = Path(__file__).parents[1]
 def run_apart(peer: str, script: str, *files: Path) -> None:
     """Run `benchmarks/peers/<script>` with files as arguments, in the environment of a peer.
 
-    It runs in the folder of the first file, so that logs of the peer's land there.
+    It runs in the folder of the first file, so that the peer's logs land there.
 
     Raises:
-        Skipped: there is no such environment, or the script fails.
+        Skipped: the environment does not exist, or the script fails.
     """
     command = [_python(peer), str(ROOT / "benchmarks" / "peers" / script), *map(str, files)]
     done = subprocess.run(  # noqa: S603  # scripts of this folder
@@ -32,17 +32,17 @@ def run_apart(peer: str, script: str, *files: Path) -> None:
     )
     if done.returncode != 0:
         said = done.stderr.strip().splitlines()
-        raise Skipped(f"{script} failed: {said[-1] if said else 'without a word'}")
+        raise Skipped(f"{script} failed: {said[-1] if said else 'without a message'}")
 
 
 def accelerations_apart(peer: str, module: str, scenario: Scenario) -> FloatArray:
-    """What `python -m <module>` plans in the environment of a peer: [m/s²], shape (N, K-1, 3).
+    """Return the plan of `python -m <module>` in a peer's environment: [m/s²], shape (N, K-1, 3).
 
-    It is started once, and goes on as long as this process: it reads scenarios, each a line of
+    The module is started once and runs as long as this process: it reads scenarios, each a line of
     JSON, and answers each with a line, `{"accelerations": [...]}` or `{"error": "..."}`.
 
     Raises:
-        Skipped: there is no such environment, or the peer does not start.
+        Skipped: the environment does not exist, or the peer does not start.
         RuntimeError: the peer finds no plan.
     """
     serving = _serving(peer, module)
@@ -55,7 +55,9 @@ def accelerations_apart(peer: str, module: str, scenario: Scenario) -> FloatArra
     except BrokenPipeError:
         line = ""
     if not line:
-        raise Skipped(f"{peer} does not start: `.venv-{peer}/bin/python -m {module}` says why")
+        raise Skipped(
+            f"{peer} does not start: run `.venv-{peer}/bin/python -m {module}` for the reason"
+        )
     answer = json.loads(line)
     if "error" in answer:
         raise RuntimeError(answer["error"])
@@ -64,7 +66,7 @@ def accelerations_apart(peer: str, module: str, scenario: Scenario) -> FloatArra
 
 @functools.cache
 def _serving(peer: str, module: str) -> subprocess.Popen[str]:
-    """A module of this folder that goes on in the environment of a peer."""
+    """Start a module of this folder that keeps running in a peer's environment."""
     process = subprocess.Popen(  # noqa: S603  # a module of this folder
         [_python(peer), "-m", module],
         stdin=subprocess.PIPE,
@@ -78,7 +80,7 @@ def _serving(peer: str, module: str) -> subprocess.Popen[str]:
 
 
 def _python(peer: str) -> str:
-    """The interpreter of a peer's environment."""
+    """Return the interpreter of a peer's environment."""
     python = ROOT / f".venv-{peer}" / "bin" / "python"
     if not python.exists():
         raise Skipped(f"no environment for {peer}; `make .venv-{peer}/.ready` sets it up")
@@ -86,7 +88,7 @@ def _python(peer: str) -> str:
 
 
 def version(peer: str) -> str:
-    """Version of a peer that is installed in its environment, or what is wrong with it."""
+    """Return the version of a peer installed in its environment, or what is wrong with it."""
     python = ROOT / f".venv-{peer}" / "bin" / "python"
     code = f"import importlib.metadata as m; print(m.version({peer!r}))"
     try:

@@ -1,4 +1,4 @@
-"""Scenarios of a benchmark as a campaign, by a planner that is a function of a module."""
+"""Scenarios of a benchmark run as a campaign, by a planner that is a module's function."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ def planned(
     planner: Callable[[rho.Scenario], rho.Plan],
     stores: Path | None = None,
 ) -> Iterator[tuple[Row, rho.Plan | None]]:
-    """Plan scenarios one after another in a process of their own, then yield what came of each.
+    """Plan scenarios one after another in a separate process, then yield the result of each.
 
-    So the memory that is told is theirs, and what one benchmark leaves behind slows no other. The
-    process may use all cores for a run, as a user's does.
+    The recorded memory is therefore theirs alone, and no benchmark slows another down. The process
+    may use all cores for a run, like a user's.
 
     Args:
-        scenarios: what is asked.
-        what: they are, for the progress bar and as the name of the store.
-        planner: a function of a module, or a `partial` of one with keywords.
-        stores: folder of stores, from which what was interrupted goes on as long as the commit is
-            the same; one that goes away if not given.
+        scenarios: the scenarios to be planned.
+        what: their description, for the progress bar and as the name of the store.
+        planner: function of a module, or a `partial` of one with keywords.
+        stores: folder of stores, from which an interrupted campaign resumes if the commit is the
+            same; a temporary folder if not given.
 
     Yields:
-        The row, and the plan; None if there is none.
+        The row, and the plan or None.
 
     Raises:
         ValueError: the `partial` has arguments without names.
@@ -84,5 +84,5 @@ def _done(study: rho.Study, store: Path) -> rho.Results:
 
 
 def _first_calls() -> None:
-    """What is loaded and set up with the first plan is not to count for it."""
+    """Load and set up what the first plan needs, so that its time does not count."""
     rho.verify(rho.plan_scp(rho.random_transitions(4, np.random.default_rng(0))))

@@ -1,4 +1,4 @@
-"""Distances from spheres and boxes, at rest or moving, written apart from the package's."""
+"""Distances from spheres and boxes, at rest or moving, independent of the package's."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def distances(shape: object, positions: FloatArray) -> FloatArray:
-    """Distance of positions from a sphere or box where it is given, negative inside [m].
+    """Return the distance of positions from a sphere or box at its given place [m].
 
     Args:
-        shape: what is to be kept out of.
+        shape: the obstacle.
         positions: [m], shape (..., 3).
 
     Returns:
-        Shape (...).
+        Negative inside, shape (...).
 
     Raises:
-        TypeError: the shape is another.
+        TypeError: the shape is of another kind.
     """
     if isinstance(shape, rho.Sphere):
         far = np.linalg.norm(positions - shape.center, axis=-1)
@@ -28,11 +28,11 @@ def distances(shape: object, positions: FloatArray) -> FloatArray:
         beyond = np.maximum(shape.lower - positions, positions - shape.upper)
         outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
         return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
-    raise TypeError(f"no distance from {shape}")
+    raise TypeError(f"shape: got {shape}, expected a sphere or a box")
 
 
 def nearest(shape: rho.Sphere | rho.Box, positions: FloatArray) -> FloatArray:
-    """The points of a sphere or box that are nearest to positions outside [m], shape (..., 3)."""
+    """Return the points of a sphere or box nearest to positions outside [m], shape (..., 3)."""
     if isinstance(shape, rho.Box):
         return np.clip(positions, shape.lower, shape.upper)
     away = positions - shape.center
@@ -41,12 +41,12 @@ def nearest(shape: rho.Sphere | rho.Box, positions: FloatArray) -> FloatArray:
 
 
 def clearance(scenario: rho.Scenario, times: FloatArray, positions: FloatArray) -> float:
-    """Least distance of any vehicle from any obstacle beyond what it is to keep [m].
+    """Return the least distance of any vehicle from any obstacle beyond the required one [m].
 
-    That is its radius, and how far an obstacle may be from its track. Infinite without obstacles.
+    The required distance is the radius and the deviation of a track. Infinite without obstacles.
 
     Args:
-        scenario: what is asked.
+        scenario: obstacles and radii.
         times: on the scenario's clock [s], shape (S,).
         positions: of the vehicles at these times [m], shape (S, N, 3).
     """
@@ -62,7 +62,7 @@ def clearance(scenario: rho.Scenario, times: FloatArray, positions: FloatArray) 
 
 
 def displacement(obstacle: rho.Obstacle, times: FloatArray) -> FloatArray:
-    """How far an obstacle is from where its shape is given [m], shape (S, 3)."""
+    """Return the displacement of an obstacle from its given place [m], shape (S, 3)."""
     if obstacle.track is not None:
         track = obstacle.track
         axes = [np.interp(times, track.times, axis) for axis in track.positions.T]

@@ -12,7 +12,7 @@ from benchmarks.ranking import COLUMNS, THIS_PACKAGE, ratio, rounds, rows
 from benchmarks.tables import Goal, Table
 
 INDEX = 16741.370096
-"""f of the optimum [m²/s⁴], proved to be the global one by `drake_rho.certify`."""
+"""Optimal f [m²/s⁴], proved to be global by `drake_rho.certify`."""
 
 _IPOPT, _SNOPT, _OPENSCVX = "CasADi + IPOPT", "Drake + SNOPT", "OpenSCvx"
 
@@ -30,12 +30,13 @@ IPOPT 1e-8, exact second derivatives, adaptive barrier; SNOPT 1e-8 on optimality
 feasibility; OpenSCvx 3e-6 on the trust region, its subproblems by Clarabel at 1e-10."""
 
 _LIMITATIONS = """\
-Limitations. One small scenario on one machine, whose other work adds noise: trust the ratios rather
-than the times. That all land in the same optimum here says nothing of other scenarios: the problem
-is not convex. SNOPT is given the accelerations alone because it does worse with the states; its
-time depends on the order of the rows by a factor of five, and the best order found is used. IPOPT
-runs with MUMPS, the linear solver that CasADi's wheel brings. OpenSCvx compiles its program in the
-round that is not counted; scenarios and plans go to its process and back as JSON."""
+Limitations. One small scenario on one machine, whose other work adds noise: trust the ratios
+rather than the times. All implementations reach the same optimum here; this need not hold for
+other scenarios, as the problem is not convex. SNOPT is given the accelerations alone because it
+performs worse with the states; its time depends on the order of the rows by a factor of five, and
+the best order found is used. IPOPT runs with MUMPS, the linear solver of CasADi's wheel. OpenSCvx
+compiles its program in the round that does not count; scenarios and plans are exchanged with its
+process as JSON."""
 
 
 def run(repetitions: int = 9) -> Table:

@@ -1,4 +1,4 @@
-"""Drake's graphs of convex sets on one draw: its time, its index, and whether its curve holds."""
+"""Drake's graphs of convex sets on one draw: time, index, and verdict on the curve."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ from benchmarks.peers.bezier import Curve
 GCS = "Drake's GcsTrajectoryOptimization"
 
 SAMPLES = 5000
-"""Of a curve."""
+"""Samples of a curve."""
 
 Verdict = Literal["kept", "breaks limits", "too close", "none"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Lap:
-    """What came of one draw."""
+    """Result of one draw."""
 
     seconds: float
-    """from the scenario record to the curve, or to the failure [s]"""
+    """time from the scenario record to the curve, or to the failure [s]"""
     verdict: Verdict
-    """whether everything is kept; what else if not"""
+    """verdict: every limit is satisfied, or the one that is not"""
     index: float = np.nan
     """(1/h) times the integral of the squared acceleration [m²/s⁴]; NaN without a curve"""
 
     @property
     def counts(self) -> bool:
-        """Whether there is a curve that keeps everything."""
+        """True if there is a curve that satisfies every limit."""
         return self.verdict == "kept"
 
 
 def fly(scenario: rho.Scenario, seed: int) -> Lap:
-    """Find a curve and judge it."""
+    """Find a curve and verify it."""
     began = time.perf_counter()
     curve = drake_gcs.solve(scenario, np.random.default_rng(seed))
     seconds = time.perf_counter() - began
     if curve is None:
         return Lap(seconds, "none")
-    return Lap(seconds, _judge(scenario, curve), curve.cost(scenario.grid.step))
+    return Lap(seconds, _verify(scenario, curve), curve.cost(scenario.grid.step))
 
 
-def _judge(scenario: rho.Scenario, curve: Curve) -> Verdict:
+def _verify(scenario: rho.Scenario, curve: Curve) -> Verdict:
     times = np.linspace(0.0, scenario.grid.duration, SAMPLES)
     at = scenario.grid.start + times
     if clearance(scenario, at, curve.at(times)[:, None]) < -TOUCHING:

@@ -1,6 +1,6 @@
-"""Random disturbances, and errors flown step by step: the twin of the tube's closed forms.
+"""Random disturbances, and errors integrated step by step: a twin of the tube's closed forms.
 
-The loop knows p'' = u + w and when the feedback samples, and nothing of the tube.
+The loop uses p'' = u + w and the feedback's samples, and no code of the tube.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def scenario_with(disturbance: rho.Disturbance, grid: rho.Grid) -> rho.Scenario:
-    """One vehicle from rest to rest, with a disturbance and no limits."""
+    """Return one vehicle from rest to rest, with a disturbance and no limits."""
     vehicle = rho.Vehicle("vehicle", rho.State([0, 0, 0]), rho.State([1, 0, 0]))
     return rho.Scenario("errors of one", grid, [vehicle], disturbance=disturbance)
 
 
 def random_tube(rng: np.random.Generator, most_delay: int = 5) -> rho.ErrorTube:
-    """A tube with random stable gains, sample, delay, errors of the estimate and first errors."""
+    """Return a tube with random stable gains, sample, delay, estimation and initial errors."""
     sample, delay = 10.0 ** rng.uniform(-2.0, 0.5), int(rng.integers(0, most_delay + 1))
     knots, parts = int(rng.integers(3, 9)), int(rng.integers(1, 6))
     gains = stable_gains(rng, delay)
@@ -36,7 +36,10 @@ def random_tube(rng: np.random.Generator, most_delay: int = 5) -> rho.ErrorTube:
 
 
 def stable_gains(rng: np.random.Generator, delay: int) -> tuple[float, float]:
-    """α = k_p δ² and β = k_v δ: roots of z^d (z - 1)² + (α/2 + β) z + α/2 - β in the disc."""
+    """Draw α = k_p δ² and β = k_v δ with the roots of the error dynamics in the unit disc.
+
+    The roots are those of z^d (z - 1)² + (α/2 + β) z + α/2 - β.
+    """
     while True:
         alpha, beta = rng.uniform(0.0, 2.0, 2) / (1.0 + delay) ** np.array([2, 1])
         polynomial = np.concatenate([[1.0, -2.0, 1.0], np.zeros(delay)])
@@ -47,25 +50,25 @@ def stable_gains(rng: np.random.Generator, delay: int) -> tuple[float, float]:
 
 @dataclasses.dataclass(frozen=True)
 class Flown:
-    """Errors of a flight, from sample to sample and where the wind changes."""
+    """Errors of a flight at the samples and at switching times of the wind."""
 
     times: FloatArray
-    """on the scenario's clock [s], shape (B,)"""
+    """times on the scenario's clock [s], shape (B,)"""
     positions: FloatArray
-    """[m], shape (B, 3)"""
+    """errors of position [m], shape (B, 3)"""
     velocities: FloatArray
-    """[m/s], shape (B, 3)"""
+    """errors of velocity [m/s], shape (B, 3)"""
     feedback: FloatArray
-    """in each sample [m/s²], shape (J, 3)"""
+    """feedback in each sample [m/s²], shape (J, 3)"""
 
 
 def fly(tube: rho.ErrorTube, case: rho.WorstCase, also: float) -> Flown:
-    """Fly the errors that a worst case makes.
+    """Integrate the errors that a worst case causes.
 
     Args:
-        tube: whose gains, sample, delay and first knot they are.
-        case: the wind, the errors of the estimate and the first errors.
-        also: a time at which to look [s].
+        tube: its gains, sample, delay and first knot are used.
+        case: the wind, the errors of the estimates and the initial errors.
+        also: additional time at which errors are recorded [s].
     """
     samples = np.asarray(tube.grid.start + tube.sample * np.arange(tube.samples + 1))
     times = _merged(samples, np.append(case.switching_times, also), 1e-9 * tube.sample)
@@ -89,7 +92,7 @@ def fly(tube: rho.ErrorTube, case: rho.WorstCase, also: float) -> Flown:
 
 
 def _merged(samples: FloatArray, others: FloatArray, same: float) -> FloatArray:
-    """All samples, exactly, and those of the other times that are not one of them."""
+    """Return all samples, exactly, and the other times that do not equal one of them."""
     apart = np.abs(others[:, None] - samples).min(axis=1) > same
     inside = apart & (others > samples[0]) & (others < samples[-1])
     return np.unique(np.concatenate([samples, others[inside]]))

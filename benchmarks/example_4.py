@@ -38,16 +38,16 @@ Tolerances: this package and plain Drake, Clarabel at 1e-10; CVXPY, Clarabel at 
 1e-10."""
 
 _LIMITATIONS = """\
-Limitations. One small scenario on one machine, whose other work adds noise: trust the ratios rather
-than the times, and the least time where it is far from the median. No box is active on this data,
-which this package uses (it adds the rows that turn out to be broken) while the peers carry all of
-them. This package solves its programs on all cores, numpy may use them too, CVXPY, OSQP, DAQP and
-plain Drake solve one program after the other. The peers check no solution before it is flown, find
-no reason for an infeasible one, and keep no record of windows. The DAQP peer is tuned beyond what
-is usual (matrices set up once a length, bounds moved, rows written in place); one plain call of
-`daqp.solve` a program with rows concatenated takes about twice as long. Solver's own time is
-what Clarabel or DAQP says of itself, summed over programs that may have run side by side, so the
-part outside it is a lower bound."""
+Limitations. One small scenario on one machine, whose other work adds noise: trust the ratios
+rather than the times, and the least time where it is far from the median. No box is active on this
+data, which this package exploits (it adds only rows that turn out to be violated) while the peers
+carry all rows. This package solves its programs on all cores, and numpy may use them too; CVXPY,
+OSQP, DAQP and plain Drake solve one program after the other. The peers do not check solutions
+before they are flown, find no reason for an infeasible program, and keep no record of windows. The
+DAQP peer is tuned beyond common use (matrices set up once a length, bounds updated, rows written
+in place); one plain call of `daqp.solve` a program with concatenated rows takes about twice as
+long. The solver's own time is the one that Clarabel or DAQP reports, summed over programs that may
+have run in parallel, so the part outside it is a lower bound."""
 
 
 def run(repetitions: int = 9) -> Table:

@@ -1,4 +1,4 @@
-"""One vehicle from rest to rest among spheres and boxes at rest: what an oracle and a peer read."""
+"""Input of an oracle and a peer: one vehicle from rest to rest among spheres and boxes at rest."""
 
 from __future__ import annotations
 
@@ -10,41 +10,41 @@ from drake_rho.scenario.fields import FloatArray
 
 @dataclasses.dataclass(frozen=True)
 class Field:
-    """A scenario of one vehicle with boxes of positions, velocities and accelerations."""
+    """Scenario of one vehicle with boxes of positions, velocities and accelerations."""
 
     start: FloatArray
-    """[m], shape (3,)"""
+    """start [m], shape (3,)"""
     goal: FloatArray
-    """[m], shape (3,)"""
+    """goal [m], shape (3,)"""
     radius: float
-    """of the vehicle [m]"""
+    """radius of the vehicle [m]"""
     shapes: tuple[rho.Sphere | rho.Box, ...]
-    """what it keeps its radius from"""
+    """obstacles from which it has to keep its radius"""
     room: rho.Box
-    """of positions [m]"""
+    """box of positions [m]"""
     velocity: rho.Box
-    """[m/s]"""
+    """box of velocities [m/s]"""
     acceleration: rho.Box
-    """[m/s²]"""
+    """box of accelerations [m/s²]"""
     duration: float
-    """T [s]"""
+    """duration T [s]"""
     step: float
-    """h [s]"""
+    """step h [s]"""
 
 
 def field_of(scenario: rho.Scenario) -> Field:
-    """A scenario as a field.
+    """Return a scenario as a field.
 
     Raises:
-        TypeError: it is none.
+        TypeError: the scenario has other features.
     """
     (vehicle,), limits = scenario.vehicles, scenario.limits
     room, velocity, acceleration = limits.position, limits.velocity, limits.acceleration
     if room is None or velocity is None or acceleration is None:
-        raise TypeError("a limit is missing")
+        raise TypeError("limits: got None, expected boxes of position, velocity and acceleration")
     shapes = tuple(each for each in scenario.obstacles if isinstance(each, rho.Sphere | rho.Box))
     if len(shapes) < len(scenario.obstacles):
-        raise TypeError("an obstacle is neither a sphere nor a box at rest")
+        raise TypeError("obstacles: got another kind, expected spheres and boxes at rest")
     return Field(
         vehicle.start.position,
         vehicle.goal.position,

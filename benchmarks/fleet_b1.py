@@ -1,4 +1,4 @@
-"""Random transitions in 4 m³ in the time that distributed MPC is published to fly them in."""
+"""Random transitions in 4 m³ in the published flight times of distributed MPC."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from benchmarks.fleets import COLUMNS, Trial, attempts, findings, percent, summa
 from benchmarks.tables import Cell, Goal, Table
 
 DURATIONS = {4: 3.6, 8: 4.6, 12: 6.6, 16: 8.6, 20: 9.8}
-"""The flight times published for DMPC [s], rounded up to whole steps, by the number of vehicles."""
+"""Published flight times of DMPC [s], rounded up to whole steps, by the number of vehicles."""
 
 STEP = 0.2
-"""h [s]."""
+"""Step h [s]."""
 
 PUBLISHED = {
     "SCP, published": ((100, 100, 100, 100, 100), (0.13, 1.38, 16.5, 114.0, 345.0)),
     "decoupled iSCP, published": ((100, 92, 66, 42, 18), (0.07, 0.59, 4.36, 39.8, 67.0)),
     "DMPC, published": ((100, 100, 100, 96, 96), (0.63, 1.80, 3.64, 5.98, 9.57)),
 }
-"""Success [%] and times [s], from 4 vehicles to 20."""
+"""Published success [%] and times [s], from 4 vehicles to 20."""
 
 
 def scenario(vehicles: int, seed: int) -> rho.Scenario:
-    """One draw."""
+    """Return one draw."""
     rng, duration = np.random.default_rng(seed), DURATIONS[vehicles]
     name = f"{vehicles} vehicles, seed {seed}"
     return rho.random_transitions(vehicles, rng, duration=duration, step=STEP, name=name)
 
 
 def run(seeds: int = 50, stores: Path | None = None) -> Table:
-    """Plan `seeds` fleets of each size; `stores` is as `attempts` takes it."""
+    """Plan `seeds` fleets of each size; `stores` is that of `attempts`."""
     found = {
         count: attempts(
             [partial(scenario, count, seed) for seed in range(seeds)], f"B1, {count}", stores=stores
@@ -75,20 +75,20 @@ def _goals(found: dict[int, list[Trial]]) -> tuple[Goal, ...]:
 
 _WORK = """\
 The benchmark of Luis and Schoellig (carlosluis/multiagent_planning, `comp_3approaches.m`): from
-rest to rest between random places in a cube of 4 m³, 0.35 m apart side by side and twice that above
-each other, accelerations up to 1 m/s² along each axis, steps of 0.2 s. The flight time, which they
-leave open, is fixed to what they publish for DMPC, rounded up to whole steps: 3.6, 4.6, 6.6, 8.6
+rest to rest between random places in a cube of 4 m³, 0.35 m apart side by side and twice that
+above each other, accelerations up to 1 m/s² along each axis, steps of 0.2 s. The flight time,
+which they leave open, is the one published for DMPC, rounded up to whole steps: 3.6, 4.6, 6.6, 8.6
 and 9.8 s. A fleet of seed s is `random_transitions(N, default_rng(s))`. It counts if `verify`
-finds nothing broken, at any instant, and no two vehicles are closer than 0.35 m - 1 µm at any of
-100 samples of each step, computed apart from the package. `plan_scp` plans it; a time runs from the
-scenario record to the verified plan, the samples not included. The fleets of a
-size are a campaign: planned one after another in a process of their own, after a small one that is
-not counted. Index, distance and memory (the process's largest, of which the interpreter, Drake and
-what a campaign needs take some 170 MB) are of this run."""
+finds no violation at any instant, and no two vehicles are closer than 0.35 m - 1 µm at any of 100
+samples of each step, computed independently of the package. `plan_scp` plans it; a time runs from
+the scenario record to the verified plan, without the samples. The fleets of a size are a campaign:
+planned one after another in a separate process, after a small fleet that does not count. Index,
+distance and memory (the largest of the process, of which the interpreter, Drake and the campaign
+take some 170 MB) are of this run."""
 
 _LIMITATIONS = """\
 Limitations. The published lines are quoted: their times are of MATLAB and quadprog on another
-machine, other draws of the same kind, and a fleet counted there if no two came closer than
-0.30 m; their flight times were each fleet's own, here every fleet of a size gets the same. Joint
-SCP runs on this machine, on the same draws, in `fleet_joint`. The position box is the cube in which
-starts and goals are drawn."""
+machine, with other draws of the same kind, and a fleet counted there if no two vehicles came
+closer than 0.30 m; their flight times differed from fleet to fleet, here every fleet of a size has
+the same. Joint SCP runs on this machine, on the same draws, in `fleet_joint`. The position box is
+the cube in which starts and goals are drawn."""

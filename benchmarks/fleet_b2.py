@@ -16,20 +16,20 @@ VEHICLES, DURATION = tuple(range(20, 201, 20)), 15.0
 """Sizes, and the flight time of each [s]."""
 
 LARGEST, LONGER = 1000, 20.0
-"""The size that is planned once, and its flight time [s]."""
+"""Size that is planned once, and its flight time [s]."""
 
 STEP = 0.2
-"""h [s]."""
+"""Step h [s]."""
 
 PUBLISHED = (100.0, 100.0, 100.0, 96.0, 94.0, 74.0, 66.0, 62.0, 40.0, 28.0)
-"""Success of DMPC [%]."""
+"""Published success of DMPC [%]."""
 
 SECONDS = {20: 6.0, 200: 178.0}
-"""Times of DMPC, as far as published [s]."""
+"""Published times of DMPC [s], as far as known."""
 
 
 def scenario(vehicles: int, seed: int, duration: float) -> rho.Scenario:
-    """One draw."""
+    """Return one draw."""
     return rho.random_transitions(
         vehicles,
         np.random.default_rng(seed),
@@ -43,7 +43,7 @@ def scenario(vehicles: int, seed: int, duration: float) -> rho.Scenario:
 def run(seeds: int = 10, stores: Path | None = None) -> Table:
     """Plan `seeds` fleets of each size, and one of a thousand.
 
-    `stores` is as `attempts` takes it.
+    `stores` is that of `attempts`.
     """
     found = {
         count: attempts(
@@ -90,11 +90,11 @@ def _published(count: int) -> tuple[Cell, ...]:
 
 _WORK = """\
 The second series of Luis and Schoellig (carlosluis/multiagent_planning, `failure_rate.m`): as B1
-(see `fleet_b1` for what counts, what a time is and how it is run), but in a cube of N m³, in which
-every fleet of up to two hundred gets 15 s and that of a thousand 20 s. A fleet of seed s is
+(see `fleet_b1` for the criteria, the times and the procedure), but in a cube of N m³, in which
+every fleet of up to two hundred has 15 s and that of a thousand 20 s. A fleet of seed s is
 `random_transitions(N, default_rng(s), volume=flight_cube(N), duration=T)`."""
 
 _LIMITATIONS = """\
-Limitations. DMPC's lines are quoted: flight times of up to 30 s, 5 cm of breach allowed, MATLAB on
-another machine. A version of it in C++ is published to plan a hundred vehicles in 4.2 s on eight
-clusters, and in 12.4 s on one. The thousand are one draw."""
+Limitations. DMPC's lines are quoted: flight times of up to 30 s, violations of 5 cm allowed,
+MATLAB on another machine. A version of it in C++ is published to plan a hundred vehicles in 4.2 s
+on eight clusters, and in 12.4 s on one. The thousand are one draw."""

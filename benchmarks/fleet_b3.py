@@ -15,14 +15,14 @@ DURATION, STEP = 10.0, 0.2
 """T and h of every mission [s]."""
 
 TIMED = 60
-"""Vehicles of the missions whose time is a goal."""
+"""Numbers of vehicles whose time is a goal."""
 
 
 def run(folder: Path | None = None, stores: Path | None = None) -> Table:
-    """Plan every mission in `folder`; `stores` is as `attempts` takes it.
+    """Plan every mission in `folder`; `stores` is that of `attempts`.
 
     Raises:
-        Skipped: there is none; the missions are no part of this project.
+        Skipped: no folder is given; the missions are not part of this project.
     """
     paths = sorted(folder.glob("*.json")) if folder else []
     if not paths:
@@ -49,13 +49,12 @@ def run(folder: Path | None = None, stores: Path | None = None) -> Table:
 
 
 _WORK = f"""\
-The missions of qwerty35/lsc_planner as they are: up to sixty vehicles in 3 m by 3 m by 2 m, 0.3 m
-apart side by side and twice that above each other, with its limits on velocity and acceleration.
-A mission has no duration; here every vehicle has {DURATION:g} s, in steps of {STEP:g} s. What
-counts, what a time is and how it is run is that of `fleet_b1`; memory is the process's largest up
-to then."""
+The missions of qwerty35/lsc_planner, unchanged: up to sixty vehicles in 3 m by 3 m by 2 m, 0.3 m
+apart side by side and twice that above each other, with its limits on velocity and acceleration. A
+mission has no duration; here every vehicle has {DURATION:g} s, in steps of {STEP:g} s. Criteria,
+times and procedure are those of `fleet_b1`; memory is the largest of the process up to then."""
 
 _LIMITATIONS = """\
-Limitations. The LSC planner plans again and again while it flies, each vehicle for itself; it is
-published to take 15.5 ms a vehicle and replanning step with sixty vehicles, with CPLEX. Here a time
-is that of the whole flight of all vehicles at once, so the two do not compare one to one."""
+Limitations. The LSC planner replans during the flight, each vehicle for itself; it is published to
+take 15.5 ms a vehicle and replanning step with sixty vehicles, with CPLEX. Here a time is that of
+the whole flight of all vehicles at once, so the two are not directly comparable."""

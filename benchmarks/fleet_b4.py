@@ -1,4 +1,4 @@
-"""Ten vehicles on a circle change sides under a limit on the jerk."""
+"""Ten vehicles on a circle swap sides under a jerk limit."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from benchmarks.swaps import ALONE, COLUMNS, METHOD, box, published, shortest
 from benchmarks.tables import Goal, Table
 
 STEPS = 60
-"""Of the flight, whatever its duration."""
+"""Knots of the flight, whatever its duration."""
 
 BEGIN = 4.0
-"""The duration that the search begins with [s]."""
+"""Initial duration of the search [s]."""
 
 
 def scenario() -> rho.Scenario:
-    """Radius 10 m; limits and diameter of MADER's benchmark."""
+    """Return vehicles on a radius of 10 m, with limits and diameter of MADER's benchmark."""
     limits = rho.Limits(velocity=box(10.0), acceleration=box(20.0), jerk=box(30.0))
     apart = rho.Separation(0.25)
     return rho.circle_swap(
@@ -26,7 +26,7 @@ def scenario() -> rho.Scenario:
 
 
 def run() -> Table:
-    """Look for the shortest flight, with the others in the way and without."""
+    """Find the shortest flight, with the separation and without."""
     with Console().status("the shortest flight"):
         alone = shortest(scenario().without_separation())
         found = shortest(scenario())
@@ -47,20 +47,21 @@ def run() -> Table:
 
 
 _WORK = f"""\
-The circle swap of mit-acl/rmader and lis-epfl/multi_agent_pkgs: antipodal goals, velocity up to
-10 m/s, acceleration up to 20 m/s², jerk up to 30 m/s³ along each axis, spheres of 0.25 m diameter,
-from rest without acceleration to rest; {STEPS} steps. All vehicles start in one plane, in which
-they need not stay."""
+The circle swap of mit-acl/rmader and lis-epfl/multi_agent_pkgs: antipodal goals, velocity up to 10
+m/s, acceleration up to 20 m/s², jerk up to 30 m/s³ along each axis, spheres of 0.25 m diameter,
+from rest without acceleration to rest; {STEPS} steps. All vehicles start in one plane, which they
+may leave."""
 
 _END = """\
-The end of a flight is limited in jerk with the others and not here: a goal has no acceleration, and
-in the last step there is still one of {:.3g} m/s² along an axis. One vehicle alone that flies along
-an axis and has to end without acceleration needs 3.155 s: twice 2 (10 / 30)^½ = 1.155 s, and
-5.77 m, from rest to 10 m/s or back, and 0.845 s at that between them. That is some 0.3 s more than
-the line with nobody in the way says, and so much is to be added for a fair comparison."""
+The published planners limit the jerk at the end of a flight, which is not limited here: a goal has
+no acceleration, and in the last step there is still one of {:.3g} m/s² along an axis. One vehicle
+alone that flies along an axis and has to end without acceleration needs 3.155 s: twice 2 (10 /
+30)^½ = 1.155 s, and 5.77 m, from rest to 10 m/s or back, and 0.845 s at that speed in between.
+That is some 0.3 s more than the line without separation, and has to be added for a fair
+comparison."""
 
 _LIMITATIONS = """\
-Limitations. The published planners fly on line, each vehicle for itself, with delays in what they
-tell each other, and the times are means of what they travel. Here the whole flight is planned at
-once, beforehand, its accelerations constant from knot to knot, and all arrive together. So the
-times show what there is to gain; it is no race."""
+Limitations. The published planners run during the flight, each vehicle for itself, with delayed
+communication, and the times are mean travel times. Here the whole flight is planned at once,
+beforehand, its accelerations constant from knot to knot, and all vehicles arrive together. So the
+times show the possible gain; they are no race."""

@@ -1,4 +1,4 @@
-"""Twenty vehicles on a circle change sides, as OpenSCvx's example of several agents."""
+"""Twenty vehicles on a circle swap sides, as in OpenSCvx's example of several agents."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from benchmarks.swaps import ALONE, COLUMNS, METHOD, box, shortest
 from benchmarks.tables import Goal, Table
 
 STEPS = 50
-"""Of the flight, whatever its duration."""
+"""Knots of the flight, whatever its duration."""
 
 BEGIN = 5.0
-"""The longest flight allowed, with which the search begins [s]."""
+"""Longest duration allowed, at which the search begins [s]."""
 
 
 def scenario() -> rho.Scenario:
-    """Radius 5 m."""
+    """Return vehicles on a radius of 5 m."""
     limits = rho.Limits(velocity=box(8.0), acceleration=box(5.0))
     apart = rho.Separation(0.25)
     return rho.circle_swap(
@@ -26,7 +26,7 @@ def scenario() -> rho.Scenario:
 
 
 def run() -> Table:
-    """Look for the shortest flight, with the others in the way and without."""
+    """Find the shortest flight, with the separation and without."""
     with Console().status("the shortest flight"):
         alone = shortest(scenario().without_separation())
         found = shortest(scenario())
@@ -42,10 +42,10 @@ def run() -> Table:
 
 _WORK = f"""\
 Antipodal goals, velocity up to 8 m/s and acceleration up to 5 m/s² along each axis, 0.25 m apart,
-from rest to rest, at most {BEGIN:g} s; {STEPS} steps. All vehicles start in one plane, in which
-they need not stay."""
+from rest to rest, at most {BEGIN:g} s; {STEPS} steps. All vehicles start in one plane, which they
+may leave."""
 
 _LIMITATIONS = """\
-Limitations. OpenSCvx, whose example this is, was not run here; no figure of it is published. A
-vehicle alone on an axis needs 2 (10 / 5)^½ = 2.828 s, if it may choose its acceleration at any
-time; on these knots it has to be constant from one to the next."""
+Limitations. OpenSCvx, whose example this is, was not run here, and no figure of it is published. A
+single vehicle on an axis needs 2 (10 / 5)^½ = 2.828 s if it may change its acceleration at any
+time; here it is constant between knots."""

@@ -1,4 +1,4 @@
-"""The published way to plan a fleet, joint SCP, in the same run as this package's."""
+"""Joint SCP, the published way to plan a fleet, in the same run as this package's."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from benchmarks.peers import joint_scp_cvxpy
 from benchmarks.tables import Cell, Goal, Table
 
 VEHICLES = (4, 8, 12)
-"""Sizes; joint SCP with twenty vehicles takes minutes a fleet."""
+"""Sizes; joint SCP takes minutes for a fleet of twenty vehicles."""
 
 JOINT, KNOTS = "joint SCP, CVXPY + Clarabel", f"{THIS_PACKAGE}, at the knots"
 
@@ -39,11 +39,11 @@ class Lap:
     """One fleet by one method."""
 
     seconds: float
-    """from the scenario record to the verified plan, or to the failure [s]"""
+    """time from the scenario record to the verified plan, or to the failure [s]"""
     index: float
-    """f (13) [m²/s⁴]; NaN if there is no plan that keeps what was asked"""
+    """f (13) [m²/s⁴]; NaN without a plan that satisfies the constraints"""
     fault: str = ""
-    """why there is none"""
+    """reason for having none"""
 
 
 def run(seeds: int = 5) -> Table:
@@ -53,7 +53,7 @@ def run(seeds: int = 5) -> Table:
         KNOTS: _at_knots,
         JOINT: _jointly,
     }
-    for first in methods.values():  # what is loaded and set up with it is not to count
+    for first in methods.values():  # loading and set-up do not count
         first(scenario(VEHICLES[0], 0))
     found: dict[tuple[int, str], list[Lap]] = {}
     for count, seed in track([(N, seed) for N in VEHICLES for seed in range(seeds)], "fleets"):
@@ -103,7 +103,7 @@ def _lap(scenario: rho.Scenario, plan: Callable[[rho.Scenario], rho.Plan]) -> La
         return Lap(time.perf_counter() - began, math.nan, str(error).splitlines()[0])
     seconds = time.perf_counter() - began
     if not report.ok:
-        return Lap(seconds, math.nan, f"{len(report.violations)} constraints broken")
+        return Lap(seconds, math.nan, f"{len(report.violations)} constraints violated")
     return Lap(seconds, found.cost)
 
 
@@ -133,7 +133,7 @@ def _row(count: int, method: str, laps: Sequence[Lap], joint: Sequence[Lap]) -> 
 
 
 def _times(laps: Sequence[Lap], joint: Sequence[Lap]) -> float | None:
-    """Median time in parts of joint SCP's, of the fleets that both planned."""
+    """Return the median time over joint SCP's, of the fleets that both planned."""
     both = zip(laps, joint, strict=True)
     parts = [a.seconds / b.seconds for a, b in both if not (a.fault or b.fault)]
     return statistics.median(parts) if parts else None
@@ -142,7 +142,7 @@ def _times(laps: Sequence[Lap], joint: Sequence[Lap]) -> float | None:
 def _above(
     laps: Sequence[Lap], joint: Sequence[Lap], of: Callable[[list[float]], float]
 ) -> float | None:
-    """How much the index is above joint SCP's, of the fleets that both planned [%]."""
+    """Return the excess of the index over joint SCP's, of the fleets that both planned [%]."""
     both = zip(laps, joint, strict=True)
     parts = [a.index / b.index for a, b in both if not (a.fault or b.fault)]
     return 100.0 * (of(parts) - 1.0) if parts else None
@@ -152,14 +152,14 @@ _WORK = """\
 The fleets of B1 (`fleet_b1`), seeds from 0. Joint SCP is that of Augugliaro, Schoellig and
 D'Andrea (2012), reference [10] of the paper: all vehicles in one program of least index, every
 pair at every knot linearised around the iterate before, the first iterate without pairs, until all
-pairs are apart at the knots (to 1 µm) and the index changes by less than a thousandth; it is
-written with CVXPY without loops over pairs or knots, and solved by Clarabel at its defaults. The
-three methods plan each fleet in turn, in one process, after one fleet that is not counted. A time
-runs from the scenario record to the verified plan."""
+pairs are separated at the knots (to 1 µm) and the index changes by less than a thousandth. It is
+written with CVXPY without loops over pairs or knots, and solved by Clarabel with default settings.
+The three methods plan each fleet in turn, in one process, after one fleet that does not count. A
+time runs from the scenario record to the verified plan."""
 
 _LIMITATIONS = """\
-Limitations. Joint SCP is judged at the knots only, as it is published; this package's first line
-holds at every instant, its second, at the knots, is what compares one to one. Its success was
-published with 5 cm of breach allowed, here none is. Both end in local optima, which need not be
-the same, so on a single fleet either may be far below the other. The machine has other work at
-times: trust the ratios."""
+Limitations. Joint SCP is verified at the knots only, as published. This package's first line holds
+at every instant; its second, at the knots, is directly comparable. The success of joint SCP was
+published with violations of 5 cm allowed; here none is. Both end in local optima, which need not
+be the same, so on a single fleet either may cost far less than the other. The machine has other
+work at times: trust the ratios."""

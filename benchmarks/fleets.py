@@ -1,4 +1,4 @@
-"""Planning one fleet after another: what each took, and whether it keeps what was asked."""
+"""Planning of fleets one after another: time, memory and verdict of each."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ from drake_rho.campaigns.memory import peak_memory
 from drake_rho.campaigns.runs import Row
 
 SAMPLED = 1e-6
-"""How much closer than the separation a sampled pair may be [m]: what the verifier allows, and
-rounding."""
+"""Violation of the separation allowed for sampled pairs [m]: the verifier's, and rounding."""
 
 TOUCHING = 2e-6
-"""The same for obstacles [m], which have an extent of up to 1.25 m here, and for boxes in parts of
-their sides."""
+"""Violation allowed for obstacles [m], whose extent is up to 1.25 m here, and for boxes, as a
+fraction of their sides."""
 
 THIS_PACKAGE = "this package"
 
@@ -34,25 +33,25 @@ class Trial:
     """One fleet, planned or not."""
 
     name: str
-    """which it was"""
+    """name of its scenario"""
     vehicles: int
-    """how many"""
+    """number of vehicles"""
     seconds: float
-    """from the scenario record to the verified plan, or to the failure [s]"""
+    """time from the scenario record to the verified plan, or to the failure [s]"""
     megabytes: float
     """largest memory of the process until then [MB]"""
     index: float = np.nan
-    """f (13) [m²/s⁴]; NaN if there is no plan"""
+    """f (13) [m²/s⁴]; NaN without a plan"""
     sampled: Sampled | None = None
-    """what dense samples of the plan say; None if there is no plan"""
+    """evaluation of dense samples of the plan; None without a plan"""
     fault: str = ""
-    """why it does not count; empty if it does"""
+    """reason why the plan does not count; empty if it does"""
     bound: float = np.nan
-    """index that no plan is below [m²/s⁴]; NaN if it was not looked for, or not found"""
+    """lower bound of the index of any plan [m²/s⁴]; NaN if not requested, or not found"""
 
     @property
     def counts(self) -> bool:
-        """Whether there is a plan that keeps everything."""
+        """True if there is a plan that satisfies every constraint."""
         return not self.fault
 
     @property
@@ -62,7 +61,7 @@ class Trial:
 
     @property
     def gap(self) -> float:
-        """How far the index is above the bound, over the index; NaN if one is not known."""
+        """Gap between index and bound, over the index; NaN if one is unknown."""
         return 1.0 - self.bound / self.index
 
 
@@ -71,7 +70,7 @@ Bound = Callable[[rho.Plan], float]
 
 
 def unbounded(plan: rho.Plan) -> float:
-    """No bound on the index of the plan's scenario."""
+    """Return no bound on the index of the plan's scenario."""
     return np.nan
 
 
@@ -81,15 +80,15 @@ def attempt(
     bound: Bound = unbounded,
     memory: Callable[[], float] = peak_memory,
 ) -> Trial:
-    """Plan a fleet, and judge the plan by the package's verifier and by dense samples.
+    """Plan a fleet, and verify the plan by the package's verifier and by dense samples.
 
-    Samples do not judge a scenario that asks for the knots only.
+    Samples are not used for scenarios that constrain the knots only.
 
     Args:
-        scenario: what is asked.
-        planner: plans it; one that gives up in time raises `TimeoutError`.
-        bound: of the index of any plan, asked for where there is one that counts; not timed.
-        memory: of all processes that plan, the largest until then [MB].
+        scenario: the scenario to be planned.
+        planner: planner; one that gives up in time raises `TimeoutError`.
+        bound: lower bound on the index, computed for plans that count; not timed.
+        memory: function that returns the largest memory of all planning processes so far [MB].
     """
     began = time.perf_counter()
     plan: rho.Plan | None = None
@@ -99,10 +98,10 @@ def attempt(
     except (rho.InfeasibleError, rho.SolverError, TimeoutError) as error:
         plan, broken = None, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
     seconds, megabytes = time.perf_counter() - began, memory()
-    return _judged(scenario, plan, broken, seconds, megabytes, bound)
+    return _trial(scenario, plan, broken, seconds, megabytes, bound)
 
 
-def _judged(
+def _trial(
     scenario: rho.Scenario,
     plan: rho.Plan | None,
     broken: str,
@@ -110,25 +109,28 @@ def _judged(
     megabytes: float,
     bound: Bound,
 ) -> Trial:
-    """What became of a fleet, by the samples too; `broken` is a constraint, or why is no plan."""
-    told = scenario.name, len(scenario.vehicles), seconds, megabytes
+    """Return the trial of a fleet, evaluated by samples too.
+
+    `broken` is the violated constraint, or the reason why there is no plan.
+    """
+    reported = scenario.name, len(scenario.vehicles), seconds, megabytes
     if plan is None:
-        return Trial(*told, fault=broken)
+        return Trial(*reported, fault=broken)
     found = sample(plan)
-    fault = f"{broken} is broken" if broken else ""
+    fault = f"{broken} is violated" if broken else ""
     fault = fault or (_fault(found, scenario) if scenario.between_knots else "")
-    return Trial(*told, plan.cost, found, fault, np.nan if fault else bound(plan))
+    return Trial(*reported, plan.cost, found, fault, np.nan if fault else bound(plan))
 
 
 def _fault(found: Sampled, scenario: rho.Scenario) -> str:
-    """What the samples say is broken, in words; empty if nothing is."""
-    asked = scenario.separation
-    if asked is not None and found.least < asked.distance - SAMPLED:
-        return f"two are {found.least:.7g} m apart by the samples"
+    """Describe the violation found by the samples; empty if there is none."""
+    separation = scenario.separation
+    if separation is not None and found.least < separation.distance - SAMPLED:
+        return f"two vehicles are {found.least:.7g} m apart at the samples"
     if found.clearance < -TOUCHING:
-        return f"an obstacle is {-found.clearance:.7g} m too close by the samples"
+        return f"an obstacle is {-found.clearance:.7g} m too close at the samples"
     if found.beyond > TOUCHING:
-        return f"a box is left by {found.beyond:.2g} of its side by the samples"
+        return f"a box is left by {found.beyond:.2g} of its side at the samples"
     return ""
 
 
@@ -139,14 +141,14 @@ def attempts(
     bound: Bound = unbounded,
     stores: Path | None = None,
 ) -> list[Trial]:
-    """Plan several fleets, one after another, as a campaign; judge the plans when all are there.
+    """Plan fleets one after another as a campaign; evaluate the plans when all are there.
 
     Args:
-        makes: make the scenarios.
-        what: they are, as `planned` takes it.
-        planner: plans them; as `planned` takes it.
-        bound: as `attempt` takes it.
-        stores: folder in which what was interrupted goes on; as `planned` takes it.
+        makes: functions that create the scenarios.
+        what: their description, for `planned`.
+        planner: planner, for `planned`.
+        bound: lower bound on the index, as in `attempt`.
+        stores: folder from which an interrupted campaign resumes, for `planned`.
     """
     given = [make() for make in makes]
     done = planned(given, what, planner, stores)
@@ -156,7 +158,7 @@ def attempts(
 def _of_run(scenario: rho.Scenario, row: Row, plan: rho.Plan | None, bound: Bound) -> Trial:
     broken = row.reason if plan is not None else f"{row.status}: {row.reason}"
     seconds = (row.plan_seconds or 0.0) + (row.verify_seconds or 0.0)
-    return _judged(scenario, plan, broken, seconds, row.megabytes or np.nan, bound)
+    return _trial(scenario, plan, broken, seconds, row.megabytes or np.nan, bound)
 
 
 COLUMNS = (
@@ -170,11 +172,11 @@ COLUMNS = (
     "mean_distance_m",
     "peak_megabytes",
 )
-"""Of tables with a row for each size of fleet."""
+"""Columns of tables with a row for each size of fleet."""
 
 
 def summary(trials: Sequence[Trial], method: str = THIS_PACKAGE) -> tuple[Cell, ...]:
-    """The row of all fleets of one size; times are of all, the rest of those that count."""
+    """Return the row of one size; times are of all fleets, the rest of those that count."""
     good = [trial for trial in trials if trial.counts]
     seconds = [trial.seconds for trial in trials]
     return (
@@ -191,16 +193,16 @@ def summary(trials: Sequence[Trial], method: str = THIS_PACKAGE) -> tuple[Cell, 
 
 
 def percent(trials: Sequence[Trial]) -> float:
-    """How many of 100 count."""
+    """Return the percentage of fleets that count."""
     return 100.0 * sum(trial.counts for trial in trials) / len(trials)
 
 
 def findings(trials: Sequence[Trial]) -> str:
-    """A note on the fleets that do not count, and on the slowest."""
+    """Return a note on the fleets that do not count, and on the slowest."""
     slowest = max(trials, key=lambda trial: trial.seconds)
-    told = [f"The slowest: {slowest.name}, {slowest.seconds:.3g} s."]
-    told += [f"- {trial.name}: {trial.fault}" for trial in trials if not trial.counts]
-    if len(told) == 1:
-        return f"Every fleet was planned and keeps everything asked. {told[0]}"
-    told[1:1] = ["", "Fleets without a plan that keeps everything asked:", ""]
-    return "\n".join(told)
+    reported = [f"The slowest: {slowest.name}, {slowest.seconds:.3g} s."]
+    reported += [f"- {trial.name}: {trial.fault}" for trial in trials if not trial.counts]
+    if len(reported) == 1:
+        return f"Every fleet was planned and satisfies every constraint. {reported[0]}"
+    reported[1:1] = ["", "Fleets without a plan that satisfies every constraint:", ""]
+    return "\n".join(reported)

@@ -1,4 +1,4 @@
-"""Moving obstacles on clocks that cannot be represented, and vehicles that hover or hardly move."""
+"""Moving obstacles on clocks that are not representable, and vehicles that nearly hover."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from benchmarks.tables import Goal, Table
 from drake_rho.scenario.fields import FloatArray
 
 SCENES, HOVERING = 500, 300
-"""How many scenes there are of each."""
+"""Number of scenes of each kind."""
 
 CLOCKS = (0.0, 1e3, 1.7e9)
-"""When flights begin, but for tenths of a second [s]: the last is the Unix time of today."""
+"""Begins of flights, except for tenths of a second [s]: the last is the Unix time of today."""
 
 PLACES = (0.0, 0.1, 1e3, 1e6)
-"""How far from the origin what hovers is moved [m]."""
+"""Distances from the origin of hovering vehicles [m]."""
 
 _DENSE = 200
-"""Samples in a step."""
+"""Samples of a step."""
 
-_BROKEN = 2e-6
-"""Depth from which on a plan is wrong, of an obstacle's size: twice what the package allows."""
+_VIOLATED = 2e-6
+"""Depth beyond which a plan is wrong, over the obstacle's size: twice the package's tolerance."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Judged:
-    """One scene."""
+class SceneResult:
+    """Result of one scene."""
 
     planned: bool
-    """whether it has a plan"""
+    """true if it has a plan"""
     deepest: float
-    """how deep a vehicle is inside of anything at most, of its size; negative for what is left"""
+    """largest depth of a vehicle inside an obstacle, over its size; negative for a clearance"""
     verified: bool
-    """whether `rho.verify` accepts it"""
+    """true if `rho.verify` accepts the plan"""
     is_known: bool = False
-    """whether a motion is known that keeps everything"""
+    """true if a motion that satisfies every constraint is known"""
 
 
 def run() -> Table:
@@ -68,11 +68,11 @@ def run() -> Table:
     )
 
 
-def _is_wrong(scene: Judged) -> bool:
-    return scene.planned and (scene.deepest > _BROKEN or not scene.verified)
+def _is_wrong(scene: SceneResult) -> bool:
+    return scene.planned and (scene.deepest > _VIOLATED or not scene.verified)
 
 
-def _row(name: str, found: list[Judged]) -> tuple[str, int, int, float, int]:
+def _row(name: str, found: list[SceneResult]) -> tuple[str, int, int, float, int]:
     return (
         name,
         len(found),
@@ -82,8 +82,8 @@ def _row(name: str, found: list[Judged]) -> tuple[str, int, int, float, int]:
     )
 
 
-def on_a_clock(number: int) -> Judged:
-    """Plan one or two vehicles among obstacles with corners at odd times, by the number alone."""
+def on_a_clock(number: int) -> SceneResult:
+    """Plan one or two vehicles among obstacles with corners at odd times, drawn by the number."""
     rng = np.random.default_rng(number)
     tenths, knots = int(rng.integers(0, 100)), int(rng.integers(5, 14))
     step = float(rng.choice([0.1, 0.3, 0.5, 1.0, 1.0 / 3.0]))
@@ -97,7 +97,7 @@ def on_a_clock(number: int) -> Judged:
     for i in range(int(rng.integers(1, 4))):
         corners = np.sort(rng.choice(np.arange(1, 10 * knots), 4, replace=False))
         times = grid.start + 0.1 * step * np.concatenate([[-10.0], corners])
-        if i % 2:  # times as a user adds them up
+        if i % 2:  # times added up as by a user
             times = np.cumsum(np.concatenate([[times[0]], np.diff(times)]))
         places = rng.uniform([0.1 * way, -4.0, -1.0], [0.9 * way, 4.0, 1.0], (len(times), 3))
         places[:, 1] += 8.0 * int(rng.integers(len(vehicles)))
@@ -107,15 +107,15 @@ def on_a_clock(number: int) -> Judged:
         scenario = rho.Scenario("clock", grid, vehicles, obstacles=obstacles)
         flown = rho.plan(scenario) if number % 2 else rho.plan_rho(scenario, replan_every=3)
     except (rho.ScenarioError, rho.InfeasibleError):
-        return Judged(False, -np.inf, True)
+        return SceneResult(False, -np.inf, True)
     plan = flown.plan if isinstance(flown, rho.Flight) else flown
-    return Judged(True, deepest(plan), rho.verify(flown).ok)
+    return SceneResult(True, deepest(plan), rho.verify(flown).ok)
 
 
-def somewhere(number: int) -> Judged:
-    """Plan a vehicle that stays where it is, or nearly, as something passes; by the number alone.
+def somewhere(number: int) -> SceneResult:
+    """Plan a vehicle that hovers, or nearly, while an obstacle passes, drawn by the number.
 
-    The motion that is known is a turn to one side and back, with an acceleration in four pieces.
+    The known motion moves to one side and back, with an acceleration in four pieces.
     """
     rng = np.random.default_rng(number)
     knots, step = 4 * int(rng.integers(2, 6)) + 1, float(rng.choice([0.25, 0.5]))
@@ -138,12 +138,12 @@ def somewhere(number: int) -> Judged:
     try:
         plan = rho.plan(scenario)
     except rho.InfeasibleError:
-        return Judged(False, -np.inf, True, is_known)
-    return Judged(True, deepest(plan), rho.verify(plan).ok, is_known)
+        return SceneResult(False, -np.inf, True, is_known)
+    return SceneResult(True, deepest(plan), rho.verify(plan).ok, is_known)
 
 
 def _aside(scenario: rho.Scenario, far: float) -> rho.Plan | None:
-    """The plan that goes `far` [m] to one side and back, or one to the goal if that is not far."""
+    """Return the motion `far` [m] to one side and back while going to the goal."""
     grid, vehicle = scenario.grid, scenario.vehicles[0]
     quarter = (grid.knots - 1) // 4
     pieces = np.repeat([-1.0, 1.0, 1.0, -1.0], quarter)
@@ -157,9 +157,9 @@ def _aside(scenario: rho.Scenario, far: float) -> rho.Plan | None:
 
 
 def deepest(plan: rho.Plan) -> float:
-    """How deep the vehicles are inside of an obstacle at most, of its size, by dense samples.
+    """Return the largest depth inside an obstacle over its size, by dense samples.
 
-    Times are since the first knot, of which the obstacles' are differences.
+    Times are measured from the first knot, also those of the obstacles' tracks.
     """
     scenario, worst = plan.scenario, -np.inf
     h, (p, v, a) = scenario.grid.step, (plan.positions, plan.velocities, plan.accelerations)
@@ -178,7 +178,7 @@ def deepest(plan: rho.Plan) -> float:
 
 
 def _distances(shape: object, x: FloatArray) -> FloatArray:
-    """Distances from a ball or a cube, without the package's own."""
+    """Return distances from a ball or a cube, without the package's own."""
     if isinstance(shape, rho.Sphere):
         return np.asarray(np.linalg.norm(x, axis=-1) - shape.radius)
     beyond = np.abs(x) - 0.3
@@ -189,8 +189,8 @@ def _distances(shape: object, x: FloatArray) -> FloatArray:
 _ABOUT = f"""\
 Moving obstacles: one or two vehicles and up to three balls and cubes with four corners in their
 tracks, at multiples of a tenth of a step, on clocks that begin at tenths of a second after
-{CLOCKS[0]:g}, {CLOCKS[1]:g} and {CLOCKS[2]:g} s, by `rho.plan` and `rho.plan_rho` in turn; those
-whose starts or goals are inside of something, and those without a plan, are left out. Hovering: a
+{CLOCKS[0]:g}, {CLOCKS[1]:g} and {CLOCKS[2]:g} s, by `rho.plan` and `rho.plan_rho` in turn; scenes
+with starts or goals inside an obstacle, and those without a plan, are left out. Hovering: a
 vehicle whose goal is its start, or up to some 0.1 m away, with a ball that passes within its own
-radius, up to {PLACES[-1]:g} m from the origin. Deepest: at {_DENSE} instants in each step, of the
-obstacle's size; from {_BROKEN:g} on a plan is wrong."""
+radius, up to {PLACES[-1]:g} m from the origin. Deepest: the largest depth at {_DENSE} instants in
+each step, over the obstacle's size; a plan deeper than {_VIOLATED:g} is wrong."""

@@ -1,4 +1,4 @@
-"""Thousands of flights in wind: is any constraint ever broken, is any window without a plan."""
+"""Thousands of flights in wind: violations of constraints, and windows without a plan."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rich.progress import track
 
 import drake_rho as rho
 from benchmarks.adversaries import Chaser, WorstAtClosest
-from benchmarks.flown import breaches
+from benchmarks.flown import violations
 from benchmarks.tables import Cell, Goal, Table
 from benchmarks.windy_worlds import WORLDS
 from drake_rho.motion.simulation import Simulation
@@ -26,22 +26,21 @@ from drake_rho.simulation.closed_loop import fly, fly_plan
 from drake_rho.simulation.winds import Wind
 
 FLIGHTS = 10_000
-"""Altogether, as many in each world as in the others."""
+"""Total number of flights, equally many in each world."""
 
 COMPARED = 200
-"""Of them are flown in Drake's simulator too."""
+"""Number of them that are flown in Drake's simulator too."""
 
 WINDS = ("random", "gusts", "worst case", "chasing")
 
 _MIX = (*WINDS[:3] * 3, WINDS[3])
-"""The winds of ten flights in a world; chasing takes the longest to simulate."""
+"""Kinds of wind of ten flights in a world; chasing takes the longest to simulate."""
 
-BROKEN = 1e-6
-"""A limit counts as broken from this part of its scale on: twice what the package allows itself,
-and rounding."""
+VIOLATED = 1e-6
+"""Violation that counts, over the limit's scale: twice the package's tolerance, and rounding."""
 
 _ONCE = 20
-"""Flights that a process is given at a time."""
+"""Flights in a batch of a process."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,32 +48,32 @@ class Outcome:
     """One flight with margins, and the same wind without them."""
 
     world: str
-    """where"""
+    """name of the world"""
     wind: str
-    """which kind"""
+    """kind of wind"""
     worst: float
-    """largest breach of any limit with margins, as a part; negative for what is left"""
+    """largest violation of any limit with margins, as a fraction; negative for a margin"""
     worst_without: float
-    """the same for the plan without margins, held to it by the same feedback"""
+    """the same for the plan without margins, tracked by the same feedback"""
     kept: int
-    """windows that kept the previous plan, as there was no new one"""
+    """number of windows that kept the previous plan, as there was no new one"""
     without_plan: int
-    """windows that had neither"""
+    """number of windows that had neither"""
     beyond_tube: float
-    """largest error over the tube's radius then, less 1"""
+    """largest error over the tube's radius at that time, less 1"""
     off_goal: float
-    """distance from the goal at the end, over the tube's radius there, at most"""
+    """largest distance from the goal at the end, over the tube's radius there"""
     verified: bool
-    """whether `rho.verify` finds nothing wrong with the flight with margins either"""
+    """true if `rho.verify` accepts the flight with margins"""
     apart: float
-    """largest distance from the same flight in Drake's simulator, over what is flown in; NaN where
+    """largest distance from the same flight in Drake's simulator, over the scene's extent; NaN if
     that was not flown"""
     seconds: float
-    """of the flight with margins [s]"""
+    """wall time of the flight with margins [s]"""
 
 
 def run(flights: int = FLIGHTS) -> Table:
-    """Fly them on all cores."""
+    """Fly all flights on all cores."""
     rounds = -(-flights // (len(WORLDS) * len(_MIX)))
     tasks = [
         (world, wind, number * len(_MIX) + place)
@@ -93,7 +92,7 @@ def run(flights: int = FLIGHTS) -> Table:
         for world in WORLDS
         for wind in WINDS
     ]
-    unbroken = sum(each.worst_without <= BROKEN for each in found) / len(found)
+    satisfied = sum(each.worst_without <= VIOLATED for each in found) / len(found)
     return Table(
         name="flight_closed_loop",
         title="Flights in wind, with margins and without",
@@ -101,7 +100,7 @@ def run(flights: int = FLIGHTS) -> Table:
         rows=tuple(rows),
         notes=(f"{len(found)} flights. {_ABOUT}", _WORLDS, _LIMITATIONS),
         goals=(
-            Goal("flights that break a limit", 0.0, sum(each.worst > BROKEN for each in found)),
+            Goal("flights that break a limit", 0.0, sum(each.worst > VIOLATED for each in found)),
             Goal("flights that `verify` refuses", 0.0, sum(not each.verified for each in found)),
             Goal("distance from the flight in Drake's simulator", 1e-9, _most_apart(found)),
             Goal("windows without a plan", 0.0, sum(each.without_plan for each in found)),
@@ -109,7 +108,7 @@ def run(flights: int = FLIGHTS) -> Table:
             Goal(
                 "distance from the goal over the radius there", 1.0 + 1e-6, _most(found, "off_goal")
             ),
-            Goal("part of flights without margins that break no limit", 2.0 / 3.0, unbroken),
+            Goal("part of flights without margins that break no limit", 2.0 / 3.0, satisfied),
         ),
     )
 
@@ -129,17 +128,17 @@ COLUMNS = (
 
 
 def _row(found: list[Outcome]) -> tuple[Cell, ...]:
-    """Of all flights in a world and a kind of wind."""
+    """Return the row of all flights in a world and a kind of wind."""
     return (
         found[0].world,
         found[0].wind,
         len(found),
-        sum(each.worst > BROKEN for each in found),
+        sum(each.worst > VIOLATED for each in found),
         _most(found, "worst"),
         sum(each.without_plan for each in found),
         sum(each.kept for each in found),
         1.0 + _most(found, "beyond_tube"),
-        sum(each.worst_without > BROKEN for each in found),
+        sum(each.worst_without > VIOLATED for each in found),
         float(np.median([each.seconds for each in found])),
     )
 
@@ -153,13 +152,13 @@ def _most_apart(found: list[Outcome]) -> float:
 
 
 def outcome(world: str, kind: str, number: int, compared: bool) -> Outcome:
-    """Fly once in a wind that depends on the first three arguments alone.
+    """Simulate one flight in a wind that depends on the first three arguments alone.
 
     Args:
-        world: where.
-        kind: of wind.
-        number: of the flight.
-        compared: whether it is flown in Drake's simulator too.
+        world: name of the world.
+        kind: kind of wind.
+        number: number of the flight.
+        compared: whether the flight is simulated in Drake too.
     """
     set_up = prepared(world)
     scenario = set_up.scenario
@@ -186,8 +185,8 @@ def outcome(world: str, kind: str, number: int, compared: bool) -> Outcome:
     return Outcome(
         world,
         kind,
-        breaches(flown).worst,
-        breaches(held).worst,
+        violations(flown).worst,
+        violations(held).worst,
         sum(bool(window.infeasible) for window in windows) - without_plan,
         without_plan,
         float(np.max(flown.errors() / np.maximum(radii, 1e-9)[:, None])) - 1.0,
@@ -199,7 +198,7 @@ def outcome(world: str, kind: str, number: int, compared: bool) -> Outcome:
 
 
 def _apart(set_up: SetUp, flown: Simulation, kind: str, seed: tuple[int, ...]) -> float:
-    """How far the flight in Drake's simulator is from one without, over what is flown in."""
+    """Return the distance of flights in Drake's simulator and without, over the scene's extent."""
     again = rho.simulate(
         set_up.scenario,
         replan_every=5,
@@ -213,26 +212,26 @@ def _apart(set_up: SetUp, flown: Simulation, kind: str, seed: tuple[int, ...]) -
 
 
 def _continues(before: rho.Window, now: rho.Window) -> bool:
-    """Whether a window flies on along the plan of the one before."""
+    """Return whether a window continues the plan of the one before."""
     old, new = before.plan.accelerations, now.plan.accelerations
     return np.array_equal(old[:, old.shape[1] - new.shape[1] :], new)
 
 
 @dataclasses.dataclass(frozen=True)
 class FirstOnce:
-    """A planner that plans a scenario as a whole once: all flights begin with that window."""
+    """Planner that plans the whole scenario once: all flights begin with that window."""
 
     planner: Planner
-    """what plans"""
+    """planner of all windows"""
     whole: rho.Scenario
-    """the scenario as a whole"""
+    """the whole scenario"""
     answers: list[rho.Plan | InfeasibleError | SolverError]
-    """for it, once there is one"""
+    """its plan, once there is one"""
 
     def __call__(
         self, scenario: rho.Scenario, *, reference: rho.Plan | None, solver: SolverInterface | None
     ) -> rho.Plan:
-        """A plan, of which that of the whole scenario is remembered."""
+        """Return a plan; that of the whole scenario is cached."""
         if scenario is not self.whole:
             return self.planner(scenario, reference=reference, solver=solver)
         if not self.answers:
@@ -247,23 +246,23 @@ class FirstOnce:
 
 @dataclasses.dataclass(frozen=True)
 class SetUp:
-    """What all flights in a world have in common."""
+    """Common data of all flights in a world."""
 
     scenario: rho.Scenario
-    """with its disturbance"""
+    """scenario with its disturbance"""
     first: rho.Plan
-    """of the first window, with margins"""
+    """plan of the first window, with margins"""
     without: rho.Plan
-    """of the whole flight, without margins"""
+    """plan of the whole flight, without margins"""
     planner: FirstOnce
-    """of windows"""
+    """steps from window to window"""
     fallback: FirstOnce
-    """of windows"""
+    """planner of windows"""
 
 
 @cache
 def prepared(world: str) -> SetUp:
-    """Once in each process."""
+    """Return the common data of a world, computed once in each process."""
     scenario = WORLDS[world]()
     planner, fallback = (FirstOnce(each, scenario, []) for each in (rho.plan_convex, rho.plan))
     horizon = rho.RecedingHorizon(scenario, planner=planner, fallback=fallback)
@@ -273,7 +272,7 @@ def prepared(world: str) -> SetUp:
 
 
 def drawn(kind: str, set_up: SetUp, rng: np.random.Generator) -> Wind:
-    """A wind of one of `WINDS`, at full strength whenever its kind can be."""
+    """Draw a wind of one of `WINDS`, at full strength whenever its kind can be."""
     scenario, grid = set_up.scenario, set_up.scenario.grid
     if kind == "random":
         correlation = grid.duration * 10.0 ** rng.uniform(-2.0, 0.0)
@@ -290,29 +289,30 @@ def drawn(kind: str, set_up: SetUp, rng: np.random.Generator) -> Wind:
 
 
 _ABOUT = f"""\
-In each the fleet plans anew every five steps from the states it estimates, with `rho.plan_convex`
-and `rho.plan` where that has no plan, and a sampled feedback holds it to the plan in between. Winds
-are of up to the W of the world. Random: coloured noise of any correlation up to the whole flight,
-clipped to W. Gusts: one minus a cosine from any direction, up to W, at any time. Worst case: what
-`rho.worst_case` gives for each vehicle towards what it comes near to, at a random one of the
-instants at which it is near, with the errors of the estimate that belong to it. Chasing: at every
-instant W towards what is nearest to each vehicle just then, or at an angle to it that is drawn.
-Errors of the estimate are drawn evenly from their balls otherwise. A flight is judged by samples of
-its true motion twice between any two steps of the simulation, apart from the package's verifier
-(`benchmarks/flown.py`): obstacles, separation, boxes of position, velocity and command, speed and
-size of the command, as a part of their scale; more than {BROKEN:g} is broken. The verifier judges
-it too. Every fiftieth is flown in Drake's simulator as well, and the two are compared. A window is
-without a plan if it has no new one and does not fly on along the previous one's. Without margins:
-the plan of the same scenario without a disturbance, held by the same feedback in the same wind."""
+In each world the fleet replans every five steps from its estimated states, with `rho.plan_convex`,
+and with `rho.plan` where that has no plan; a sampled feedback tracks the plan in between. The
+strength of winds is at most the W of the world. Random: coloured noise of any correlation up to
+the whole flight, clipped to W. Gusts: one minus a cosine from any direction, up to W, at any time.
+Worst case: `rho.worst_case` for each vehicle towards what it comes near to, at a random one of the
+instants at which it is near, with the corresponding errors of the estimate. Chasing: at every
+instant W towards what is nearest to each vehicle at that time, or at a drawn angle to it.
+Otherwise errors of the estimate are drawn uniformly from their balls. A flight is verified by
+samples of its true motion twice between any two steps of the simulation, independently of the
+package's verifier (`benchmarks/flown.py`): obstacles, separation, boxes of position, velocity and
+command, speed and norm of the command, as a fraction of their scale; more than {VIOLATED:g} is a
+violation. The package's verifier checks it too. Every fiftieth flight is flown in Drake's
+simulator as well, and the two are compared. A window is without a plan if it has neither a new one
+nor the rest of the previous one. Without margins: the plan of the same scenario without a
+disturbance, tracked by the same feedback in the same wind."""
 
 _WORLDS = """\
-Example 4: the paper's, safe at every instant, W = 2 m/s², a tenth of its acceleration limit; errors
-of the estimate, a delay of one sample. Gate: two vehicles through a gap of 0.5 m between two boxes,
+Example 4: the paper's, at every instant, W = 2 m/s², a tenth of its acceleration limit; errors of
+the estimate, a delay of one sample. Gate: two vehicles through a gap of 0.5 m between two boxes,
 in a narrow room, with a speed limit. Crossing: one vehicle among two spheres and one that crosses
-its way; errors of the estimate, a delay of one sample. Swap: four vehicles on a circle, 0.5 m
+its path; errors of the estimate, a delay of one sample. Swap: four vehicles on a circle, 0.5 m
 apart, with limits on speed and acceleration; errors of the estimate. Transitions: four vehicles as
-in `fleet_b1`, in a room that is wider by 0.1 m."""
+in `fleet_b1`, with a position box wider by 0.1 m."""
 
 _LIMITATIONS = """\
 Limitations. Five worlds, of point masses. All flights of a world begin with the same first window,
-which is planned once. Samples can miss what lies between them."""
+which is planned once. Samples can miss violations between them."""

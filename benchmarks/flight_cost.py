@@ -1,4 +1,4 @@
-"""What margins cost: the index and the time of windows, with a disturbance and without."""
+"""The cost of margins: index and window times with a disturbance and without."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ from benchmarks.fleet_b1 import DURATIONS, STEP
 from benchmarks.tables import Cell, Goal, Table
 
 WIND = 0.2
-"""W in Example 4 [m/s²]."""
+"""Wind W in Example 4 [m/s²]."""
 
 VEHICLES, DRAWS = 8, 10
-"""Of the fleets of B1."""
+"""Number of fleets of B1."""
 
 TUBE = 0.02
-"""The radius that the tube of these has [m]."""
+"""Radius of the tube of these fleets [m]."""
 
 FEEDBACK = rho.Disturbance(0.0, feedback_every=0.1, share=0.2)
-"""Theirs, but for the wind that leads to this radius."""
+"""Disturbance of these fleets, except for the wind that leads to this radius."""
 
 ROUNDS = 15
-"""In which windows are timed."""
+"""Rounds in which windows are timed."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Pair:
-    """A scenario with a disturbance and the same without."""
+    """Scenario with a disturbance, and the same without."""
 
     name: str
-    """what it is"""
+    """description"""
     robust: rho.Scenario
-    """with a disturbance"""
+    """scenario with a disturbance"""
 
     @property
     def plain(self) -> rho.Scenario:
-        """Without."""
+        """Scenario without a disturbance."""
         return dataclasses.replace(self.robust, disturbance=None)
 
     @property
     def tube(self) -> float:
-        """The largest radius [m]."""
+        """Largest radius [m]."""
         grid = self.robust.grid
         return float(rho.error_tube(self.robust).position_over(grid.start, grid.end)[0])
 
@@ -76,7 +76,7 @@ def run() -> Table:
                 1.1,
                 statistics.fmean(ratios[1:]),
             ),
-            Goal("time of a window, with margins and judged, over without", 1.5, slower),
+            Goal("time of a window, with margins and verified, over without", 1.5, slower),
         ),
     )
 
@@ -94,13 +94,16 @@ COLUMNS = (
 
 
 def example_4() -> Pair:
-    """The paper's, with feedback at every knot."""
+    """Return the paper's Example 4 with feedback at every knot."""
     paper = rho.load_scenario("paper")
     return Pair("Example 4", dataclasses.replace(paper, disturbance=rho.Disturbance(WIND)))
 
 
 def fleet(seed: int) -> Pair:
-    """A draw of B1 with room for the tube at starts and goals: between them, and to the walls."""
+    """Return a draw of B1 with slack for the tube at starts and goals.
+
+    They are further apart, and further from the walls, than in B1.
+    """
     apart = rho.Separation(0.35, downwash=2.0)
     wider = rho.Separation(apart.distance + 2.5 * TUBE, downwash=2.0)
     drawn = rho.random_transitions(
@@ -115,17 +118,17 @@ def fleet(seed: int) -> Pair:
     limits = dataclasses.replace(
         drawn.limits, position=rho.Box(room.lower - 2.0 * TUBE, room.upper + 2.0 * TUBE)
     )
-    asked = dataclasses.replace(drawn, limits=limits, separation=apart, disturbance=FEEDBACK)
-    W = rho.largest_disturbance(asked, TUBE)
+    scenario = dataclasses.replace(drawn, limits=limits, separation=apart, disturbance=FEEDBACK)
+    W = rho.largest_disturbance(scenario, TUBE)
     around = dataclasses.replace(FEEDBACK, acceleration=W)
-    return Pair(drawn.name, dataclasses.replace(asked, disturbance=around))
+    return Pair(drawn.name, dataclasses.replace(scenario, disturbance=around))
 
 
 def costs(pair: Pair) -> tuple[float, float]:
-    """The index without margins and with them [m²/s⁴]: of the flight, or of the fleet's plan.
+    """Return the index without margins and with them [m²/s⁴], of the flight or the fleet's plan.
 
     Raises:
-        RuntimeError: a plan breaks something.
+        RuntimeError: a plan violates a constraint.
     """
     found = []
     for scenario in (pair.plain, pair.robust):
@@ -137,9 +140,9 @@ def costs(pair: Pair) -> tuple[float, float]:
 
 
 def window_seconds(pair: Pair) -> tuple[float, float]:
-    """Median times of windows after the first, without margins and with them [s].
+    """Return median times of windows after the first, without margins and with them [s].
 
-    Both fly as planned, in turns; of each window the least time of all rounds but the first counts.
+    Both fly as planned, in turn; of each window the least time of all rounds but the first counts.
     """
     each: tuple[list[list[float]], list[list[float]]] = ([], [])
     for _ in range(ROUNDS + 1):
@@ -150,7 +153,7 @@ def window_seconds(pair: Pair) -> tuple[float, float]:
 
 
 def _fly(scenario: rho.Scenario) -> list[float]:
-    """Times of the windows after the first, in each of which the fleet is as planned [s]."""
+    """Return times of the windows after the first, in which the fleet is as planned [s]."""
     horizon, seconds = rho.RecedingHorizon(scenario), []
     for knot in horizon.knots:
         states = horizon.planned(knot)
@@ -161,13 +164,14 @@ def _fly(scenario: rho.Scenario) -> list[float]:
 
 
 _ABOUT = f"""\
-Example 4 as the paper has it, flown by `plan_rho` as planned, with feedback at every knot. Fleets
-of {VEHICLES} are draws of `fleet_b1` in its published flight time, by `rho.plan`, with the wind
-that leads to a tube of {TUBE:g} m at a feedback of a fifth of the acceleration limit every 0.1 s.
-Starts and goals are drawn {2.5 * TUBE:g} m further apart than the separation asked, and the room is
-wider by {2.0 * TUBE:g} m, with a disturbance and without: where vehicles begin or end at a distance
-that has no room for the tube there is no plan. All plans are verified. Windows are those after the
-first, from states to a plan; median of all windows, of each the least of {ROUNDS} rounds."""
+The paper's Example 4 flown by `plan_rho` as planned, with feedback at every knot. Fleets of
+{VEHICLES} are draws of `fleet_b1` in its published flight time, by `rho.plan`, with the wind that
+leads to a tube of {TUBE:g} m at a feedback of a fifth of the acceleration limit every 0.1 s.
+Starts and goals are drawn {2.5 * TUBE:g} m further apart than the separation requires, and the
+position box is wider by {2.0 * TUBE:g} m, with a disturbance and without: where vehicles begin or
+end closer than the tube allows there is no plan. All plans are verified. Windows are those after
+the first, from states to a plan; the median is over windows, each with its least time of {ROUNDS}
+rounds."""
 
 _LIMITATIONS = """\
-Limitations. Windows are timed where the fleet is as planned, with tubes that begin anew."""
+Limitations. Windows are timed where the fleet is as planned, with new tubes."""

@@ -1,4 +1,4 @@
-"""Plans flown by simulated Crazyflies: does the tube hold what another simulator does to a plan."""
+"""Plans flown by simulated Crazyflies, to test the tube in another simulator."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from benchmarks.tables import Cell, Goal, Table
 from drake_rho.scenario.fields import FloatArray
 
 VEHICLES = (10, 30, 60)
-"""Of the missions, the first of each size."""
+"""Numbers of vehicles; the first mission of each is flown."""
 
 DURATION, STEP, RATE = 10.0, 0.2, 100
-"""T and h [s], and references in a second."""
+"""T and h [s], and the rate of references [1/s]."""
 
 MODEL = rho.Disturbance(0.3, share=0.6)
-"""What the Crazyflies and their controller may do to a plan."""
+"""Disturbance attributed to the Crazyflies and their controller."""
 
 COLUMNS = (
     "vehicles",
@@ -40,24 +40,24 @@ COLUMNS = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Judged:
-    """A plan that was flown."""
+class FlownPlan:
+    """Plan that was flown."""
 
     plan: rho.Plan
-    """what was to be flown"""
+    """scenario"""
     seconds: float
-    """to plan it [s]"""
+    """planning time [s]"""
     least: float
-    """distance of any two that were flown, with the separation's downwash [m]"""
+    """least flown distance of any pair, with the separation's downwash [m]"""
     offset: float
     """largest mean error of the fleet at any time [m]"""
     off: float
     """largest error of any vehicle less that mean [m]"""
     over: float
-    """the same over the radius of the tube then, at most; infinite without a tube"""
+    """largest ratio of the same to the tube's radius at that time; infinite without a tube"""
 
     def row(self, name: str) -> tuple[Cell, ...]:
-        """In the order of `COLUMNS`."""
+        """Return the values in the order of `COLUMNS`."""
         scenario = self.plan.scenario
         tube = rho.error_tube(scenario).position_over(scenario.grid.start, scenario.grid.end)
         tells = scenario.disturbance is not None
@@ -93,8 +93,8 @@ def run(folder: Path | None = None) -> Table:
         without = fly(mission)
         margins = fly(dataclasses.replace(mission, disturbance=MODEL))
         rows += [without.row("without margins"), margins.row("with margins")]
-        asked = mission.separation
-        least.append((0.0 if asked is None else asked.distance) - margins.least)
+        separation = mission.separation
+        least.append((0.0 if separation is None else separation.distance) - margins.least)
         over.append(margins.over)
     return Table(
         name="flight_crazyflow",
@@ -110,7 +110,7 @@ def run(folder: Path | None = None) -> Table:
 
 
 def with_room(path: Path) -> rho.Scenario:
-    """A mission whose room is wider by the tube, as starts and goals lie at its walls."""
+    """Return a mission with its box wider by the tube, as starts and goals lie at its walls."""
     mission = rho.load_lsc_mission(path, grid=rho.Grid.lasting(DURATION, step=STEP))
     tube = rho.error_tube(dataclasses.replace(mission, disturbance=MODEL))
     wider = float(tube.position_over(mission.grid.start, mission.grid.end)[0])
@@ -123,7 +123,7 @@ def with_room(path: Path) -> rho.Scenario:
     return dataclasses.replace(mission, limits=limits)
 
 
-def fly(scenario: rho.Scenario) -> Judged:
+def fly(scenario: rho.Scenario) -> FlownPlan:
     """Plan, let Crazyflies fly the plan, and measure."""
     began = time.perf_counter()
     plan = rho.plan(scenario)
@@ -137,7 +137,7 @@ def fly(scenario: rho.Scenario) -> Judged:
     radii = rho.error_tube(scenario).position(times)
     with np.errstate(divide="ignore"):
         over = np.max(off[1:] / radii[1:])
-    return Judged(
+    return FlownPlan(
         plan,
         seconds,
         least_distance(np.moveaxis(flown, 0, 1), scenario.separation),
@@ -148,18 +148,18 @@ def fly(scenario: rho.Scenario) -> Judged:
 
 
 def _flown(plan: rho.Plan, times: FloatArray, positions: FloatArray) -> FloatArray:
-    """Positions of Crazyflies that are given a plan as their reference [m], shape (N, M, 3)."""
+    """Return positions of Crazyflies with a plan as their reference [m], shape (N, M, 3)."""
     motion, elapsed = plan.motion(), times - plan.scenario.grid.start
     with tempfile.TemporaryDirectory() as folder:
-        asked, found = Path(folder) / "references.npz", Path(folder) / "flown.npz"
+        references, found = Path(folder) / "references.npz", Path(folder) / "flown.npz"
         np.savez(
-            asked,
+            references,
             times=times,
             positions=positions,
             velocities=motion.at("velocity", elapsed),
             accelerations=motion.at("acceleration", elapsed),
         )
-        run_apart("crazyflow", "crazyflow_flight.py", asked, found)
+        run_apart("crazyflow", "crazyflow_flight.py", references, found)
         with np.load(found) as file:
             return np.asarray(file["positions"], dtype=np.float64)
 
@@ -168,21 +168,21 @@ _ABOUT = f"""\
 The first missions of qwerty35/lsc_planner with ten, thirty and sixty vehicles, T = {DURATION:g} s,
 h = {STEP:g} s, 0.3 m apart side by side and twice that above each other. Crazyflow simulates
 Crazyflies from first principles at 500 Hz, with the Mellinger controller of their firmware at
-{RATE} Hz, which is given position, velocity and acceleration of the plan. The least distance is
-that of the flown positions at {RATE} Hz. Most of the error is a height offset that all vehicles
-share, whatever they fly. So the fleet's mean error at each time, of which `fleet_offset_m` is the
-largest, is taken off before an error is compared with the tube at that time; two vehicles are no
-closer for it."""
+{RATE} Hz, which tracks position, velocity and acceleration of the plan. The least distance is that
+of the flown positions at {RATE} Hz. Most of the error is a height offset common to all vehicles,
+whatever they fly. So the fleet's mean error at each time, of which `fleet_offset_m` is the
+largest, is subtracted before an error is compared with the tube at that time; it does not affect
+the distance of two vehicles."""
 
 _MODEL = f"""\
 The model: W = {MODEL.acceleration:g} m/s², corrected every {STEP:g} s, with a feedback of at most
-{MODEL.share:g} of the acceleration limit (1 m/s² upwards, 2 m/s² sideways). W is what the first
-tenth of a second needs, before any feedback: there errors without margins grew like those of an
-acceleration of up to 0.255 m/s². The radius that it leads to, 0.02 m, holds the 0.014 m reached
-later. The room is wider by the radius, with and without margins, since starts and goals lie at its
-walls."""
+{MODEL.share:g} of the acceleration limit (1 m/s² upwards, 2 m/s² sideways). W covers the first
+tenth of a second, before any feedback: there errors without margins grew like those of an
+acceleration of up to 0.255 m/s². The resulting radius, 0.02 m, holds the 0.014 m reached later.
+The position box is wider by the radius, with and without margins, since starts and goals lie at
+its walls."""
 
 _LIMITATIONS = """\
-Limitations. The tube is that of the package's own feedback, while the Crazyflies are held by that
-of their firmware: the tube is a model of their errors, fitted to these very missions, and no proof
-for them. One run of each mission, as nothing in the simulation is random. It is a simulation."""
+Limitations. The tube is that of the package's own feedback, while the Crazyflies use that of their
+firmware: the tube is a model of their errors, fitted to these very missions, and no proof for
+them. One run of each mission, as nothing in the simulation is random. It is a simulation."""

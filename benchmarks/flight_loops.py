@@ -11,8 +11,8 @@ import numpy as np
 from rich.progress import track
 
 import drake_rho as rho
-from benchmarks.flight_closed_loop import BROKEN
-from benchmarks.flown import breaches
+from benchmarks.flight_closed_loop import VIOLATED
+from benchmarks.flown import violations
 from benchmarks.tables import Cell, Goal, Table
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.errors import InfeasibleError
@@ -20,42 +20,42 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.simulation.closed_loop import fly
 
 FLIGHTS = 4000
-"""Altogether: some 20 000 windows, as some scenarios have no plan at all."""
+"""Total number of flights: some 20 000 windows, as some scenarios have no plan at all."""
 
 KINDS = ("wall", "room", "pair", "waypoint")
-"""What is close at the goal, or just before it."""
+"""Kinds of constraints close to the goal, or to the path just before it."""
 
 _AT_ONCE = 20
-"""Flights that a process is given at a time."""
+"""Flights in a batch of a process."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Loop:
-    """What came of one flight."""
+    """Result of one flight."""
 
     kind: str
-    """what is close at the goal"""
+    """kind of the constraint close to the goal"""
     windows: int
-    """how many there were; none where the first had no plan"""
+    """number of windows; 0 where the first had no plan"""
     kept: int
-    """windows that kept the previous plan"""
+    """number of windows that kept the previous plan"""
     without_plan: int
-    """windows that had neither that nor a plan of their own"""
+    """number of windows that had neither that nor a plan of their own"""
     worst: float
-    """largest breach of any limit, as a part; negative for what is left"""
+    """largest violation of any limit, as a fraction; negative for a margin"""
     missed: float
-    """how far beyond the ball of its waypoint a vehicle was [m]"""
+    """largest distance beyond the ball of a waypoint [m]"""
     verified: bool
-    """whether `rho.verify` finds nothing wrong either"""
+    """true if `rho.verify` accepts the flight"""
     over_tube: float
-    """largest error over the tube's radius then, less 1"""
+    """largest error over the tube's radius at that time, less 1"""
 
 
 class Biased:
-    """Wind and errors of the estimate that go on in one direction, or switch between two.
+    """Wind and errors of the estimate in a constant direction, or switching between two.
 
     Args:
-        scenario: how large they can be.
+        scenario: bounds of both.
         rng: draws directions, and how often they switch.
     """
 
@@ -65,7 +65,7 @@ class Biased:
         self._start, self._sample, self._size = grid.start, around.sample(grid), around.acceleration
         along = rng.choice(3) * np.ones(count, dtype=int)
         self._directions = _units(rng.normal(size=(count, 3)))
-        if rng.integers(2):  # along an axis, as what is close at the goal is
+        if rng.integers(2):  # along an axis, like the limits that are close
             self._directions = np.eye(3)[along] * rng.choice([-1.0, 1.0], size=(count, 1))
         every = int(rng.integers(1, samples + 1))
         self._signs = np.where((np.arange(samples + 1) // every) % 2, rng.choice([-1.0, 1.0]), 1.0)
@@ -75,18 +75,18 @@ class Biased:
         self.switching_times = self._start + self._sample * np.arange(samples + 1)
 
     def __call__(self, time: float, positions: FloatArray, velocities: FloatArray) -> FloatArray:
-        """The wind, (N, 3)."""
+        """Return the wind, (N, 3)."""
         return np.asarray(self.over(np.array([time]), len(positions))[0])
 
     def over(self, times: FloatArray, vehicles: int) -> FloatArray:
-        """The wind at times on the scenario's clock [s], (M, N, 3)."""
+        """Return the wind at times on the scenario's clock [s], (M, N, 3)."""
         j = np.floor((times - self._start) / self._sample + 1e-6).astype(int)
         signs = self._signs[np.clip(j, 0, len(self._signs) - 1)]
         return np.asarray(self._size * signs[:, None, None] * self._directions)
 
 
 def run(flights: int = FLIGHTS) -> Table:
-    """Fly them on all cores."""
+    """Fly all flights on all cores."""
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
         done = processes.map(flown_loop, range(flights), chunksize=_AT_ONCE)
@@ -102,7 +102,7 @@ def run(flights: int = FLIGHTS) -> Table:
             f"{len(found) - len(flown)} scenarios more have no plan at all. {_ABOUT}",
         ),
         goals=(
-            Goal("flights that break a limit", 0.0, sum(_is_broken(each) for each in flown)),
+            Goal("flights that break a limit", 0.0, sum(_violates(each) for each in flown)),
             Goal("flights that `verify` refuses", 0.0, sum(not each.verified for each in flown)),
             Goal("windows without a plan", 0.0, sum(each.without_plan for each in flown)),
             Goal("error above the radius, over it", 1e-6, max(each.over_tube for each in flown)),
@@ -123,8 +123,8 @@ COLUMNS = (
 )
 
 
-def _is_broken(loop: Loop) -> bool:
-    return loop.worst > BROKEN or loop.missed > BROKEN
+def _violates(loop: Loop) -> bool:
+    return loop.worst > VIOLATED or loop.missed > VIOLATED
 
 
 def _row(found: list[Loop]) -> tuple[Cell, ...]:
@@ -135,7 +135,7 @@ def _row(found: list[Loop]) -> tuple[Cell, ...]:
         windows,
         kept,
         round(100.0 * kept / windows, 1),
-        sum(_is_broken(each) for each in found),
+        sum(_violates(each) for each in found),
         float(max(each.worst for each in found)),
         sum(each.without_plan for each in found),
         1.0 + float(max(each.over_tube for each in found)),
@@ -143,7 +143,7 @@ def _row(found: list[Loop]) -> tuple[Cell, ...]:
 
 
 def flown_loop(number: int) -> Loop:
-    """Fly once, as the number alone says."""
+    """Simulate one flight, drawn by the number."""
     rng = np.random.default_rng(number)
     kind = KINDS[number % len(KINDS)]
     try:
@@ -161,7 +161,7 @@ def flown_loop(number: int) -> Loop:
         len(windows),
         sum(window.kept for window in windows),
         sum(bool(window.infeasible) and not window.kept for window in windows),
-        breaches(flown).worst,
+        violations(flown).worst,
         _missed(flown),
         rho.verify(flown).ok,
         float(over.max()) - 1.0,
@@ -169,7 +169,7 @@ def flown_loop(number: int) -> Loop:
 
 
 def scene(kind: str, rng: np.random.Generator) -> rho.Scenario:
-    """One, two or three vehicles whose goals are close to something, by about their tube there."""
+    """Return up to three vehicles whose goals are close to a limit, by about their tube there."""
     knots, step = int(rng.integers(7, 18)), float(rng.choice([0.25, 0.5, 1.0]))
     noise = rng.uniform(0.0, 1.0 / 3.0) if rng.integers(4) else 0.0
     room = 10.0 ** rng.uniform(-1.5, 0.0)
@@ -226,7 +226,7 @@ def scene(kind: str, rng: np.random.Generator) -> rho.Scenario:
 
 
 def _missed(flown: Simulation) -> float:
-    """How far beyond the balls of their waypoints vehicles were at most [m], by the record."""
+    """Return the largest distance outside a waypoint's ball by the record [m]."""
     beyond = -np.inf
     for i, vehicle in enumerate(flown.scenario.vehicles):
         for waypoint in vehicle.waypoints:
@@ -241,12 +241,13 @@ def _units(vectors: FloatArray) -> FloatArray:
 
 
 _ABOUT = f"""\
-One to three vehicles whose goals are next to a wall, to the sides of their room, or to each other's
-(round separations and such with downwash), or which pass a waypoint just before, by 0.9 to 1.3
-times what the first tube has at most, or more. Errors of the estimate are from none to a third of
-the room, delays from 0 to 2 samples; estimates are biased as far as declared in one direction or
-switch between two, and so does the wind, in three of four flights; else there is no wind, and
-errors are drawn from their balls. New windows begin every one to four steps. Judged by samples of
-the true motion twice between any two steps of the simulation (`benchmarks/flown.py`), and at the
-waypoints' times; more than {BROKEN:g} of the scale is broken. A window is without a plan if it has
-no new one and does not keep the previous one's."""
+One to three vehicles whose goals are next to a wall, to the sides of their position box, or to
+each other's goals (with spherical separation or downwash), or which pass a waypoint just before.
+The distances are 0.9 to 1.3 times the largest radius of the first tube, or more. Errors of the
+estimate are up to a third of the distance, delays 0 to 2 samples. In three of four flights the
+estimates have their largest error in one direction or switch between two, and so does the wind;
+otherwise there is no wind, and errors are drawn from their balls. New windows begin every one to
+four steps. Flights are verified by samples of the true motion twice between any two steps of the
+simulation (`benchmarks/flown.py`), and at the waypoints' times; more than {VIOLATED:g} of the
+scale is a violation. A window is without a plan if it has neither a new one nor the rest of the
+previous one."""

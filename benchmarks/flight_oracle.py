@@ -1,4 +1,4 @@
-"""The tube beside reachable sets that ampyc computes as polytopes."""
+"""The tube compared with reachable sets that ampyc computes as polytopes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from benchmarks.tables import Cell, Goal, Table
 CASES = 20
 
 SAMPLES = (12, 4)
-"""Of a flight without delay, and with one of one sample: a third dimension takes long."""
+"""Number of flights without delay, and with one of one sample: a third dimension takes long."""
 
 FLATTEST = 1e-5
-"""The area or volume of a set at the end of a flight, of that at first: see `_LIMITATIONS`."""
+"""Area or volume of a set at the end over that at the beginning: see `_LIMITATIONS`."""
 
 
 class Case(NamedTuple):
-    """A loop in the units of its samples and its wind, δ = W = 1."""
+    """Loop in the units of its samples and its wind, δ = W = 1."""
 
     alpha: float
     beta: float
@@ -35,7 +35,7 @@ class Case(NamedTuple):
 
     @property
     def tube(self) -> rho.ErrorTube:
-        """The tube of this package."""
+        """Return the tube of this package."""
         around = rho.Disturbance(1.0, self.position_error, self.velocity_error, delay=self.delay)
         scenario = scenario_with(around, rho.Grid(1.0, self.samples + 1))
         return rho.error_tube(scenario, gains=(self.alpha, self.beta))
@@ -69,7 +69,7 @@ def run() -> Table:
 
 
 def draw(rng: np.random.Generator, delay: int) -> Case:
-    """Random stable gains that flatten no set too much, and errors of the estimate."""
+    """Draw stable gains that flatten no set too much, and errors of the estimate."""
     samples, flat = SAMPLES[delay], 0.0
     while flat < FLATTEST:
         alpha, beta = stable_gains(rng, delay)
@@ -79,27 +79,27 @@ def draw(rng: np.random.Generator, delay: int) -> Case:
 
 
 def _supports(cases: list[Case]) -> list[list[float]]:
-    """The largest position and velocity at the end of each case, in an environment with ampyc."""
+    """Return the largest position and velocity at the end of each case, computed with ampyc."""
     with tempfile.TemporaryDirectory() as folder:
-        asked, found = Path(folder) / "cases.json", Path(folder) / "supports.json"
-        asked.write_text(json.dumps([case._asdict() for case in cases]), encoding="utf-8")
-        run_apart("ampyc", "ampyc_sets.py", asked, found)
+        given, found = Path(folder) / "cases.json", Path(folder) / "supports.json"
+        given.write_text(json.dumps([case._asdict() for case in cases]), encoding="utf-8")
+        run_apart("ampyc", "ampyc_sets.py", given, found)
         answer: list[list[float]] = json.loads(found.read_text(encoding="utf-8"))
     return answer
 
 
 _ABOUT = """\
-Of one axis, as the error is a ball: ampyc adds up polytopes by Minkowski's sum (`compute_drs`), and
-the support of the last is the largest error at the end of the flight. Its wind is constant in
-quarters of a sample, so it can be a little below the tube and never above. Gains are drawn among
-the stable ones, errors of the estimate at random. Differences are relative, ampyc less the tube.
-`tests/test_tube_oracle.py` compares more cases, delays of up to five samples, feedback and first
-errors with supports computed backwards in time by matrix exponentials: in 200 cases at most 1.1e-4
-below, and nothing above."""
+The computation is for one axis, as the error is a ball: ampyc adds up polytopes by Minkowski sums
+(`compute_drs`), and the support of the last is the largest error at the end of the flight. Its
+wind is constant in quarters of a sample, so the result can be slightly below the tube and never
+above. Gains are drawn among the stable ones, errors of the estimate at random. Differences are
+relative, ampyc less the tube. `tests/test_tube_oracle.py` compares more cases (delays of up to
+five samples, feedback and initial errors) with supports computed backwards in time by matrix
+exponentials: in 200 cases they are at most 1.1e-4 below, and never above."""
 
 _LIMITATIONS = """\
-Limitations. ampyc takes a polytope thinner than 1e-7 for the line from its first vertex to the one
-farthest away, which is only a part of it where the first is no end. A loop that takes one error to
-zero almost at once (α = 1.63, β = 1.83) so came out 3 % too small in position and 8 % in velocity,
-while the supports of the same polytopes, added up one by one, are those of the tube. So gains that
-make sets so thin are not drawn."""
+Limitations. ampyc replaces a polytope thinner than 1e-7 by the line from its first vertex to the
+one farthest away, which is only a part of it unless the first vertex is an end. A loop that takes
+one error to zero almost at once (α = 1.63, β = 1.83) therefore came out 3 % too small in position
+and 8 % in velocity, while the supports of the same polytopes, added up one by one, are those of
+the tube. So gains with such thin sets are not drawn."""

@@ -1,4 +1,4 @@
-"""Quadrotors with thrust and attitude in gusts: does the model of the tube hold for them."""
+"""Quadrotors with thrust and attitude in gusts, to test the tube's model."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ import numpy as np
 from rich.progress import track
 
 import drake_rho as rho
-from benchmarks.flown import breaches
+from benchmarks.flown import violations
 from benchmarks.tables import Goal, Table
 
 FLIGHTS = 100
 
 STRENGTH, DECLARED = 0.3, 1.0
-"""Of the gusts, and what is declared for them and for what the quadrotors do not follow [m/s²]."""
+"""Strength of the gusts, and the wind declared for them and the tracking difference [m/s²]."""
 
 JERK = 5.0
-"""Limit along each axis [m/s³]."""
+"""Jerk limit along each axis [m/s³]."""
 
-BROKEN = 1e-6
-"""From this part of its scale on a limit counts as broken."""
+VIOLATED = 1e-6
+"""Violation of a limit that counts, over its scale."""
 
 ROUNDING = 1e-6
-"""No radius is taken for smaller than this [m]: at a window's start it is 0."""
+"""Least radius that errors are divided by [m]: at a window's start the radius is 0."""
 
 COLUMNS = (
     "flights",
@@ -49,27 +49,27 @@ class Outcome:
     """One flight of two quadrotors."""
 
     worst: float
-    """largest breach of any limit, as a part; negative for what is left"""
+    """largest violation of any limit, as a fraction; negative for a margin"""
     over: float
-    """largest error over the tube's radius then"""
+    """largest error over the tube's radius at that time"""
     difference: float
     """largest difference of true acceleration from command and wind [m/s²]"""
     kept: int
-    """windows that kept the previous plan"""
+    """number of windows that kept the previous plan"""
     off_tube: int
-    """windows at which a vehicle was further off than the tube and estimates allow"""
+    """number of windows with a vehicle further off than the tube and estimates allow"""
     seconds: float
-    """for the simulation [s]"""
+    """wall time of the simulation [s]"""
 
 
 def run() -> Table:
-    """Fly them on all cores."""
+    """Fly all flights on all cores."""
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=fresh) as processes:
         done = processes.map(outcome, range(FLIGHTS), chunksize=5)
         found = list(track(done, "flights", total=FLIGHTS))
     differences = [each.difference for each in found]
-    broken = sum(each.worst > BROKEN for each in found)
+    broken = sum(each.worst > VIOLATED for each in found)
     row = (
         FLIGHTS,
         broken,
@@ -100,7 +100,7 @@ def run() -> Table:
 
 
 def scenario(declared: float = DECLARED) -> rho.Scenario:
-    """Two vehicles that change places past a sphere."""
+    """Return two vehicles that swap places past a sphere."""
     ends = ([0.0, 0.2, 1.0], [5.0, -0.2, 1.2])
     states = [rho.State(end, acceleration=[0.0, 0.0, 0.0]) for end in ends]
     goals = [rho.State(end) for end in ends]
@@ -120,7 +120,7 @@ def scenario(declared: float = DECLARED) -> rho.Scenario:
 
 
 def outcome(number: int) -> Outcome:
-    """One flight, in a gust that depends on the number alone."""
+    """Simulate one flight in a gust drawn by the number."""
     rng = np.random.default_rng(number)
     asked, calmer = scenario(), scenario(STRENGTH)
     duration = rng.uniform(0.5, 5.0)
@@ -132,7 +132,7 @@ def outcome(number: int) -> Outcome:
     over = flown.errors() / np.maximum(flown.radii(), ROUNDING)[:, None]
     windows = flown.flight.windows
     return Outcome(
-        breaches(flown).worst,
+        violations(flown).worst,
         float(over.max()),
         float(flown.tracking_difference.max()),
         sum(bool(window.infeasible) for window in windows),
@@ -142,16 +142,16 @@ def outcome(number: int) -> Outcome:
 
 
 _ABOUT = f"""\
-Drake's `QuadrotorPlant` with a controller of thrust and attitude, two of them in each flight, which
-change places past a sphere in 8 s with h = δ = 0.2 s, a jerk limit of {JERK:g} m/s³ along each
-axis, and limits on speed and acceleration. Each flight has one gust, one minus a cosine of up to
-{STRENGTH:g} m/s², from any direction, for 0.5 to 5 s at any time. A quadrotor does not have the
+Two of Drake's `QuadrotorPlant` in each flight, with a controller of thrust and attitude, swap
+places past a sphere in 8 s with h = δ = 0.2 s, a jerk limit of {JERK:g} m/s³ along each axis, and
+limits on speed and acceleration. Each flight has one gust, one minus a cosine of up to
+{STRENGTH:g} m/s², from any direction, for 0.5 to 5 s at any time. A quadrotor does not reach the
 commanded acceleration at once, since it has to turn first; the difference is the largest norm of
 true acceleration less command and wind at any step of the simulation. Wind and difference together
-must stay within what the scenario declares, W = {DECLARED:g} m/s², or the tube is no bound. The
-judge is that of `flight_closed_loop`."""
+must stay within the declared W = {DECLARED:g} m/s², or the tube is no bound. Flights are verified
+as in `flight_closed_loop`."""
 
 _LIMITATIONS = """\
-Limitations. One scenario. The difference is measured and not bounded by anything. It comes with the
-steps of the command, and so with the jerk of the plan and with the gains, which depend on the W
-declared; what is declared here was found by trying."""
+Limitations. One scenario. The difference is measured, not bounded. It is caused by the steps of
+the command, and so depends on the jerk of the plan and on the gains, which depend on the declared
+W; the value declared here was found by trial."""

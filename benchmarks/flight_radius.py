@@ -1,4 +1,4 @@
-"""How small the tube is: the peak of its radius beside the bound that no sampled feedback beats."""
+"""The peak of the tube's radius beside the lower bound for any sampled feedback."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from benchmarks.tables import Cell, Goal, Table
 
 DELAYS = (0, 1, 2)
 SAMPLES = (0.5, 0.1, 0.02)
-"""d, and δ [s]."""
+"""Delay d in samples, and sample δ [s]."""
 
 WIND, SECONDS = 1.0, 20.0
-"""W [m/s²] and the duration of the flight [s]."""
+"""Wind W [m/s²] and the duration of the flight [s]."""
 
 LIMIT = 10.0
-"""The acceleration limit [W], of which the feedback may take a share."""
+"""Acceleration limit [W], of which the feedback may use a share."""
 
 SHARES = (0.12, 0.15, 0.2, 0.3, 0.5, 1.0)
 
 ENOUGH = 0.5
-"""The share with which the goal is to be reached: the one that is taken if none is given."""
+"""Share for which the goal counts: the default."""
 
 COLUMNS = (
     "delay_samples",
@@ -56,7 +56,7 @@ def run() -> Table:
 
 
 def tube(delay: int, share: float, sample: float) -> rho.ErrorTube:
-    """The tube of one vehicle that flies for a while, its limit `LIMIT` times the wind."""
+    """Return the tube of one long flight whose acceleration limit is `LIMIT` times the wind."""
     start, goal = rho.State([0, 0, 0]), rho.State([1, 0, 0])
     limits = rho.Limits(max_acceleration=LIMIT * WIND)
     around = rho.Disturbance(WIND, feedback_every=sample, delay=delay, share=share)
@@ -71,24 +71,24 @@ def tube(delay: int, share: float, sample: float) -> rho.ErrorTube:
 
 
 def peak(tube: rho.ErrorTube) -> float:
-    """The largest radius of the position [m], looked at ten times a sample."""
+    """Return the largest radius of the position [m], evaluated ten times a sample."""
     count = 10 * tube.samples + 1
     return float(tube.position(np.linspace(tube.grid.start, tube.grid.end, count)).max())
 
 
 def over_bound(tube: rho.ErrorTube) -> float:
-    """The peak over (1 + d)² δ² W / 2, how far wind drives before any feedback can answer it."""
+    """Return the peak over (1 + d)² δ² W / 2, the drift by wind before any feedback can answer."""
     unanswered = (1.0 + tube.disturbance.delay) * tube.sample
     return peak(tube) / (unanswered**2 * tube.disturbance.acceleration / 2.0)
 
 
 _ABOUT = f"""\
-Peaks of ρ_p over {SECONDS:g} s with W = {WIND:g} m/s² and no errors of the estimate, with the gains
-that `rho.error_tube` finds within a share of the limit, {LIMIT:g} W. Wind of the last 1 + d samples
-is not yet answered by any feedback and drives a vehicle (1 + d)² δ² W / 2 far, so no sampled
-feedback has a smaller peak; peak over bound is the largest of the three samples. The last column is
-the largest feedback at δ = {SAMPLES[-1]:g} s."""
+Peaks of ρ_p over {SECONDS:g} s with W = {WIND:g} m/s² and no errors of the estimate, with the
+gains that `rho.error_tube` finds within a share of the limit, {LIMIT:g} W. Wind of the last 1 + d
+samples is not yet answered by any feedback and drives a vehicle by (1 + d)² δ² W / 2, so no
+sampled feedback has a smaller peak; peak over bound is the largest of the three samples. The last
+column is the largest feedback at δ = {SAMPLES[-1]:g} s."""
 
 _LIMITATIONS = """\
-Limitations. The feedback is linear in one measurement and does not predict with its own commands
-under way, so with a delay it stays far above the bound."""
+Limitations. The feedback is linear in one measurement and does not use its own queued commands for
+a prediction, so with a delay it stays far above the bound."""

@@ -1,4 +1,4 @@
-"""How long a window takes, from measured states to the plan that is flown."""
+"""Time of a window, from measured states to the plan that is flown."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from benchmarks.one_core import one_core
 from benchmarks.tables import Cell, Goal, Table
 
 FLIGHTS = 5
-"""Of each fleet, the first of which is not timed."""
+"""Number of flights of each fleet, the first of which is not timed."""
 
 COLUMNS = ("fleet", "vehicles", "steps", "windows", "median_ms", "worst_ms", "kept", "too_late")
 
@@ -41,14 +41,14 @@ def run() -> Table:
 
 
 def example_4() -> rho.Scenario:
-    """The paper's, with wind of a hundredth of its acceleration."""
+    """Return the paper's Example 4 with wind of a hundredth of its acceleration."""
     paper = rho.load_scenario("paper")
     around = rho.Disturbance(0.2, feedback_every=0.25)
     return dataclasses.replace(paper, name="Example 4", disturbance=around)
 
 
 def transitions() -> rho.Scenario:
-    """Twenty vehicles of B1, with room for the tube at starts and goals."""
+    """Return twenty vehicles of B1, with slack for the tube at starts and goals."""
     around = rho.Disturbance(0.1, feedback_every=0.1, share=0.2)
     drawn = rho.random_transitions(
         20,
@@ -67,11 +67,11 @@ def transitions() -> rho.Scenario:
 
 
 def windows(scenario: rho.Scenario) -> list[tuple[float, bool]]:
-    """Times of the windows of some flights, and which of them kept the previous plan.
+    """Return times of the windows of some flights, and which of them kept the previous plan.
 
-    Each begins somewhere in the tube around the plan of the one before: at an error drawn evenly
-    from the balls of both radii, as estimated. The first window of a flight, which is planned
-    before it begins, is not timed.
+    Each begins somewhere in the tube around the plan of the one before: at an estimated error drawn
+    uniformly from the balls of both radii. The first window of a flight, which is planned before it
+    begins, is not timed.
     """
     rng, found = np.random.default_rng(0), list[tuple[float, bool]]()
     for number in range(FLIGHTS):
@@ -96,7 +96,7 @@ def _fly(scenario: rho.Scenario, rng: np.random.Generator) -> list[tuple[float, 
 
 
 def _in_balls(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Points of the unit ball, shape (count, 3)."""
+    """Return points of the unit ball, shape (count, 3)."""
     points = rng.normal(size=(count, 3))
     lengths = np.linalg.norm(points, axis=1, keepdims=True)
     return np.asarray(points / lengths * np.cbrt(rng.uniform(size=(count, 1))))
@@ -119,12 +119,12 @@ def _row(scenario: rho.Scenario, found: list[tuple[float, bool]]) -> tuple[Cell,
 
 _ABOUT = """\
 `RecedingHorizon.step` with its defaults, a new window every five steps, in a process confined to
-one core. Each window begins at errors drawn evenly from the tube's balls around the plan before;
-the first window of a flight is not counted. Kept: windows that flew on along the previous plan, as
-there was no new one; they are timed like the others. Too late: windows that took longer than the
-five steps until the next."""
+one core. Each window begins at errors drawn uniformly from the tube's balls around the plan
+before; the first window of a flight does not count. Kept: windows that continued the previous
+plan, as there was no new one; they are timed like the others. Too late: windows that took longer
+than the five steps until the next."""
 
 _LIMITATIONS = """\
-Limitations. Errors of position and velocity are drawn each from its ball, while not every pair of
-them can be reached together, and winds of one's own would not drive all vehicles so. One fleet of
-each kind."""
+Limitations. Errors of position and velocity are each drawn from their ball, although not every
+pair of them can occur together, and independent winds would not drive all vehicles to such errors.
+One fleet of each kind."""

@@ -1,4 +1,4 @@
-"""Whether the worst case reaches the tube, and nothing more: random cases, flown."""
+"""Random worst cases, flown: they should attain the tube's radius, and nothing should exceed it."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from drake_rho.scenario.parts import Quantity
 CASES = 50
 
 QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
-"""Whose radii are reached in turn; of the acceleration it is that of the feedback."""
+"""Quantities whose radii are to be attained in turn; for the acceleration, the feedback's."""
 
 
 class Found(NamedTuple):
     """One case, flown."""
 
     quantity: Quantity
-    """that was to reach its radius"""
+    """quantity that was to attain its radius"""
     delay: int
-    """in samples"""
+    """delay in samples"""
     reached: float
-    """the part of its radius that it reached, in the direction and at the time asked"""
+    """fraction of its radius attained, in the given direction and at the given time"""
     largest: float
-    """any error at any time over its radius, at most"""
+    """largest error over its radius at any time"""
 
 
 def run() -> Table:
@@ -76,12 +76,12 @@ def fly_case(rng: np.random.Generator, quantity: Quantity) -> Found:
 
 
 def _part(reached: float, radius: float) -> float:
-    """What was reached over the radius; all of it where that is 0."""
+    """Return the attained fraction of the radius; 1 for a radius of 0."""
     return float(reached / radius) if radius > 0.0 else 1.0
 
 
 def _largest(errors: FloatArray, radii: FloatArray) -> float:
-    """The largest error over its radius; infinite for one where there can be none."""
+    """Return the largest error over its radius; infinite for an error where the radius is 0."""
     sizes = np.linalg.norm(errors, axis=1)
     possible = radii > 0.0
     if np.any(sizes[~possible] > 0.0):
@@ -90,7 +90,7 @@ def _largest(errors: FloatArray, radii: FloatArray) -> float:
 
 
 def _row(found: list[Found], quantity: Quantity) -> tuple[Cell, ...]:
-    """Of all cases of a quantity."""
+    """Return the row of all cases of a quantity."""
     these = [each for each in found if each.quantity == quantity]
     delays = sorted({each.delay for each in these})
     return (
@@ -103,9 +103,9 @@ def _row(found: list[Found], quantity: Quantity) -> tuple[Cell, ...]:
 
 
 _ABOUT = """\
-Gains are drawn among the stable ones, samples from 0.01 to 3 s, wind, errors of the estimate and of
-the first state, times and directions at random. `rho.worst_case` gives the wind, the errors of the
-estimate and the first errors, and a loop that knows nothing of the tube flies them: p'' = u + w
-exactly from one change to the next (`benchmarks/error_loop.py`). Reached is the error in the
-direction and at the time asked, over its radius. The largest error is that of any of the three
-quantities at any step of any flight, over its radius then."""
+Gains are drawn among the stable ones, samples from 0.01 to 3 s, wind, errors of the estimate and
+of the first state, times and directions at random. `rho.worst_case` gives the wind, the errors of
+the estimate and the initial errors, and a loop without code of the tube integrates them: p'' = u +
+w exactly from one change to the next (`benchmarks/error_loop.py`). Reached is the error in the
+given direction and at the given time, over its radius. The largest error is that of any of the
+three quantities at any step of any flight, over its radius at that time."""

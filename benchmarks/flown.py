@@ -1,9 +1,8 @@
-"""A flight in wind as many positions: what dense samples of the true motion say of it.
+"""Evaluation of a flight in wind by dense samples of the true motion.
 
-Only the record's states and commands are looked at, and the scenario; nothing of the package's
-verifier. Between two times of the record the acceleration of a point mass is constant, so that
-samples in between are exact. Jerk, which is of the plan, thrust, tilt and waypoints are not looked
-at.
+Only the scenario and the record's states and commands are used, and no code of the package's
+verifier. Between two times of the record the acceleration of a point mass is constant, so samples
+in between are exact. Jerk, which belongs to the plan, thrust, tilt and waypoints are not evaluated.
 """
 
 from __future__ import annotations
@@ -19,33 +18,33 @@ from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import FloatArray
 
 PARTS = 2
-"""Samples between two times of a record, of which there are ten or more a sample of feedback."""
+"""Samples between two times of a record, of which a sample of feedback has ten or more."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Breaches:
-    """By how much limits are broken at most; negative for what is left of them."""
+class Violations:
+    """Largest violations of limits; negative for a margin."""
 
     obstacles: float
-    """depth inside any obstacle beyond what is to be kept [m]"""
+    """depth inside any obstacle beyond the required distance [m]"""
     pairs: float
-    """how much closer than their separation any two are [m]"""
+    """violation of the separation by any pair [m]"""
     boxes: float
     """distance beyond any side of a box of position, velocity or command, over the side"""
     norms: float
-    """speed or size of a command beyond its limit, over the limit"""
+    """speed or norm of a command beyond its limit, over the limit"""
     scale: float
-    """the longest side of what is flown in [m]"""
+    """longest side of the scene [m]"""
 
     @property
     def worst(self) -> float:
-        """The largest of all as a part: of the scale, of a side, of a limit."""
+        """Largest of all as a fraction of the scale, of a side, or of a limit."""
         lengths = max(self.obstacles, self.pairs) / self.scale
         return max(lengths, self.boxes, self.norms)
 
 
-def breaches(simulation: Simulation) -> Breaches:
-    """Look at a flight of point masses."""
+def violations(simulation: Simulation) -> Violations:
+    """Return the violations of a flight of point masses."""
     scenario = simulation.scenario
     times, positions, velocities = _finer(simulation)
     boxes, norms = -np.inf, -np.inf
@@ -65,9 +64,9 @@ def breaches(simulation: Simulation) -> Breaches:
         )
     pairs = -np.inf
     if scenario.separation is not None and len(scenario.vehicles) > 1:
-        asked = scenario.separation
-        pairs = asked.distance - least_distance(positions, asked)
-    return Breaches(
+        separation = scenario.separation
+        pairs = separation.distance - least_distance(positions, separation)
+    return Violations(
         -clearance(scenario, times, positions),
         pairs,
         boxes,
@@ -77,7 +76,7 @@ def breaches(simulation: Simulation) -> Breaches:
 
 
 def _finer(simulation: Simulation) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times (S,), positions (S, N, 3) and velocities (S, N, 3), the record's and between them."""
+    """Return times (S,), positions and velocities (S, N, 3), those of the record and between."""
     t, p, v = simulation.times, simulation.positions, simulation.velocities
     passed = np.diff(t)[:, None, None]
     a = np.diff(v, axis=0) / passed
@@ -91,7 +90,7 @@ def _finer(simulation: Simulation) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _beyond(box: rho.Box | None, values: FloatArray) -> float:
-    """How far values, shape (S, 3), are beyond a box, over its side."""
+    """Return how far values, shape (S, 3), are beyond a box, over its side."""
     if box is None:
         return -np.inf
     beyond = np.maximum(box.lower - values, values - box.upper)
@@ -99,5 +98,5 @@ def _beyond(box: rho.Box | None, values: FloatArray) -> float:
 
 
 def _above(most: float | None, values: FloatArray) -> float:
-    """How far norms of values, shape (S, 3), are above a limit, over it."""
+    """Return how far norms of values, shape (S, 3), are above a limit, over it."""
     return -np.inf if most is None else float(np.linalg.norm(values, axis=1).max() / most - 1.0)

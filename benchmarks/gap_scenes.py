@@ -1,8 +1,8 @@
-"""Random fleets on two sides of a wall with a gap in it, each built around a motion that is known.
+"""Random fleets on two sides of a wall with a gap, each built around a known motion.
 
-Vehicles pass the gap one after the other, or above each other. Motions are drawn first, of least
-effort through places in the gap at times, vehicle by vehicle, until each is clear of those before
-it; limits are what these motions need. So every scene has a plan.
+Vehicles pass the gap one after the other, or above each other. Motions are drawn first: motions of
+least effort through places in the gap at given times, vehicle by vehicle, each clear of those
+before it. The limits are what these motions need. So every scene has a plan.
 """
 
 from __future__ import annotations
@@ -16,37 +16,37 @@ from drake_rho.motion.dynamics import roll_out
 from drake_rho.scenario.fields import FloatArray
 
 KINDS = ("door", "two doors", "window")
-"""What is in the wall: openings from the floor to the ceiling, or one with four sides."""
+"""Openings of the wall: from the floor to the ceiling, or with four sides."""
 
 _TRIES = 300
-"""Draws of a vehicle's ends, and of its way, before the scene is drawn anew."""
+"""Draws of a vehicle's ends, and of its motion, before the scene is drawn anew."""
 
 _WIDER = 1.02
-"""Times the separation that drawn motions keep where they are sampled."""
+"""Distance of drawn motions where they are sampled, over the separation."""
 
 _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75])
-"""Parts of a step where they are."""
+"""Samples of a step."""
 
 
 @dataclasses.dataclass(frozen=True)
 class GapScene:
-    """A scenario, and a plan of it."""
+    """Scenario and a plan of it."""
 
     kind: str
-    """of `KINDS`"""
+    """one of `KINDS`"""
     scenario: rho.Scenario
-    """what is asked"""
+    """scenario"""
     known: rho.Plan
-    """keeps every constraint"""
+    """plan that satisfies every constraint"""
 
 
 def gap_scene(kind: str, count: int, rng: np.random.Generator) -> GapScene:
     """Return a random scene.
 
     Args:
-        kind: of `KINDS`.
+        kind: one of `KINDS`.
         count: number of vehicles.
-        rng: where chance comes from; the same state gives the same scene.
+        rng: source of randomness; the same state gives the same scene.
     """
     while True:
         wall = _Wall.drawn(kind, rng)
@@ -60,13 +60,13 @@ def gap_scene(kind: str, count: int, rng: np.random.Generator) -> GapScene:
 
 @dataclasses.dataclass(frozen=True)
 class _Wall:
-    """A wall across the x axis, in a room, and what flies through it."""
+    """Wall across the x axis in a room, and the vehicles that pass it."""
 
     kind: str
     half: float
     """half its thickness [m]"""
     openings: tuple[rho.Box, ...]
-    """through the wall"""
+    """openings through the wall"""
     room: FloatArray
     """half the sides of the room [m], shape (3,)"""
     separation: rho.Separation
@@ -74,7 +74,7 @@ class _Wall:
 
     @classmethod
     def drawn(cls, kind: str, rng: np.random.Generator) -> _Wall:
-        """Return a random one."""
+        """Return a random wall."""
         size = rng.uniform(1.0, 3.0)
         room = size * np.array([rng.uniform(3.0, 6.0), *rng.uniform(2.0, 3.5, 2)])
         half = size * rng.uniform(0.1, 0.5)
@@ -95,7 +95,7 @@ class _Wall:
 
     @property
     def boxes(self) -> list[rho.Box]:
-        """The wall without its openings; it is longer than the room."""
+        """Return the wall without its openings; it is longer than the room."""
         x, far = self.half, 3.0 * float(self.room.max())
         edges = sorted(
             {-far, far, *(y for box in self.openings for y in (box.lower[1], box.upper[1]))}
@@ -110,7 +110,7 @@ class _Wall:
 
 
 def _motions(wall: _Wall, count: int, rng: np.random.Generator) -> FloatArray | None:
-    """Starts and accelerations of vehicles that are clear of each other, (count, K, 3)."""
+    """Return starts and accelerations of vehicles clear of each other, (count, K, 3), or None."""
     found, sampled = list[FloatArray](), np.zeros((0, 0, 3))
     for _ in range(count):
         for _ in range(_TRIES):
@@ -133,7 +133,7 @@ def _motions(wall: _Wall, count: int, rng: np.random.Generator) -> FloatArray | 
 
 
 def _motion(wall: _Wall, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """The start, and accelerations of least effort through an opening to a goal at rest."""
+    """Return the start, and accelerations of least effort through an opening to a goal at rest."""
     low = np.array([wall.half + 0.15 * wall.room[0], -wall.room[1], -wall.room[2]])
     start, goal = rng.uniform(0.95 * low, 0.95 * wall.room, (2, 3))
     start[0] = -start[0]
@@ -149,12 +149,12 @@ def _motion(wall: _Wall, rng: np.random.Generator) -> tuple[FloatArray, FloatArr
     responses[3] = h
     edges = np.array([place, place])
     edges[:, 0] = -1.1 * wall.half, 1.1 * wall.half
-    asked = np.concatenate([edges - start, [goal - start], np.zeros((1, 3))])
-    return start, np.linalg.pinv(responses) @ asked
+    targets = np.concatenate([edges - start, [goal - start], np.zeros((1, 3))])
+    return start, np.linalg.pinv(responses) @ targets
 
 
 def _sampled(grid: rho.Grid, start: FloatArray, accelerations: FloatArray) -> FloatArray:
-    """Positions of a vehicle from rest in every step, shape (S, 3)."""
+    """Return positions of a vehicle from rest in every step, shape (S, 3)."""
     x, v = roll_out(start[None], np.zeros((1, 3)), accelerations[None], grid.step)
     s = grid.step * _BETWEEN[:, None, None]
     positions: FloatArray = x[0, :-1] + s * v[0, :-1] + s**2 / 2.0 * accelerations
@@ -162,7 +162,7 @@ def _sampled(grid: rho.Grid, start: FloatArray, accelerations: FloatArray) -> Fl
 
 
 def _is_clear(wall: _Wall, positions: FloatArray) -> bool:
-    """Whether positions are in the room and, where the wall is, in an opening."""
+    """Return whether positions are in the room and, within the wall, in an opening."""
     if np.any(np.abs(positions) > wall.room):
         return False
     inside = positions[np.abs(positions[:, 0]) < 1.02 * wall.half]
@@ -173,7 +173,7 @@ def _is_clear(wall: _Wall, positions: FloatArray) -> bool:
 
 
 def _scene(wall: _Wall, motions: FloatArray, rng: np.random.Generator) -> GapScene:
-    """The scenario of which motions are a plan, their limits by a little more than they need."""
+    """Return the scenario that has the motions as a plan; limits exceed their needs a little."""
     starts, accelerations = motions[:, 0], motions[:, 1:]
     x, v = roll_out(starts, np.zeros_like(starts), accelerations, wall.grid.step)
     more = 1.0 + rng.choice([1e-6, 0.1, 0.3])

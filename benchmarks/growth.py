@@ -1,7 +1,7 @@
-"""How time and memory grow with the knots and with the vehicles, each size in a process of its own.
+"""Growth of time and memory with the knots and with the vehicles, each size in its own process.
 
-`python -m benchmarks.growth WORK SIZE CORES` is that process: it prints what one size took.
-`python -m benchmarks.growth` draws the picture anew from the table.
+`python -m benchmarks.growth WORK SIZE CORES` is that process: it prints time and memory of a size.
+`python -m benchmarks.growth` redraws the figure from the table.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from drake_rho.display.plots.formats import DOUBLE_COLUMN
 from drake_rho.display.plots.publish import save_figure, styled
 
 KNOTS, VEHICLES = (50, 500, 5000), (4, 40, 400, 4000)
-"""Sizes."""
+"""Numbers of vehicles."""
 
 REPETITIONS = 5
-"""Processes for each size, of which the median is told."""
+"""Processes for each size, of which the median counts."""
 
 PICTURE = Path(__file__).parents[1] / "figures" / "growth.png"
 
 
 def finer(knots: int) -> rho.Scenario:
-    """UAV-1 of the paper, avoiding the sphere at every instant, on `knots` knots in its 49 s."""
+    """Return the paper's UAV-1 on `knots` knots in 49 s, avoiding the sphere at every instant."""
     paper = rho.load_scenario("paper")
     grid = rho.Grid(paper.grid.duration / (knots - 1), knots)
     return rho.Scenario(f"{knots} knots", grid, paper.vehicles[:1], paper.limits, paper.obstacles)
 
 
 def larger(vehicles: int) -> rho.Scenario:
-    """The paper's vehicles again and again, starts and goals shifted by up to 50 m."""
+    """Return copies of the paper's vehicles, starts and goals shifted by up to 50 m."""
     paper = rho.load_scenario("paper")
     rng = np.random.default_rng(0)
     fleet = []
@@ -60,8 +60,8 @@ def larger(vehicles: int) -> rho.Scenario:
 
 
 def measure(work: str, size: int) -> dict[str, float]:
-    """Time [s] and peak memory [MB] of one plan, from the scenario to the verified plan."""
-    rho.plan_rho(larger(4))  # first calls
+    """Return time [s] and peak memory [MB] of one plan, from the scenario to the verified plan."""
+    rho.plan_rho(larger(4))  # first calls do not count
     scenario = finer(size) if work == "knots" else larger(size)
     began = time.perf_counter()
     plan = rho.plan_convex(scenario) if work == "knots" else rho.plan_rho(scenario).plan
@@ -76,7 +76,7 @@ def measure(work: str, size: int) -> dict[str, float]:
 
 
 def run() -> Table:
-    """Every size, on all cores; and the largest fleet on one core and on two."""
+    """Measure every size, on all cores; and the largest fleet on one core and on two."""
     cores = os.cpu_count() or 1
     tasks = [("knots", size, cores) for size in KNOTS]
     tasks += [("vehicles", size, cores) for size in VEHICLES]
@@ -117,14 +117,15 @@ def run() -> Table:
     )
 
 
-_ABOUT = """Knots: UAV-1 of the paper around the sphere by `plan_convex`, safe at every instant, its
-49 s cut into ever finer steps. Vehicles: Example 4's work (ten windows) for fleets like the
-paper's, starts and goals shifted at random, nothing coupling them. Each size runs in a process of
-its own, five times; a time runs from the scenario record to the verified plan, after one small
-flight that is not counted. Memory is the process's largest, of which the interpreter and Drake take
-some 125 MB. The exponent is the slope of a straight line fitted to the logarithms; with few
-vehicles the calls cost more than the arithmetic, so the fit in N begins at 40. One core means that
-the process is confined to one."""
+_ABOUT = """\
+Knots: UAV-1 of the paper around the sphere by `plan_convex`, at every instant, its 49 s divided
+into ever finer steps. Vehicles: Example 4's work (ten windows) for fleets like the paper's, starts
+and goals shifted at random, without coupling. Each size runs in a separate process, five times; a
+time runs from the scenario record to the verified plan, after one small flight that does not
+count. Memory is the largest of the process, of which the interpreter and Drake take some 125 MB.
+The exponent is the slope of a straight line fitted to the logarithms; with few vehicles the calls
+cost more than the arithmetic, so the fit in N begins at 40. One core means that the process is
+confined to one."""
 
 
 def _in_process(work: str, size: int, cores: int) -> dict[str, float]:
@@ -141,11 +142,11 @@ def _exponent(sizes: tuple[int, ...], found: list[dict[str, float]]) -> float:
 
 @styled
 def draw(knots: Sequence[Mapping[str, float]], vehicles: Sequence[Mapping[str, float]]) -> Figure:
-    """Time above, memory below, against the knots in one panel and the vehicles in the other.
+    """Draw time above and memory below, against knots on the left and vehicles on the right.
 
     Args:
-        knots: what each size of `KNOTS` took.
-        vehicles: what each size of `VEHICLES` took.
+        knots: time and memory of each size of `KNOTS`.
+        vehicles: time and memory of each size of `VEHICLES`.
     """
     figure = Figure(figsize=(DOUBLE_COLUMN, 3.4), layout="constrained")
     axes = figure.subplots(2, 2, sharex="col", sharey="row")
@@ -170,7 +171,7 @@ def draw(knots: Sequence[Mapping[str, float]], vehicles: Sequence[Mapping[str, f
 
 
 def redraw() -> None:
-    """Draw `figures/growth.png` from the table that the last benchmark has left."""
+    """Redraw `figures/growth.png` from the last stored table."""
     with (RESULTS / "growth.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     cores = max(int(row["cores"]) for row in rows)
@@ -187,13 +188,13 @@ def redraw() -> None:
 
 
 def _main(words: list[str]) -> None:
-    """Measure one size, or without words draw the picture anew."""
+    """Measure one size or, without arguments, redraw the figure."""
     if not words:
         return redraw()
     work, size, cores = words[0], int(words[1]), int(words[2])
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, range(cores))
-    print(json.dumps(measure(work, size)))  # noqa: T201  # read by the process that started it
+    print(json.dumps(measure(work, size)))  # noqa: T201  # read by the parent process
     return None
 
 

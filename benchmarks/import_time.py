@@ -1,4 +1,4 @@
-"""How long `import drake_rho` takes, each time in a process of its own."""
+"""Time of `import drake_rho`, measured in separate processes."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from statistics import median
 from benchmarks.tables import Cell, Goal, Table
 
 REPETITIONS = 9
-"""Processes, of which the median is told."""
+"""Processes, of which the median counts."""
 
 _CODE = "import time; began = time.perf_counter(); import {}; print(time.perf_counter() - began)"
 
 
 def run() -> Table:
-    """This package, and what most of its time goes to."""
+    """Measure this package, and the dependencies that take most of its time."""
     names = ("drake_rho", "pydrake.solvers", "pydantic", "numpy")
     rounds = [{name: _import(name) for name in names} for _ in range(REPETITIONS + 1)]
-    found = {name: [each[name] for each in rounds[1:]] for name in names}  # the first fills caches
+    # the first round fills caches
+    found = {name: [each[name] for each in rounds[1:]] for name in names}
     rows: list[tuple[Cell, ...]] = [
         (name, median(seconds), min(seconds)) for name, seconds in found.items()
     ]

@@ -1,8 +1,8 @@
-"""Scenes built around a known motion: every one of them has a plan, so each without one is missed.
+"""Scenes built around a known motion: each has a plan, so each without a found plan is missed.
 
-A random smooth motion of one to three vehicles comes first. Limits are then what it needs and a
-little more, and obstacles, at rest and in motion, are put where it keeps clear of them, many of
-them where the straight way would lead.
+A random smooth motion of one to three vehicles comes first. Limits are then a little more than what
+it needs, and obstacles, at rest and in motion, are placed where it keeps clear of them, many of
+them on the straight path.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Shape
 
 LIMIT = 15.0
-"""A plan that takes longer counts as missed [s]."""
+"""Time limit beyond which a plan counts as missed [s]."""
 
 MEMORY = 2000.0
-"""What the process may take [MB]."""
+"""Memory limit of the process [MB]."""
 
 _FIRST = 500
-"""The first seed: the planner was mended with scenes of those before it."""
+"""First seed: earlier scenes were used to improve the planner."""
 
 _DENSE = 24
-"""Places on each step at which the motion is looked at while obstacles are put around it."""
+"""Samples of each step at which obstacles are placed clear of the motion."""
 
 
 @dataclasses.dataclass(frozen=True)
 class KnownMotion:
-    """A scene, and the motion that it was built around."""
+    """Scene, and the motion that it was built around."""
 
     scenario: rho.Scenario
-    """what is asked"""
+    """scenario"""
     plan: rho.Plan
-    """one that keeps every constraint"""
+    """plan that satisfies every constraint"""
 
 
 def known_motion(seed: int) -> KnownMotion:
-    """One scene; the same seed gives the same one."""
+    """Return one scene; the same seed gives the same one."""
     rng = np.random.default_rng([24, seed])
     while True:
         scene = _drawn(rng, f"known motion, seed {seed}")
@@ -56,7 +56,7 @@ def known_motion(seed: int) -> KnownMotion:
 
 
 def run(seeds: int = 500) -> Table:
-    """Plan as many scenes, one after the other."""
+    """Plan scenes one after the other."""
     drawn = range(_FIRST, _FIRST + seeds)
     trials = [_trial(seed) for seed in track(drawn, description="known motions")]
     missed, seconds = 100.0 - percent(trials), [trial.seconds for trial in trials]
@@ -76,7 +76,7 @@ def run(seeds: int = 500) -> Table:
 
 
 def _trial(seed: int) -> Trial:
-    """What became of one scene."""
+    """Return the trial of one scene."""
     scenario, fault = known_motion(seed).scenario, ""
     began = time.perf_counter()
     try:
@@ -90,15 +90,16 @@ def _trial(seed: int) -> Trial:
 
 _WORK = f"""\
 Random smooth motions of one to three vehicles on 8 to 40 knots, of centimetres to hundreds of
-metres; boxes of positions, velocities and accelerations, and norms, that they keep with 2 to 60 %
-to spare, some that only lead forward and some in which a vehicle hardly climbs; 2 to 20 obstacles
-of all shapes, a third of them in motion, most of which the straight way meets. The motion itself
-passes `verify`, which judges the plans as well. A plan that takes longer than {LIMIT:g} s counts
-as missed. Memory is the largest of the process, the interpreter and Drake included."""
+metres; boxes of positions, velocities and accelerations, and limits on norms, that they satisfy
+with 2 to 60 % to spare, some that allow only forward motion and some in which a vehicle hardly
+climbs; 2 to 20 obstacles of all shapes, a third of them in motion, most of them on the straight
+path. The motion itself passes `verify`, which checks the plans as well. A plan that takes longer
+than {LIMIT:g} s counts as missed. Memory is the largest of the process, the interpreter and Drake
+included."""
 
 
 def _drawn(rng: np.random.Generator, name: str) -> KnownMotion:
-    """A scene whose motion keeps it at all places that were looked at."""
+    """Return a scene whose motion satisfies it at all samples."""
     count, knots = int(rng.choice([1, 1, 2, 3])), int(rng.choice([8, 12, 20, 30, 40]))
     length, duration = 10.0 ** rng.uniform(-1.5, 2.5), 10.0 ** rng.uniform(-0.5, 1.3)
     grid = rho.Grid(duration / (knots - 1), knots)
@@ -133,15 +134,16 @@ def _flown(
 def _accelerations(
     rng: np.random.Generator, count: int, grid: rho.Grid, length: float
 ) -> FloatArray:
-    """Of smooth motions of about a length, that change speed as much as they end with, (N, K-1, 3).
+    """Draw accelerations of smooth motions of about a length, shape (N, K-1, 3).
 
-    Half of all draws have an axis along which hardly anything happens, or one along which speed
-    only changes a little, so that it never turns.
+    Velocities end as they begin, except for a drawn change. Half of all draws have an axis along
+    which hardly anything happens, or one whose velocity changes so little that it never reverses.
     """
     steps = grid.knots - 1
     t = (np.arange(steps) + 0.5) / steps
     waves = np.array([np.cos(np.pi * k * t) for k in range(1, 5)])
-    waves -= waves.mean(axis=1, keepdims=True)  # which brings speed back to what it was
+    # without the mean, the velocity returns to its initial value
+    waves -= waves.mean(axis=1, keepdims=True)
     weights = rng.normal(0.0, 1.0, (count, 3, 4)) / np.array([1.0, 1.5, 2.5, 4.0])
     sizes = rng.uniform(0.3, 1.0, 3)
     if rng.random() < 0.4:
@@ -152,7 +154,7 @@ def _accelerations(
 
 
 def _limits(rng: np.random.Generator, plan: rho.Plan, length: float) -> rho.Limits:
-    """Limits that the motion keeps, with 2 to 60 % to spare."""
+    """Return limits that the motion satisfies, with 2 to 60 % to spare."""
     motion = plan.motion()
     times = _times(plan)
     found: dict[str, object] = {}
@@ -184,7 +186,7 @@ def _limits(rng: np.random.Generator, plan: rho.Plan, length: float) -> rho.Limi
 
 
 def _separation(rng: np.random.Generator, plan: rho.Plan) -> rho.Separation | None:
-    """One that all pairs keep; None for one vehicle, and sometimes for several."""
+    """Return a separation that all pairs satisfy; None for one vehicle, sometimes for several."""
     x = plan.motion().at("position", _times(plan))
     if len(x) == 1 or rng.random() < 0.3:
         return None
@@ -201,7 +203,7 @@ def _separation(rng: np.random.Generator, plan: rho.Plan) -> rho.Separation | No
 def _obstacles(
     rng: np.random.Generator, plan: rho.Plan, radius: float, length: float
 ) -> tuple[rho.Obstacle, ...]:
-    """Obstacles that the motion clears by a little, most of which the straight way meets."""
+    """Return obstacles that the motion clears by a little, most of them on the straight path."""
     times = _times(plan)
     x = plan.motion().at("position", times)
     found = list[rho.Obstacle]()
@@ -224,7 +226,7 @@ def _obstacles(
 
 
 def _shape(rng: np.random.Generator, center: FloatArray, length: float) -> Shape:
-    """A shape of some kind around a centre."""
+    """Return a random shape around a centre."""
     size = length * 10.0 ** rng.uniform(-1.3, -0.3, 3)
     kind = int(rng.integers(6))
     if kind == 0:
@@ -244,7 +246,7 @@ def _shape(rng: np.random.Generator, center: FloatArray, length: float) -> Shape
 def _moving(
     rng: np.random.Generator, shape: Shape, t: float, duration: float, length: float
 ) -> rho.Obstacle:
-    """The shape as an obstacle; a third of them move, and are there at a time t [s]."""
+    """Return the shape as an obstacle at a time t [s]; a third of the obstacles move."""
     drawn, center = rng.random(), np.array(shape.center)
     if drawn < 0.67:
         return rho.Obstacle(shape)
@@ -259,7 +261,7 @@ def _moving(
 
 
 def _moved(shape: Shape, by: FloatArray) -> Shape:
-    """The shape elsewhere."""
+    """Return the shape shifted."""
     if isinstance(shape, rho.Box):
         return rho.Box(shape.lower + by, shape.upper + by)
     if isinstance(shape, rho.Polytope):
@@ -268,7 +270,7 @@ def _moved(shape: Shape, by: FloatArray) -> Shape:
 
 
 def _times(plan: rho.Plan) -> FloatArray:
-    """Dense times of a flight since its first knot [s]."""
+    """Return dense times of a flight since its first knot [s]."""
     grid = plan.scenario.grid
     times: FloatArray = np.linspace(0.0, grid.duration, (grid.knots - 1) * _DENSE + 1)
     return times

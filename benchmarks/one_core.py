@@ -1,4 +1,4 @@
-"""Confining a process to one core for a while."""
+"""Confinement of a process to one core for a while."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Run on the first core that this process may use, where the system lets it choose."""
+    """Run on the first core available to this process, if the system allows the choice."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return

@@ -1,8 +1,8 @@
-"""Whether there is a way for one vehicle among shapes at rest: a grid, a path, and its timing.
+"""Search for a path of one vehicle among shapes at rest: a grid, a path, and its timing.
 
-It shares nothing with the package's planner, and does not look for a cheap way: any will do. A yes
-is a motion within the limits that keeps clear wherever it is looked at, every two centimetres; a no
-proves nothing, since the grid is coarse and few paths are timed.
+It shares nothing with the package's planner, and does not minimise cost: any path will do. A yes is
+a motion within the limits that is clear at samples every two centimetres; a no proves nothing,
+since the grid is coarse and few paths are timed.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from benchmarks.timing import least_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 TRIES = ((0.2, 0.4), (0.2, 0.2), (0.2, 0.1), (0.2, 0.0), (0.1, 0.1), (0.1, 0.0))
-"""Spacings of the grid and how much wider than the radius the berth is [m], one after another: a
-wide berth has rounder corners, which are faster; a narrow one goes through where that does not."""
+"""Spacings of the grid and distances beyond the radius [m], tried in order: a large distance has
+rounder corners, which are faster; a small one passes gaps that the large one does not."""
 
 SPACING, SPARE = 0.1, 0.003
-"""Between the points of a band, and how much further they keep from shapes than asked, so that what
-is between them is clear as well [m]."""
+"""Spacing of the points of a tightened path, and their additional distance from shapes, so that the
+segments between them are clear as well [m]."""
 
 SAMPLES = 0.02
-"""Between points of a path at which it is looked at [m]."""
+"""Spacing of the samples of a path [m]."""
 
 HALF_STENCIL = [step for step in product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
-"""Of the 26 neighbours of a node those that come after it."""
+"""Half of the 26 neighbours of a node: those that come after it."""
 
 Verdict = Literal["way", "too slow", "none"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Answer:
-    """What the oracle found."""
+    """Result of the oracle."""
 
     verdict: Verdict
-    """a way, or paths that all take longer than there is time, or no path"""
+    """a path, only paths that take longer than the duration, or no path"""
     seconds: float = np.inf
     """least time found along a path [s]"""
     metres: float = np.inf
@@ -51,10 +51,10 @@ class Answer:
 
 
 def ask(scenario: rho.Scenario) -> Answer:
-    """Look for a way in a scenario of one vehicle, from rest to rest, among shapes at rest.
+    """Search a path in a scenario of one vehicle, from rest to rest, among shapes at rest.
 
     Raises:
-        TypeError: the scenario is another.
+        TypeError: the scenario has other features.
     """
     field, best = field_of(scenario), Answer("none")
     for spacing, berth in TRIES:
@@ -72,16 +72,16 @@ def ask(scenario: rho.Scenario) -> Answer:
 
 
 def shortest_path(field: Field, spacing: float, berth: float) -> FloatArray | None:
-    """The shortest path on a grid over the room, shape (P, 3), from start to goal [m].
+    """Return the shortest path on a grid over the room, shape (P, 3), from start to goal [m].
 
-    Nodes and middles of edges are free. The ends are joined to the free nodes around them.
+    Nodes and middles of edges are clear. The ends are joined to the free nodes around them.
 
     Args:
-        field: what is asked.
+        field: the scenario.
         spacing: of the grid [m].
-        berth: how much further than the radius to keep from the shapes, where the ends do [m].
+        berth: distance from the shapes beyond the radius, as far as the ends allow [m].
     """
-    # every second point of a grid twice as fine is a node, those between are middles of edges
+    # every second point of a grid twice as fine is a node, the others are middles of edges
     room = field.room
     counts = 2 * np.maximum(1, np.round((room.upper - room.lower) / spacing).astype(int)) + 1
     axes = [np.linspace(*ends) for ends in zip(room.lower, room.upper, counts, strict=True)]
@@ -108,7 +108,7 @@ def shortest_path(field: Field, spacing: float, berth: float) -> FloatArray | No
 
 
 def _kept(field: Field, berth: float) -> FloatArray:
-    """How far to keep from each shape [m], shape (M,): not further than both ends are."""
+    """Return the distance to keep from each shape [m], shape (M,): at most that of both ends."""
     ends = np.array([field.start, field.goal])
     clear = np.array([distances(shape, ends).min() for shape in field.shapes])
     kept: FloatArray = np.clip(clear, field.radius, field.radius + berth)
@@ -116,7 +116,7 @@ def _kept(field: Field, berth: float) -> FloatArray:
 
 
 def _free(field: Field, axes: list[FloatArray], berth: float) -> BoolArray:
-    """Which points of a grid keep far enough from all shapes."""
+    """Return which points of a grid are far enough from all shapes."""
     free = np.ones([len(axis) for axis in axes], dtype=bool)
     for shape, kept in zip(field.shapes, _kept(field, berth), strict=True):
         reach = shape.extent + kept
@@ -131,7 +131,7 @@ def _free(field: Field, axes: list[FloatArray], berth: float) -> BoolArray:
 
 
 def _edges(free: BoolArray, step: tuple[int, ...]) -> tuple[IntArray, IntArray]:
-    """Numbers of the nodes that free edges in one direction join, both of shape (E,)."""
+    """Return the nodes joined by free edges in one direction, both of shape (E,)."""
     sizes = [(size + 1) // 2 for size in free.shape]
     numbers = np.arange(np.prod(sizes)).reshape(sizes)
     spans = [np.arange(max(0, -s), size - max(0, s)) for s, size in zip(step, sizes, strict=True)]
@@ -142,7 +142,7 @@ def _edges(free: BoolArray, step: tuple[int, ...]) -> tuple[IntArray, IntArray]:
 
 
 def tightened(field: Field, path: FloatArray, berth: float) -> FloatArray:
-    """The path pulled straight like a rubber band that slides around the shapes, shape (P, 3)."""
+    """Return the path tightened like a rubber band that slides around the shapes, shape (P, 3)."""
     kept, band = _kept(field, berth) + SPARE, _resampled(path, SPACING)
     for _ in range(3):
         for _ in range(150):
@@ -155,7 +155,7 @@ def tightened(field: Field, path: FloatArray, berth: float) -> FloatArray:
 
 
 def _push_out(points: FloatArray, shape: rho.Sphere | rho.Box, distance: float) -> None:
-    """Move points, in place, that are too close to a shape away from it."""
+    """Move points that are too close to a shape away from it, in place."""
     close = distances(shape, points) < distance
     if np.any(close):
         touched = nearest(shape, points[close])
@@ -165,13 +165,13 @@ def _push_out(points: FloatArray, shape: rho.Sphere | rho.Box, distance: float) 
 
 
 def _resampled(path: FloatArray, spacing: float) -> FloatArray:
-    """A polyline by points as far apart along it, of at most `spacing` [m], shape (P, 3)."""
+    """Return points at equal distances of at most `spacing` along a polyline [m], shape (P, 3)."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     at = np.linspace(0.0, along[-1], int(np.ceil(along[-1] / spacing)) + 1)
     return np.stack([np.interp(at, along, axis) for axis in path.T], axis=1)
 
 
 def _is_clear(field: Field, path: FloatArray) -> bool:
-    """Whether a polyline keeps the radius from all shapes, by samples."""
+    """Return whether a polyline keeps the radius from all shapes, by samples."""
     points = _resampled(path, SAMPLES)
     return all(np.all(distances(shape, points) >= field.radius) for shape in field.shapes)

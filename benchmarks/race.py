@@ -1,4 +1,4 @@
-"""Timing several implementations of one piece of work, in rounds that hit all alike."""
+"""Timing of several implementations of one task, in rounds with equal conditions."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from drake_rho import Flight, Plan, Scenario, verify
 from drake_rho.scenario.fields import FloatArray
 
 SAME_INDEX = 1e-6
-"""Relative difference of the index up to which two answers are the same."""
+"""Relative difference of the index up to which two answers are equal."""
 
 
 class Skipped(Exception):  # noqa: N818  # not an error: a peer that is not installed
-    """An implementation cannot run here; the message says why."""
+    """Signal that an implementation cannot run here; the message says why."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,9 +27,9 @@ class Entry:
     """One implementation."""
 
     name: str
-    """as in the table"""
+    """name in the table"""
     run: Callable[[Scenario], Plan | Flight]
-    """from the scenario to what is flown"""
+    """function from the scenario to the flight"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,41 +37,41 @@ class Lap:
     """One run of one implementation."""
 
     seconds: float
-    """from the scenario to the verified flight"""
+    """time from the scenario to the verified flight [s]"""
     index: float
     """f (13) [m²/s⁴]"""
     verified: bool
-    """whether every constraint of the scenario holds"""
+    """true if every constraint of the scenario holds"""
     solver_seconds: float
-    """what the solver reports for itself, summed over the programs; 0 if nothing was recorded"""
+    """time reported by the solver [s], summed over the programs; 0 if not recorded"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """All laps of one implementation."""
+    """All runs of one implementation."""
 
     name: str
-    """as in the table"""
+    """name in the table"""
     laps: tuple[Lap, ...]
-    """empty if it could not run"""
+    """runs; empty if it could not run"""
     reference: float
-    """the right index [m²/s⁴]"""
+    """reference index [m²/s⁴]"""
     failure: str = ""
-    """why it could not run"""
+    """reason why it could not run"""
 
     @property
     def index_error(self) -> float:
-        """Largest relative difference from the right index, with its sign."""
+        """Largest relative difference from the reference index, with its sign."""
         return max((lap.index / self.reference - 1.0 for lap in self.laps), key=abs)
 
     @property
     def verified(self) -> bool:
-        """Whether every lap's flight was."""
+        """True if every run's flight satisfies the constraints."""
         return bool(self.laps) and all(lap.verified for lap in self.laps)
 
     @property
     def counts(self) -> bool:
-        """Whether it did the work: only then does its time mean anything."""
+        """True if it did the work: only then does its time count."""
         return self.verified and abs(self.index_error) <= SAME_INDEX
 
     @property
@@ -86,12 +86,12 @@ class Result:
 
     @property
     def outside_solver(self) -> float:
-        """Median part of the time that is not the solver's own."""
+        """Median fraction of the time outside the solver."""
         return statistics.median(1.0 - lap.solver_seconds / lap.seconds for lap in self.laps)
 
 
 def peer(name: str, accelerations: Callable[[Scenario], FloatArray]) -> Entry:
-    """An entry for a peer, which finds accelerations [m/s²], shape (N, K-1, 3)."""
+    """Return an entry for a peer that computes accelerations [m/s²], shape (N, K-1, 3)."""
     return Entry(name, lambda scenario: Plan.from_accelerations(scenario, accelerations(scenario)))
 
 
@@ -101,12 +101,12 @@ def race(
     reference: float,
     repetitions: int,
 ) -> list[Result]:
-    """Run every entry once a round, after one round that is not counted.
+    """Run every entry once a round, after one round that does not count.
 
     Args:
         entries: the implementations.
-        make_scenario: makes the scenario anew for each lap, so that nothing kept in it is reused.
-        reference: the right index [m²/s⁴].
+        make_scenario: creates the scenario anew for each run, so that no cached value is reused.
+        reference: the reference index [m²/s⁴].
         repetitions: number of rounds.
     """
     failures: dict[str, str] = {}
@@ -119,7 +119,7 @@ def race(
                 lap = _lap(entry, make_scenario())
             except Skipped as reason:
                 failures[entry.name] = f"skipped: {reason}"
-            except Exception as error:  # whatever a peer's tools raise is its result
+            except Exception as error:  # errors of a peer's tools are its result
                 failures[entry.name] = f"failed: {error}"
             else:
                 if number:
@@ -141,7 +141,7 @@ def _lap(entry: Entry, scenario: Scenario) -> Lap:
 
 @contextmanager
 def _collected() -> Iterator[None]:
-    """No implementation clears up after another."""
+    """Collect garbage first, so that no implementation collects another's."""
     gc.collect()
     gc.disable()
     try:

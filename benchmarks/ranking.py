@@ -11,11 +11,11 @@ from benchmarks.tables import Cell
 THIS_PACKAGE = "this package"
 
 COLUMNS = ("implementation", "median [s]", "least [s]", "ratio", "index error", "note")
-"""What they are of is told by `rounds`."""
+"""Columns; `rounds` explains them."""
 
 
 def rows(results: Sequence[Result]) -> tuple[tuple[Cell, ...], ...]:
-    """One row for each implementation, in the order of `COLUMNS`.
+    """Return one row for each implementation, in the order of `COLUMNS`.
 
     Times of an implementation that did not do the work are left out, and the note says why.
     """
@@ -25,15 +25,15 @@ def rows(results: Sequence[Result]) -> tuple[tuple[Cell, ...], ...]:
 
 
 def rounds(repetitions: int) -> str:
-    """What the columns are of a race of so many rounds."""
+    """Explain the columns of a race with so many rounds."""
     return (
         f"Times are of {repetitions} rounds. The ratio is that of the medians, to this package's; "
-        "the error of the index is a relative one, the largest of all rounds."
+        "the error of the index is relative, the largest of all rounds."
     )
 
 
 def ratio(results: Sequence[Result], *names: str, ours: str = THIS_PACKAGE) -> float | None:
-    """The median time of `ours` over that of the fastest of `names`; None if there is none."""
+    """Return the median time of `ours` over the fastest of `names`; None if one is missing."""
     by_name = {result.name: result for result in results if result.counts}
     peers = [by_name[name].median for name in names if name in by_name]
     if ours not in by_name or not peers:
@@ -58,9 +58,9 @@ def _row(result: Result, ours: Result) -> tuple[Cell, ...]:
 def _note(result: Result) -> str:
     notes = []
     if not result.verified:
-        notes.append("a constraint is broken: time not counted")
+        notes.append("a constraint is violated: time does not count")
     if abs(result.index_error) > SAME_INDEX:
-        notes.append("another index: time not counted")
+        notes.append("another index: time does not count")
     solver = sorted(lap.solver_seconds for lap in result.laps)[len(result.laps) // 2]
     if solver:
         notes.append(f"solver's own {solver:.2g} s")

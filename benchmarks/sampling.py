@@ -1,8 +1,8 @@
-"""A plan as many positions a step: the independent twin of the exact checks.
+"""Dense samples of a plan: the independent twin of the exact checks.
 
-Only the accelerations are taken from the plan. They are flown anew by (1) and (2), sampled, and
-the distances of all pairs and from all obstacles, and the breaches of the boxes, computed at every
-sample.
+Only the accelerations are taken from the plan. They are integrated anew by (1) and (2) and sampled;
+the distances of all pairs and from all obstacles, and the violations of the boxes, are computed at
+every sample.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from drake_rho import Box, Plan, Separation
 from drake_rho.scenario.fields import FloatArray
 
 SAMPLES = 100
-"""Of every step."""
+"""Samples of every step."""
 
 MANY = 1000
-"""Vehicles beyond which there are a tenth as many samples, and not every pair is visited."""
+"""Vehicles beyond which there are a tenth of the samples, and not every pair is visited."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Sampled:
-    """What the samples say."""
+    """Evaluation of the samples."""
 
     metres: float
-    """distance that all vehicles fly together [m]"""
+    """total distance flown by all vehicles [m]"""
     least: float
-    """least distance of any two, with the separation's downwash [m]; infinite for one alone"""
+    """least distance of any pair, with the separation's downwash [m]; infinite for one vehicle"""
     clearance: float
-    """least distance from any obstacle beyond what is to be kept [m]; infinite without obstacles"""
+    """least distance from any obstacle beyond the required one [m]; infinite without obstacles"""
     beyond: float
-    """largest breach of a box of positions, velocities, accelerations or jerks, over its side;
-    negative within them"""
+    """largest violation of a box of positions, velocities, accelerations or jerks, over its side;
+    negative for a margin"""
 
 
 def sample(plan: Plan) -> Sampled:
-    """Fly a plan and look at it `SAMPLES` times a step, or a tenth as often if it is of many."""
+    """Integrate a plan and evaluate it `SAMPLES` times a step, a tenth for many vehicles."""
     scenario = plan.scenario
     h, fleet = scenario.grid.step, scenario.fleet
     p, v = roll_out(h, fleet.start_positions, fleet.start_velocities, plan.accelerations)
@@ -56,28 +56,28 @@ def sample(plan: Plan) -> Sampled:
         metres += float(np.sum(np.linalg.norm(np.diff(positions, axis=0), axis=-1)))
         clear = min(clear, clearance(scenario, scenario.grid.times[k] + elapsed, positions))
         for i, box in enumerate(boxes):
-            beyond = max(beyond, _breach(positions[:, i], box))
+            beyond = max(beyond, _excess(positions[:, i], box))
         if len(p) > 1:
             least = min(least, least_distance(positions, scenario.separation))
     return Sampled(metres, least, clear, beyond)
 
 
 def _beyond(plan: Plan, i: int, positions: FloatArray, velocities: FloatArray) -> float:
-    """Largest breach of the boxes of vehicle i at its knots, over a box's side."""
+    """Return the largest violation of the boxes of vehicle i at its knots, over a box's side."""
     scenario, accelerations = plan.scenario, plan.accelerations[i]
     vehicle = scenario.vehicles[i]
     limits, before = scenario.limits_of(vehicle), vehicle.start.acceleration
     with_before = accelerations if before is None else np.vstack([before, accelerations])
     return max(
-        _breach(positions, limits.position),
-        _breach(velocities, limits.velocity),
-        _breach(accelerations, limits.acceleration),
-        _breach(np.diff(with_before, axis=0) / scenario.grid.step, limits.jerk),
+        _excess(positions, limits.position),
+        _excess(velocities, limits.velocity),
+        _excess(accelerations, limits.acceleration),
+        _excess(np.diff(with_before, axis=0) / scenario.grid.step, limits.jerk),
     )
 
 
-def _breach(values: FloatArray, box: Box | None) -> float:
-    """How far values, shape (M, 3), are beyond a box at most, over its side."""
+def _excess(values: FloatArray, box: Box | None) -> float:
+    """Return how far values, shape (M, 3), are beyond a box at most, over its side."""
     if box is None or len(values) == 0:
         return -np.inf
     sides = np.maximum(box.upper - box.lower, 1e-9)
@@ -85,7 +85,7 @@ def _breach(values: FloatArray, box: Box | None) -> float:
 
 
 def least_distance(positions: FloatArray, separation: Separation | None) -> float:
-    """Least distance of any two at any of some instants, positions of shape (S, N, 3) [m]."""
+    """Return the least distance of any pair at any instant, positions of shape (S, N, 3) [m]."""
     downwash = 1.0 if separation is None else separation.downwash
     scaled = positions / np.array([1.0, 1.0, downwash])
     if positions.shape[1] <= MANY:

@@ -1,4 +1,4 @@
-"""Campaigns: what they add to a run, two workers beside one, kills, a store of 100 000 runs."""
+"""Campaigns: overhead of a run, two workers versus one, kills, a store of 100 000 runs."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from drake_rho.campaigns.study import study_to_json
 from drake_rho.campaigns.workers import Workers
 
 RUNS, ROUNDS = 5000, 10
-"""Runs of some 15 ms by one worker and by two, and in how many rounds in turn."""
+"""Runs of some 15 ms by one worker and by two, and the number of rounds in turn."""
 
 ALONE = 100
 """Runs of each round that one process and two do without a campaign."""
 
 SHORT = 2000
-"""Runs of a few milliseconds, for what a campaign adds to each."""
+"""Runs of a few milliseconds, for the overhead of a campaign."""
 
 KILLS = 20
-"""Campaigns that are ended at a random moment."""
+"""Campaigns killed at a random moment."""
 
 STORED = 100_000
 """Rows of the store that is summarised."""
 
 
 def run() -> Table:
-    """Measure everything, in a folder that goes away."""
+    """Measure everything in a temporary folder."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         added = _added(folder)
@@ -76,7 +76,7 @@ def run() -> Table:
 
 
 def shaken(repetitions: int, seed: int = 0, planner: str = "plan") -> rho.Study:
-    """The paper's scenario with another start and obstacle in each run."""
+    """Return a study of the paper's scenario with another start and obstacle in each run."""
     vary = {
         "vehicles[0].start.position": {"normal": [[0, 0, 0], [50, 50, 50]]},
         "obstacles[0].radius": {"uniform": [800, 1100]},
@@ -91,7 +91,7 @@ def shaken(repetitions: int, seed: int = 0, planner: str = "plan") -> rho.Study:
 
 
 def _added(folder: Path) -> float:
-    """What a campaign adds to a run, beside the run itself [s]."""
+    """Return the overhead of a campaign for each run [s]."""
     store = folder / "short.sqlite"
     with Workers(1) as workers:
         rho.campaign(shaken(20, planner="plan_convex"), folder / "first", executor=workers)
@@ -105,11 +105,12 @@ def _added(folder: Path) -> float:
 
 
 def _one_and_two(folder: Path) -> tuple[float, float, float, float]:
-    """Times of the same runs by one worker and by two, in turn, since other work disturbs [s].
+    """Return times [s] of the same runs by one worker and by two, and measures to compare them.
 
-    And processor time that this process needs to send a run to two workers and to keep its row; and
-    how many times as fast two processes are that share some of the runs, and nothing else: more
-    cannot be had of this machine.
+    The runs are done in turn, since other work disturbs. The third value is the processor time [s]
+    that this process needs to send a run to two workers and to store its row. The fourth is the
+    speed of two processes that share some of the runs without a campaign, over that of one: no
+    larger speed-up is possible on this machine.
     """
     seconds, alone, own = {1: 0.0, 2: 0.0}, {1: 0.0, 2: 0.0}, 0.0
     with Workers(1) as one, Workers(2) as two:
@@ -133,7 +134,7 @@ def _one_and_two(folder: Path) -> tuple[float, float, float, float]:
 
 
 def _killed(folder: Path) -> tuple[int, int]:
-    """Rows that are wrong at last, and how many kills there were."""
+    """Return the number of rows that are wrong in the end, and the number of kills."""
     study, store = shaken(400), folder / "killed.sqlite"
     (folder / "study.yaml").write_text(study_to_json(study.resolved()), encoding="utf-8")
     rho.campaign(study, folder / "whole.sqlite")
@@ -143,7 +144,7 @@ def _killed(folder: Path) -> tuple[int, int]:
     subprocess.run(command, check=True, capture_output=True)  # noqa: S603  # our own
     lasting = time.perf_counter() - began
     whole, wrong = set(_rows(folder / "whole.sqlite")), 0
-    chance = random.Random(0)  # noqa: S311  # no secret
+    chance = random.Random(0)  # noqa: S311  # not a secret
     for number in track(range(KILLS), "kills"):
         if len(_rows(store)) == len(whole):
             for path in folder.glob("killed.sqlite*"):
@@ -164,7 +165,7 @@ def _begun(command: list[str]) -> subprocess.Popen[bytes]:
 
 
 def _victims(client: int, kind: str, chance: random.Random) -> list[int]:
-    """Processes to be killed; none if the campaign has ended before."""
+    """Return the processes to be killed; none if the campaign has ended."""
     listed = subprocess.run(  # noqa: S603  # a fixed command
         ["ps", "-o", "pid=,args=", "--ppid", str(client)],  # noqa: S607
         capture_output=True,
@@ -180,11 +181,11 @@ def _victims(client: int, kind: str, chance: random.Random) -> list[int]:
 
 
 def _rows(store: Path) -> list[tuple[object, ...]]:
-    """All rows but for the columns that tell times; none if there is no store yet."""
+    """Return all rows without the columns of times; none if there is no store yet."""
     names = ", ".join(name for name in COLUMNS if name not in MEASURED)
     try:
         rho.Results(store)
-    except (StoreError, TypeError):  # killed before its tables were made
+    except (StoreError, TypeError):  # killed before its tables were created
         return []
     connection = sqlite3.connect(store)
     rows = connection.execute(f"SELECT {names} FROM runs").fetchall()  # noqa: S608
@@ -193,7 +194,7 @@ def _rows(store: Path) -> list[tuple[object, ...]]:
 
 
 def _summarised(folder: Path) -> tuple[float, float]:
-    """Time [s] and memory [MB] of `drake-rho results` for a large store."""
+    """Return time [s] and memory [MB] of `drake-rho results` for a large store."""
     rng, store = np.random.default_rng(0), folder / "large.sqlite"
     study = dataclasses.replace(
         shaken(STORED // 2).resolved(),
@@ -216,7 +217,7 @@ def _summarised(folder: Path) -> tuple[float, float]:
 
 
 def _made_up(one: Run, rng: np.random.Generator) -> Done:
-    """A row as a run might have it."""
+    """Return a plausible row."""
     solved = rng.random() < 0.9
     return Done(
         row_of(
@@ -236,13 +237,13 @@ def _made_up(one: Run, rng: np.random.Generator) -> Done:
 
 _WORK = f"""\
 A run is the paper's scenario with a drawn start and obstacle. Added is the time of a campaign by
-one worker less that of its runs, making and judging their scenarios included, over their number;
-they are planned by `plan_convex`, in a few milliseconds. One worker and two plan the same {RUNS}
-scenarios by `plan`, in {ROUNDS} rounds in turn, processes started before; after each, {ALONE} of
-its runs are done by one process and by two that get their share at once. Killed are, in turn, a
-worker, the process that runs the campaign, and all, at a time drawn from the length of the campaign
-of 400 runs; the next command goes on, and begins anew where all is done. Wrong is each row that is
-not in an undisturbed campaign with the same values in all columns but times, or is missing in the
-end. The last two lines are a whole process, from its start to its end, of a store with made-up
-values. Limitations: two workers and the process that sends to them need two cores that have nothing
-else to do; on a machine that is busy they are hardly faster than one, which shares it as well."""
+one worker less that of its runs, including the creation and verification of their scenarios, over
+their number; they are planned by `plan_convex`, in a few milliseconds. One worker and two plan the
+same {RUNS} scenarios by `plan`, in {ROUNDS} rounds in turn, with processes started before; after
+each, {ALONE} of its runs are done by one process and by two that receive their share at once. In
+turn, a worker, the process that runs the campaign, or all processes are killed, at a time drawn
+from the length of the campaign of 400 runs; the next command resumes it, and begins anew where all
+is done. A row is wrong if it is not in an undisturbed campaign with the same values in all columns
+but times, or is missing in the end. The last two lines are a whole process, from its start to its
+end, for a store with synthetic values. Limitations: two workers and the process that sends to them
+need two idle cores; on a busy machine they are hardly faster than one, which shares it as well."""

@@ -1,4 +1,4 @@
-"""Large fleets: how long they take with each of two solvers, and on processes."""
+"""Time of large fleets with each of two solvers, and on several processes."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from benchmarks.tables import Cell, Goal, Table
 from drake_rho.campaigns.memory import peak_memory
 
 SMALL, DOUBLE, TEN_THOUSAND, LONGEST = 200, 2000, 10_000, 30.0
-"""Sizes that are planned on processes, and the flight time of the smallest and the largest [s]."""
+"""Sizes planned on several processes, and the flight time of the smallest and the largest [s]."""
 
 PATIENCE = 900.0
-"""After how long a fleet on processes is given up [s]."""
+"""Time limit of a fleet on several processes [s]."""
 
 WORKERS = 2
-"""Processes for the largest."""
+"""Number of processes for the largest."""
 
 CROWD, SEEDS = 20, 50
-"""Vehicles of each fleet of B1, and how many fleets."""
+"""Number of vehicles of each fleet of B1, and number of fleets."""
 
 
 def run() -> Table:
-    """Plan a thousand vehicles with each solver, ten thousand on processes, and B1."""
+    """Plan a thousand vehicles with each solver, ten thousand on several processes, and B1."""
     planners: dict[str, Planner] = {"Clarabel": rho.plan, "Daqp": with_daqp}
     alone = {
         name: attempts([partial(scenario, LARGEST, 0, LONGER)], f"{LARGEST}, {name}", planner)
@@ -89,12 +89,12 @@ def run() -> Table:
 
 
 def with_daqp(scenario: rho.Scenario) -> rho.Plan:
-    """`rho.plan` with DAQP for its programs."""
+    """Plan with `rho.plan` and DAQP for its programs."""
     return rho.plan(scenario, solver=rho.Daqp())
 
 
 def _decoupled(scenario: rho.Scenario, executor: Executor | None = None) -> rho.Plan:
-    """The same as all sizes beyond 500 are planned; given up after `PATIENCE`."""
+    """Plan like all sizes beyond 500; give up after `PATIENCE`."""
     began = time.perf_counter()
 
     def watch(words: str) -> None:
@@ -111,7 +111,7 @@ def _decoupled(scenario: rho.Scenario, executor: Executor | None = None) -> rho.
 
 
 def _on_processes(vehicles: int, duration: float, count: int) -> Trial:
-    """One fleet, whose programs are solved by some processes that have planned before."""
+    """Plan one fleet, its programs solved by processes that have planned before."""
     fresh = get_context("forkserver")
     with ProcessPoolExecutor(count, mp_context=fresh) as workers:
         list(workers.map(_decoupled, [scenario(SMALL, 1, LONGEST)] * count))
@@ -128,19 +128,19 @@ def _peak_of_one(_: int) -> float:
 
 
 def _exponent(small: Trial, large: Trial) -> float:
-    """By what power of the number of vehicles the time grows."""
+    """Return the power of the number of vehicles by which the time grows."""
     more = np.log(large.vehicles / small.vehicles)
     return float(np.log(large.seconds / small.seconds) / more)
 
 
 def _faults(every: list[list[Trial]]) -> float:
-    """How many do not count."""
+    """Count the fleets that do not count as planned."""
     return float(sum(not trial.counts for trials in every for trial in trials))
 
 
 _ABOUT = f"""\
-Random transitions by `rho.plan`: in a cube with a cubic metre for each vehicle, and those of B1, 20
-vehicles in 4 m³, of {SEEDS} seeds. Times are from the scenario to the verified plan; memory is the
-largest of the process, and of those that plan for it, until then. Plans are judged by dense samples
-as well. Processes are started, and have planned a fleet of {SMALL}, before the time begins; what
-they plan is decoupled, whatever its size."""
+Random transitions by `rho.plan`: in a cube with a cubic metre for each vehicle, and those of B1,
+20 vehicles in 4 m³, of {SEEDS} seeds. Times are from the scenario to the verified plan; memory is
+the largest so far of the process and its planning processes. Plans are verified by dense samples
+as well. Processes are started, and have planned a fleet of {SMALL}, before the time begins; they
+plan decoupled, whatever the size."""

@@ -1,4 +1,4 @@
-"""What a benchmark returns, the conditions it ran under, and how both become files."""
+"""Results of a benchmark, the conditions it ran under, and their files."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from functools import partial
 from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results"
-"""Where the tables are written."""
+"""Folder of the tables."""
 
 Cell = str | float | int | bool | None
 
 
 @dataclasses.dataclass(frozen=True)
 class Goal:
-    """Something to be reached, beside what was measured."""
+    """Goal for a measured value."""
 
     work: str
-    """what is compared"""
+    """description of the value"""
     most: float
-    """the goal: at most this"""
+    """largest value that reaches the goal"""
     measured: float | None
-    """None if it could not be"""
+    """measured value; None if not available"""
 
     @property
     def outcome(self) -> str:
-        """In one word, or in three."""
+        """Outcome in one to three words."""
         if self.measured is None:
             return "not measured"
         return "met" if self.measured <= self.most else "missed"
@@ -39,26 +39,26 @@ class Goal:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """The result of one benchmark."""
+    """Result of one benchmark."""
 
     name: str
-    """of its files"""
+    """name of its files"""
     title: str
     """heading of the Markdown file"""
     columns: tuple[str, ...]
-    """heads"""
+    """headings of the columns"""
     rows: tuple[tuple[Cell, ...], ...]
-    """one cell a column; None where there is nothing to say"""
+    """one cell a column; None for an empty one"""
     notes: tuple[str, ...] = ()
-    """paragraphs of Markdown after the table: what was done, and its limitations"""
+    """paragraphs of Markdown after the table: method and limitations"""
     goals: tuple[Goal, ...] = ()
-    """in their own table, if there are any"""
+    """goals, in a table of their own, if any"""
     packages: tuple[str, ...] = ("drake-rho", "drake", "numpy", "scipy")
-    """whose versions matter"""
+    """packages whose versions matter"""
 
 
 def write(table: Table, folder: Path = RESULTS) -> tuple[Path, Path]:
-    """Write `<name>.md` and `<name>.csv` into `folder`, and say where."""
+    """Write `<name>.md` and `<name>.csv` into `folder`, and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     markdown, values = folder / f"{table.name}.md", folder / f"{table.name}.csv"
     markdown.write_text(to_markdown(table), encoding="utf-8")
@@ -70,12 +70,12 @@ def write(table: Table, folder: Path = RESULTS) -> tuple[Path, Path]:
 
 
 def to_markdown(table: Table, width: int | None = None) -> str:
-    """The whole Markdown file: results, goals, notes, conditions.
+    """Return the whole Markdown file: results, goals, notes, conditions.
 
     Args:
         table: the result.
-        width: columns of a terminal; where a table is wider even with a word a line, each of its
-            rows becomes an item of a list. As wide as they are if not given.
+        width: columns of a terminal; the rows of a table that is wider even with one word a line
+            become items of a list. Unlimited if not given.
     """
     grid = partial(_grid, width=width)
     parts = [f"# {table.title}", grid(table.columns, table.rows)]
@@ -92,7 +92,7 @@ def to_markdown(table: Table, width: int | None = None) -> str:
 
 
 def conditions(packages: Sequence[str]) -> dict[str, str]:
-    """The machine, the software and the commit that a measurement belongs to."""
+    """Return the machine, the software and the commit of a measurement."""
     found = {
         "processor": _processor(),
         "cores": str(os.cpu_count()),
@@ -119,7 +119,7 @@ def _processor() -> str:
 
 
 def commit() -> str:
-    """The commit, and whether tracked files differ from it."""
+    """Return the commit, and whether tracked files differ from it."""
     command = ["git", "describe", "--always", "--dirty=, with changes not committed"]
     try:
         done = subprocess.run(  # noqa: S603  # a fixed command
@@ -143,7 +143,7 @@ def _grid(columns: Sequence[str], rows: Sequence[Sequence[Cell]], width: int | N
 
 
 def _narrowest(lines: Sequence[Sequence[str]]) -> int:
-    """How wide a table is in a terminal at the least: its longest words, and three between two."""
+    """Return the least width of a table in a terminal: its longest words, and three between two."""
     columns = zip(*lines, strict=True)
     words = ((word for text in column for word in text.split()) for column in columns)
     return sum(max(map(len, column), default=0) + 3 for column in words)

@@ -10,7 +10,7 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def least_time(path: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> float:
-    """Time from rest to rest along a path by points that are evenly far apart [s].
+    """Return the least time from rest to rest along a path given by equidistant points [s].
 
     With s the length along the path and u = (ds/dt)², the acceleration q' d²s/dt² + q'' u and the
     squared velocity q'² u are linear in u, since d²s/dt² = du/ds / 2. The largest u everywhere is
@@ -22,7 +22,7 @@ def least_time(path: FloatArray, velocity: FloatArray, acceleration: FloatArray)
         acceleration: limit along each axis, both ways [m/s²], shape (3,).
 
     Returns:
-        Infinite if there is none.
+        Infinite if the path has no feasible timing.
     """
     ways = np.diff(path, axis=0)
     step = float(np.mean(np.linalg.norm(ways, axis=1)))

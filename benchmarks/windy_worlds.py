@@ -11,7 +11,7 @@ import drake_rho as rho
 
 
 def example_4() -> rho.Scenario:
-    """The paper's Example 4, kept at every instant, with wind of a tenth of its acceleration."""
+    """Return the paper's Example 4 at every instant, with wind of a tenth of its acceleration."""
     paper = rho.load_scenario("paper")
     around = rho.Disturbance(
         2.0, position_error=0.5, velocity_error=0.2, feedback_every=0.25, delay=1, share=0.4
@@ -20,7 +20,7 @@ def example_4() -> rho.Scenario:
 
 
 def gate() -> rho.Scenario:
-    """Two vehicles one after another through a gate, in a narrow room and with little speed."""
+    """Return two vehicles that pass a gate one after another, in a narrow room at low speed."""
     vehicles = [
         _vehicle("first", [0.0, 0.2, 1.0], [6.0, -0.2, 1.0]),
         _vehicle("second", [-1.0, -0.4, 1.2], [5.0, 0.4, 0.8]),
@@ -44,7 +44,7 @@ def gate() -> rho.Scenario:
 
 
 def crossing() -> rho.Scenario:
-    """One vehicle whose way a sphere crosses, among two that are at rest."""
+    """Return one vehicle whose path a sphere crosses, among two hovering ones."""
     ball = rho.Obstacle(rho.Sphere([3.0, -4.0, 1.0], 0.8), velocity=[0.0, 1.0, 0.0])
     return rho.Scenario(
         "crossing",
@@ -59,7 +59,7 @@ def crossing() -> rho.Scenario:
 
 
 def swap() -> rho.Scenario:
-    """Four vehicles that change sides on a circle."""
+    """Return four vehicles that swap sides of a circle."""
     scenario = rho.circle_swap(
         4,
         radius=2.0,
@@ -73,7 +73,7 @@ def swap() -> rho.Scenario:
 
 
 def transitions() -> rho.Scenario:
-    """Four vehicles that change places in 4 m³, as in `fleet_b1`, in a room wider by a tenth."""
+    """Return four vehicles that swap places in 4 m³, as in `fleet_b1`, the box wider by a tenth."""
     volume = rho.flight_cube(4.0)
     limits = rho.Limits(
         position=rho.Box(volume.lower - 0.1, volume.upper + 0.1),
@@ -94,9 +94,9 @@ WORLDS: dict[str, Callable[[], rho.Scenario]] = {
     "swap": swap,
     "transitions": transitions,
 }
-"""All of them, by what they are called in the table."""
+"""All of these scenarios, by their name in the table."""
 
 
 def _vehicle(name: str, start: list[float], goal: list[float]) -> rho.Vehicle:
-    """From rest to rest."""
+    """Return a vehicle from rest to rest."""
     return rho.Vehicle(name, rho.State(start), rho.State(goal))

@@ -17,29 +17,29 @@ KINDS = {
     "maze_sparse": ("maze10_sparse.json", (18.0,)),
     "maze_dense": ("maze10_dense.json", (18.0,)),
 }
-"""The mission flown in the worlds of each folder, and how long its flights are [s]."""
+"""The mission flown in the worlds of each folder, and the durations of its flights [s]."""
 
 STEP = 0.2
-"""Longest h [s]."""
+"""Longest step h [s]."""
 
 LIMIT = 120.0
-"""A plan that takes longer counts as a failure [s]."""
+"""Time limit beyond which a plan counts as a failure [s]."""
 
 
 def scenario(mission: Path, world: Path, duration: float) -> rho.Scenario:
-    """One world."""
+    """Return one world."""
     grid = rho.Grid.lasting(duration, step=step_of(duration, STEP))
     loaded = rho.load_lsc_mission(mission, grid=grid, world=world)
     return dataclasses.replace(loaded, name=f"{world.parent.name} {world.stem}, {duration:g} s")
 
 
 def run(folder: Path | None = None, stores: Path | None = None) -> Table:
-    """Plan the mission of every world in `folder`, which has the worlds in folders of their kinds.
+    """Plan the mission of every world in `folder`, which has a folder of worlds for each kind.
 
-    `stores` is as `attempts` takes it.
+    `stores` is that of `attempts`.
 
     Raises:
-        Skipped: there is none; the worlds are no part of this project.
+        Skipped: no folder is given; the worlds are not part of this project.
     """
     found = _planned(folder, stores) if folder else {}
     if not found:
@@ -60,7 +60,7 @@ def run(folder: Path | None = None, stores: Path | None = None) -> Table:
 
 
 def _planned(folder: Path, stores: Path | None) -> dict[tuple[str, float], list[Trial]]:
-    """The worlds of each kind, for each duration."""
+    """Plan the worlds of each kind, for each duration."""
     found: dict[tuple[str, float], list[Trial]] = {}
     planner = partial(plan_within, seconds=LIMIT)
     for kind, (mission, durations) in KINDS.items():
@@ -73,7 +73,7 @@ def _planned(folder: Path, stores: Path | None) -> dict[tuple[str, float], list[
 
 
 def _number(path: Path) -> tuple[int, str]:
-    """In the order of the numbers in the names."""
+    """Return a key that sorts by the numbers in the names."""
     digits = "".join(sign for sign in path.stem if sign.isdigit())
     return int(digits or 0), path.stem
 
@@ -84,16 +84,17 @@ _PUBLISHED: tuple[tuple[Cell, ...], ...] = (
 )
 
 _WORK = f"""\
-The worlds of qwerty35/lsc_dr_planner as they are: ten vehicles of 0.15 m among pillars from floor
-to ceiling, 0.3 m apart side by side and twice that above each other, at most 1 m/s and 2 m/s² along
-each axis. A forest has 40 pillars in 10 m by 10 m, where a straight flight needs 8.5 s; passages of
-the mazes are 0.5 m wide, of which the middle of a vehicle has 0.2 m. Missions have no duration:
-here it is that of the table, in steps of at most {STEP:g} s. A plan that takes longer than
-{LIMIT:g} s counts as a failure. The bound is the index of the same flight with no pillars and no
+The worlds of qwerty35/lsc_dr_planner, unchanged: ten vehicles of 0.15 m among pillars from floor
+to ceiling, 0.3 m apart side by side and twice that above each other, at most 1 m/s and 2 m/s²
+along each axis. A forest has 40 pillars in 10 m by 10 m, where a straight flight needs 8.5 s;
+passages of the mazes are 0.5 m wide, which leaves 0.2 m to the centre of a vehicle. Missions have
+no duration: here it is that of the table, in steps of at most {STEP:g} s. A plan that takes longer
+than {LIMIT:g} s counts as a failure. The bound is the index of the same flight without pillars and
 other vehicles, which is a convex program; no plan can be below it, and none may reach it."""
 
 _LIMITATIONS = """\
-Limitations. LSC-DR flies on line, each vehicle for itself, in the plane, and takes 8.3 ms in the
-forest and 5.3 ms in the maze a vehicle and replanning step; its times are what a flight took in its
-own simulation. Here the whole flight of all vehicles is planned at once, beforehand, in three
-dimensions, so that vehicles may pass above each other, and all arrive together."""
+Limitations. LSC-DR plans during the flight, each vehicle for itself, in the plane, and takes 8.3
+ms in the forest and 5.3 ms in the maze a vehicle and replanning step; its times are durations of
+flights in its own simulation. Here the whole flight of all vehicles is planned at once,
+beforehand, in three dimensions, so that vehicles may pass above each other, and all arrive
+together."""

@@ -13,23 +13,23 @@ from benchmarks.tables import Goal, Table
 from benchmarks.worlds import COLUMNS, JUDGED, plan_within, published, row, unhindered
 
 BOXES = (10, 20, 50)
-"""Moving boxes."""
+"""Numbers of moving boxes."""
 
 DURATION, STEP = 5.0, 0.1
 """T and h [s]."""
 
 LIMIT = 60.0
-"""A plan that takes longer counts as a failure [s]."""
+"""Time limit beyond which a plan counts as a failure [s]."""
 
 
 def scenario(boxes: int, seed: int) -> rho.Scenario:
-    """One draw."""
+    """Return one draw."""
     rng, name = np.random.default_rng(seed), f"{boxes} boxes, seed {seed}"
     return rho.trefoil_swap(boxes, rng, duration=DURATION, step=STEP, name=name)
 
 
 def run(seeds: int = 20, stores: Path | None = None) -> Table:
-    """Plan `seeds` draws for each number of boxes; `stores` is as `attempts` takes it."""
+    """Plan `seeds` draws for each number of boxes; `stores` is that of `attempts`."""
     planner = partial(plan_within, seconds=LIMIT)
     found = {
         boxes: attempts(
@@ -62,13 +62,13 @@ def run(seeds: int = 20, stores: Path | None = None) -> Table:
 _WORK = f"""\
 The world of mit-acl/rmader, by `trefoil_swap`, seeds from 0: antipodal goals on a circle of 10 m,
 at most 10 m/s, 20 m/s² and 30 m/s³ along each axis, spheres of 0.25 m diameter, and boxes of 0.5 m
-that move on trefoil knots. T = {DURATION:g} s in steps of {STEP:g} s. Boxes are taken to be
-anywhere within the bound of their tracks' deviation from the trefoil, half a millimetre, so what is
-clear of the tracks by that much is clear of the boxes. A plan that takes longer than {LIMIT:g} s
-counts as a failure. The bound is the index of the same flight with no boxes and no other vehicles,
-which is a convex program; no plan can be below it, and none may reach it."""
+that move on trefoil knots. T = {DURATION:g} s in steps of {STEP:g} s. Boxes may be anywhere within
+the bound of their tracks' deviation from the trefoil, half a millimetre, so a vehicle that clears
+the tracks by that much clears the boxes. A plan that takes longer than {LIMIT:g} s counts as a
+failure. The bound is the index of the same flight without boxes and other vehicles, which is a
+convex program; no plan can be below it, and none may reach it."""
 
 _LIMITATIONS = """\
-Limitations. The published percentages are of planners that fly on line, each vehicle for itself,
-with delays in what they tell each other. Here the motions of the boxes are known and the whole
-flight is planned at once, beforehand: the same world, and another question."""
+Limitations. The published percentages are of planners that run during the flight, each vehicle for
+itself, with delayed communication. Here the motions of the boxes are known and the whole flight is
+planned at once, beforehand: the same world, and another problem."""

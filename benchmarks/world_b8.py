@@ -23,13 +23,13 @@ from benchmarks.tables import Cell, Goal, Table
 from benchmarks.worlds import JUDGED, certified, percent_above, plan_within
 
 OBSTACLES = (5, 10, 20, 40, 60)
-"""Spheres and boxes."""
+"""Numbers of spheres and boxes."""
 
 LIMIT = 20.0
-"""A plan that takes longer counts as a failure [s]."""
+"""Time limit beyond which a plan counts as a failure [s]."""
 
 CERTIFIED, PATIENCE = 20, 10.0
-"""Draws of each number of obstacles whose plans are certified, and for how long at most [s]."""
+"""Number of draws of each size whose plans are certified, and the time limit of each [s]."""
 
 COLUMNS = (
     "obstacles",
@@ -47,22 +47,22 @@ COLUMNS = (
 
 
 def scenario(obstacles: int, seed: int) -> rho.Scenario:
-    """One draw."""
+    """Return one draw."""
     name = f"{obstacles} obstacles, seed {seed}"
     return rho.random_field(obstacles, np.random.default_rng(seed), name=name)
 
 
 def run(seeds: int = 50, stores: Path | None = None) -> Table:
-    """Ask the oracle, plan, and run the peer for `seeds` draws of each number of obstacles.
+    """Run the oracle, the planner and the peer for `seeds` draws of each number of obstacles.
 
-    Plans are runs of a campaign; `stores` is as `attempts` takes it. The oracle and the peer are
-    not: what they give is no plan, but a verdict, and a curve that `verify` cannot judge.
+    Plans are runs of a campaign; `stores` is that of `attempts`. The oracle and the peer are not:
+    they return a verdict, and a curve that `verify` does not support.
     """
     rows: list[tuple[Cell, ...]] = []
     plans, laps, answers = list[Trial](), list[Lap](), list[Answer]()
     for count in OBSTACLES:
         draws = range(seeds)
-        asked = _in_processes(partial(_ask, count), draws, f"{count}: is there a way", 2)
+        asked = _in_processes(partial(_ask, count), draws, f"{count}: is there a path", 2)
         planned = _planned(count, seeds, stores)
         flown = _in_processes(partial(_fly, count), draws, f"{count}: graphs of convex sets", 1)
         ways = [answer.verdict == "way" for answer in asked]
@@ -77,7 +77,7 @@ def run(seeds: int = 50, stores: Path | None = None) -> Table:
         notes=(_of_the_oracle(answers, plans), findings(plans), *_NOTES, JUDGED, _LIMITATIONS),
         goals=(
             Goal(
-                "draws with a way, failures [%]",
+                "draws with a path, failures [%]",
                 0.0,
                 100.0 - _success(ways, [plan.counts for plan in plans]),
             ),
@@ -89,7 +89,7 @@ def run(seeds: int = 50, stores: Path | None = None) -> Table:
 
 
 def _planned(count: int, seeds: int, stores: Path | None) -> list[Trial]:
-    """All draws, of which the first are certified too."""
+    """Plan all draws, and certify the first ones."""
     makes = [partial(scenario, count, seed) for seed in range(seeds)]
     planner, bound = partial(plan_within, seconds=LIMIT), partial(certified, PATIENCE)
     first = attempts(makes[:CERTIFIED], f"B8, {count}: certified", planner, bound, stores)
@@ -103,14 +103,14 @@ Found = TypeVar("Found")
 def _in_processes(
     work: Callable[[int], Found], seeds: Sequence[int], what: str, processes: int
 ) -> list[Found]:
-    """What some work finds of every seed, in processes that begin with nothing."""
+    """Return the results of some work for every seed, computed in fresh processes."""
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, fresh, _first_calls, (work,)) as pool:
         return list(track(pool.map(work, seeds), what, total=len(seeds)))
 
 
 def _first_calls(work: Callable[[int], object]) -> None:
-    """One thread a process, and nothing left to be loaded or set up when times begin to count."""
+    """Use one thread a process, and load and set up everything before times count."""
     threadpool_limits(1)
     work(0)
 
@@ -165,22 +165,22 @@ def _row_of_peer(
 
 
 def _success(ways: Sequence[bool], counts: Sequence[bool]) -> float:
-    """How many of 100 draws with a way count."""
+    """Return the percentage that counts of the draws with a path."""
     counted = [each for way, each in zip(ways, counts, strict=True) if way]
     return 100.0 * sum(counted) / len(counted) if counted else 100.0
 
 
 def _over(plans: Sequence[Trial], laps: Sequence[Lap]) -> float | None:
-    """Median of the plans' indices over the peer's, of the draws that both count in."""
+    """Return the median of the plans' indices over the peer's, of draws in which both count."""
     both = zip(plans, laps, strict=True)
     parts = [plan.index / lap.index for plan, lap in both if plan.counts and lap.counts]
     return statistics.median(parts) if parts else None
 
 
 def _dearer(plans: Sequence[Trial], laps: Sequence[Lap]) -> float | None:
-    """Part of the draws that both count in where the plan's index is above the peer's [%].
+    """Return the percentage of draws in which both count and the plan's index is above the peer's.
 
-    By more than a thousandth, which is what accelerations that are constant in steps may cost.
+    By more than a thousandth, which accelerations that are constant in steps may cost.
     """
     both = zip(plans, laps, strict=True)
     above = [plan.index > 1.001 * lap.index for plan, lap in both if plan.counts and lap.counts]
@@ -188,7 +188,7 @@ def _dearer(plans: Sequence[Trial], laps: Sequence[Lap]) -> float | None:
 
 
 def _slower(plans: Sequence[Trial], laps: Sequence[Lap]) -> float:
-    """Median time of the plans over that of the peer."""
+    """Return the median time of the plans over that of the peer."""
     ours, theirs = (statistics.median(each.seconds for each in some) for some in (plans, laps))
     return ours / theirs
 
@@ -198,7 +198,7 @@ def _of_the_oracle(answers: Sequence[Answer], plans: Sequence[Trial]) -> str:
     both = zip(verdicts, plans, strict=True)
     beyond = sum(plan.counts for verdict, plan in both if verdict != "way")
     return (
-        f"Of {len(verdicts)} draws the oracle finds a way in {verdicts.count('way')}, a path that "
+        f"Of {len(verdicts)} draws the oracle finds a path in {verdicts.count('way')}, one that "
         f"is too slow in {verdicts.count('too slow')} and none in {verdicts.count('none')}; of the "
         f"latter two {beyond} are planned all the same."
     )
@@ -206,28 +206,30 @@ def _of_the_oracle(answers: Sequence[Answer], plans: Sequence[Trial]) -> str:
 
 _NOTES = (
     f"""\
-The fields of `random_field`, seeds from 0: 10 m by 10 m by 5 m, a vehicle of 0.15 m from one wall
-to the opposite one in twice the bang-bang time, at most 3 m/s and 3 m/s² along each axis, half the
-obstacles spheres of radius 0.4 to 1.2 m, half boxes of side 0.4 to 2 m. Whether a draw has a way is
-told by an oracle of the benchmark's own: the shortest path on a grid between the shapes grown by
-the radius, at 0.2 m and where that finds none at 0.1 m, pulled straight, and timed optimally within
-the limits. Its yes is a motion that keeps clear; its no is no proof. Success is of the draws with a
-way. A plan that takes longer than {LIMIT:g} s counts as a failure. The bound is that of `certify`,
-of the first {CERTIFIED} draws of each size, if it comes within {PATIENCE:g} s; it does not count
-obstacles other than spheres, so part of the gap is its own.""",
+The fields of `random_field`, seeds from 0: 10 m by 10 m by 5 m, a vehicle of 0.15 m from one
+wall to the opposite one in twice the bang-bang time, at most 3 m/s and 3 m/s² along each axis,
+half the obstacles spheres of radius 0.4 to 1.2 m, half boxes of side 0.4 to 2 m. An oracle of
+the benchmark's own decides whether a draw has a path: the shortest path on a grid between the
+shapes grown by the radius, at 0.2 m and where that finds none at 0.1 m, pulled straight, and
+timed optimally within the limits. Its yes is a collision-free motion; its no is no proof.
+Success is of the draws with a path. A plan that takes longer than {LIMIT:g} s counts as a
+failure. The bound is that of `certify`, of the first {CERTIFIED} draws of each size, if found
+within {PATIENCE:g} s; it includes no obstacles but spheres, which is part of the gap.""",
     """\
 The peer is Drake's `GcsTrajectoryOptimization` with Clarabel, in the same run: regions by IRIS
-around start, goal, points of the straight line between them and random points, where not in one
-yet, at least 15 and at most 30 until they connect the ends; the shortest path through them, by the
-convex relaxation and rounding; then the curve of order 5 of least index in the regions of the path,
-continuous with its velocity, a quadratic program for given durations of its pieces, and these by
-Powell's method, together T. Its index is the integral of its squared acceleration over h. It is
-judged by 5000 samples. Where no such curve keeps the limits it is the one without them, and counts
-as breaking limits and not as success. Its time includes the regions.""",
+around start, goal, points of the straight line between them and random points outside the
+regions so far, at least 15 and at most 30 until they connect the ends; the shortest path through
+them, by the convex relaxation and rounding; then the curve of order 5 of least index in the
+regions of the path, continuous with its velocity, a quadratic program for given durations of its
+pieces, and these by Powell's method, together T. Its index is the integral of its squared
+acceleration over h. It is verified at 5000 samples. Where no such curve satisfies the limits, it
+is the one without limits, which counts as violating them and not as a success. Its time includes
+the regions.""",
 )
 
 _LIMITATIONS = """\
-Limitations. The peer's curves are smooth and this package's accelerations are constant from knot to
-knot, which costs less than a thousandth of the index here; what tells them apart is the way and the
-timing. With more regions, other seeds of them or MOSEK the peer may find better ways; with forty
-regions and Clarabel it takes ten to a hundred times as long. Neither knows the oracle's path."""
+Limitations. The peer's curves are smooth and this package's accelerations are constant from knot
+to knot, which costs less than a thousandth of the index here; the results differ by the path and
+the timing. With more regions, other seeds of them or MOSEK the peer may find better paths; with
+forty regions and Clarabel it takes ten to a hundred times as long. Neither uses the oracle's
+path."""

@@ -1,8 +1,8 @@
-"""One vehicle on both sides of the boundary of feasibility: how long an answer takes there.
+"""One vehicle on both sides of the boundary of feasibility: time of an answer.
 
 The duration is bisected until the scenes on both sides of the boundary differ by a ten thousandth.
-There motions are free in next to nothing, and rounds of half-spaces, or steps of a restoration,
-could go on for minutes.
+Motions there have next to no freedom, and rounds of half-spaces, or steps of a restoration, could
+continue for minutes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ KINDS: dict[str, Callable[[float], rho.Limits]] = {
     "max_tilt": lambda a: rho.Limits(max_tilt=0.1 * a, max_thrust=14.0),
     "max_speed": lambda a: rho.Limits(max_speed=2.0 * a, max_acceleration=2.0 * a),
 }
-"""Limits of one kind each, of a size."""
+"""Limits of one kind each, for a magnitude."""
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -32,21 +32,21 @@ _PRECISION = 1e-4
 """Relative difference of the durations on both sides."""
 
 _ANSWER, _DIAGNOSIS = 5.0, 15.0
-"""Goals: the longest that a plan, and a diagnosis or a shortest plan, may take [s]."""
+"""Goals: longest time of a plan, and of a diagnosis or a shortest plan [s]."""
 
 
 _MENDED = "median to mend [s]", "slowest to mend [s]"
 
 
 class Trial(NamedTuple):
-    """What came of one scene."""
+    """Result of one scene."""
 
     planned: bool
-    """whether there was a plan"""
+    """true if there was a plan"""
     undecided: bool
-    """whether there was neither a plan nor a reason"""
+    """true if there was neither a plan nor a reason"""
     seconds: float
-    """of processor time [s]"""
+    """processor time [s]"""
 
 
 def scene(seed: int, kind: str, duration: float) -> rho.Scenario:
@@ -95,16 +95,16 @@ def boundary(seed: int, kind: str) -> list[Trial]:
 
 def mended(seed: int, kind: str) -> tuple[float, float]:
     """Return the processor time of `diagnose` and of `shortest_plan` for one small scene [s]."""
-    asked = scene(seed, kind, 4.0)
+    scenario = scene(seed, kind, 4.0)
     began = time.process_time()
-    rho.diagnose(asked)
+    rho.diagnose(scenario)
     diagnosed = time.process_time() - began
-    rho.shortest_plan(asked)
+    rho.shortest_plan(scenario)
     return diagnosed, time.process_time() - began - diagnosed
 
 
 def run(seeds: int = 20) -> Table:
-    """Bisect as many scenes of each kind, and diagnose them."""
+    """Bisect scenes of each kind, and diagnose them."""
     rows, slowest, slowest_mended = list[tuple[Cell, ...]](), 0.0, 0.0
     for kind in KINDS:
         tried = [

@@ -1,4 +1,4 @@
-"""Fleets through a gap in a wall: random scenes, each built around a plan that is known."""
+"""Fleets through a gap in a wall: random scenes, each built around a known plan."""
 
 from __future__ import annotations
 
@@ -12,47 +12,47 @@ from benchmarks.gap_scenes import KINDS, GapScene, gap_scene
 from benchmarks.tables import Cell, Goal, Table
 
 _FEWEST, _MOST = 4, 24
-"""Vehicles of a scene."""
+"""Numbers of vehicles of a scene."""
 
 _MISSED, _SLOWEST = 1.0 / 60.0, 15.0
-"""Goals: part of the scenes without a plan, and seconds of processor time that one takes."""
+"""Goals: fraction of scenes without a plan, and processor time of one [s]."""
 
 
 class Outcome(NamedTuple):
-    """What came of one scene."""
+    """Result of one scene."""
 
     planned: bool
-    """whether there is a plan, and it holds"""
+    """true if there is a plan that holds"""
     seconds: float
-    """of processor time [s]"""
+    """processor time [s]"""
     cheaper: float
-    """cost of the known plan in that of what was found; 0 where nothing was"""
+    """cost of the known plan over that of the plan found; 0 without one"""
 
 
 def scene(number: int) -> GapScene:
-    """Return one of the random scenes, kind after kind."""
+    """Return one of the random scenes; kinds alternate."""
     rng = np.random.default_rng([24, number])
     count = int(rng.integers(_FEWEST, _MOST + 1))
     return gap_scene(KINDS[number % len(KINDS)], count, rng)
 
 
-def outcome(asked: GapScene) -> Outcome:
+def outcome(drawn: GapScene) -> Outcome:
     """Plan a scene."""
     began = time.process_time()
     try:
-        plan = rho.plan(asked.scenario)
+        plan = rho.plan(drawn.scenario)
     except (rho.InfeasibleError, rho.SolverError):
         return Outcome(planned=False, seconds=time.process_time() - began, cheaper=0.0)
     seconds = time.process_time() - began
-    return Outcome(rho.verify(plan).ok, seconds, asked.known.cost / plan.cost)
+    return Outcome(rho.verify(plan).ok, seconds, drawn.known.cost / plan.cost)
 
 
 def run(seeds: int = 20) -> Table:
-    """Plan as many scenes of each kind."""
+    """Plan scenes of each kind."""
     found: dict[str, list[Outcome]] = {kind: [] for kind in KINDS}
     for number in range(seeds * len(KINDS)):
-        asked = scene(number)
-        found[asked.kind].append(outcome(asked))
+        drawn = scene(number)
+        found[drawn.kind].append(outcome(drawn))
     every = [each for outcomes in found.values() for each in outcomes]
     missed = sum(not each.planned for each in every) / len(every)
     slowest = max(each.seconds for each in every)

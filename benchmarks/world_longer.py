@@ -1,7 +1,7 @@
-"""More time never hurts: random scenes at rest, each asked for again with longer durations.
+"""More time never hurts: random scenes at rest, each planned again with longer durations.
 
-A plan for a duration gives one for any longer one: it is flown slower on as many knots, or holds at
-the goals for as many knots more. So a longer flight without a plan is a violation wherever the
+A plan for a duration gives one for any longer one: it is slowed down on as many knots, or extended
+by hovering at the goals for more knots. So a longer flight without a plan is a fault wherever the
 shortest one has a plan.
 """
 
@@ -20,10 +20,10 @@ from benchmarks.worlds import plan_within
 from drake_rho.scenario.shapes.base import Shape
 
 LONGER = (1.25, 1.6, 2.5)
-"""Durations in that of the shortest flight."""
+"""Durations over that of the shortest flight."""
 
 LIMIT = 60.0
-"""A plan that takes longer counts as none [s]."""
+"""Time limit beyond which a plan counts as none [s]."""
 
 _ROOM = rho.Box([-5.0, -3.0, -2.0], [5.0, 3.0, 2.0])
 
@@ -39,20 +39,20 @@ _LIMITS: dict[str, Callable[[float], rho.Limits]] = {
 
 
 class Trial(NamedTuple):
-    """What came of one scene."""
+    """Result of one scene."""
 
     planned: bool
-    """whether its shortest flight has a plan"""
+    """true if its shortest flight has a plan"""
     longer: int
-    """how many longer flights were asked for"""
+    """number of longer flights planned"""
     violations: int
-    """how many of them have no plan although the shortest flight has one"""
+    """number of them without a plan although the shortest flight has one"""
     seconds: float
     """wall time of the slowest of all these plans [s]"""
 
 
 def run(seeds: int = 200) -> Table:
-    """Plan as many scenes, kind after kind of limits."""
+    """Plan scenes; kinds of limits alternate."""
     found: dict[str, list[Trial]] = {kind: [] for kind in _LIMITS}
     kinds = list(_LIMITS)
     for seed in track(range(seeds), description="longer flights"):
@@ -73,7 +73,7 @@ def run(seeds: int = 200) -> Table:
         ),
         tuple(_row(kind, trials) for kind, trials in found.items()),
         notes=(
-            "One to five vehicles from rest to rest in a room with one to six boxes and spheres at "
+            "One to five vehicles from rest to rest in a box with one to six boxes and spheres at "
             "rest. Longer flights last "
             + ", ".join(f"{each:g}" for each in LONGER)
             + " times as long, on as many knots and on the same step. The seconds are those of "
@@ -89,7 +89,7 @@ def scene(seed: int, kind: str) -> rho.Scenario:
     while True:
         try:
             return _drawn(rng, f"{kind}, seed {seed}", kind)
-        except rho.ScenarioError:  # a vehicle begins too close to something
+        except rho.ScenarioError:  # a vehicle begins too close to an obstacle or another
             continue
 
 
@@ -122,29 +122,29 @@ def _shape(rng: np.random.Generator) -> Shape:
     return rho.Box(centre - half, centre + half)
 
 
-def _trial(asked: rho.Scenario) -> Trial:
+def _trial(scenario: rho.Scenario) -> Trial:
     """Plan one scene and its longer flights."""
-    planned, slowest = _planned(asked)
+    planned, slowest = _planned(scenario)
     grids = [
         grid
         for factor in LONGER
         for grid in (
-            rho.Grid(factor * asked.grid.step, asked.grid.knots),
-            rho.Grid(asked.grid.step, 1 + int(np.ceil(factor * (asked.grid.knots - 1)))),
+            rho.Grid(factor * scenario.grid.step, scenario.grid.knots),
+            rho.Grid(scenario.grid.step, 1 + int(np.ceil(factor * (scenario.grid.knots - 1)))),
         )
     ]
     violations = 0
     for grid in grids if planned else ():
-        found, seconds = _planned(asked.on_grid(grid))
+        found, seconds = _planned(scenario.on_grid(grid))
         violations, slowest = violations + (not found), max(slowest, seconds)
     return Trial(planned, len(grids) if planned else 0, violations, slowest)
 
 
-def _planned(asked: rho.Scenario) -> tuple[bool, float]:
+def _planned(scenario: rho.Scenario) -> tuple[bool, float]:
     """Return whether there is a plan that holds, and how long it took [s]."""
     began = time.perf_counter()
     try:
-        found = rho.verify(plan_within(asked, LIMIT)).ok
+        found = rho.verify(plan_within(scenario, LIMIT)).ok
     except (rho.DrakeRhoError, TimeoutError):
         found = False
     return found, time.perf_counter() - began

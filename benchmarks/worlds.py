@@ -1,4 +1,4 @@
-"""What the benchmarks of worlds have in common: time limits, bounds, and rows of their tables."""
+"""Common parts of the benchmarks of worlds: time limits, bounds, and rows of their tables."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ COLUMNS = (
     "median_percent_above_bound",
     "peak_megabytes",
 )
-"""Of tables with a row for each world and duration."""
+"""Columns of tables with a row for each world and duration."""
 
 
 @contextmanager
 def at_most(seconds: float) -> Iterator[None]:
-    """End the block with a `TimeoutError` after some seconds; only in a process's main thread.
+    """End the block with a `TimeoutError` after a time [s]; only in a process's main thread.
 
-    It comes when the interpreter is next at work, so after a call of a solver, not in it.
+    It is raised when the interpreter is next active, so after a call of a solver, not in it.
     """
 
     def late(number: int, frame: FrameType | None) -> None:
@@ -49,19 +49,19 @@ def at_most(seconds: float) -> Iterator[None]:
 
 
 def plan_within(scenario: rho.Scenario, seconds: float) -> rho.Plan:
-    """The package's plan.
+    """Plan with the package and a time limit.
 
     Raises:
-        InfeasibleError: there is none, or none was found.
+        InfeasibleError: there is no plan, or none was found.
         SolverError: the solvers failed.
-        TimeoutError: it takes longer.
+        TimeoutError: planning takes longer.
     """
     with at_most(seconds):
         return rho.plan(scenario)
 
 
 def certified(seconds: float, plan: rho.Plan) -> float:
-    """The certificate's lower bound on the index of any plan; NaN if there is none in time."""
+    """Return the certificate's lower bound on the index; NaN if there is none in time."""
     try:
         with at_most(seconds):
             return rho.certify(plan).lower_bound
@@ -70,17 +70,17 @@ def certified(seconds: float, plan: rho.Plan) -> float:
 
 
 def unhindered(plan: rho.Plan) -> float:
-    """Index of the best plan with nothing and nobody in the way, which none can be below."""
+    """Return the index of the best plan without obstacles and separation, a lower bound of all."""
     return rho.plan_convex(plan.scenario.without_obstacles().without_separation()).cost
 
 
 def step_of(duration: float, longest: float) -> float:
-    """The longest step up to one given of which a duration is a multiple [s]."""
+    """Return the longest step up to a given one that divides a duration [s]."""
     return duration / math.ceil(duration / longest - 1e-9)
 
 
 def row(world: str, duration: float, trials: Sequence[Trial]) -> tuple[Cell, ...]:
-    """That of all draws of one world; times are of all, the rest of those that count."""
+    """Return the row of all draws of one world; times are of all, the rest of those that count."""
     good = [trial for trial in trials if trial.counts]
     seconds = [trial.seconds for trial in trials]
     return (
@@ -99,7 +99,7 @@ def row(world: str, duration: float, trials: Sequence[Trial]) -> tuple[Cell, ...
 
 
 def percent_above(trials: Sequence[Trial]) -> float | None:
-    """Median of how far indices are above their bounds, over the indices, where known [%]."""
+    """Return the median gap of indices to their bounds, over the indices, where known [%]."""
     gaps = [trial.gap for trial in trials if math.isfinite(trial.gap)]
     return 100.0 * statistics.median(gaps) if gaps else None
 
@@ -112,14 +112,14 @@ def published(
     flight: float | None = None,
     metres: float | None = None,
 ) -> tuple[Cell, ...]:
-    """The row of figures that are quoted; None where a source says nothing."""
+    """Return the row of quoted figures; None where a source has none."""
     return (world, flight, method, draws, success, None, None, None, metres, None, None)
 
 
 JUDGED = """\
-A plan counts if `verify` finds nothing broken at any instant and dense samples do not either: 100
-of each step, flown anew from the accelerations alone by code that shares nothing with the package's
-checks, for pairs, obstacles with the vehicles' radii, and the boxes of positions, velocities,
-accelerations and jerks. Whole distances count: 1 µm less is a failure, as is an exception.
-Fleets are planned one after another, in one process, after one fleet that is not counted. A time
-runs from the scenario record to the verified plan, or to the failure."""
+A plan counts if neither `verify` nor dense samples find a violation at any instant. There are 100
+samples of each step, integrated anew from the accelerations alone by code that shares nothing with
+the package's checks, for pairs, obstacles with the vehicles' radii, and the boxes of positions,
+velocities, accelerations and jerks. Distances count in full: 1 µm less is a failure, as is an
+exception. Fleets are planned one after another, in one process, after one fleet that does not
+count. A time runs from the scenario record to the verified plan, or to the failure."""

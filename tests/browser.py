@@ -1,4 +1,4 @@
-"""A real browser for tests, as films have it."""
+"""Real browser for tests, the one that films use."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def _note(message: ConsoleMessage, errors: list[str]) -> None:
 
 @contextmanager
 def open_page(**options: Any) -> Iterator[tuple[Page, list[str]]]:
-    """A page of 1280 x 800 and the list of what appears on its console, errors among it.
+    """Open a page of 1280 x 800; yield it and the list of its console messages, errors included.
 
-    Skips the test, with the reason, where no browser is installed.
+    The test is skipped, with the reason, where no browser is installed.
     """
     with ExitStack() as stack:
         try:

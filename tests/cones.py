@@ -1,4 +1,4 @@
-"""The program of one vehicle written out with Drake's Lorentz cones: the planner's twin."""
+"""The program of one vehicle with Drake's Lorentz cones: a twin of the planner's program."""
 
 from __future__ import annotations
 
@@ -10,12 +10,17 @@ import drake_rho as rho
 from drake_rho.scenario.fields import FloatArray
 
 TWIN = 1e-5
-"""Relative, for the cost of the program with cones, solved to Drake's default tolerances: it has
-been 1.1e-6 above that of a plan which its certificate proved to be within 1e-11 of the optimum."""
+"""Relative tolerance for the cost of the program with cones at Drake's default tolerances.
+
+The cost was 1.1e-6 above that of a plan whose certificate proved it within 1e-11 of the optimum.
+"""
 
 
 def integrals(scenario: rho.Scenario) -> tuple[FloatArray, FloatArray]:
-    """What accelerations add to velocity and position at the knots after the first, by (1)-(2)."""
+    """Return the matrices by which accelerations change velocity and position after the first knot.
+
+    By (1)-(2); the knots after the first are the rows.
+    """
     h, n = scenario.grid.step, scenario.grid.knots - 1
     velocity = h * np.tril(np.ones((n, n)))
     position = np.cumsum(h * np.vstack([np.zeros(n), velocity[:-1]]) + h**2 / 2 * np.eye(n), axis=0)
@@ -23,7 +28,7 @@ def integrals(scenario: rho.Scenario) -> tuple[FloatArray, FloatArray]:
 
 
 class Twin:
-    """The program of one vehicle with a cone for each knot, in its accelerations."""
+    """Program of one vehicle with a cone for each knot, in its accelerations."""
 
     def __init__(self, scenario: rho.Scenario, index: int) -> None:
         vehicle, grid = scenario.vehicles[index], scenario.grid
@@ -44,7 +49,7 @@ class Twin:
         self.a = self.program.NewContinuousVariables(self.n, 3, "a")
 
     def keep(self, quantity: FloatArray, offset: FloatArray, limit: rho.Box | None) -> None:
-        """Rows within a box, each scaled to length one."""
+        """Add rows that keep a quantity in a box, each scaled to length one."""
         if limit is None:
             return
         scale = np.linalg.norm(quantity, axis=1)
@@ -56,14 +61,14 @@ class Twin:
     def keep_norm(
         self, most: float | None, matrix: FloatArray, offset: npt.ArrayLike, x: np.ndarray
     ) -> None:
-        """norm(matrix @ x + offset) is at most `most`."""
+        """Add the constraint norm(matrix @ x + offset) <= `most`."""
         if most is not None:
             cone = np.vstack([np.zeros(len(x)), matrix]) / most
             ends = np.array([most, *np.asarray(offset)]) / most
             self.program.AddLorentzConeConstraint(cone, ends, x)
 
     def keep_acceleration(self, a: np.ndarray) -> None:
-        """The cones of one acceleration, in units; gravity as a number of its own."""
+        """Add the cones of one acceleration, in scaled units; gravity is a number of its own."""
         limits, each = self.limits, self.unit * np.eye(3)
         self.keep_norm(limits.max_acceleration, each, np.zeros(3), a)
         self.keep_norm(limits.max_thrust, each, [0.0, 0.0, 9.81], a)
@@ -73,7 +78,7 @@ class Twin:
             self.program.AddLorentzConeConstraint(cone, np.array([1.0, 0.0, 0.0]), a)
 
     def pass_waypoint(self, waypoint: rho.Waypoint, grid: rho.Grid, x: np.ndarray) -> None:
-        """The position at the waypoint's time, by (1)-(2) for a part of a step."""
+        """Add the position at the waypoint's time, by (1)-(2) with a part of a step."""
         t = waypoint.time - grid.start
         k = min(int(t / grid.step), self.n - 1)
         s = t - k * grid.step
@@ -90,7 +95,7 @@ class Twin:
             self.keep_norm(waypoint.within, np.kron(row, np.eye(3)), missed, x)
 
     def solve(self, scenario: rho.Scenario, reference: FloatArray | None) -> float | None:
-        """The least cost, or None; obstacles linearised around a path (K, 3)."""
+        """Return the least cost, or None; obstacles are linearised around a path (K, 3)."""
         coasting = np.tile(self.start.velocity, (self.n, 1))
         self.keep(self.velocity[:-1], coasting[:-1], self.limits.velocity)
         self.keep(self.position[:-1], self.coasting[:-1], self.limits.position)
@@ -132,7 +137,7 @@ class Twin:
 
 
 def twin_cost(scenario: rho.Scenario, reference: rho.Plan | None = None) -> float | None:
-    """The cost of all vehicles by the programs with cones; None if one has no solution."""
+    """Return the cost of all vehicles by the programs with cones; None if one has no solution."""
     costs = [
         Twin(scenario, i).solve(scenario, None if reference is None else reference.positions[i])
         for i in range(len(scenario.vehicles))

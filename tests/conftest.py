@@ -1,4 +1,4 @@
-"""What several test modules share."""
+"""Settings and fixtures shared by several test modules."""
 
 import signal
 from collections.abc import Iterator
@@ -11,8 +11,8 @@ import drake_rho as rho
 from drake_rho.paper.study import Study, run_study
 from drake_rho.planning.programs import backend
 
-# No deadline: how long a program takes is no property to test. Fixtures that hypothesis reuses
-# are frozen records. What fails comes again from its seed, and needs no database.
+# No deadline: how long a program takes is not what is tested. Fixtures that hypothesis reuses are
+# frozen records. Failures are reproduced from their seed and need no database.
 settings.register_profile(
     "random",
     deadline=None,
@@ -25,19 +25,19 @@ settings.load_profile("same")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """`--solver daqp` runs the whole suite with another solver where a test asks for none."""
+    """Add `--solver daqp`: run the whole suite with another solver where a test names none."""
     parser.addoption("--solver", choices=["clarabel", "daqp"], default="clarabel")
 
 
 def pytest_configure() -> None:
-    """Hear Ctrl-C, which whatever a shell starts in the background begins by ignoring."""
+    """Handle Ctrl-C, which processes that a shell starts in the background ignore by default."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave notebooks to `make test-all`, but for that of the paper's last example."""
+    """Leave notebooks to `make test-all`, except that of the paper's last example."""
     for item in items:
         if item.path.suffix == ".ipynb" and item.path.stem != "example_4":
             item.add_marker(pytest.mark.slow)
@@ -45,7 +45,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def _default_solver(request: pytest.FixtureRequest) -> Iterator[None]:
-    """The solver that is taken where none is given."""
+    """Set the solver that is used where none is given."""
     with pytest.MonkeyPatch.context() as patched:
         if request.config.getoption("--solver") == "daqp":
             patched.setattr(backend, "DEFAULT", rho.Daqp)
@@ -54,18 +54,18 @@ def _default_solver(request: pytest.FixtureRequest) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def paper() -> rho.Scenario:
-    """The paper's scenario."""
+    """Return the paper's scenario."""
     return rho.load_scenario("paper")
 
 
 @pytest.fixture(scope="session")
 def study() -> Study:
-    """The paper's four examples."""
+    """Return the study of the paper's four examples."""
     return run_study()
 
 
 @pytest.fixture(params=[ClarabelSolver, OsqpSolver, rho.Daqp], ids=["Clarabel", "OSQP", "DAQP"])
 def solver(request: pytest.FixtureRequest) -> SolverInterface:
-    """Each of the free solvers."""
+    """Return each of the free solvers in turn."""
     made: SolverInterface = request.param()
     return made

@@ -1,4 +1,4 @@
-"""Random scenarios that are disturbed, and winds of every kind for them."""
+"""Random scenarios with a disturbance, and winds of every kind for them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Array = NDArray[np.float64]
 
 
 def disturbed(seed: int, *, delay: int | None = None, errors: bool = True) -> rho.Scenario:
-    """Up to three vehicles in lanes of their own, with spheres beside their ways.
+    """Return up to three vehicles in separate lanes, with spheres beside their paths.
 
     Args:
-        seed: which one.
-        delay: of the feedback; 0 to 2 samples if not given.
+        seed: seed of the scenario.
+        delay: delay of the feedback in samples; 0 to 2, at random, if not given.
         errors: whether estimates have errors.
     """
     rng = np.random.default_rng(seed)
@@ -31,7 +31,7 @@ def disturbed(seed: int, *, delay: int | None = None, errors: bool = True) -> rh
         for start, goal in zip(starts, goals, strict=True)
     ]
     step = 0.5
-    asked = fleet(
+    scenario = fleet(
         starts,
         goals,
         separation=rho.Separation(0.5),
@@ -47,11 +47,11 @@ def disturbed(seed: int, *, delay: int | None = None, errors: bool = True) -> rh
         delay=int(rng.integers(0, 3)) if delay is None else delay,
         share=0.4,
     )
-    return dataclasses.replace(asked, disturbance=around)
+    return dataclasses.replace(scenario, disturbance=around)
 
 
 def leaning(scenario: rho.Scenario) -> Any:
-    """A wind that depends on the states: it pushes vehicles along and to the side, within W."""
+    """Return a wind within W that depends on the states: it pushes vehicles along and sideways."""
     assert scenario.disturbance is not None
     W = scenario.disturbance.acceleration
 
@@ -63,7 +63,7 @@ def leaning(scenario: rho.Scenario) -> Any:
 
 
 def winds_for(scenario: rho.Scenario, seed: int) -> dict[str, Any]:
-    """One wind of each kind."""
+    """Return one wind of each kind."""
     rng = np.random.default_rng(seed)
     grid = scenario.grid
     middle = grid.start + rng.uniform(0.2, 0.9) * grid.duration
@@ -81,9 +81,9 @@ KINDS = ("none", "constant", "gust", "noise", "worst", "leaning")
 
 
 def crowded(seed: int) -> rho.Scenario:
-    """Vehicles that change sides of a circle in a tight box, among spheres and boxes.
+    """Return vehicles that swap sides of a circle in a tight box, among spheres and boxes.
 
-    Many of its windows have no plan of their own, and keep the previous one.
+    Many of its windows have no plan of their own and keep the previous one.
     """
     rng = np.random.default_rng(seed)
     count = int(rng.integers(2, 6))
@@ -97,7 +97,7 @@ def crowded(seed: int) -> rho.Scenario:
             cube = rho.Box(centre - 0.7 * r, centre + 0.7 * r)
             obstacles.append(rho.Sphere(centre, r) if rng.random() < 0.6 else cube)
     step = float(rng.choice([0.25, 0.5]))
-    asked = fleet(
+    scenario = fleet(
         ends,
         -ends,
         separation=rho.Separation(rng.uniform(0.3, 0.7), rng.choice([1.0, 2.0])),
@@ -108,13 +108,13 @@ def crowded(seed: int) -> rho.Scenario:
     W, E_p, E_v = rng.uniform([0.1, 0.0, 0.0], [0.4, 0.015, 0.03])
     parts, delay = int(rng.integers(2, 8)), int(rng.integers(0, 3))
     around = rho.Disturbance(W, E_p, E_v, step / parts, delay, share=0.4)
-    return dataclasses.replace(asked, disturbance=around)
+    return dataclasses.replace(scenario, disturbance=around)
 
 
 def least_margin(simulation: rho.Simulation) -> float:
-    """How much of each constraint is left in a flight, at its times, by hand; the least of all.
+    """Return the least margin of all constraints at the times of a flight, computed by hand.
 
-    In metres, m/s or m/s²: obstacles, separation, and boxes.
+    The constraints are obstacles, separation and boxes; margins are in metres, m/s or m/s².
     """
     scenario = simulation.scenario
     p, v, a = simulation.positions, simulation.velocities, simulation.commands

@@ -1,4 +1,4 @@
-"""The fenced blocks of the documentation, and doing what they say as a reader would."""
+"""The fenced blocks of the documentation, and a runner that follows them as a reader would."""
 
 from __future__ import annotations
 
@@ -31,29 +31,29 @@ _FENCE = re.compile(
 )
 
 NOT_RUN = ("", "bibtex", "console")
-"""Languages of what is not run: drawings, how to cite, how to install (which needs a network)."""
+"""Languages of blocks that are not run: drawings, citations, installation (needs a network)."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block of a page."""
+    """Fenced block of a page."""
 
     language: str
-    """as `python`, `sh`, `yaml`, or `text` for what the block before prints"""
+    """`python`, `sh`, `yaml`, or `text` for the output of the block before"""
     title: str | None
-    """the file that it is, if it is one"""
+    """name of the file that the block shows, if any"""
     text: str
-    """what stands in it"""
+    """content of the block"""
 
 
 def blocks(page: Path) -> Iterator[Block]:
-    """The blocks of a page, in order."""
+    """Yield the blocks of a page, in order."""
     for found in _FENCE.finditer(page.read_text()):
         yield Block(found["language"], found["title"], found["text"])
 
 
 def calls(page: Path) -> Iterator[ast.Call]:
-    """The calls of this package in a page's text, outside of blocks: `rho.plan(scenario)`.
+    """Yield the calls of this package in a page's text outside blocks, as `rho.plan(scenario)`.
 
     Arguments may be left out, as in `rho.plan(progress=)`.
     """
@@ -64,15 +64,16 @@ def calls(page: Path) -> Iterator[ast.Call]:
 
 
 def follow(page: Path, shorter: Mapping[str, str]) -> None:
-    """Do in the current folder what a page says, from top to bottom.
+    """Follow a page from top to bottom in the current folder.
 
-    Files are written, code is run, each block by itself, commands are given, and pieces of YAML
-    are completed to a scenario or read as a study. Raises what they raise, and an AssertionError
-    where a block does not print what stands below it, or is of a language that is not known.
+    Files are written, each block of code is run by itself, commands are executed, and pieces of
+    YAML are completed to a scenario or read as a study. Errors of all of these are passed on; an
+    AssertionError is raised where a block does not print the text below it, or its language is
+    unknown.
 
     Args:
-        page: Markdown.
-        shorter: what is written in place of some words, so that long work takes seconds.
+        page: Markdown file.
+        shorter: replacements of words, so that long work takes seconds.
     """
     printed = ""
     with contextlib.ExitStack() as background, _unwatched():
@@ -88,28 +89,28 @@ def follow(page: Path, shorter: Mapping[str, str]) -> None:
             elif block.language == "yaml":
                 _read(text)
             elif block.language == "text":
-                assert _is_told(printed, text), f"{page}: got\n{printed}expected\n{text}"
+                assert _matches(printed, text), f"{page}: got\n{printed}expected\n{text}"
             else:
                 assert block.language in NOT_RUN, f"{page}: a block of {block.language!r}"
 
 
-def _is_told(printed: str, text: str) -> bool:
-    """Whether something was printed as a text tells, in which a line `...` stands for any lines."""
+def _matches(printed: str, text: str) -> bool:
+    """Return whether the output matches a text in which a line `...` stands for any lines."""
     lines = "".join(f"{line.rstrip()}\n" for line in printed.splitlines())
     pieces = [re.escape(piece) for piece in re.split(r"^\.\.\.\n", text, flags=re.MULTILINE)]
     return re.fullmatch(r"(?:.*\n)*".join(pieces), lines) is not None
 
 
 def _run(code: str, name: str) -> str:
-    """What some code prints."""
+    """Run some code and return what it prints."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
-        exec(compile(code, name, "exec"), {"__name__": "__main__"})  # noqa: S102  # the page's own
+        exec(compile(code, name, "exec"), {"__name__": "__main__"})  # noqa: S102  # of the page
     return out.getvalue()
 
 
 def _read(text: str) -> None:
-    """Read a study, a scenario, or a part of one."""
+    """Read a study, a scenario, or a part of a scenario."""
     content = yaml.safe_load(text)
     if "methods" in content:
         study_from_yaml(text)
@@ -125,18 +126,18 @@ def _read(text: str) -> None:
 
 
 def _in_place(text: str, shorter: Mapping[str, str]) -> str:
-    """A text with shorter work in place of long."""
+    """Return the text with long work replaced by shorter work."""
     for long, short in shorter.items():
         text = text.replace(long, short)
     return text
 
 
 def _line(line: str, shorter: Mapping[str, str], background: contextlib.ExitStack) -> str:
-    """Give the commands of a line, and return what the last one prints.
+    """Run the commands of a line, and return the output of the last one.
 
-    There may be several, joined by `&&`; what one prints may go to a file by `>`, or be looked at
-    by `| jq .path`. Commands of `make` are looked at only, and what serves goes on in the
-    background until the page ends.
+    Commands may be joined by `&&`; output may go to a file by `>`, or be inspected by `| jq .path`.
+    Commands of `make` are only checked to exist, and servers run in the background until the page
+    ends.
     """
     printed = ""
     for command in " ".join(_tokens(line)).split(" && "):
@@ -153,7 +154,7 @@ def _line(line: str, shorter: Mapping[str, str], background: contextlib.ExitStac
             background.callback(serving.wait)
             background.callback(serving.kill)
         else:
-            raise AssertionError(f"no command that is known: {line}")
+            raise AssertionError(f"unknown command: {line}")
         if file:
             Path(file).write_text(_in_place(printed, shorter))
         if query:
@@ -164,14 +165,14 @@ def _line(line: str, shorter: Mapping[str, str], background: contextlib.ExitStac
 
 
 def _tokens(line: str) -> list[str]:
-    """The words of a line, quoted where they have to be, and without a comment."""
+    """Split a line into words, quoted where necessary, without its comment."""
     marks = ("&&", ">", "|")
     words = shlex.split(line, comments=True)
     return [word if word in marks else shlex.quote(word) for word in words]
 
 
 def _drake_rho(line: str, words: list[str]) -> str:
-    """Give a command in this process, and return what it prints."""
+    """Run a `drake-rho` command in this process, and return what it prints."""
     out, err = io.StringIO(), io.StringIO()
     with (
         patch.object(sys, "argv", words),
@@ -189,7 +190,7 @@ def _drake_rho(line: str, words: list[str]) -> str:
 
 @contextlib.contextmanager
 def _unwatched() -> Iterator[None]:
-    """What is served is served, but nobody looks at it, and it ends at once."""
+    """Let servers start with nobody watching and end at once."""
     with (
         patch("drake_rho.cli.commands.on_interrupt", lambda: lambda: None),
         patch("webbrowser.open", lambda url: True),

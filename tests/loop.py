@@ -1,6 +1,6 @@
-"""A vehicle off its plan under sampled feedback, flown by hand: the twin of the tube's mathematics.
+"""Errors of a vehicle under sampled feedback, integrated by hand: a twin of the tube's mathematics.
 
-Straight from p'' = u + w and the sampled feedback, with nothing of the library's.
+The equations are p'' = u + w and the sampled feedback; no code of the library is used.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class Loop:
-    """The feedback u = -k_p (e_p + n_p) - k_v (e_v + n_v) of `delay` samples ago."""
+    """Feedback law u = -k_p (e_p + n_p) - k_v (e_v + n_v) on the state of `delay` samples ago."""
 
     gains: tuple[float, float]
     sample: float
@@ -23,7 +23,10 @@ class Loop:
     samples: int
 
     def is_stable(self) -> bool:
-        """Whether errors decay: z^d (z - 1)² + (α/2 + β) z + α/2 - β has its roots in the disc."""
+        """Return whether errors decay.
+
+        They do if the roots of z^d (z - 1)² + (α/2 + β) z + α/2 - β are in the unit disc.
+        """
         alpha, beta = self.gains[0] * self.sample**2, self.gains[1] * self.sample
         polynomial = np.concatenate([[1.0, -2.0, 1.0], np.zeros(self.delay)])
         polynomial[-2:] += alpha / 2.0 + beta, alpha / 2.0 - beta
@@ -39,16 +42,16 @@ def fly(
     position: Array,
     velocity: Array,
 ) -> tuple[Array, Array, Array]:
-    """Errors of position and velocity at `times`, (B, ...), and feedback in samples, (J, ...).
+    """Return errors of position and velocity at `times`, (B, ...), and the feedback, (J, ...).
 
     Args:
         loop: the feedback.
-        times: increasing from 0, with every sample among them, shape (B,).
+        times: increasing from 0, every sample among them, shape (B,).
         wind: from each time to the next, shape (B - 1, ...).
         position_errors: at every sample, shape (J, ...).
         velocity_errors: at every sample, shape (J, ...).
-        position: error at first, shape (...).
-        velocity: error at first, shape (...).
+        position: initial error, shape (...).
+        velocity: initial error, shape (...).
     """
     k_p, k_v = loop.gains
     p, v, measured = position, velocity, list[Array]()
@@ -70,22 +73,22 @@ def fly(
 
 
 def fine_times(loop: Loop, parts: int) -> Array:
-    """Times that cut every sample into so many equal parts."""
+    """Return times that divide every sample into equal parts."""
     return np.asarray(loop.sample / parts * np.arange(loop.samples * parts + 1))
 
 
 def summed_responses(
     loop: Loop, parts: int, sizes: tuple[float, float, float, float, float]
 ) -> tuple[Array, Array, Array]:
-    """Radii of position and velocity at fine times, and of the feedback, by brute force.
+    """Return radii of position and velocity at fine times, and of the feedback, by brute force.
 
-    Every cause is flown alone: wind in each part of each sample, each error of the estimate, each
-    first error. What each does is added up in size.
+    Every cause is integrated separately: wind in each part of each sample, each error of the
+    estimate, each initial error. The norms of their effects are added up.
 
     Args:
         loop: the feedback.
-        parts: of a sample.
-        sizes: of wind, errors of position and velocity, and of both at first, SI.
+        parts: number of parts of a sample.
+        sizes: bounds of wind, of errors of position and velocity, and of both initially, SI.
     """
     times, J = fine_times(loop, parts), loop.samples
     winds = J * parts

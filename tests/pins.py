@@ -1,7 +1,7 @@
-"""Forty plans of every kind, whose costs and verdicts are kept: `python -m tests.pins` writes them.
+"""Plans of every kind whose costs and verdicts are pinned; `python -m tests.pins` writes the file.
 
-A change of the code that is not one of behaviour leaves them as they are. They are plans that the
-last digits of a computer's arithmetic do not lead elsewhere.
+A change of the code that does not change behaviour leaves them as they are. The scenarios are
+chosen so that the last digits of a computer's arithmetic do not lead to another plan.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ _LIMITS = {
 
 
 def _past(shape: Shape, limits: rho.Limits | None = None) -> rho.Plan:
-    """One vehicle on its way past an obstacle, under limits."""
+    """Return the plan of one vehicle past an obstacle, under limits."""
     return rho.plan(single(limits=limits, obstacles=[shape], between_knots=True))
 
 
 def _moving(known_from: float = 0.0) -> rho.Scenario:
-    """A sphere that crosses, and a box that goes along its track."""
+    """Return a scenario with a crossing sphere and a box that moves along a track."""
     sphere = rho.Obstacle(rho.Sphere([2.0, 5.0, -1.0], 1.0), velocity=[0.7, -0.8, 0.0])
     track = rho.Track([0.0, 4.0, 8.0], [[8.0, 0.0, -2.0], [7.0, 3.0, -1.0], [4.0, 5.0, 0.0]])
     crate = rho.Obstacle(rho.Box([-0.5] * 3, [0.5] * 3), track=track, known_from=known_from)
@@ -65,7 +65,7 @@ def _moving(known_from: float = 0.0) -> rho.Scenario:
 
 
 def _swap(count: int, seed: int, **options: Any) -> rho.Scenario:
-    """Vehicles that change sides of a circle, not quite: no two ways round cost the same."""
+    """Return vehicles that swap sides of a circle, displaced so that no two paths cost the same."""
     scenario = through_the_middle(count)
     ends = np.array([[v.start.position, v.goal.position] for v in scenario.vehicles])
     noise = np.random.default_rng(seed).uniform(-0.8, 0.8, ends.shape)
@@ -74,7 +74,7 @@ def _swap(count: int, seed: int, **options: Any) -> rho.Scenario:
 
 
 def _pairs(count: int, seed: int) -> rho.Scenario:
-    """Pairs that change places, each pair in a lane of its own, with room between lanes."""
+    """Return pairs that swap places, each in a lane of its own, with space between the lanes."""
     rng = np.random.default_rng(seed)
     lanes = np.repeat(8.0 * np.arange(count // 2), 2)[:, None] * [0.0, 1.0, 0.0]
     side = np.where(np.arange(count) % 2, -5.0, 5.0)[:, None] * [1.0, 0.0, 0.0]
@@ -151,13 +151,13 @@ CASES: dict[str, Callable[[], Pinned]] = {
     "disturbed: flown 3": lambda: rho.plan_rho(disturbed(3), replan_every=3),
     "disturbed: crowded": lambda: rho.plan_rho(crowded(1), replan_every=3),
 }
-"""What is planned, by name."""
+"""Planned cases by name."""
 
 
 def pin(planned: Pinned) -> dict[str, object]:
-    """Return what is kept of a plan: costs [m²/s⁴], and what `verify` says.
+    """Return the pinned values of a plan: costs [m²/s⁴] and the verdict of `verify`.
 
-    Costs are those of each vehicle's motion and, of a flight, of what each window planned.
+    Costs are those of each vehicle's motion and, for a flight, of each window's plan.
     """
     flown = planned.plan if isinstance(planned, rho.Flight) else planned
     windows = planned.windows if isinstance(planned, rho.Flight) else ()
@@ -169,7 +169,7 @@ def pin(planned: Pinned) -> dict[str, object]:
 
 
 def read() -> dict[str, dict[str, object]]:
-    """Return the pins that are kept."""
+    """Return the stored pins."""
     kept: dict[str, dict[str, object]] = json.loads(PINS.read_text())
     return kept
 

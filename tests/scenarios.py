@@ -1,4 +1,4 @@
-"""Scenarios for tests: a small one to change, and random ones."""
+"""Scenarios for tests: small ones to be modified, and random ones."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from drake_rho.scenario.shapes.base import Shape
 
 
 def slow(*cases: Any) -> list[Any]:
-    """Return cases of a parameter, of which `make test` leaves these to `make test-all`."""
+    """Return parameter cases that `make test` leaves to `make test-all`."""
     return [pytest.param(case, marks=pytest.mark.slow) for case in cases]
 
 
 def box(half: float) -> rho.Box:
-    """A cube around the origin."""
+    """Return a cube around the origin."""
     return rho.Box([-half] * 3, [half] * 3)
 
 
@@ -35,7 +35,7 @@ def single(
     between_knots: bool = False,
     waypoints: Sequence[rho.Waypoint] = (),
 ) -> rho.Scenario:
-    """One vehicle, 10 m from rest to rest in 8 s, unless told otherwise."""
+    """Return one vehicle that flies 10 m from rest to rest in 8 s by default."""
     vehicle = rho.Vehicle(
         "solo",
         start or rho.State([0.0, 0.0, 0.0]),
@@ -59,11 +59,11 @@ def mapped(
     length: float = 1.0,
     time: float = 1.0,
 ) -> rho.Scenario:
-    """The scenario in other coordinates: p' = length (turn p + shift), t' = time t.
+    """Return the scenario in other coordinates: p' = length (turn p + shift), t' = time t.
 
-    `turn` is a signed permutation, so that boxes stay boxes, or any orthogonal matrix where there
-    are none; with a downwash or gravity, one that keeps z. Gravity keeps lengths and times too.
-    Obstacles are spheres at rest.
+    `turn` is a signed permutation, so that boxes stay boxes, or any orthogonal matrix if there are
+    no boxes; with a downwash or gravity it has to preserve z. Gravity requires `length` and `time`
+    to be one. Obstacles are spheres at rest.
     """
     assert len(scenario.spheres) == len(scenario.obstacles)
     apart = scenario.separation
@@ -81,7 +81,7 @@ def mapped(
     def bounds(old: rho.Box | None, scale: float, offset: np.ndarray) -> rho.Box | None:
         if old is None:
             return None
-        assert np.count_nonzero(turn) == 3, "a box that is turned is no box"
+        assert np.count_nonzero(turn) == 3, "a rotated box is not a box"
         corners = scale * np.stack([turn @ old.lower + offset, turn @ old.upper + offset])
         return rho.Box(corners.min(axis=0), corners.max(axis=0))
 
@@ -133,18 +133,18 @@ def mapped(
 def scenarios(
     *, tight: bool = False, between_knots: bool = False
 ) -> st.SearchStrategy[rho.Scenario]:
-    """Random scenarios of any scale; see `random_scenario`."""
+    """Generate random scenarios of any scale; see `random_scenario`."""
     return st.integers(0, 2**32 - 1).map(
         lambda seed: random_scenario(seed, tight=tight, between_knots=between_knots)
     )
 
 
 def random_scenario(seed: int, *, tight: bool = False, between_knots: bool = False) -> rho.Scenario:
-    """A scenario of any scale, with obstacles that mostly lie in the way.
+    """Return a scenario of any scale, with obstacles that mostly lie on the straight path.
 
     Args:
-        seed: which one.
-        tight: with boxes that leave most of them without a plan, instead of few.
+        seed: seed of the scenario.
+        tight: whether boxes are so small that most scenarios, instead of few, have no plan.
         between_knots: whether obstacles and position boxes have to hold at every instant.
     """
     rng = np.random.default_rng(seed)
@@ -154,7 +154,7 @@ def random_scenario(seed: int, *, tight: bool = False, between_knots: bool = Fal
     room = 0.2 if tight else 1.0
 
     def maybe(least: float, most: float) -> rho.Box | None:
-        """A box around the origin, each side at a distance of its own, or none."""
+        """Return a box around the origin, each side at a random distance, or None."""
         if rng.random() < 0.4:
             return None
         return rho.Box(-rng.uniform(least, most, 3), rng.uniform(least, most, 3))
@@ -167,7 +167,7 @@ def random_scenario(seed: int, *, tight: bool = False, between_knots: bool = Fal
     )
     ends = [rng.uniform(-size, size, (2, 3)) for _ in range(rng.integers(1, 6))]
     obstacles: list[rho.Sphere] = []
-    for _ in range(rng.integers(0, 5)):  # most of them on the way, none around an end
+    for _ in range(rng.integers(0, 5)):  # most of them on the path, none around an end
         first, last = ends[rng.integers(len(ends))]
         center = first + rng.uniform(0.2, 0.8) * (last - first) + 0.1 * size * rng.normal(size=3)
         free = min(float(np.linalg.norm(end - center)) for pair in ends for end in pair)
@@ -202,7 +202,7 @@ def fleet(
     obstacles: Sequence[Shape | rho.Obstacle] = (),
     between_knots: bool = True,
 ) -> rho.Scenario:
-    """Vehicles `v0`, `v1`, ... from rest to rest in 10 s, 1 m apart unless told otherwise."""
+    """Return vehicles `v0`, `v1`, ... from rest to rest in 10 s, 1 m apart by default."""
     ends = zip(np.asarray(starts, float), np.asarray(goals, float), strict=True)
     return rho.Scenario(
         "fleet",
@@ -219,38 +219,38 @@ def fleet(
 
 
 def straight(count: int, names: Sequence[str] | None = None) -> rho.Plan:
-    """A plan for vehicles `v0`, `v1`, ... that mind neither each other nor any limit."""
+    """Return a plan for vehicles `v0`, `v1`, ... that ignores each other and every limit."""
     rng = np.random.default_rng(count)
     starts, goals = rng.uniform(0.0, 10.0, (2, count, 3))
-    asked = fleet(starts, goals, separation=rho.Separation(1e-6))
-    asked = dataclasses.replace(asked, separation=None)
+    scenario = fleet(starts, goals, separation=rho.Separation(1e-6))
+    scenario = dataclasses.replace(scenario, separation=None)
     if names is not None:
-        named = zip(names, asked.vehicles, strict=True)
+        named = zip(names, scenario.vehicles, strict=True)
         vehicles = tuple(dataclasses.replace(vehicle, name=name) for name, vehicle in named)
-        asked = dataclasses.replace(asked, vehicles=vehicles)
-    return rho.plan_convex(asked)
+        scenario = dataclasses.replace(scenario, vehicles=vehicles)
+    return rho.plan_convex(scenario)
 
 
-def careless(scenario: rho.Scenario) -> rho.Plan:
-    """The plan of vehicles that do not know of each other."""
+def independent(scenario: rho.Scenario) -> rho.Plan:
+    """Return the plan of vehicles that ignore each other."""
     alone = rho.plan_convex(scenario.without_separation())
     return rho.Plan.from_accelerations(scenario, alone.accelerations)
 
 
 def through_the_middle(count: int, **options: Any) -> rho.Scenario:
-    """Vehicles on a circle of radius 5 m, each to the opposite point: all meet in one point."""
+    """Return vehicles on a circle of radius 5 m that swap sides: all meet in the centre."""
     angles = 2.0 * np.pi * np.arange(count) / count
     circle = 5.0 * np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
     return fleet(circle, -circle, **options)
 
 
 def random_fleet(seed: int, *, most: int = 6, between_knots: bool = True) -> rho.Scenario:
-    """A fleet of any scale in a cube, starts and goals apart, some standing still or in a box.
+    """Return a fleet of any scale in a cube, starts and goals apart, some hovering or in a box.
 
     Args:
-        seed: which one.
-        most: vehicles.
-        between_knots: whether it has to keep apart at every instant.
+        seed: seed of the fleet.
+        most: largest number of vehicles.
+        between_knots: whether separation has to hold at every instant.
     """
     rng = np.random.default_rng(seed)
     size, duration = 10 ** rng.uniform(-1, 4), 10 ** rng.uniform(0, 4)
@@ -271,7 +271,7 @@ def random_fleet(seed: int, *, most: int = 6, between_knots: bool = True) -> rho
     kind = rng.integers(4)
     if kind == 0:  # all through one point
         goals = -starts
-    elif kind == 1:  # they change places, and some stay
+    elif kind == 1:  # they swap places, and some hover
         goals = starts[rng.permutation(count)]
     force = size / duration**2
     limits = rho.Limits(
@@ -290,9 +290,9 @@ def random_fleet(seed: int, *, most: int = 6, between_knots: bool = True) -> rho
 
 
 def sampled_separation(plan: rho.Plan, per_step: int = 400) -> float:
-    """The least distance of any pair over the separation's, flown and sampled by hand.
+    """Return the least distance of any pair over its separation, integrated and sampled by hand.
 
-    Straight from (1) and (2), with nothing of the library's.
+    By (1) and (2) alone; no code of the library is used.
     """
     scenario = plan.scenario
     assert scenario.separation is not None

@@ -13,7 +13,7 @@ RATE = 6.0
 
 
 def main(folder: Path) -> None:
-    """Example 4: on its way to the obstacle, and from start to goal."""
+    """Draw Example 4: a still next to the obstacle, and a film from start to goal."""
     flight = rho.plan_rho(rho.load_scenario("paper"))
     html = rho.viewer_page(flight)
     with tempfile.TemporaryDirectory() as scratch, open_page() as (page, _):

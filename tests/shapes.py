@@ -26,11 +26,11 @@ KINDS: dict[str, Callable[[np.random.Generator, FloatArray, float], Shape]] = {
         at + size * rng.uniform(-1.0, 1.0, (int(rng.integers(4, 20)), 3))
     ),
 }
-"""Of each kind, how a random one is made around a place, and of a size."""
+"""Constructor of a random shape of each kind, around a position and of a size."""
 
 
 def random_shape(rng: np.random.Generator, kind: str, at: FloatArray, size: float) -> Shape:
-    """A shape of a kind; flat polytopes are drawn again."""
+    """Return a shape of a kind; flat polytopes are drawn again."""
     while True:
         try:
             shape = KINDS[kind](rng, at, size)

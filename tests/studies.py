@@ -1,4 +1,4 @@
-"""Studies for tests: small ones, whose runs take a few milliseconds, and what a store holds."""
+"""Studies for tests: small ones whose runs take milliseconds, and the rows of their stores."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from drake_rho.campaigns.runs import MEASURED
 from drake_rho.campaigns.store import COLUMNS
 
 SAME = tuple(name for name in COLUMNS if name not in MEASURED)
-"""The columns that do not tell times."""
+"""Columns that hold no times."""
 
 
 def small(repetitions: int = 4, **changes: Any) -> rho.Study:
-    """Two methods on two sources: a fleet of two, and one vehicle on its way past a sphere.
+    """Return two methods on two sources: a fleet of two, and one vehicle past a sphere.
 
-    In half of the times that are drawn for the latter there is no plan.
+    Half of the durations drawn for the vehicle past the sphere have no plan.
     """
     vehicle = {"name": "solo", "start": {"position": [0, 0, 0]}, "goal": {"position": [8, 0, 0]}}
     past = {
@@ -59,29 +59,29 @@ def small(repetitions: int = 4, **changes: Any) -> rho.Study:
 
 
 def own(scenario: rho.Scenario, *, megabytes: int = 0, wrong: str = "") -> rho.Plan:
-    """A planner that is none of the package's methods: takes memory, and does something wrong."""
+    """Plan as a function that is none of the package's methods: take memory, fail as told."""
     taken = np.ones(megabytes * 2**17)
     if wrong == "late":
         raise TimeoutError(f"not done in {len(taken)} s")
     if wrong == "nothing":
-        return None  # type: ignore[return-value]  # to be noticed
-    careless = rho.plan_convex(scenario.without_separation())
+        return None  # type: ignore[return-value]  # to be noticed by the campaign
+    independent = rho.plan_convex(scenario.without_separation())
     if wrong == "another":
-        return careless
+        return independent
     if wrong == "separation":
-        return dataclasses.replace(careless, scenario=scenario)
+        return dataclasses.replace(independent, scenario=scenario)
     return rho.plan(scenario)
 
 
 def held(scenario: rho.Scenario, *, until: str) -> rho.Plan:
-    """A planner that begins once there is a file."""
+    """Plan once a file exists."""
     while not Path(until).exists():
         time.sleep(0.01)
     return rho.plan(scenario)
 
 
 def table(path: Path, columns: tuple[str, ...] = SAME) -> list[tuple[Any, ...]]:
-    """The rows of a store, ordered by key, without the columns that tell times."""
+    """Return the rows of a store, ordered by key, without the columns that hold times."""
     connection = sqlite3.connect(path)
     query = f"SELECT {', '.join(columns)} FROM runs ORDER BY key"  # noqa: S608
     rows = connection.execute(query).fetchall()

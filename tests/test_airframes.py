@@ -1,4 +1,4 @@
-"""How vehicles are drawn: what they look like, how they lean, and how much room they take."""
+"""How vehicles are drawn: their airframe, their tilt, and their size."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from tests.test_animation import crossing
 
 
 def _kinds(limits: rho.Limits, airframe: Airframe | None = None) -> list[Airframe]:
-    """Of a vehicle that flies 10 m in 4 s."""
-    asked = single()
-    vehicles = (dataclasses.replace(asked.vehicles[0], airframe=airframe),)
-    plan = rho.plan_convex(dataclasses.replace(asked, vehicles=vehicles))
+    """Return the airframes of a vehicle that flies 10 m in 4 s."""
+    scenario = single()
+    vehicles = (dataclasses.replace(scenario.vehicles[0], airframe=airframe),)
+    plan = rho.plan_convex(dataclasses.replace(scenario, vehicles=vehicles))
     return airframes(
         rho.Plan.from_accelerations(
             dataclasses.replace(plan.scenario, limits=limits), plan.accelerations
@@ -28,8 +28,8 @@ def _kinds(limits: rho.Limits, airframe: Airframe | None = None) -> list[Airfram
     )
 
 
-def test_a_vehicle_is_what_the_scenario_says_or_else_what_its_limits_allow() -> None:
-    assert _kinds(rho.Limits()) == ["quadrotor"]  # as it flies slowly
+def test_the_airframe_is_that_of_the_scenario_or_else_follows_from_the_limits() -> None:
+    assert _kinds(rho.Limits()) == ["quadrotor"]  # because it flies slowly
     assert _kinds(rho.Limits(max_speed=120.0)) == ["aircraft"]
     assert _kinds(rho.Limits(velocity=rho.Box([-200.0] * 3, [200.0] * 3))) == ["aircraft"]
     assert _kinds(rho.Limits(max_speed=120.0, max_tilt=0.5)) == ["quadrotor"]
@@ -40,9 +40,7 @@ def test_a_vehicle_is_what_the_scenario_says_or_else_what_its_limits_allow() -> 
 
 @pytest.mark.parametrize("light", [True, False])
 @pytest.mark.parametrize("kind", ["aircraft", "quadrotor"])
-def test_a_body_fits_into_its_ball_and_is_the_same_on_both_sides(
-    kind: Airframe, light: bool
-) -> None:
+def test_a_body_fits_into_its_ball_and_is_mirror_symmetric(kind: Airframe, light: bool) -> None:
     vertices, faces = body(kind, 2.5, light=light)
     assert np.linalg.norm(vertices, axis=0).max() == pytest.approx(2.5)
     assert faces.max() == vertices.shape[1] - 1
@@ -53,21 +51,21 @@ def test_a_body_fits_into_its_ball_and_is_the_same_on_both_sides(
 
 @pytest.mark.parametrize("count", [3, 60])
 @pytest.mark.parametrize("separation", [rho.Separation(0.3, 2.0), rho.Separation(0.3, 0.5)])
-def test_what_is_apart_does_not_touch(count: int, separation: rho.Separation) -> None:
-    asked = crossing(count, separation=separation)
-    stage = Stage.of(asked)
-    positions = asked.motion().at("position", stage.playback.times)
+def test_separated_vehicles_do_not_touch(count: int, separation: rho.Separation) -> None:
+    plan = crossing(count, separation=separation)
+    stage = Stage.of(plan)
+    positions = plan.motion().at("position", stage.playback.times)
     radii = stage.vehicles.radii[:, None] * stage.vehicles.scales
     true = 0.15 * min(1.0, separation.downwash)
     for i in range(count):
         for j in range(i):
             apart = np.linalg.norm(positions[i] - positions[j], axis=1)
-            far = apart >= 2.0 * true  # they keep what the separation asks for
+            far = apart >= 2.0 * true  # the separation holds
             assert np.all((radii[i] + radii[j] <= apart)[far])
     assert np.all(radii >= true - 1e-12)
 
 
-def test_no_vehicle_reaches_into_an_obstacle_also_between_frames() -> None:
+def test_no_vehicle_is_drawn_inside_an_obstacle_even_between_frames() -> None:
     flight = rho.plan_rho(rho.load_scenario("paper"))
     stage, (sphere,) = Stage.of(flight), flight.scenario.spheres
     assert stage.vehicles.note is not None
@@ -78,12 +76,12 @@ def test_no_vehicle_reaches_into_an_obstacle_also_between_frames() -> None:
     left = offsets - sphere.radius
     for each, radius, scales in zip(left, stage.vehicles.radii, stage.vehicles.scales, strict=True):
         drawn = radius * np.interp(times, stage.playback.times, scales)
-        # what is at the surface, or by the paper's leave beyond, is drawn as a point, nearly
+        # at the surface, or inside within the paper's tolerance, it is drawn almost as a point
         assert np.all(drawn <= np.maximum(each, 0.0) + 2e-3 * radius)
         assert drawn.max() == radius
 
 
-def test_what_is_as_large_as_it_is_says_nothing_and_else_how_many_times() -> None:
+def test_the_legend_states_magnification_unless_vehicles_are_drawn_to_scale() -> None:
     plan = rho.plan_convex(single())
     for radius, said in ((5.0, None), (0.05, "times their true size")):
         vehicles = (dataclasses.replace(plan.scenario.vehicles[0], radius=radius),)
@@ -94,7 +92,7 @@ def test_what_is_as_large_as_it_is_says_nothing_and_else_how_many_times() -> Non
         np.testing.assert_allclose(stage.vehicles.true, radius)
 
 
-def test_vehicles_lean_as_their_lift_asks_for() -> None:
+def test_vehicles_tilt_in_the_direction_of_their_thrust() -> None:
     rng = np.random.default_rng(4)
     velocities, up = rng.normal(size=(2, 3, 7, 3))
     up[..., 2] = 1.0 + np.abs(up[..., 2])
@@ -110,7 +108,7 @@ def test_vehicles_lean_as_their_lift_asks_for() -> None:
     assert np.all(np.sum(turns[1, :, :, 0] * velocities[1] * [1, 1, 0], axis=1) > 0.0)
 
 
-def test_a_lift_is_the_mean_acceleration_of_a_step_against_gravity() -> None:
+def test_thrust_is_the_mean_acceleration_of_a_step_plus_gravity() -> None:
     plan = rho.plan_convex(single())
     h, motion = plan.scenario.grid.step, plan.motion()
     lift = lifts(motion, plan.scenario.grid.elapsed[:-1] + h / 2.0, h)

@@ -1,4 +1,4 @@
-"""The swarm in Meshcat, seen by a real browser: what is shown is what was planned."""
+"""The Meshcat scene in a real browser: it shows the planned motion."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SCREENSHOTS = Path(__file__).parent / "screenshots"
 
 @pytest.fixture(scope="module")
 def flight() -> rho.Flight:
-    """Example 4."""
+    """Return Example 4."""
     return rho.plan_rho(rho.load_scenario("paper"))
 
 
@@ -47,7 +47,7 @@ def _seek(page: Page, time: float) -> None:
 
 
 def _pose(page: Page, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Position of a vehicle in the scene and the direction in which its nose points."""
+    """Return the position of a vehicle in the scene and the direction of its nose."""
     matrix: Any = page.evaluate(
         """name => {
             const vehicle = viewer.scene_tree.find(["flight", "vehicles", name]).object;
@@ -74,7 +74,7 @@ def _wait_for_scene(page: Page) -> None:
 
 
 def _look(page: Page, flight: rho.Flight, picture: str) -> None:
-    """The checks that hold of the live page and of the page in a file."""
+    """Check what holds both for the live page and for the page in a file."""
     _wait_for_scene(page)
     names = [vehicle.name for vehicle in flight.scenario.vehicles]
     assert sorted(_children(page, "vehicles")) == names
@@ -134,7 +134,7 @@ def test_one_page_in_a_file_does_the_same_without_a_network(
 
 
 @pytest.mark.slow
-def test_a_plan_in_a_small_room_is_shown_too() -> None:
+def test_a_plan_in_a_small_room_is_visible() -> None:
     plan = rho.plan_convex(single(obstacles=(rho.Sphere([5.0, 2.3, -1.0], 1.0),)))
     meshcat = rho.animate(plan, rate=2.0)
     with open_page() as (page, errors):
@@ -149,20 +149,20 @@ def test_a_plan_in_a_small_room_is_shown_too() -> None:
 
 
 def crossing(vehicles: int, *, separation: rho.Separation | None = None) -> rho.Plan:
-    """Vehicles that change places in a room; they pass through each other, if that is no matter."""
+    """Return vehicles that swap places in a small room; without separation they collide."""
     rng = np.random.default_rng(0)
     room = rho.flight_cube(vehicles)
     room_each = rho.Separation(0.3, 2.0)
-    asked = rho.random_transitions(
+    transitions = rho.random_transitions(
         vehicles, rng, volume=room, duration=10.0, step=0.5, separation=room_each
     )
-    plan = rho.plan_convex(dataclasses.replace(asked, separation=None))
-    scenario = dataclasses.replace(asked, separation=separation)
+    plan = rho.plan_convex(dataclasses.replace(transitions, separation=None))
+    scenario = dataclasses.replace(transitions, separation=separation)
     return rho.Plan.from_accelerations(scenario, plan.accelerations)
 
 
 def _count(page: Page, *path: str) -> int:
-    """How many objects are drawn under a path."""
+    """Count the objects drawn under a path."""
     drawn: int = page.evaluate(
         """path => {
             let count = 0;
@@ -176,7 +176,7 @@ def _count(page: Page, *path: str) -> int:
 
 
 @pytest.mark.slow
-def test_a_light_scene_has_little_but_the_vehicles() -> None:
+def test_a_lightweight_scene_holds_little_besides_the_vehicles() -> None:
     plan = crossing(60)
     meshcat = rho.animate(plan)
     with open_page() as (page, errors):
@@ -200,7 +200,7 @@ def test_a_light_scene_has_little_but_the_vehicles() -> None:
 
 
 @pytest.mark.slow
-def test_a_thousand_vehicles_are_one_object_each_and_their_page_opens(tmp_path: Path) -> None:
+def test_the_page_of_a_thousand_vehicles_has_one_object_each(tmp_path: Path) -> None:
     plan = crossing(1000)
     page_file = tmp_path / "thousand.html"
     page_file.write_text(rho.viewer_page(plan))
@@ -219,14 +219,14 @@ def test_a_thousand_vehicles_are_one_object_each_and_their_page_opens(tmp_path: 
     ("vehicles", "trails", "drawn"),
     [(3, None, True), (3, False, False), (60, False, False), (101, None, False), (101, True, True)],
 )
-def test_trails_are_drawn_for_up_to_a_hundred_vehicles_or_as_asked(
+def test_trails_are_drawn_for_up_to_a_hundred_vehicles_or_on_request(
     vehicles: int, trails: bool | None, drawn: bool
 ) -> None:
     meshcat = rho.animate(crossing(vehicles), trails=trails)
     assert meshcat.HasPath("/flight/trails") == drawn
 
 
-def test_a_light_scene_draws_no_predictions() -> None:
+def test_a_lightweight_scene_draws_no_predictions() -> None:
     plan = crossing(30)
     flight = rho.Flight(plan, (Window(0, plan, plan),))
     assert not rho.animate(flight).HasPath("/flight/predictions")
@@ -248,7 +248,7 @@ def test_localhost_is_served_where_no_name_service_knows_it(
     assert start_meshcat(port=7750).web_url().startswith("http://127.0.0.1:")
 
 
-def test_a_taken_port_is_passed_over() -> None:
+def test_a_port_in_use_is_skipped() -> None:
     first = start_meshcat(port=7700)
     second = start_meshcat(port=first.port())
     assert second.port() > first.port()
@@ -260,7 +260,7 @@ def test_the_rate_is_positive(flight: rho.Flight, rate: float) -> None:
         rho.animate(flight, rate=rate)
 
 
-def test_headings_are_kept_where_a_vehicle_stands_still() -> None:
+def test_a_hovering_vehicle_keeps_its_heading() -> None:
     velocities = np.zeros((2, 5, 3))
     velocities[0, 2] = [0.0, 2.0, 0.0]
     found = headings(velocities)
@@ -268,7 +268,7 @@ def test_headings_are_kept_where_a_vehicle_stands_still() -> None:
     np.testing.assert_array_equal(found[1], [[1.0, 0.0, 0.0]] * 5)
 
 
-def test_shapes_have_the_sizes_asked_for() -> None:
+def test_shapes_have_their_requested_sizes() -> None:
     line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0], [2, 2, 3]])
     vertices, faces = tube(line, 0.1)
     rings = vertices.T.reshape(4, 3, 3)
@@ -293,7 +293,7 @@ def test_octahedra_are_scattered_as_one_mesh() -> None:
 
 
 @pytest.mark.parametrize("heading", [[1.0, 0, 0], [0, 0, 1.0], [0.6, 0, -0.8], [0, -1.0, 0]])
-def test_poses_have_the_nose_ahead_and_level_wings(heading: list[float]) -> None:
+def test_poses_point_the_nose_ahead_with_level_wings(heading: list[float]) -> None:
     (((nose, left, above, place),),) = np.moveaxis(
         poses(np.array([[[1.0, 2, 3]]]), np.array([[heading]])), 3, 2
     )

@@ -1,4 +1,4 @@
-"""Simulations in Meshcat, seen by a real browser: true motion, ghosts, tubes and the wind."""
+"""Simulations in Meshcat in a real browser: true motion, ghosts, tubes and wind."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tests.test_display_flight import NAMES, in_noise, mission
 
 SCREENSHOTS = Path(__file__).parent / "screenshots"
 TIMES = (0.5, 3.25, 4.0, 9.5)
-"""Of frames [s]: 32 in a second."""
+"""Interval of frames [s]: 32 a second."""
 
 
 @pytest.fixture(scope="module")
 def simulation() -> rho.Simulation:
-    """The mission in noise."""
+    """Return the mission in noise."""
     return in_noise()
 
 
@@ -32,7 +32,7 @@ def _seek(page: Page, time: float) -> None:
 
 
 def _matrix(page: Page, *path: str) -> np.ndarray:
-    """The pose and scale of an object, shape (4, 4)."""
+    """Return the pose and scale of an object, shape (4, 4)."""
     elements = page.evaluate(
         """path => {
             const found = viewer.scene_tree.find(path).object;
@@ -63,7 +63,7 @@ def _at(simulation: rho.Simulation, time: float) -> int:
 
 
 def _look(page: Page, simulation: rho.Simulation, picture: str) -> None:
-    """The checks that hold of the live page and of the page in a file."""
+    """Check what holds both for the live page and for the page in a file."""
     page.wait_for_function(
         "typeof viewer !== 'undefined' && viewer.animator.duration > 0", timeout=60_000
     )
@@ -115,8 +115,8 @@ def test_one_page_in_a_file_does_the_same_without_a_network(
         assert errors == []
 
 
-def test_what_there_is_not_is_not_shown() -> None:
-    """Without a disturbance no tube, without wind no arrows."""
+def test_missing_tubes_and_winds_are_not_shown() -> None:
+    """Without a disturbance there is no tube, and without wind there are no arrows."""
     still = fly(dataclasses.replace(mission(), disturbance=None))
     meshcat = rho.animate(still)
     assert meshcat.HasPath("/flight/planned/scout")
@@ -136,7 +136,7 @@ def test_an_arrow_of_full_length_is_the_strongest_wind() -> None:
 
 
 def winds_times(scenario: rho.Scenario, factor: float) -> rho.Simulation:
-    """The mission in a constant wind of so many times its strongest."""
+    """Simulate the mission in a constant wind of a multiple of its strongest."""
     still = fly(scenario)
     wind = np.broadcast_to([0.0, 0.6 * factor, 0.0], still.wind.shape)
     return dataclasses.replace(still, wind=wind)
@@ -145,9 +145,9 @@ def winds_times(scenario: rho.Scenario, factor: float) -> rho.Simulation:
 @pytest.mark.slow
 def test_a_light_scene_of_a_simulation_has_little_but_the_vehicles() -> None:
     rng = np.random.default_rng(1)
-    asked = rho.random_transitions(30, rng, duration=8.0, step=0.4)
+    scenario = rho.random_transitions(30, rng, duration=8.0, step=0.4)
     around = rho.Disturbance(0.01, feedback_every=0.1)
-    simulation = fly(dataclasses.replace(asked, disturbance=around), replan_every=40)
+    simulation = fly(dataclasses.replace(scenario, disturbance=around), replan_every=40)
     meshcat = rho.animate(simulation)
     assert meshcat.HasPath("/flight/vehicles")
     for part in ("planned", "tube", "tubes", "wind", "predictions"):
@@ -155,26 +155,26 @@ def test_a_light_scene_of_a_simulation_has_little_but_the_vehicles() -> None:
 
 
 @pytest.mark.slow
-def test_many_windows_of_long_flights_make_no_large_page() -> None:
+def test_the_page_of_a_long_flight_with_many_windows_stays_small() -> None:
     scenario = mission()
     longer = dataclasses.replace(scenario, grid=rho.Grid(0.25, 161))
     page = rho.animate(fly(longer, replan_every=2)).StaticHtml()
     assert len(page) < 25e6
 
 
-def test_an_arrow_has_the_length_asked_for() -> None:
+def test_an_arrow_has_the_requested_length() -> None:
     vertices, faces = arrow(2.0)
     assert vertices[0].min() == 0.0
     assert vertices[0].max() == 2.0
     corners = vertices.T[faces.T]
     assert np.linalg.norm(np.cross(*np.diff(corners, axis=1).transpose(1, 0, 2)), axis=1).min() > 0
-    # closed: the volume by the divergence theorem is that of shaft and head
+    # closed surface: by the divergence theorem its volume is that of shaft and head
     volume = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     shaft, head = 0.68 * 0.06**2, 0.32 * 0.18**2 / 3.0
     assert volume == pytest.approx(8.0 * (shaft + head))
 
 
-def test_a_tube_is_as_wide_as_asked_everywhere() -> None:
+def test_a_tube_has_the_requested_radius_everywhere() -> None:
     line = np.column_stack([np.linspace(0.0, 4.0, 9), np.zeros(9), np.zeros(9)])
     radii = np.linspace(0.1, 0.5, 9)
     vertices, faces = tube(line, radii, 12)

@@ -1,4 +1,4 @@
-"""Obstacles in Meshcat, seen by a real browser: every shape at its size, moving ones in place."""
+"""Obstacles in Meshcat in a real browser: every shape at its size, moving ones in place."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ SHAPES = (
 
 
 def _plan(obstacles: tuple[rho.Obstacle | rho.Sphere, ...], start: float = 0.0) -> rho.Plan:
-    """A flight of 8 s from the origin, past nothing."""
-    asked = single(grid=rho.Grid(0.5, 17, start))
-    vehicles = (dataclasses.replace(asked.vehicles[0], radius=0.2),)
-    asked = dataclasses.replace(asked, vehicles=vehicles, obstacles=obstacles)
-    accelerations = rho.plan_convex(asked.without_obstacles()).accelerations
-    return rho.Plan.from_accelerations(asked, accelerations)
+    """Return a flight of 8 s from the origin that comes near no obstacle."""
+    scenario = single(grid=rho.Grid(0.5, 17, start))
+    vehicles = (dataclasses.replace(scenario.vehicles[0], radius=0.2),)
+    scenario = dataclasses.replace(scenario, vehicles=vehicles, obstacles=obstacles)
+    accelerations = rho.plan_convex(scenario.without_obstacles()).accelerations
+    return rho.Plan.from_accelerations(scenario, accelerations)
 
 
 def _open(page: Page, meshcat: Meshcat) -> None:
@@ -47,7 +47,7 @@ def _open(page: Page, meshcat: Meshcat) -> None:
 
 
 def _corners(page: Page, *path: str) -> np.ndarray:
-    """Corners of the meshes under a path in the scenario's coordinates, shape (V, 3)."""
+    """Return corners of the meshes under a path in the scenario's coordinates, shape (V, 3)."""
     points, matrix, root = page.evaluate(
         """path => {
             const root = viewer.scene_tree.find(["flight"]).object;
@@ -89,18 +89,18 @@ def test_every_shape_has_its_place_and_size() -> None:
             endless = np.isinf(shape.extent)
             lower = np.where(endless, scene.lower, shape.center - shape.extent)
             upper = np.where(endless, scene.upper, shape.center + shape.extent)
-            rough = 0.02 * shape.size + 1e-6  # what is round has corners
+            rough = 0.02 * shape.size + 1e-6  # curved surfaces are drawn with corners
             np.testing.assert_allclose(corners.min(axis=0), lower, atol=rough)
             np.testing.assert_allclose(corners.max(axis=0), upper, atol=rough)
             center = np.where(endless, (scene.lower + scene.upper) / 2.0, shape.center)
             distances = shape.signed_distance(corners - center)
-            if not np.any(endless):  # the ends of what is cut lie inside it
+            if not np.any(endless):  # drawn ends of infinite shapes lie inside them
                 np.testing.assert_allclose(distances, 0.0, atol=1e-5 * shape.size)
         assert errors == []
 
 
 @pytest.mark.parametrize("start", [*slow(0.0), 64.0])
-def test_moving_obstacles_are_where_they_are_and_ghosts_until_they_are_known(start: float) -> None:
+def test_moving_obstacles_are_in_place_and_transparent_until_known(start: float) -> None:
     bent = rho.Track(np.array([1.0, 3.0, 3.5]) + start, [[5, 8, 0], [9, 8, 1], [9, 6, 3]])
     obstacles = (
         rho.Obstacle(rho.Box([-1, -1, -1], [1, 1, 1]), track=bent, name="a/b <c>"),
@@ -141,7 +141,7 @@ def test_moving_obstacles_are_where_they_are_and_ghosts_until_they_are_known(sta
         assert errors == []
 
 
-def test_the_scene_holds_all_obstacles_but_not_the_whole_way_of_what_comes_from_afar() -> None:
+def test_the_scene_holds_all_obstacles_but_not_the_whole_track_of_distant_ones() -> None:
     far = rho.Obstacle(rho.Sphere([-1000, 3, 0], 1.0), velocity=[250, 0, 0])
     plan = _plan((rho.Sphere([30, 0, 0], 1.0), far))
     scene = Scene.of(plan)
@@ -149,7 +149,7 @@ def test_the_scene_holds_all_obstacles_but_not_the_whole_way_of_what_comes_from_
     assert scene.size < 150.0
 
 
-def test_only_bends_of_a_way_are_recorded() -> None:
+def test_only_corners_of_a_track_are_recorded() -> None:
     times = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.1])
     places = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0], [2, 2.2, 0]])
     np.testing.assert_array_equal(_turns(times, places), [True, False, True, False, False, True])

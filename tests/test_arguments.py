@@ -1,4 +1,4 @@
-"""Arguments of public functions: what is no such thing gets one error, before anything is done."""
+"""Arguments of public functions: a wrong type raises one error before any work is done."""
 
 import inspect
 import re
@@ -27,7 +27,7 @@ FREE = [
     *(name for name in rho.__all__ if inspect.isfunction(getattr(rho, name))),
     *("winds.constant", "winds.gust", "winds.coloured_noise"),
 ]
-"""Public functions, by their names."""
+"""Public functions by name."""
 
 ASKS_FOR_A_SOLVER: list[Callable[..., object]] = [
     rho.plan,
@@ -53,7 +53,7 @@ def _public(name: str) -> Callable[..., object]:
 
 
 @pytest.mark.parametrize("name", FREE)
-def test_every_argument_of_a_public_function_is_looked_at(name: str) -> None:
+def test_every_argument_of_a_public_function_is_checked(name: str) -> None:
     function = _public(name)
     parameters = inspect.signature(function).parameters
     for argument in parameters:
@@ -61,13 +61,13 @@ def test_every_argument_of_a_public_function_is_looked_at(name: str) -> None:
         assert not any(kind.has(object()) for kind in kinds)
     if parameters:
         first, required = next(iter(parameters)), inspect.Parameter.empty
-        asked = [each.name for each in parameters.values() if each.default is required]
+        names = [each.name for each in parameters.values() if each.default is required]
         with pytest.raises(TypeError, match=rf"^{first}: got an object of type object, expected "):
-            function(**{each: object() for each in [first, *asked]})
+            function(**{each: object() for each in [first, *names]})
 
 
 @pytest.mark.parametrize("name", FREE)
-def test_a_checked_function_looks_and_is_documented_as_before(name: str) -> None:
+def test_a_checked_function_keeps_its_signature_and_documentation(name: str) -> None:
     function = _public(name)
     assert function.__doc__
     assert list(get_type_hints(function))[:-1] == list(inspect.signature(function).parameters)
@@ -132,19 +132,21 @@ def test_a_checked_function_looks_and_is_documented_as_before(name: str) -> None
         ),
     ],
 )
-def test_a_wrong_type_is_told_with_the_right_one(wrong: Callable[[], object], words: str) -> None:
+def test_the_error_of_a_wrong_type_names_the_expected_one(
+    wrong: Callable[[], object], words: str
+) -> None:
     with pytest.raises(TypeError, match=f"^{re.escape(words)}$"):
         wrong()
 
 
-def test_what_python_says_of_calls_is_left_to_python() -> None:
+def test_errors_of_call_syntax_are_those_of_python() -> None:
     with pytest.raises(TypeError, match=r"^plan\(\) missing 1 required positional argument"):
         rho.plan()  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"^plan\(\) got an unexpected keyword argument 'solvr'"):
         rho.plan(EMPTY, solvr="daqp")  # type: ignore[call-arg]
 
 
-def test_numbers_of_all_kinds_pass_and_generators_are_not_used_up() -> None:
+def test_all_number_types_are_accepted_and_generators_are_not_consumed() -> None:
     @checked
     def given(
         number: float, whole: int, flag: bool, numbers: list[float], path: str | None = None
@@ -173,7 +175,7 @@ def test_numbers_of_all_kinds_pass_and_generators_are_not_used_up() -> None:
         (CsdpSolver(), "solver: got CSDP, expected one of quadratic programs"),
     ],
 )
-def test_a_solver_is_refused_where_no_program_is_solved_too(
+def test_an_unavailable_solver_is_refused_even_where_no_program_is_solved(
     asks: Callable[..., object], solver: object, words: str
 ) -> None:
     if isinstance(solver, SolverInterface) and _is_licensed(solver):
@@ -189,26 +191,26 @@ def _is_licensed(solver: SolverInterface) -> bool:
 @pytest.mark.parametrize(
     ("word", "name"), [("clarabel", "Clarabel"), ("daqp", "DAQP"), ("osqp", "OSQP")]
 )
-def test_solvers_can_be_asked_for_by_a_word(word: Any, name: str) -> None:
-    asked = single(limits=rho.Limits(max_speed=2.0))
+def test_solvers_can_be_given_by_name(word: Any, name: str) -> None:
+    scenario = single(limits=rho.Limits(max_speed=2.0))
     for planned in (
-        rho.plan(asked, solver=word),
-        rho.plan_convex(asked, solver=word),
-        rho.plan_rho(asked, solver=word, replan_every=8).windows[0].plan,
+        rho.plan(scenario, solver=word),
+        rho.plan_convex(scenario, solver=word),
+        rho.plan_rho(scenario, solver=word, replan_every=8).windows[0].plan,
     ):
         assert planned.statistics.solver == name
     with ThreadPoolExecutor(2) as executor:
-        assert rho.plan(asked, solver=word, executor=executor).statistics.solver == name
-    assert rho.plan(asked, solver=ScsSolver()).statistics.solver != name
+        assert rho.plan(scenario, solver=word, executor=executor).statistics.solver == name
+    assert rho.plan(scenario, solver=ScsSolver()).statistics.solver != name
 
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled, rho.grouped])
-def test_couplings_can_be_asked_for_by_a_word(coupling: Any) -> None:
-    asked = through_the_middle(3)
-    by_word = rho.plan(asked, coupling=coupling.name, solver=ClarabelSolver())
-    itself = rho.plan_scp(asked, coupling=coupling, solver=ClarabelSolver())
+def test_couplings_can_be_given_by_name(coupling: Any) -> None:
+    scenario = through_the_middle(3)
+    by_word = rho.plan(scenario, coupling=coupling.name, solver=ClarabelSolver())
+    itself = rho.plan_scp(scenario, coupling=coupling, solver=ClarabelSolver())
     np.testing.assert_array_equal(by_word.accelerations, itself.accelerations)
     with pytest.raises(
         ValueError, match=r"^coupling: got 'group', expected Coupling, 'coupled', 'decoupled', 'gr"
     ):
-        rho.plan(asked, coupling="group")  # type: ignore[arg-type]
+        rho.plan(scenario, coupling="group")  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Goals are given to the vehicles so that the total effort is least."""
+"""Goals are assigned to vehicles so that the total effort is least."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tests.tolerances import INDEX, ROUNDING
 
 
 def free(scenario: rho.Scenario) -> rho.Scenario:
-    """The same vehicles with nothing to keep to."""
+    """Return the same vehicles without constraints."""
     vehicles = [dataclasses.replace(vehicle, limits=None) for vehicle in scenario.vehicles]
     return rho.Scenario(scenario.name, scenario.grid, vehicles)
 
 
 def in_order(scenario: rho.Scenario, order: tuple[int, ...]) -> rho.Scenario:
-    """The scenario with the goals in another order."""
+    """Return the scenario with the goals in another order."""
     goals = [scenario.vehicles[index].goal for index in order]
     vehicles = tuple(
         dataclasses.replace(vehicle, goal=goal)
@@ -41,7 +41,7 @@ def test_no_order_of_the_goals_costs_less(scenario: rho.Scenario) -> None:
 
 
 @given(scenario=scenarios().map(free), data=st.data())
-def test_the_order_in_which_goals_are_given_does_not_matter(
+def test_the_order_of_the_goals_does_not_matter(
     scenario: rho.Scenario, data: st.DataObject
 ) -> None:
     order = tuple(data.draw(st.permutations(range(len(scenario.vehicles)))))
@@ -52,9 +52,11 @@ def test_the_order_in_which_goals_are_given_does_not_matter(
     assert one == pytest.approx(other, rel=INDEX)
 
 
-def test_velocities_go_with_the_goals_and_count() -> None:
-    """Of two goals at one place the fast vehicle takes the one at rest: 4 v v' / T is in the index
-    of velocities v at the start and v' at the goal."""  # noqa: D205, D209
+def test_velocities_belong_to_the_goals_and_affect_the_assignment() -> None:
+    """The fast vehicle takes the goal at rest of two goals at one place.
+
+    The index of velocities v at the start and v' at the goal contains 4 v v' / T.
+    """
     fast, slow = rho.State([0, 0, 0], [5, 0, 0]), rho.State([0, 0, 0])
     passing, resting = rho.State([50, 0, 0], [5, 0, 0]), rho.State([50, 0, 0])
     vehicles = (rho.Vehicle("fast", fast, passing), rho.Vehicle("slow", slow, resting))
@@ -62,7 +64,7 @@ def test_velocities_go_with_the_goals_and_count() -> None:
     assigned = rho.assign_goals(scenario)
     assert [vehicle.goal for vehicle in assigned.vehicles] == [resting, passing]
     saved = rho.plan_convex(scenario).cost - rho.plan_convex(assigned).cost
-    assert 0.01 * saved == pytest.approx(4.0 * 5.0**2 / 10.0, rel=1e-3)  # fine steps: an integral
+    assert 0.01 * saved == pytest.approx(4.0 * 5.0**2 / 10.0, rel=1e-3)  # nearly the integral
 
 
 def test_the_slots_of_the_assembly_have_a_cheaper_order() -> None:
@@ -77,7 +79,7 @@ def test_the_slots_of_the_assembly_have_a_cheaper_order() -> None:
     assert rho.assign_goals(assigned) == assigned
 
 
-def test_an_own_box_that_does_not_hold_the_goal_is_named() -> None:
+def test_a_vehicles_box_that_does_not_hold_its_goal_is_named() -> None:
     own = rho.Limits(position=rho.Box([-1, -1, -1], [9, 2, 1]))
     vehicles = (
         rho.Vehicle("a", rho.State([8, 0, 0]), rho.State([0, 1, 0]), own),
@@ -104,21 +106,21 @@ def test_one_step_takes_each_vehicle_to_the_goal_it_can_reach() -> None:
         rho.assign_goals(rho.Scenario("s", grid, [far, vehicles[1]]))
 
 
-def test_a_thousand_vehicles_are_assigned_no_worse_than_given() -> None:
+def test_the_assignment_of_a_thousand_vehicles_is_no_worse_than_the_given_order() -> None:
     room = rho.flight_cube(1000.0)
     scenario = rho.random_transitions(1000, np.random.default_rng(0), volume=room)
     assigned = rho.assign_goals(scenario)
     ways = [
         np.linalg.norm(each.fleet.goal_positions - each.fleet.start_positions, axis=1)
         for each in (scenario, assigned)
-    ]  # from rest to rest the index is proportional to the square of the way
+    ]  # from rest to rest the index is proportional to the square of the distance
     assert np.sum(ways[1] ** 2) < 0.2 * np.sum(ways[0] ** 2)
     goals = [np.sort(each.fleet.goal_positions, axis=0) for each in (scenario, assigned)]
     np.testing.assert_allclose(goals[0], goals[1], rtol=ROUNDING)
 
 
-def test_a_goal_beside_an_obstacle_is_given_to_a_vehicle_that_is_small_enough() -> None:
-    """The obstacle arrives at its end beside the goal that is the nearer one to the large."""
+def test_a_goal_beside_an_obstacle_goes_to_a_vehicle_that_is_small_enough() -> None:
+    """The obstacle arrives at its end beside the goal that is nearer to the large vehicle."""
     vehicles = [
         rho.Vehicle("large", rho.State([0, 0, 0]), rho.State([10, 9, 0]), radius=0.5),
         rho.Vehicle("small", rho.State([0, 9, 0]), rho.State([10, 0, 0]), radius=0.2),
@@ -126,21 +128,23 @@ def test_a_goal_beside_an_obstacle_is_given_to_a_vehicle_that_is_small_enough() 
     wall = rho.Box([-1, -1, -1], [1, 1, 1])
     for beside, kept in ((1.6, "small"), (1.4, "large")):
         track = rho.Track([3.0, 12.0], [[10.0, 40.0, 0.0], [10.0, beside, 0.0]])
-        asked = rho.Scenario(
+        scenario = rho.Scenario(
             "s", rho.Grid(0.5, 21, 2.0), vehicles, obstacles=[rho.Obstacle(wall, track=track)]
         )
-        ends = {vehicle.name: vehicle.goal for vehicle in rho.assign_goals(asked).vehicles}
+        ends = {vehicle.name: vehicle.goal for vehicle in rho.assign_goals(scenario).vehicles}
         assert (ends["small"] == vehicles[1].goal) == (kept == "large")
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_near_pairs_give_the_exchange_of_all_pairs(seed: int) -> None:
-    """Also where some goals are too close to an obstacle for some of the vehicles."""
+def test_exchanges_of_near_pairs_equal_those_of_all_pairs(seed: int) -> None:
+    """Some goals may be too close to an obstacle for some of the vehicles."""
     rng, count = np.random.default_rng(seed), 300
     places = rng.uniform(0.0, 12.0, (2, count, 3))
     speeds = rng.normal(0.0, 0.3, (2, count, 3))
     post = rho.Cylinder([6.0, 6.0, 6.0], 1.0) if seed % 2 else None
-    if post is not None:  # every place is outside, and near it not for everyone
+    if (
+        post is not None
+    ):  # each place is outside the post, but some are too close to it for large vehicles
         around = places[..., :2] - 6.0
         far = np.maximum(np.linalg.norm(around, axis=-1), 1e-9)
         places[..., :2] += around * np.maximum(1.05 / far - 1.0, 0.0)[..., None]
@@ -166,6 +170,6 @@ def test_near_pairs_give_the_exchange_of_all_pairs(seed: int) -> None:
 
 
 def _effort(scenario: rho.Scenario) -> float:
-    """Cost of the motions of minimum effort."""
+    """Return the cost of the motions of minimum effort."""
     motion = MinimumEffort.of(scenario).motion
     return float(np.sum(motion.accelerations**2))

@@ -1,4 +1,4 @@
-"""The attack finds the least clearance that any wind can leave, and flies it."""
+"""The attack finds the least clearance that any wind can cause, and flies it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AROUND = rho.Disturbance(0.3, 0.01, 0.02, feedback_every=0.1, delay=1, share=0.5
 
 
 def _least_clearance(simulation: rho.Simulation) -> float:
-    """Of all that is kept clear of, at all times of a flight, by hand and for spheres only."""
+    """Return the least clearance of a flight at all times, computed by hand, for spheres only."""
     scenario, p = simulation.scenario, simulation.positions
     found = [np.inf]
     for sphere in scenario.spheres:
@@ -30,7 +30,7 @@ def _least_clearance(simulation: rho.Simulation) -> float:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_no_wind_leaves_less_and_the_found_one_leaves_just_that(seed: int) -> None:
+def test_no_wind_leaves_less_clearance_and_the_attack_attains_its_bound(seed: int) -> None:
     scenario = disturbed(200 + seed)
     plan = rho.plan(scenario)
     attack = rho.attack(scenario, plan)
@@ -43,31 +43,31 @@ def test_no_wind_leaves_less_and_the_found_one_leaves_just_that(seed: int) -> No
 
 
 @pytest.mark.parametrize("speed", [10.0, 100.0])
-def test_of_two_passes_the_closer_one_counts_also_between_samples(speed: float) -> None:
-    asked = single(grid=rho.Grid(1.0, 9), goal=rho.State([8.0, 0.0, 0.0]), between_knots=True)
-    asked = dataclasses.replace(asked, disturbance=rho.Disturbance(0.05, feedback_every=0.25))
-    plan = rho.plan(asked)
+def test_the_closer_of_two_passes_counts_even_between_samples(speed: float) -> None:
+    scenario = single(grid=rho.Grid(1.0, 9), goal=rho.State([8.0, 0.0, 0.0]), between_knots=True)
+    scenario = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.05, feedback_every=0.25))
+    plan = rho.plan(scenario)
     at = plan.motion().at("position", np.array([3.0, 5.01]))[0][:, 0]
     places = [
-        [at[0], -3.0 * speed, 0.41],  # past the vehicle at 3 s, a sample
+        [at[0], -3.0 * speed, 0.41],  # past the vehicle at 3 s, at a sample
         [at[0], 0.9 * speed, 0.41],
         [at[1], 0.91 * speed, 0.4],  # and closer at 5.01 s, on the way back
         [at[1], -2.99 * speed, 0.4],
     ]
     ball = rho.Obstacle(rho.Sphere([0, 0, 0], 0.1), track=rho.Track([0, 3.9, 4.1, 8], places))
-    asked = dataclasses.replace(asked, obstacles=(ball,))
-    attack = rho.attack(asked, plan)
+    scenario = dataclasses.replace(scenario, obstacles=(ball,))
+    attack = rho.attack(scenario, plan)
     times = np.linspace(0.0, 8.0, 800_001)
     motion = plan.motion().at("position", times)[0]
     apart = np.linalg.norm(motion - ball.centers(times), axis=1) - 0.1
-    least = float((apart - rho.error_tube(asked).position(times)).min())
+    least = float((apart - rho.error_tube(scenario).position(times)).min())
     assert attack.bound <= least
     assert attack.bound == pytest.approx(least, abs=1e-6)
     assert attack.clearance == pytest.approx(attack.bound, abs=1e-6)
 
 
-def test_a_plan_that_knows_of_wind_survives_and_one_that_does_not_is_hit() -> None:
-    """A sphere right in the way, which a plan without wind touches."""
+def test_a_plan_with_margins_survives_the_attack_and_one_without_collides() -> None:
+    """Without wind the plan just clears a sphere on its straight path."""
     calm = single(obstacles=[rho.Sphere([5.0, 2.0, -0.8], 1.0)], between_knots=True)
     calm = dataclasses.replace(calm, limits=rho.Limits(acceleration=box(4.0)))
     windy = dataclasses.replace(calm, disturbance=AROUND)
@@ -76,7 +76,7 @@ def test_a_plan_that_knows_of_wind_survives_and_one_that_does_not_is_hit() -> No
     assert hit.constraint == "obstacle 1"
     assert hit.clearance == pytest.approx(-radius, rel=0.02)
     assert missed.clearance >= -1e-6
-    assert missed.clearance <= 0.02 * radius  # no more room is left than has to be
+    assert missed.clearance <= 0.02 * radius  # no more clearance is left than required
 
 
 def test_two_vehicles_are_driven_together_and_one_out_of_its_box() -> None:
@@ -104,8 +104,8 @@ def test_two_vehicles_are_driven_together_and_one_out_of_its_box() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_nothing_that_is_tighter_is_passed_over(seed: int) -> None:
-    """The attack on all is the worst of those on each obstacle and on each pair alone."""
+def test_the_attack_on_everything_finds_the_tightest_constraint(seed: int) -> None:
+    """The attack on everything is the worst of those on each obstacle and each pair separately."""
     rng = np.random.default_rng(seed)
     many = fleet(
         rng.uniform([0, 0, 0], [1, 9, 2], (5, 3)) + np.arange(5)[:, None] * [0, 9, 0],
@@ -123,7 +123,7 @@ def test_nothing_that_is_tighter_is_passed_over(seed: int) -> None:
     assert rho.attack(many, plan).bound == pytest.approx(min(alone), abs=1e-9)
 
 
-def test_only_knots_count_where_the_scenario_says_so() -> None:
+def test_only_knots_are_attacked_if_the_scenario_constrains_only_knots() -> None:
     scenario = single(obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=False)
     scenario = dataclasses.replace(scenario, disturbance=AROUND)
     plan = rho.plan(scenario)
@@ -133,7 +133,7 @@ def test_only_knots_count_where_the_scenario_says_so() -> None:
     assert everywhere.bound < attack.bound
 
 
-def test_moving_obstacles_of_other_shapes_are_met_where_they_are() -> None:
+def test_moving_obstacles_of_other_shapes_are_attacked_at_their_positions() -> None:
     moving = rho.Obstacle(rho.Box([-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]), track=rho.Track(
         [0.0, 3.123, 8.0], [[5.0, 6.0, -1.0], [5.0, 3.5, -1.0], [9.0, 9.0, -1.0]]
     ))  # fmt: skip
@@ -147,7 +147,7 @@ def test_moving_obstacles_of_other_shapes_are_met_where_they_are() -> None:
     assert attack.clearance == pytest.approx(attack.bound, abs=1e-6)
 
 
-def test_what_cannot_be_attacked_is_refused_by_name() -> None:
+def test_scenarios_that_cannot_be_attacked_are_refused_by_name() -> None:
     scenario = dataclasses.replace(single(), disturbance=AROUND)
     plan = rho.plan(scenario)
     with pytest.raises(ValueError, match=r"^scenario\.disturbance: got None"):

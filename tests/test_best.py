@@ -1,4 +1,4 @@
-"""`plan`: the convex method, ways round where that fails, and SCP until the cost stops falling."""
+"""`plan`: the convex method, paths around obstacles where it fails, and SCP to convergence."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ BESIDE = rho.Sphere([5.0, 2.6, -1.0], 1.5)
 
 
 def _two_in_the_middle() -> rho.Scenario:
-    """Two vehicles, whose free ways lead through the centre of one sphere each, and a third."""
+    """Return three vehicles; the unconstrained motions of two pass through a sphere's centre."""
     ends = np.array([[0, 0, 0], [0, 10, 0], [0, 20, 0]])
     spheres = (rho.Sphere([5, 0, 0], 1.5), rho.Sphere([5, 10, 0], 2.0))
     limits, goals = rho.Limits(velocity=box(2.5)), ends + np.array([10, 0, 0])
-    asked = fleet(ends, goals, limits=limits, obstacles=spheres, between_knots=False)
-    return asked.without_separation()
+    scenario = fleet(ends, goals, limits=limits, obstacles=spheres, between_knots=False)
+    return scenario.without_separation()
 
 
 @pytest.mark.parametrize("limits", [rho.Limits(), rho.Limits(velocity=box(1.5))])
-def test_where_nothing_is_to_be_avoided_it_is_the_convex_method(limits: rho.Limits) -> None:
-    asked = single(limits=limits)
-    plan = rho.plan(asked)
-    np.testing.assert_array_equal(plan.accelerations, rho.plan_convex(asked).accelerations)
+def test_without_obstacles_plan_is_the_convex_method(limits: rho.Limits) -> None:
+    scenario = single(limits=limits)
+    plan = rho.plan(scenario)
+    np.testing.assert_array_equal(plan.accelerations, rho.plan_convex(scenario).accelerations)
     assert plan.statistics.linearisations == 0
     assert plan.statistics.tolerance is None
     assert plan.reference is None
 
 
-def test_where_the_convex_method_has_a_plan_it_goes_on_from_there(paper: rho.Scenario) -> None:
+def test_plan_iterates_from_the_plan_of_the_convex_method(paper: rho.Scenario) -> None:
     by_hand = rho.plan_convex(paper)
     for _ in range(3):
         by_hand = rho.scp_step(by_hand)
@@ -48,15 +48,16 @@ def test_where_the_convex_method_has_a_plan_it_goes_on_from_there(paper: rho.Sce
     assert plan.statistics.linearisations == 1 + 3
 
 
-def test_where_the_convex_method_has_none_it_finds_a_way_round_for_every_vehicle() -> None:
-    asked = _two_in_the_middle()
+def test_where_the_convex_method_fails_plan_finds_a_path_for_every_vehicle() -> None:
+    scenario = _two_in_the_middle()
     with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan_convex(asked)
+        rho.plan_convex(scenario)
     assert set(caught.value.conflicts) == {"v0", "v1"}
-    plan = rho.plan(asked)
+    plan = rho.plan(scenario)
     assert rho.verify(plan).ok
     alone = [
-        rho.plan(dataclasses.replace(asked, vehicles=(vehicle,))) for vehicle in asked.vehicles
+        rho.plan(dataclasses.replace(scenario, vehicles=(vehicle,)))
+        for vehicle in scenario.vehicles
     ]
     for index, each in enumerate(alone):
         own = float(np.sum(plan.accelerations[index] ** 2))
@@ -64,29 +65,29 @@ def test_where_the_convex_method_has_none_it_finds_a_way_round_for_every_vehicle
 
 
 def test_an_executor_gives_the_same_plan() -> None:
-    asked = _two_in_the_middle()
-    here = rho.plan(asked)
+    scenario = _two_in_the_middle()
+    here = rho.plan(scenario)
     with ThreadPoolExecutor(2) as executor:
-        there = rho.plan(asked, executor=executor)
+        there = rho.plan(scenario, executor=executor)
     np.testing.assert_allclose(there.accelerations, here.accelerations, atol=1e-9)
 
 
-def test_vehicles_for_which_no_way_is_found_are_all_named() -> None:
-    asked = _two_in_the_middle()
+def test_all_vehicles_without_a_path_are_named() -> None:
+    scenario = _two_in_the_middle()
     walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]))
-    walled = dataclasses.replace(asked.vehicles[0], limits=walls)
-    asked = dataclasses.replace(asked, vehicles=(walled, *asked.vehicles[1:]))
+    walled = dataclasses.replace(scenario.vehicles[0], limits=walls)
+    scenario = dataclasses.replace(scenario, vehicles=(walled, *scenario.vehicles[1:]))
     with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan(asked)
-    assert set(caught.value.conflicts) == {"v0"}  # for the other there is one
+        rho.plan(scenario)
+    assert set(caught.value.conflicts) == {"v0"}  # the other one has a path
     assert caught.value.obstacles == {"v0": frozenset([1])}
-    assert caught.value.scenario == asked
+    assert caught.value.scenario == scenario
     assert caught.value.reference is not None
     assert caught.value.about_linearisation
 
 
 @pytest.mark.parametrize("separated", [False, True])
-def test_an_error_carries_the_scenario_that_was_asked(separated: bool) -> None:
+def test_an_error_carries_the_scenario_given(separated: bool) -> None:
     weak = through_the_middle(3, limits=rho.Limits(acceleration=box(0.1)))
     if not separated:
         weak = weak.without_separation()
@@ -96,8 +97,8 @@ def test_an_error_carries_the_scenario_that_was_asked(separated: bool) -> None:
     assert not caught.value.about_linearisation
 
 
-def test_an_iteration_ends_with_the_first_fall_below_the_tolerance(paper: rho.Scenario) -> None:
-    """The falls of one vehicle's cost, from plans that are stopped after one, two, ... steps."""
+def test_an_iteration_ends_with_the_first_decrease_below_the_tolerance(paper: rho.Scenario) -> None:
+    """Relative decreases of one vehicle's cost come from plans stopped after 1, 2, ... steps."""
     alone = dataclasses.replace(paper, vehicles=paper.vehicles[:1])
     tolerance = 1e-3
     plan = rho.plan(alone, options=rho.Options(tolerance=tolerance))
@@ -118,13 +119,13 @@ def test_an_iteration_ends_with_the_first_fall_below_the_tolerance(paper: rho.Sc
 
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
-def test_what_is_said_of_convergence_is_true_of_fleets(coupling: Coupling) -> None:
-    asked = through_the_middle(4)
+def test_reported_convergence_is_true_for_fleets(coupling: Coupling) -> None:
+    scenario = through_the_middle(4)
     options = rho.Options(tolerance=1e-4)
-    plan = rho.plan(asked, coupling=coupling, options=options)
+    plan = rho.plan(scenario, coupling=coupling, options=options)
     assert plan.statistics.converged
     assert plan.statistics.tolerance == 1e-4
-    again = Subproblem(Problem.of(asked), coupling).around(plan)
+    again = Subproblem(Problem.of(scenario), coupling).around(plan)
     assert again.cost <= plan.cost * (1 + INDEX)
     assert plan.cost - again.cost < 1e-3 * plan.cost
     crowd = rho.random_transitions(6, np.random.default_rng(1), duration=4.6, step=0.2)
@@ -136,7 +137,7 @@ def test_what_is_said_of_convergence_is_true_of_fleets(coupling: Coupling) -> No
     assert rho.verify(once).ok
 
 
-def test_progress_is_told_of_every_linearisation_after_the_first() -> None:
+def test_progress_reports_every_linearisation_after_the_first() -> None:
     said: list[str] = []
     plan = rho.plan(single(obstacles=(BESIDE,)), progress=said.append)
     assert len(said) == plan.statistics.linearisations - 1 > 2
@@ -147,64 +148,64 @@ def test_progress_is_told_of_every_linearisation_after_the_first() -> None:
     assert costs[-1] == pytest.approx(plan.cost, rel=1e-5)
 
 
-def test_progress_is_told_of_a_fleet_that_is_brought_apart() -> None:
+def test_progress_reports_the_restoration_of_a_fleet() -> None:
     said: list[str] = []
     plan = rho.plan(through_the_middle(4), progress=said.append)
     assert rho.verify(plan).ok
     assert len(said) > 2
 
 
-def test_a_given_reference_decides_on_which_side_an_obstacle_is_passed() -> None:
-    asked = single(goal=rho.State([10, 0, 0]), obstacles=(rho.Sphere([5, 0.3, 0], 1.0),))
+def test_a_given_reference_decides_the_side_on_which_an_obstacle_is_passed() -> None:
+    scenario = single(goal=rho.State([10, 0, 0]), obstacles=(rho.Sphere([5, 0.3, 0], 1.0),))
     ways = []
     for y in (-1.0, 1.0):
         pushed = rho.Sphere([5.0, 0.3 - 2.0 * y, 0.0], 3.5)
         beside = rho.plan(single(goal=rho.State([10, 0, 0]), obstacles=(pushed,)))
-        plan = rho.plan(asked, reference=dataclasses.replace(beside, scenario=asked))
+        plan = rho.plan(scenario, reference=dataclasses.replace(beside, scenario=scenario))
         assert rho.verify(plan).ok
         assert y * (plan.positions[0, 8, 1] - 0.3) >= 1.0 - 1e-6
         ways.append(plan.cost)
-    assert ways[0] < ways[1]  # below is the shorter way
-    assert rho.plan(asked).cost == pytest.approx(ways[0], rel=INDEX)
+    assert ways[0] < ways[1]  # the path below is shorter
+    assert rho.plan(scenario).cost == pytest.approx(ways[0], rel=INDEX)
 
 
-def test_a_fleets_reference_that_keeps_apart_is_gone_on_from() -> None:
-    """Two head-on that pass above and below each other go on so, though beside costs as much."""
+def test_a_separated_reference_of_a_fleet_is_iterated_from() -> None:
+    """Two that meet head-on and pass above and below keep doing so, though beside costs as much."""
     ends = np.array([[-5, 0, 0], [5, 0, 0]])
-    asked = fleet(ends, -ends)
+    scenario = fleet(ends, -ends)
     aside = fleet(ends, -ends, limits=rho.Limits(position=rho.Box([-9, -0.01, -9], [9, 0.01, 9])))
     above = rho.plan(aside)
-    plan = rho.plan(asked, reference=dataclasses.replace(above, scenario=asked))
+    plan = rho.plan(scenario, reference=dataclasses.replace(above, scenario=scenario))
     assert rho.verify(plan).ok
     np.testing.assert_allclose(plan.positions[:, :, 1], 0.0, atol=1e-6)
-    assert plan.statistics.linearisations < rho.plan(asked).statistics.linearisations + 5
+    assert plan.statistics.linearisations < rho.plan(scenario).statistics.linearisations + 5
 
 
-def test_a_fleet_is_coupled_up_to_as_many_vehicles_as_asked() -> None:
-    asked = through_the_middle(3)
-    assert coupling_for(asked, rho.Options(max_coupled=3)) is rho.coupled
-    assert coupling_for(asked, rho.Options(max_coupled=2)) is rho.grouped
-    assert coupling_for(asked, rho.Options(max_coupled=2, max_grouped=2)) is rho.decoupled
+def test_a_fleet_is_coupled_up_to_the_requested_number_of_vehicles() -> None:
+    scenario = through_the_middle(3)
+    assert coupling_for(scenario, rho.Options(max_coupled=3)) is rho.coupled
+    assert coupling_for(scenario, rho.Options(max_coupled=2)) is rho.grouped
+    assert coupling_for(scenario, rho.Options(max_coupled=2, max_grouped=2)) is rho.decoupled
     assert coupling_for(through_the_middle(15)) is rho.coupled
     assert coupling_for(through_the_middle(16, separation=rho.Separation(0.5))) is rho.grouped
     for most, coupling in ((3, rho.coupled), (2, rho.grouped)):
-        plan = rho.plan(asked, options=rho.Options(max_coupled=most))
-        other = rho.plan(asked, coupling=coupling)
+        plan = rho.plan(scenario, options=rho.Options(max_coupled=most))
+        other = rho.plan(scenario, coupling=coupling)
         assert plan.cost == pytest.approx(other.cost, rel=INDEX)
         assert plan.statistics.tolerance == other.statistics.tolerance
 
 
-def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
+def test_default_tolerances_are_the_documented_ones() -> None:
     options = rho.Options()
     alone, few, many = single(), through_the_middle(6), through_the_middle(7)
     assert options.tolerance_of(alone, together=True) == 1e-9
     assert options.tolerance_of(few, together=True) == 1e-7
     assert options.tolerance_of(many, together=True) == 1e-3
-    for asked in (few, many):
-        assert options.tolerance_of(asked, together=False) == 5e-2
-        assert options.tolerance_of(asked, together=False, in_groups=True) == 2e-3
-    for asked in (alone, few, many):
-        assert rho.Options(tolerance=0.1).tolerance_of(asked, together=False) == 0.1
+    for scenario in (few, many):
+        assert options.tolerance_of(scenario, together=False) == 5e-2
+        assert options.tolerance_of(scenario, together=False, in_groups=True) == 2e-3
+    for scenario in (alone, few, many):
+        assert rho.Options(tolerance=0.1).tolerance_of(scenario, together=False) == 0.1
     assert (options.max_iterations, options.max_coupled, options.max_ways) == (200, 15, 6)
     assert (options.max_group, options.max_grouped) == (10, 500)
     assert options.max_memory == 1e9
@@ -225,46 +226,46 @@ def test_tolerances_that_are_not_given_are_those_that_are_documented() -> None:
         {"max_memory": float("nan")},
     ],
 )
-def test_options_that_make_no_sense_are_refused(bad: dict[str, float]) -> None:
+def test_invalid_options_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(rho.ScenarioError, match=next(iter(bad))):
         rho.Options(**bad)  # type: ignore[arg-type]  # what is tested
 
 
-def test_a_reference_with_numbers_that_are_none_is_refused_before_any_solver(
+def test_a_reference_with_nan_is_refused_before_any_solver_runs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = single(obstacles=(BESIDE,))
-    plan = rho.plan(asked)
+    scenario = single(obstacles=(BESIDE,))
+    plan = rho.plan(scenario)
     monkeypatch.setattr(solve, "SolveInParallel", None)
     for bad in (np.nan, np.inf):
         accelerations = np.array(plan.accelerations)
         accelerations[0, 3, 1] = bad
         with pytest.raises(ValueError, match=r"accelerations: got (nan|inf) for solo at knot 3"):
-            rho.plan(asked, reference=dataclasses.replace(plan, accelerations=accelerations))
+            rho.plan(scenario, reference=dataclasses.replace(plan, accelerations=accelerations))
 
 
-def test_statistics_count_every_step_on_the_way() -> None:
-    asked = _two_in_the_middle()
+def test_statistics_count_every_step() -> None:
+    scenario = _two_in_the_middle()
     with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan_convex(asked)
-    plan = rho.plan(asked)
+        rho.plan_convex(scenario)
+    plan = rho.plan(scenario)
     assert plan.statistics.programs > caught.value.statistics.programs + 2
     assert plan.statistics.solver == backend.DEFAULT().solver_id().name()
     assert plan.statistics.seconds > 0.0
 
 
-def test_where_the_solvers_fail_ways_round_are_tried_if_there_is_an_obstacle(
+def test_where_solvers_fail_paths_are_tried_if_there_is_an_obstacle(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = single(obstacles=(BESIDE,))
-    known = rho.plan(asked)
+    scenario = single(obstacles=(BESIDE,))
+    known = rho.plan(scenario)
 
     def failing(*args: object, **options: object) -> rho.Plan:
         raise rho.SolverError("numerically")
 
     monkeypatch.setattr(first_plan, "linearised_once", failing)
-    plan = rho.plan(asked)
+    plan = rho.plan(scenario)
     assert rho.verify(plan).ok
     assert plan.cost == pytest.approx(known.cost, rel=INDEX)
     with pytest.raises(rho.SolverError, match="numerically"):
-        rho.plan(asked.without_obstacles())
+        rho.plan(scenario.without_obstacles())

@@ -1,4 +1,4 @@
-"""Programs in blocks of vehicles, here and on other processes."""
+"""Programs in blocks of vehicles, solved here and in other processes."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from drake_rho.planning.programs.rows import Rows, about, groups_of
 
 
 class Sent(Executor):
-    """Works here, on what arrives if it is sent; notes how large that is."""
+    """Executor that runs tasks here on pickled copies, and records the sizes of the pickles."""
 
     def __init__(self) -> None:
         self.sizes: list[int] = []
 
     def submit(self, task: Any, /, *args: Any, **options: Any) -> Future[Any]:
-        """Do it at once."""
+        """Run the task at once."""
         sent = pickle.dumps((task, args, options))
         self.sizes.append(len(sent))
         there, given, named = pickle.loads(sent)  # noqa: S301  # own
@@ -41,19 +41,19 @@ class Sent(Executor):
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Blocks of a few vehicles, so that small fleets have several."""
+    """Make blocks so small that small fleets have several."""
     monkeypatch.setattr(blocks, "_BLOCK", 5)
 
 
 @pytest.fixture(scope="module")
 def processes() -> Iterator[ProcessPoolExecutor]:
-    """Two other processes, which have not inherited anything."""
+    """Return two other processes, which have inherited nothing."""
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as workers:
         yield workers
 
 
 def fleet(seed: int = 0, vehicles: int = 20) -> rho.Scenario:
-    """Transitions with a cubic metre for each vehicle."""
+    """Return transitions with a cubic metre for each vehicle."""
     volume, rng = rho.flight_cube(float(vehicles)), np.random.default_rng(seed)
     return rho.random_transitions(vehicles, rng, volume=volume, duration=12.0)
 
@@ -63,7 +63,7 @@ def test_processes_give_the_same_plan_to_the_last_digit(
     solver: rho.Daqp | None, processes: ProcessPoolExecutor
 ) -> None:
     if solver is None and backend.DEFAULT is not ClarabelSolver:
-        pytest.skip("other processes do not know of another default")
+        pytest.skip("other processes use the usual default solver")
     here = rho.plan(fleet(), solver=solver)
     there = rho.plan(fleet(), solver=solver, executor=processes)
     np.testing.assert_array_equal(there.accelerations, here.accelerations)
@@ -79,18 +79,18 @@ def test_any_number_of_threads_gives_the_same_plan_by_the_name_of_the_method() -
         np.testing.assert_array_equal(there.accelerations, here.accelerations)
 
 
-def test_what_is_sent_grows_with_the_rows_and_not_with_the_fleet() -> None:
+def test_messages_to_processes_grow_with_the_rows_and_not_with_the_fleet() -> None:
     sizes = []
     for vehicles in (20, 60):
         workers = Sent()
         rho.plan(fleet(2, vehicles), executor=workers)
         assert len(workers.sizes) > vehicles // 5  # several blocks at a time
         sizes.append(max(workers.sizes))
-    assert sizes[1] < 2.5 * sizes[0]  # blocks of five vehicles, in one fleet as in the other
+    assert sizes[1] < 2.5 * sizes[0]  # blocks of five vehicles in both fleets
 
 
-def test_what_cannot_be_met_is_told_from_afar_with_the_same_reasons() -> None:
-    asked = rho.Scenario(
+def test_infeasibility_found_in_other_processes_has_the_same_reasons() -> None:
+    scenario = rho.Scenario(
         name="too fast",
         vehicles=[
             rho.Vehicle(f"v{i}", rho.State([3.0 * i, 0, 0]), rho.State([3.0 * i, 50, 0]))
@@ -102,16 +102,16 @@ def test_what_cannot_be_met_is_told_from_afar_with_the_same_reasons() -> None:
     errors = []
     for executor in (None, Sent()):
         with pytest.raises(rho.InfeasibleError) as caught:
-            rho.plan(asked, executor=executor)
+            rho.plan(scenario, executor=executor)
         errors.append(caught.value)
     assert errors[0].conflicts == errors[1].conflicts
     assert len(errors[0].conflicts) == 12
 
 
 def test_blocks_hold_every_row_once_and_keep_groups_together() -> None:
-    asked = fleet(3, 40)
-    effort = MinimumEffort.of(asked)
-    pairs = Problem.of(asked).pairs_around(effort.motion, coupled)
+    scenario = fleet(3, 40)
+    effort = MinimumEffort.of(scenario)
+    pairs = Problem.of(scenario).pairs_around(effort.motion, coupled)
     rows = about(effort.motion, [pairs.violated_rows(effort.motion, np.arange(40))])
     assert len(rows[0]) > 50
     groups = groups_of(40, rows)
@@ -123,9 +123,9 @@ def test_blocks_hold_every_row_once_and_keep_groups_together() -> None:
 
 
 def test_multipliers_come_back_with_the_answers() -> None:
-    asked = fleet(4)
-    effort = MinimumEffort.of(asked)
-    pairs = Problem.of(asked).pairs_around(effort.motion, rho.decoupled)
+    scenario = fleet(4)
+    effort = MinimumEffort.of(scenario)
+    pairs = Problem.of(scenario).pairs_around(effort.motion, rho.decoupled)
     rows: list[Rows] = about(
         effort.motion, [pairs.softened(1e3).violated_rows(effort.motion, np.arange(20))]
     )

@@ -1,4 +1,4 @@
-"""Campaigns: every run once, whatever ends them or breaks, and the store that says so."""
+"""Campaigns: every run exactly once, whatever fails, and the store that records it."""
 
 from __future__ import annotations
 
@@ -35,13 +35,15 @@ from tests.studies import own, small, table
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Any, ...]]:
-    """The rows of a campaign that nothing disturbs."""
+    """Return the rows of an undisturbed campaign."""
     path = tmp_path_factory.mktemp("undisturbed") / "runs.sqlite"
     rho.campaign(small(), path)
     return table(path)
 
 
-def test_every_run_has_a_row_and_is_judged(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
+def test_every_run_has_a_row_and_is_verified(
+    expected: list[tuple[Any, ...]], tmp_path: Path
+) -> None:
     results = rho.campaign(small(), tmp_path / "runs.sqlite")
     assert table(tmp_path / "runs.sqlite") == expected
     assert len(results) == len(small()) == len(expected)
@@ -57,7 +59,7 @@ def test_every_run_has_a_row_and_is_judged(expected: list[tuple[Any, ...]], tmp_
         scenario = source.drawn(chance)
         try:
             planner = rho.plan if run.method == "best" else rho.plan_convex
-            plan = planner(scenario, solver=ClarabelSolver())  # as methods take by default
+            plan = planner(scenario, solver=ClarabelSolver())  # default of methods
         except rho.InfeasibleError:
             assert (status, verified, cost) == ("infeasible", 0, None)
         else:
@@ -66,7 +68,7 @@ def test_every_run_has_a_row_and_is_judged(expected: list[tuple[Any, ...]], tmp_
     assert not by_key
 
 
-def test_what_was_done_is_not_done_again(
+def test_finished_runs_are_not_repeated(
     expected: list[tuple[Any, ...]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "runs.sqlite"
@@ -86,7 +88,7 @@ def test_what_was_done_is_not_done_again(
 
 
 @pytest.mark.parametrize("after", [0, 1, 5])
-def test_an_interrupted_campaign_goes_on(
+def test_an_interrupted_campaign_resumes(
     after: int, expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:
     path = tmp_path / "runs.sqlite"
@@ -108,7 +110,7 @@ def test_an_interrupted_campaign_goes_on(
     assert seen[-1] == SoFar(len(expected), failed, len(expected))
 
 
-def test_any_executor_finds_the_same(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
+def test_any_executor_gives_the_same_rows(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as threads:
         rho.campaign(small(), tmp_path / "threads.sqlite", executor=threads)
     assert table(tmp_path / "threads.sqlite") == expected
@@ -133,7 +135,7 @@ def test_a_killed_worker_is_replaced(expected: list[tuple[Any, ...]], tmp_path: 
 
 
 class Deadly(Executor):
-    """Whose processes die of some runs, each time; of others only so often."""
+    """Executor whose processes die of some runs: of some always, of others a number of times."""
 
     at_once = 4
 
@@ -141,7 +143,7 @@ class Deadly(Executor):
         self.times, self.attempts = times, defaultdict[str, int](int)
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """The result at once, or that the process died."""
+        """Return the result at once, or the error of a dead process."""
         future: Future[Any] = Future()
         chunk, attempt = args
         for run in chunk:
@@ -155,7 +157,7 @@ class Deadly(Executor):
         return future
 
 
-def test_only_the_run_that_kills_its_process_is_told_so(
+def test_only_the_run_that_kills_its_process_is_recorded_as_the_cause(
     expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:
     first, second, third, deadly, *_ = (run.key for run in small().runs())
@@ -170,7 +172,7 @@ def test_only_the_run_that_kills_its_process_is_told_so(
     assert executor.attempts[deadly] == 4
 
 
-def test_an_executor_that_fails_ends_the_campaign_and_nothing_is_lost(
+def test_a_failing_executor_ends_the_campaign_without_loss(
     expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:
     path, pool = tmp_path / "runs.sqlite", ThreadPoolExecutor(1)
@@ -201,7 +203,7 @@ def test_a_run_that_raises_anything_is_a_row(
 
 
 def test_functions_are_methods(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
-    """By name and as themselves, here and on processes: what the method of the same name finds."""
+    """Given by name or as an object, here or on processes, a function equals its method."""
     names = ("method", "scenario", "repetition", "status", "reason", "verified", "cost", "programs")
     methods: list[dict[str, Any]] = [
         {"name": "best", "planner": "function", "function": "drake_rho:plan"},
@@ -216,7 +218,7 @@ def test_functions_are_methods(expected: list[tuple[Any, ...]], tmp_path: Path) 
     assert {row.key for row in results.rows()}.isdisjoint(row[0] for row in expected)
 
 
-def test_what_a_function_does_wrong_is_told_in_its_row(tmp_path: Path) -> None:
+def test_misbehaviour_of_a_function_is_recorded_in_its_row(tmp_path: Path) -> None:
     by_own = {"planner": "function", "function": own}
     wrongs = ("", "late", "nothing", "another", "separation")
     methods = [
@@ -261,7 +263,7 @@ def test_times_and_memory_are_those_of_the_run(tmp_path: Path) -> None:
 _INSIDE = "vehicles[0].start.position"
 
 
-def test_what_is_drawn_and_makes_no_scenario_is_a_row(tmp_path: Path) -> None:
+def test_a_draw_that_is_no_valid_scenario_is_a_row(tmp_path: Path) -> None:
     vary = {_INSIDE: Choice(([4.0, 0.5, 0.0], [0.0, 0.0, 0.0]))}
     source = dataclasses.replace(small().scenarios[1], vary=vary)
     rho.campaign(small(8, scenarios=[source]), tmp_path / "runs.sqlite")
@@ -271,7 +273,7 @@ def test_what_is_drawn_and_makes_no_scenario_is_a_row(tmp_path: Path) -> None:
         assert (_INSIDE in reason) == (status == "invalid")
 
 
-def test_a_source_of_which_nothing_can_be_drawn_ends_the_campaign_before_it_begins(
+def test_a_source_without_any_draw_ends_the_campaign_before_it_begins(
     tmp_path: Path,
 ) -> None:
     good, past = small().scenarios
@@ -285,7 +287,7 @@ def test_a_source_of_which_nothing_can_be_drawn_ends_the_campaign_before_it_begi
     assert not list(tmp_path.iterdir())
 
 
-def test_flights_in_wind_are_judged_by_how_they_went(tmp_path: Path) -> None:
+def test_flights_in_wind_are_verified_by_their_true_motion(tmp_path: Path) -> None:
     source = {
         "name": "pair",
         "generator": "random_transitions",
@@ -323,7 +325,7 @@ def test_flights_in_wind_are_judged_by_how_they_went(tmp_path: Path) -> None:
         assert 0.0 < share <= 1.0 + 1e-9
 
 
-def test_stores_of_others_are_refused_and_left_as_they_are(tmp_path: Path) -> None:
+def test_stores_of_other_studies_are_refused_and_left_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "runs.sqlite"
     rho.campaign(small(1), path)
     before = table(path)
@@ -347,7 +349,7 @@ def _set(path: Path, statement: str) -> None:
     connection.close()
 
 
-def test_what_is_no_store_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+def test_files_that_are_no_store_are_refused_and_left_unchanged(tmp_path: Path) -> None:
     text, other = tmp_path / "text", tmp_path / "other.sqlite"
     text.write_text("no database" * 100)
     _set(other, "CREATE TABLE runs (a)")
@@ -398,12 +400,14 @@ def test_a_store_is_read_while_it_is_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_whole_killed_anywhere_goes_on(expected: list[tuple[Any, ...]], tmp_path: Path) -> None:
+def test_a_campaign_killed_anywhere_resumes(
+    expected: list[tuple[Any, ...]], tmp_path: Path
+) -> None:
     path, program = tmp_path / "runs.sqlite", tmp_path / "program.py"
     (tmp_path / "study.json").write_text(study_to_json(small()))
     program.write_text(_PROGRAM)
     command = [sys.executable, str(program), str(tmp_path)]
-    for rows in (1, 6):  # with so many rows there, in the middle of what follows
+    for rows in (1, 6):  # once there are this many rows, amid the next runs
         process = subprocess.Popen(command)
         while process.poll() is None and _count(path) < rows:
             time.sleep(0.005)
@@ -433,5 +437,5 @@ if __name__ == "__main__":
 def _count(path: Path) -> int:
     try:
         return len(rho.Results(path))
-    except StoreError:  # not made yet
+    except StoreError:  # not created yet
         return 0

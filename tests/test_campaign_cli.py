@@ -26,7 +26,7 @@ Captured = pytest.CaptureFixture[str]
 
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
-    """The file of a small study (JSON is YAML)."""
+    """Write the file of a small study (JSON is YAML)."""
     path = tmp_path / "study.yaml"
     path.write_text(study_to_json(small()))
     return path
@@ -44,15 +44,15 @@ def test_a_campaign_and_its_results(
 ) -> None:
     store = str(tmp_path / "runs.sqlite")
     words = ["campaign", str(study), "--store", store]
-    for expected in (len(small()), len(small())):  # the second time there is nothing to do
+    for expected in (len(small()), len(small())):  # the second time nothing is left to do
         status, printed, _ = run(capsys, monkeypatch, *words)
         assert status == 0
         assert printed.startswith(f"{expected} runs in {store}, ")
     status, printed, _ = run(capsys, monkeypatch, "results", store)
     assert (status, printed.strip()) == (0, str(rho.Results(store)))
     status, printed, _ = run(capsys, monkeypatch, "results", store, "--json")
-    told = {"status": 0, "export": None, "figures": []} | rho.Results(store).to_json()
-    assert (status, json.loads(printed)) == (0, told)
+    reported = {"status": 0, "export": None, "figures": []} | rho.Results(store).to_json()
+    assert (status, json.loads(printed)) == (0, reported)
     made = [str(tmp_path / "figures"), str(tmp_path / "runs.csv")]
     words = ["results", store, "--figures", made[0], "--export", made[1]]
     status, printed, _ = run(capsys, monkeypatch, *words)
@@ -75,7 +75,7 @@ def test_a_campaign_and_its_results(
         ("DELETE FROM study", "got no study, expected the study of the runs"),
     ],
 )
-def test_a_store_with_runs_of_something_else_is_one_line_and_status_2(
+def test_a_store_with_foreign_runs_is_one_line_and_status_2(
     change: str, complaint: str, tmp_path: Path, capsys: Captured, monkeypatch: Patch
 ) -> None:
     store = tmp_path / "runs.sqlite"
@@ -154,7 +154,7 @@ def test_another_study_is_refused(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, *slow(signal.SIGKILL)])
-def test_a_campaign_on_workers_that_is_ended_goes_on(
+def test_a_terminated_campaign_on_workers_resumes(
     how: signal.Signals, tmp_path: Path, capsys: Captured, monkeypatch: Patch
 ) -> None:
     go = tmp_path / "go"
@@ -173,12 +173,12 @@ def test_a_campaign_on_workers_that_is_ended_goes_on(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=_minds_interrupts,
+        preexec_fn=_handles_interrupts,
         cwd=Path(__file__).parent.parent,  # where workers find the planner
     )
-    while process.poll() is None and _count(store) < 4:  # then both workers are held
+    while process.poll() is None and _count(store) < 4:  # then both workers are busy waiting
         time.sleep(0.01)
-    if how == signal.SIGINT:  # as a terminal does: to all of them
+    if how == signal.SIGINT:  # like a terminal: send it to all of them
         os.killpg(process.pid, how)
     else:
         process.send_signal(how)
@@ -198,15 +198,15 @@ def test_a_campaign_on_workers_that_is_ended_goes_on(
     assert again == table(tmp_path / "alone.sqlite")
 
 
-def _minds_interrupts() -> None:
-    """Whatever the tests were started with: shells let what is in the background ignore Ctrl-C."""
+def _handles_interrupts() -> None:
+    """Handle interrupts, which shells let background processes ignore."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _count(store: Path) -> int:
     try:
         return len(rho.Results(store))
-    except StoreError:  # not made yet
+    except StoreError:  # not created yet
         return 0
 
 

@@ -1,4 +1,4 @@
-"""Campaigns on Dask: a cluster of processes, and a scheduler and workers that are commands."""
+"""Campaigns on Dask: a cluster of processes, and a scheduler and workers started by commands."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::Depr
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Any, ...]]:
-    """The rows of a campaign in this process."""
+    """Return the rows of a campaign in this process."""
     path = tmp_path_factory.mktemp("undisturbed") / "runs.sqlite"
     rho.campaign(small(), path)
     return table(path)
 
 
 @pytest.mark.slow
-def test_a_cluster_of_processes_finds_the_same_also_when_one_dies(
+def test_a_cluster_of_processes_gives_the_same_rows_even_when_one_dies(
     expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:
     killed = list[int]()
@@ -54,7 +54,7 @@ def test_a_cluster_of_processes_finds_the_same_also_when_one_dies(
 
 
 @pytest.mark.slow
-def test_a_scheduler_and_workers_that_are_commands(
+def test_a_scheduler_and_workers_started_by_commands(
     expected: list[tuple[Any, ...]], tmp_path: Path
 ) -> None:
     (tmp_path / "study.yaml").write_text(study_to_json(small()))

@@ -1,4 +1,4 @@
-"""Scenarios that were once too hard: no way round, or solvers that failed on it."""
+"""Scenarios that were once too hard: no path was found, or solvers failed."""
 
 from __future__ import annotations
 

@@ -40,10 +40,10 @@ def test_nothing_sampled_is_closer(seed: int) -> None:
 
 
 @given(p=st.tuples(small, small), v=st.tuples(small, small), a=st.tuples(small, small))
-def test_the_moment_is_a_root_of_the_exact_cubic(
+def test_the_time_of_closest_approach_is_a_root_of_the_exact_cubic(
     p: tuple[int, int], v: tuple[int, int], a: tuple[int, int]
 ) -> None:
-    """In rational arithmetic the derivative changes its sign within an ulp of what is found."""
+    """In rational arithmetic the derivative changes sign within an ulp of the returned time."""
     start = rho.State([*p, 0.0], [*v, 0.0])
     motion = Motion.from_start(start, np.array([[*a, 0.0]]), 1.0)
     time = float(closest_approach(motion, np.zeros(3))[0][0])
@@ -64,7 +64,7 @@ def test_the_moment_is_a_root_of_the_exact_cubic(
         assert length(found) <= length(Fraction(n, 100)) + nearby
 
 
-def test_a_fly_by_in_the_middle_of_a_step_is_known() -> None:
+def test_a_fly_by_in_the_middle_of_a_step_is_found() -> None:
     start = rho.State([-3.0, 4.0, 0.0], [2.0, 0.0, 0.0])
     motion = Motion.from_start(start, np.zeros((3, 3)), 1.0)
     times, distances = closest_approach(motion, np.zeros(3))
@@ -72,8 +72,8 @@ def test_a_fly_by_in_the_middle_of_a_step_is_known() -> None:
     np.testing.assert_allclose(distances, [np.sqrt(17), 4.0, np.sqrt(17)])
 
 
-def test_two_minima_in_one_step_are_both_seen() -> None:
-    """A parabola that comes near a point twice: the closer of the two is taken."""
+def test_two_minima_in_one_step_are_both_found() -> None:
+    """A parabola comes near a point twice: the closer approach is taken."""
     start = rho.State([0.15, -1.0, 0.0], [-0.3, 4.0, 0.0])
     motion = Motion.from_start(start, np.array([[0.0, -8.0, 0.0]]), 1.0)
     center = np.array([0.01, -0.6, 0.0])
@@ -84,7 +84,7 @@ def test_two_minima_in_one_step_are_both_seen() -> None:
 
 
 @given(seed=seeds)
-def test_extremes_between_knots_are_never_passed(seed: int) -> None:
+def test_extremes_between_knots_are_never_exceeded(seed: int) -> None:
     motion, _ = _random_motion(seed)
     times, positions = turning_points(motion)
     h, steps = motion.step, len(motion.accelerations)
@@ -99,7 +99,7 @@ def test_extremes_between_knots_are_never_passed(seed: int) -> None:
             assert at == pytest.approx(positions[k, axis], abs=1e-12 * scale)
 
 
-def test_several_vehicles_at_once_are_each_alone() -> None:
+def test_several_vehicles_at_once_equal_each_one_separately() -> None:
     plan = rho.plan_convex(rho.load_scenario("paper"))
     center = plan.scenario.spheres[0].center
     _, together = closest_approach(plan.motion(), center)

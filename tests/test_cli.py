@@ -1,4 +1,4 @@
-"""The command line: exit statuses, one line for bad input, nothing half-written."""
+"""The command line: exit statuses, one line for bad input, no half-written files."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ obstacles:
 
 
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: str) -> Run:
-    """`drake-rho words`, in this process."""
+    """Run `drake-rho words` in this process."""
     monkeypatch.setattr(sys, "argv", ["drake-rho", *words])
     with pytest.raises(SystemExit) as left:
         cli.main()
@@ -62,14 +62,14 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *wo
 
 @pytest.fixture
 def scenario_file(tmp_path: Path) -> Path:
-    """A scenario written from scratch."""
+    """Write a scenario from scratch."""
     path = tmp_path / "scenario.yaml"
     path.write_text(FROM_SCRATCH)
     return path
 
 
 @pytest.mark.parametrize("words", [["plan"], ["plan", "--method", "scp"], ["fly"]])
-def test_a_scenario_from_scratch_is_planned_kept_and_verified(
+def test_a_scenario_from_scratch_is_planned_saved_and_verified(
     words: list[str],
     scenario_file: Path,
     tmp_path: Path,
@@ -97,8 +97,8 @@ def test_a_solver_is_chosen_by_its_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     kept = tmp_path / "kept.npz"
-    asked = ["plan", "paper", "--solver", words, "-o", str(kept)]
-    status, out, _ = run(capsys, monkeypatch, *asked)
+    command = ["plan", "paper", "--solver", words, "-o", str(kept)]
+    status, out, _ = run(capsys, monkeypatch, *command)
     assert status == 0, out
     plan = rho.load(kept)
     assert isinstance(plan, rho.Plan)
@@ -116,7 +116,7 @@ def test_a_solver_that_is_not_installed_is_bad_input(
     assert err == "drake-rho: rho.Daqp() needs the package daqp: pip install 'drake-rho[fast]'\n"
 
 
-def test_a_plan_that_breaks_a_constraint_exits_1(
+def test_a_plan_that_violates_a_constraint_exits_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = rho.plan_convex(single())
@@ -281,7 +281,7 @@ def test_a_table_of_states_is_refused_with_the_kinds_of_files_that_are_expected(
         (["show", "paper", "--rate", "inf"], "--rate: got inf, expected 0.01 to 1000"),
     ],
 )
-def test_what_cannot_be_kept_or_shown_is_refused_before_anything_is_planned(
+def test_output_that_cannot_be_written_is_refused_before_planning(
     words: list[str],
     complaint: str,
     tmp_path: Path,
@@ -289,7 +289,7 @@ def test_what_cannot_be_kept_or_shown_is_refused_before_anything_is_planned(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def never(*_: object, **__: object) -> None:
-        raise AssertionError("planned before all was known to be good")
+        raise AssertionError("planned before all arguments were checked")
 
     for module, names in (
         ("commands", ("best_plan", "plan_rho", "run_study")),
@@ -309,7 +309,7 @@ def test_what_cannot_be_kept_or_shown_is_refused_before_anything_is_planned(
 
 
 @pytest.mark.parametrize("words", [[], ["--quiet"]])
-def test_alone_it_shows_what_there_is(
+def test_without_arguments_the_command_lists_what_it_offers(
     words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     status, out, err = run(capsys, monkeypatch, *words)
@@ -353,12 +353,12 @@ def test_the_version_is_that_of_the_package(
 
 
 def _completed(*words: str) -> list[str]:
-    """What a shell is offered for the last of some words."""
-    asked = {"COMP_WORDS": shlex.join(words), "COMP_CWORD": str(len(words) - 1)}
+    """Return the completions that a shell offers for the last word."""
+    environment = {"COMP_WORDS": shlex.join(words), "COMP_CWORD": str(len(words) - 1)}
     code = "import sys; sys.argv[0] = 'drake-rho'; from drake_rho.cli import main; main()"
     ran = subprocess.run(
         [sys.executable, "-c", code],
-        env=os.environ | asked | {"_DRAKE_RHO_COMPLETE": "complete_bash"},
+        env=os.environ | environment | {"_DRAKE_RHO_COMPLETE": "complete_bash"},
         capture_output=True,
         text=True,
         check=True,
@@ -402,12 +402,12 @@ def test_no_plan_is_a_diagnosis_and_status_3(
     assert not kept.exists()
 
 
-def test_no_plan_by_one_method_says_that_there_is_one(
+def test_a_method_without_a_plan_names_the_method_that_has_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ahead = rho.Sphere([5.0, 2.0, -1.0], 2.0)  # its middle is on the way
-    asked = single(limits=rho.Limits(velocity=box(2.2)), obstacles=[ahead])
-    rho.save_scenario(asked, tmp_path / "s.yaml")
+    ahead = rho.Sphere([5.0, 2.0, -1.0], 2.0)  # its centre is on the straight path
+    scenario = single(limits=rho.Limits(velocity=box(2.2)), obstacles=[ahead])
+    rho.save_scenario(scenario, tmp_path / "s.yaml")
     words = ("plan", str(tmp_path / "s.yaml"))
     assert run(capsys, monkeypatch, *words)[0] == 0
     status, out, err = run(capsys, monkeypatch, *words, "--method", "convex")
@@ -431,7 +431,7 @@ def test_a_plan_with_a_dip_between_knots_exits_1_and_names_it(
 
 
 def _with_reader(reader: str, *words: str, python: str = "-s") -> tuple[str, str]:
-    """Both statuses, and complaints, where `reader` reads what `drake-rho words` prints."""
+    """Return both exit statuses, and stderr, of `drake-rho words` piped into `reader`."""
     command = shlex.join([sys.executable, python, "-m", "drake_rho", *words])
     script = f"{command} {reader}; echo ${{PIPESTATUS[@]}} >&2"
     ran = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)  # noqa: S607  # any bash
@@ -451,7 +451,7 @@ def _with_reader(reader: str, *words: str, python: str = "-s") -> tuple[str, str
     ],
     ids=" ".join,
 )
-def test_a_reader_that_leaves_early_is_status_141_and_no_word(
+def test_a_reader_that_closes_early_is_status_141_without_a_message(
     words: list[str], tmp_path: Path
 ) -> None:
     rho.save(rho.plan_convex(single()), tmp_path / "plan.npz")
@@ -460,21 +460,21 @@ def test_a_reader_that_leaves_early_is_status_141_and_no_word(
 
 
 @pytest.mark.slow
-def test_a_reader_of_unbuffered_output_may_leave_too() -> None:
+def test_a_reader_of_unbuffered_output_may_close_early() -> None:
     assert _with_reader("| true", "schema", python="-u") == ("141 0", "")
 
 
-def test_a_reader_that_leaves_within_the_output_is_status_141(tmp_path: Path) -> None:
+def test_a_reader_that_closes_amid_the_output_is_status_141(tmp_path: Path) -> None:
     plan = rho.plan_convex(single())
     spheres = [rho.Sphere([5.0, 2.0, -1.0], 0.001 * size) for size in range(100, 400)]
     broken = rho.Plan.from_accelerations(single(obstacles=spheres), plan.accelerations)
-    rho.save(broken, tmp_path / "broken.npz")  # which says more than a pipe holds
+    rho.save(broken, tmp_path / "broken.npz")  # whose report is longer than a pipe's buffer
     words = ("verify", str(tmp_path / "broken.npz"), "--json")
     assert _with_reader("| head -c 9", *words) == ("141 0", "")
 
 
 @pytest.mark.slow
-def test_complaints_that_nobody_reads_are_status_141() -> None:
+def test_error_messages_that_nobody_reads_are_status_141() -> None:
     assert _with_reader("2>&1 | true", "plan", "nowhere") == ("141 0", "")
 
 
@@ -486,14 +486,14 @@ def test_output_that_cannot_be_written_is_one_line_and_status_2() -> None:
 
 
 @pytest.mark.slow
-def test_a_reader_that_leaves_early_loses_no_plan(tmp_path: Path) -> None:
+def test_a_reader_that_closes_early_loses_no_plan(tmp_path: Path) -> None:
     kept = tmp_path / "kept.npz"
     assert _with_reader("| true", "plan", "paper", "-o", str(kept)) == ("141 0", "")
     assert isinstance(rho.load(kept), rho.Plan)
 
 
 @pytest.mark.slow
-def test_a_terminal_without_greek_or_squares_is_no_obstacle(tmp_path: Path) -> None:
+def test_a_terminal_without_greek_or_superscripts_works(tmp_path: Path) -> None:
     ran = subprocess.run(
         [sys.executable, "-m", "drake_rho", "plan", "paper"],
         capture_output=True,
@@ -505,9 +505,9 @@ def test_a_terminal_without_greek_or_squares_is_no_obstacle(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_a_terminal_of_no_width_and_names_like_markup_are_no_obstacle(tmp_path: Path) -> None:
-    asked = dataclasses.replace(single(), name="[/b] [red] :x:")
-    rho.save(rho.plan_convex(asked), tmp_path / "plan.npz")
+def test_a_terminal_of_width_zero_and_names_like_markup_work(tmp_path: Path) -> None:
+    scenario = dataclasses.replace(single(), name="[/b] [red] :x:")
+    rho.save(rho.plan_convex(scenario), tmp_path / "plan.npz")
     for words in (("verify", str(tmp_path / "plan.npz")), ("plan", "[/b] [red] :x:")):
         ran = subprocess.run(
             [sys.executable, "-m", "drake_rho", *words],
@@ -528,7 +528,7 @@ def test_the_schema_is_json(
 
 
 @pytest.mark.parametrize("command", ["plan", *slow("fly")])
-def test_figures_of_the_result_are_written_where_asked(
+def test_figures_of_the_result_are_written_to_the_given_folder(
     command: str,
     scenario_file: Path,
     tmp_path: Path,
@@ -558,7 +558,7 @@ def test_reproduce_writes_sixteen_figures_and_the_tables(
 
 
 @pytest.mark.parametrize("command", ["plan", "fly"])
-def test_a_bound_on_memory_that_is_none_is_refused(
+def test_an_invalid_bound_on_memory_is_refused(
     command: str,
     scenario_file: Path,
     capsys: pytest.CaptureFixture[str],
@@ -571,7 +571,7 @@ def test_a_bound_on_memory_that_is_none_is_refused(
     assert run(capsys, monkeypatch, *words, "2e7")[0] == 0
 
 
-def test_the_module_runs_too() -> None:
+def test_the_package_runs_as_a_module() -> None:
     ran = subprocess.run(
         [sys.executable, "-m", "drake_rho", "plan", "nowhere"],
         capture_output=True,
@@ -582,10 +582,10 @@ def test_the_module_runs_too() -> None:
     assert "Traceback" not in ran.stderr
 
 
-def test_ctrl_c_of_which_a_package_makes_another_error_is_told_as_it_was(
+def test_ctrl_c_that_a_package_turns_into_another_error_is_reported_as_ctrl_c(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """As pybind11 does where it comes while a module of Drake's begins."""
+    """pybind11 does this where Ctrl-C arrives while a module of Drake is imported."""
 
     def command(cause: BaseException | None) -> int:
         raise ImportError("initialization failed") from cause

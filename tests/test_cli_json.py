@@ -1,4 +1,4 @@
-"""`--json` and `--quiet` of every command: one document with the keys that are defined, or less."""
+"""`--json` and `--quiet` of every command: one document with the defined keys, or less."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ ASKED: dict[str, tuple[list[str], type[Document]]] = {
     "reproduce": (["reproduce", "--figures", "drawn"], documents.Reproduced),
     "schema": (["schema"], Document),
 }
-"""What is asked of each command, and the document that it answers with."""
+"""Arguments of each command, and the kind of document that it prints."""
 WEAK = rho.Limits(acceleration=box(0.3))
 
 
 @pytest.fixture(scope="session")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The store of a small campaign."""
+    """Return the store of a small campaign."""
     path = tmp_path_factory.mktemp("campaign") / "runs.sqlite"
     rho.campaign(small(1), path)
     return path
@@ -59,7 +59,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: Patch, study: Study, store: Path) -> Path:
-    """A folder with one of everything."""
+    """Return a folder with one file of every kind."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("drake_rho.cli.commands.run_study", lambda advance: study)
     monkeypatch.setattr("drake_rho.paper.figures.write_paper_figures", _no_figures)
@@ -71,19 +71,19 @@ def folder(tmp_path: Path, monkeypatch: Patch, study: Study, store: Path) -> Pat
 
 
 def _no_figures(study: Study, folder: str, *_: object, **__: object) -> list[Path]:
-    """In place of drawing sixteen, which other tests look at."""
+    """Stand in for the drawing of sixteen figures, which other tests cover."""
     return [Path(folder) / "fig03.png"]
 
 
 def read(text: str, kind: type[Document]) -> dict[str, Any]:
-    """The one document in a text, which has the keys and types of its kind and no others."""
+    """Return the one document in a text, with exactly the keys and types of its kind."""
     found: dict[str, Any] = json.loads(text)
     adapter = TypeAdapter(kind)
     assert json.loads(adapter.dump_json(adapter.validate_json(text))) == found
     return found
 
 
-def test_every_command_is_asked_here() -> None:
+def test_every_command_is_covered_here() -> None:
     assert set(ASKED) == {each.__name__ for group in GROUPS.values() for each in group}
 
 
@@ -118,7 +118,7 @@ def test_a_schema_is_its_own_document(
 
 
 @pytest.mark.parametrize("words", [[], ["--version"]])
-def test_what_there_is_comes_as_a_document_too(
+def test_the_lists_of_names_are_documents_too(
     words: list[str], capsys: Captured, monkeypatch: Patch
 ) -> None:
     status, out, _ = run(capsys, monkeypatch, *words, "--json")
@@ -154,7 +154,7 @@ def test_bad_input_is_a_document_of_status_2(
 
 
 @pytest.mark.parametrize("name", ["plan", "fly", "simulate", "show"])
-def test_no_plan_is_a_document_with_the_reason_and_what_would_mend_it(
+def test_no_plan_is_a_document_with_the_reason_and_the_remedies(
     name: str, capsys: Captured, monkeypatch: Patch
 ) -> None:
     status, out, err = run(capsys, monkeypatch, name, "weak.yaml", "--json")
@@ -164,12 +164,12 @@ def test_no_plan_is_a_document_with_the_reason_and_what_would_mend_it(
     _agrees(found["diagnosis"], rho.diagnose(rho.load_scenario("weak.yaml")))
 
 
-def _agrees(told: dict[str, Any], expected: rho.Diagnosis) -> None:
-    assert told["feasible"] == expected.feasible
-    assert told["conflicts"] == {name: list(why) for name, why in expected.conflicts.items()}
-    assert told["shortest_duration_s"] == expected.shortest_duration
-    assert told["acceleration_factor"] == expected.acceleration_factor
-    assert [each["excess"] for each in told["violations"]] == [
+def _agrees(reported: dict[str, Any], expected: rho.Diagnosis) -> None:
+    assert reported["feasible"] == expected.feasible
+    assert reported["conflicts"] == {name: list(why) for name, why in expected.conflicts.items()}
+    assert reported["shortest_duration_s"] == expected.shortest_duration
+    assert reported["acceleration_factor"] == expected.acceleration_factor
+    assert [each["excess"] for each in reported["violations"]] == [
         each.excess for each in expected.violations
     ]
 
@@ -193,7 +193,7 @@ def test_failing_solvers_and_ctrl_c_have_documents_and_lines(
     )
 
 
-def test_ctrl_c_while_the_remedy_is_sought_leaves_the_reason_said(
+def test_ctrl_c_during_the_search_for_a_remedy_keeps_the_reason(
     capsys: Captured, monkeypatch: Patch
 ) -> None:
     def interrupted(*_: object, **__: object) -> None:
@@ -206,7 +206,7 @@ def test_ctrl_c_while_the_remedy_is_sought_leaves_the_reason_said(
     assert "acceleration box x" in reason
 
 
-def test_a_plans_document_tells_what_the_plan_is(
+def test_a_plans_document_describes_the_plan(
     folder: Path, capsys: Captured, monkeypatch: Patch
 ) -> None:
     _, out, _ = run(capsys, monkeypatch, *ASKED["plan"][0], "--figures", "drawn", "--json")
@@ -216,7 +216,7 @@ def test_a_plans_document_tells_what_the_plan_is(
     assert isinstance(sphere, rho.Sphere)
     nearest = np.linalg.norm(plan.positions - sphere.center, axis=2).min() - sphere.radius
     assert found["cost"] == pytest.approx(np.sum(plan.accelerations**2))
-    assert found["clearance_m"] == pytest.approx(nearest, abs=1e-6)  # the paper asks for the knots
+    assert found["clearance_m"] == pytest.approx(nearest, abs=1e-6)  # the paper limits the knots
     assert found["step_s"] == plan.scenario.grid.step
     assert found["programs"] == plan.statistics.programs
     assert (found["kind"], found["windows"], found["file"]) == ("plan", None, "kept.npz")
@@ -227,13 +227,13 @@ def test_a_plans_document_tells_what_the_plan_is(
     assert {"goal position", "obstacle 1 at knots", "velocity box x upper"} <= tightest
 
 
-def test_a_broken_plans_document_tells_all_that_is_broken(
+def test_the_document_of_a_violating_plan_lists_all_violations(
     capsys: Captured, monkeypatch: Patch
 ) -> None:
     spheres = [rho.Sphere([5.0, 2.0, -1.0], 0.01 * size) for size in range(50, 150)]
     plan = rho.plan_convex(single())
-    asked = single(obstacles=spheres, between_knots=True)
-    rho.save(rho.Plan.from_accelerations(asked, plan.accelerations), "broken.npz")
+    scenario = single(obstacles=spheres, between_knots=True)
+    rho.save(rho.Plan.from_accelerations(scenario, plan.accelerations), "broken.npz")
     status, out, _ = run(capsys, monkeypatch, "verify", "broken.npz", "--json")
     found = read(out, result_documents.Verified)
     assert (status, found["status"], found["ok"]) == (1, 1, False)
@@ -251,7 +251,7 @@ def test_a_flights_document_counts_its_windows(capsys: Captured, monkeypatch: Pa
     assert found["cost"] == pytest.approx(flight.cost)
 
 
-def test_a_simulations_document_tells_errors(capsys: Captured, monkeypatch: Patch) -> None:
+def test_a_simulations_document_reports_errors(capsys: Captured, monkeypatch: Patch) -> None:
     words = [*ASKED["simulate"][0], "-o", "flown.npz", "--json"]
     _, out, _ = run(capsys, monkeypatch, *words)
     found, flown = read(out, result_documents.Verified), rho.load("flown.npz")
@@ -273,7 +273,7 @@ def test_a_certificate_is_that_of_the_python_function(capsys: Captured, monkeypa
     rho.save(plan, "convex.npz")
     status, out, _ = run(capsys, monkeypatch, "certify", "convex.npz", "--json")
     found = read(out, analysis_documents.Certified)
-    expected = rho.certify(plan, solver=ClarabelSolver())  # as commands take by default
+    expected = rho.certify(plan, solver=ClarabelSolver())  # default of commands
     assert status == 0
     assert found["gap"] > 0.19
     for name in ("cost", "lower_bound", "gap", "holds", "is_globally_optimal"):
@@ -285,7 +285,7 @@ def test_a_certificate_is_that_of_the_python_function(capsys: Captured, monkeypa
     assert words == f"{expected}\n"
 
 
-def test_an_exports_document_tells_its_files_and_deviations(
+def test_an_exports_document_lists_its_files_and_deviations(
     folder: Path, capsys: Captured, monkeypatch: Patch
 ) -> None:
     words = ["export", "plan.npz", "--format", "crazyswarm", "-o", "swarm"]
@@ -306,12 +306,12 @@ def test_a_simulation_has_no_certificate(capsys: Captured, monkeypatch: Patch) -
 
 
 @pytest.mark.parametrize("limits", [WEAK, rho.Limits(acceleration=box(3.0))], ids=["weak", "able"])
-def test_a_diagnosis_is_that_of_the_python_function_whatever_it_is(
+def test_a_diagnosis_is_that_of_the_python_function(
     limits: rho.Limits, capsys: Captured, monkeypatch: Patch
 ) -> None:
-    asked = single(limits=limits)
-    rho.save_scenario(asked, "asked.yaml")
-    expected = rho.diagnose(asked)
+    scenario = single(limits=limits)
+    rho.save_scenario(scenario, "asked.yaml")
+    expected = rho.diagnose(scenario)
     assert expected.feasible == (limits is not WEAK)
     status, out, _ = run(capsys, monkeypatch, "diagnose", "asked.yaml", "--json")
     assert status == 0
@@ -326,11 +326,11 @@ def test_assigned_goals_are_those_of_the_python_function(
     _, out, _ = run(capsys, monkeypatch, *ASKED["assign"][0], "--json")
     found, better = read(out, documents.Assigned), rho.assign_goals(asked)
     assert rho.load_scenario("kept.yaml") == better
-    for scenario, told in ((asked, found["effort_before"]), (better, found["effort"])):
+    for scenario, reported in ((asked, found["effort_before"]), (better, found["effort"])):
         free = dataclasses.replace(
             scenario, limits=rho.Limits(), obstacles=(), separation=None, between_knots=False
         )
-        assert told == pytest.approx(rho.plan_convex(free).cost)
+        assert reported == pytest.approx(rho.plan_convex(free).cost)
     for row, vehicle in zip(found["vehicles"], better.vehicles, strict=True):
         assert row["vehicle"] == vehicle.name
         assert row["goal_m"] == vehicle.goal.position.tolist()
@@ -338,7 +338,7 @@ def test_assigned_goals_are_those_of_the_python_function(
         assert np.array_equal(before.goal.position, vehicle.goal.position)
 
 
-def test_goals_that_are_best_already_are_kept(capsys: Captured, monkeypatch: Patch) -> None:
+def test_optimal_goals_are_kept(capsys: Captured, monkeypatch: Patch) -> None:
     run(capsys, monkeypatch, *ASKED["assign"][0])
     status, out, _ = run(capsys, monkeypatch, "assign", "kept.yaml")
     assert status == 0
@@ -349,14 +349,14 @@ def test_goals_that_are_best_already_are_kept(capsys: Captured, monkeypatch: Pat
     "name",
     ["plan", "fly", "simulate", "assign", "verify", "show", "export", "campaign", "reproduce"],
 )
-def test_quietly_a_command_that_does_something_prints_nothing(
+def test_with_quiet_a_command_that_acts_prints_nothing(
     name: str, capsys: Captured, monkeypatch: Patch
 ) -> None:
     assert run(capsys, monkeypatch, *ASKED[name][0], "--quiet") == (0, "", "")
 
 
 @pytest.mark.parametrize("name", ["certify", "diagnose", "results"])
-def test_quietly_a_question_is_still_answered(
+def test_with_quiet_a_query_is_still_answered(
     name: str, capsys: Captured, monkeypatch: Patch
 ) -> None:
     words, _ = ASKED[name]
@@ -365,9 +365,9 @@ def test_quietly_a_question_is_still_answered(
     assert plain
 
 
-def test_quietly_an_error_is_still_a_line(capsys: Captured, monkeypatch: Patch) -> None:
+def test_with_quiet_an_error_is_still_one_line(capsys: Captured, monkeypatch: Patch) -> None:
     def never(*_: object, **__: object) -> None:
-        raise AssertionError("nobody asked what would mend it")
+        raise AssertionError("searched for a remedy that was not requested")
 
     monkeypatch.setattr("drake_rho.cli.failures.diagnose", never)
     for words, expected in ((("plan", "nowhere"), 2), (("plan", "weak.yaml"), 3)):
@@ -375,7 +375,7 @@ def test_quietly_an_error_is_still_a_line(capsys: Captured, monkeypatch: Patch) 
         assert (status, out, err.count("\n")) == (expected, "", 1)
 
 
-def test_numbers_that_are_none_are_null() -> None:
+def test_nan_and_infinity_are_null() -> None:
     row = analysis_documents.CertifiedRow(
         vehicle="a", cost=np.nan, lower_bound=np.inf, gap=0.0, least_eigenvalue=2.0
     )
@@ -384,14 +384,14 @@ def test_numbers_that_are_none_are_null() -> None:
     assert json.loads(text)["lower_bound"] is None
 
 
-def test_what_follows_two_dashes_is_no_option(capsys: Captured, monkeypatch: Patch) -> None:
+def test_arguments_after_two_dashes_are_no_options(capsys: Captured, monkeypatch: Patch) -> None:
     status, out, err = run(capsys, monkeypatch, "plan", "--", "--json")
     assert (status, out) == (2, "")
     assert "'--json'" in err
 
 
 def _described() -> Iterator[tuple[str, str]]:
-    """Each key that a document can have, and what is said of it where it is defined."""
+    """Yield each key that a document can have, and its description."""
     modules = (document, result_documents, analysis_documents, documents)
     parsed = [ast.parse(Path(str(module.__file__)).read_text()) for module in modules]
     for kind in (kind for each in parsed for kind in each.body):

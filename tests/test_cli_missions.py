@@ -1,4 +1,4 @@
-"""Missions of another planner on the command line, with the grid that they do not have."""
+"""Missions of another planner on the command line, with the grid that they lack."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ MISSION = """
 
 @pytest.fixture
 def mission_file(tmp_path: Path) -> Path:
-    """A mission of the LSC planner."""
+    """Write a mission of the LSC planner."""
     path = tmp_path / "mission.json"
     path.write_text(MISSION)
     return path
 
 
 @pytest.mark.parametrize("command", ["plan", "fly"])
-def test_a_mission_is_planned_on_the_grid_that_is_asked_for(
+def test_a_mission_is_planned_on_the_requested_grid(
     command: str,
     mission_file: Path,
     tmp_path: Path,
@@ -46,7 +46,7 @@ def test_a_mission_is_planned_on_the_grid_that_is_asked_for(
     assert plan.scenario == rho.load_lsc_mission(mission_file, grid=rho.Grid(0.2, 51))
 
 
-def test_a_mission_that_its_step_has_no_plan_for_is_tried_with_the_next(
+def test_a_mission_without_a_plan_at_one_step_is_tried_with_the_next(
     mission_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ["plan", str(mission_file), "--duration", "4", "--step", "4", "--step", "0.1"]
@@ -108,7 +108,7 @@ def test_a_malformed_world_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize("command", ["plan", "fly", "show"])
-def test_what_is_no_mission_has_obstacles_of_its_own(
+def test_a_world_is_refused_for_files_that_are_no_mission(
     command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     status, out, err = run(capsys, monkeypatch, command, "paper", "--world", "w.csv")
@@ -126,7 +126,7 @@ def test_a_malformed_mission_is_refused_by_the_names_in_it(
     assert "mission.json: quadrotors.small.backwash: got 2, expected no field of this name" in err
 
 
-def test_a_kept_plan_has_a_grid_of_its_own(
+def test_a_grid_is_refused_for_a_saved_plan(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rho.save(rho.plan_convex(single()), tmp_path / "plan.npz")

@@ -1,4 +1,4 @@
-"""`drake-rho simulate`: winds by their names, what is told of a flight, and its file."""
+"""`drake-rho simulate`: winds by name, the report of a flight, and its file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ disturbance: {acceleration: 0.4, position_error: 0.01, velocity_error: 0.02,
 
 @pytest.fixture
 def mission(tmp_path: Path) -> str:
-    """A file of two vehicles in wind."""
+    """Write a file of two vehicles in wind."""
     path = tmp_path / "mission.yaml"
     path.write_text(MISSION + DISTURBED)
     return str(path)
@@ -39,7 +39,7 @@ def mission(tmp_path: Path) -> str:
 
 @pytest.fixture
 def calm(tmp_path: Path) -> str:
-    """The same without a disturbance."""
+    """Write the same scenario without a disturbance."""
     path = tmp_path / "calm.yaml"
     path.write_text(MISSION)
     return str(path)
@@ -52,7 +52,7 @@ def _flown(path: Path) -> rho.Simulation:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         ([], "wind: none; seed 1"),
         (["--wind", "constant"], "wind: constant along 1 0 0; seed 1"),
@@ -65,9 +65,9 @@ def _flown(path: Path) -> rho.Simulation:
         (["--wind", "worst", "--direction", "0", "0", "1"], "worst along 0 0 1 by 1.25 s"),
     ],
 )
-def test_a_scenario_is_flown_judged_kept_and_shown(
+def test_a_scenario_is_flown_verified_saved_and_shown(
     words: list[str],
-    told: str,
+    expected: str,
     mission: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -77,7 +77,7 @@ def test_a_scenario_is_flown_judged_kept_and_shown(
     status, out, err = run(capsys, monkeypatch, "simulate", mission, *words, "-o", str(kept))
     assert status == 0, out + err
     assert err == ""
-    assert told in out
+    assert expected in out
     assert "5 windows" in out
     simulation = _flown(kept)
     strongest = np.linalg.norm(simulation.wind, axis=2).max()
@@ -89,14 +89,14 @@ def test_a_scenario_is_flown_judged_kept_and_shown(
     status, again, _ = run(capsys, monkeypatch, "verify", str(kept))
     assert status == 0
     assert "gap: all constraints hold" in again
-    assert again in out  # less the wind, which no file tells, and where it is kept
+    assert again in out  # except the wind, which no file stores, and the path of the file
     page = tmp_path / "page.html"
     status, out, _ = run(capsys, monkeypatch, "show", str(kept), "--html", str(page))
     assert status == 0
     assert page.stat().st_size > 1e6
 
 
-def test_the_table_tells_errors_and_clearances(
+def test_the_table_reports_errors_and_clearances(
     mission: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -154,7 +154,7 @@ def test_without_a_disturbance_a_scenario_flies_without_feedback(
 
 
 @pytest.mark.slow
-def test_a_quadrotor_is_told_from_a_point_mass(
+def test_a_quadrotor_is_distinguished_from_a_point_mass(
     mission: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -201,7 +201,7 @@ def test_bad_input_is_one_line_and_status_2(
 
 
 @pytest.mark.parametrize("wind", ["constant", "gust", "noise", "worst"])
-def test_wind_needs_a_scenario_that_says_how_strong_it_is(
+def test_wind_needs_a_scenario_that_declares_its_strength(
     wind: str,
     calm: str,
     capsys: pytest.CaptureFixture[str],
@@ -212,10 +212,10 @@ def test_wind_needs_a_scenario_that_says_how_strong_it_is(
     assert "disturbance: {acceleration: 0.3}" in err
 
 
-def test_a_flight_that_breaks_a_constraint_exits_1(
+def test_a_flight_that_violates_a_constraint_exits_1(
     calm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In a wind that the scenario does not know of."""
+    """The wind is stronger than the scenario declares."""
     scenario = rho.load_scenario(calm)
     simulation = rho.simulate(scenario, wind=lambda t, p, v: np.full_like(p, 0.3), replan_every=24)
     rho.save(simulation, tmp_path / "off.npz")
@@ -225,7 +225,7 @@ def test_a_flight_that_breaks_a_constraint_exits_1(
 
 
 @pytest.mark.slow
-def test_a_scenario_without_a_plan_says_why(
+def test_a_scenario_without_a_plan_is_explained(
     mission: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -1,4 +1,4 @@
-"""Flights are the same whenever they begin, on clocks that no number can represent too."""
+"""Flights do not depend on when they begin, even on clocks that floating point cannot represent."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ starts = st.one_of(
     st.integers(0, 100).map(lambda k: 1e3 + 0.1 * k),
     st.integers(0, 100).map(lambda k: 1.7e9 + 0.1 * k),
 )
-"""Times of first knots [s]: sums of tenths, which are no binary fractions."""
+"""Times of first knots [s]: sums of tenths, which are not binary fractions."""
 
 
 def dashing(start: float, corner: float, step: float = 1.0) -> rho.Scenario:
-    """One vehicle, and a ball that waits beside its way until a corner, and dashes across it."""
+    """Return one vehicle, and a ball that waits beside its path and then dashes across it."""
     times = start + np.array([-1.0, corner, corner + 0.25, 5.0]) * step
     places = [[0.3, -3.0, 0.0], [0.3, -3.0, 0.0], [0.3, 3.0, 0.0], [0.3, 30.0, 0.0]]
     return rho.Scenario(
@@ -36,7 +36,7 @@ def dashing(start: float, corner: float, step: float = 1.0) -> rho.Scenario:
 
 
 def least_clearance(plan: rho.Plan) -> float:
-    """The least distance from the ball's surface [m], flown and sampled by hand."""
+    """Return the least distance from the ball's surface [m], integrated and sampled by hand."""
     scenario, h = plan.scenario, plan.scenario.grid.step
     track = scenario.bodies[0].track
     assert track is not None
@@ -62,7 +62,9 @@ def test_no_corner_of_a_track_is_missed(start: float, corner: float, step: float
 
 
 @pytest.mark.parametrize(("start", "corner"), [(0.2, 0.7), (0.0, 0.7)])
-def test_a_corner_that_rounds_to_the_piece_before_it(start: float, corner: float) -> None:
+def test_a_corner_that_rounds_into_the_piece_before_it_is_not_missed(
+    start: float, corner: float
+) -> None:
     scenario = dashing(start, corner)
     assert least_clearance(rho.plan(scenario)) > -1e-6
 
@@ -110,7 +112,9 @@ def test_a_flight_in_wind_does_not_depend_on_when_it_begins(start: float, step: 
 
 @given(start=starts, sample=st.sampled_from([0.01, 0.05, 0.1]))
 @settings(max_examples=10)
-def test_times_of_a_simulation_rise_and_begin_at_the_samples(start: float, sample: float) -> None:
+def test_times_of_a_simulation_increase_and_begin_at_the_samples(
+    start: float, sample: float
+) -> None:
     scenario = rho.Scenario(
         "times",
         rho.Grid(0.1, 11, start),
@@ -128,10 +132,11 @@ def test_times_of_a_simulation_rise_and_begin_at_the_samples(start: float, sampl
     np.testing.assert_allclose(
         timeline.elapsed[timeline.samples], sample * np.arange(len(timeline.samples)), atol=1e-12
     )
-    assert len(timeline.elapsed) == 10 * round(1.0 / sample) + 1  # corners are knots, each once
+    # corners are at knots, which count once
+    assert len(timeline.elapsed) == 10 * round(1.0 / sample) + 1
 
 
-def test_windows_begin_at_the_knots_of_the_flight_however_many_went_before() -> None:
+def test_windows_begin_at_the_knots_of_the_flight() -> None:
     grid = rho.Grid(0.1, 101, 1.7e9 + 0.1)
     left = grid
     for _ in range(99):
@@ -140,7 +145,7 @@ def test_windows_begin_at_the_knots_of_the_flight_however_many_went_before() -> 
     assert left.knots == 2
 
 
-def test_a_simulation_is_flown_anew_by_exact_times_also_from_a_file(tmp_path: Path) -> None:
+def test_a_simulation_is_reproduced_with_exact_times_even_from_a_file(tmp_path: Path) -> None:
     scenario = dataclasses.replace(
         dashing(1.7e9 + 0.1, 2.0), disturbance=rho.Disturbance(0.05, feedback_every=0.1)
     )
@@ -176,23 +181,23 @@ BALL = rho.Sphere([4, 0, 1], 1)
 
 
 @pytest.mark.parametrize("between", [BALL, rho.Obstacle(BALL)])
-def test_a_flight_that_ends_before_0_has_obstacles_as_any_other(
+def test_a_flight_that_ends_before_time_0_avoids_obstacles(
     between: rho.Sphere | rho.Obstacle, tmp_path: Path
 ) -> None:
-    """That an obstacle is known from 0 on, which nobody wrote, means from the start."""
+    """An obstacle is known from the first knot by default, also where that is before time 0."""
     vehicle = rho.Vehicle("v", rho.State([0, 0, 1]), rho.State([8, 0, 1]))
-    asked = rho.Scenario("before zero", rho.Grid(0.5, 11, -10.0), [vehicle], obstacles=[between])
-    later = dataclasses.replace(asked, grid=rho.Grid(0.5, 11))
-    rho.save_scenario(asked, tmp_path / "asked.yaml")
-    assert rho.load_scenario(tmp_path / "asked.yaml") == asked
+    scenario = rho.Scenario("before zero", rho.Grid(0.5, 11, -10.0), [vehicle], obstacles=[between])
+    later = dataclasses.replace(scenario, grid=rho.Grid(0.5, 11))
+    rho.save_scenario(scenario, tmp_path / "asked.yaml")
+    assert rho.load_scenario(tmp_path / "asked.yaml") == scenario
     for planner in (rho.plan, rho.plan_rho):
-        plan, same = planner(asked), planner(later)
+        plan, same = planner(scenario), planner(later)
         assert plan.cost == pytest.approx(same.cost, rel=1e-9)
         report = rho.verify(plan)
         assert report.ok
         assert any(check.constraint == "obstacle 1" and check.asked for check in report.checks)
         assert not any("before it is known" in check.constraint for check in report.checks)
-    flown = rho.simulate(asked)
+    flown = rho.simulate(scenario)
     assert rho.verify(flown).ok
     (row,) = errors_of(flown)
     assert row.to_obstacles_m == pytest.approx(0.0, abs=1e-6)

@@ -1,4 +1,4 @@
-"""The closed loop: an independent flight, the tube that holds it, the worst case that fills it."""
+"""The closed loop: an independent simulation, the tube that holds it, the worst case in it."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tests.scenarios import single
 from tests.tolerances import ROUNDING
 
 KEPT_LATE = (14, 25, 40)
-"""Crowded scenarios with a delay in which windows keep the previous plan."""
+"""Seeds of crowded scenarios with a delay in which windows keep the previous plan."""
 
 
 def _finely(simulation: rho.Simulation, parts: int) -> tuple[Array, Array]:
-    """Positions and velocities at the times, integrated by Runge and Kutta in parts of steps.
+    """Return positions and velocities at the times, by Runge-Kutta in fractions of the steps.
 
-    With the recorded commands and winds only, which nothing of the library's turns into motion.
+    Only the recorded commands and winds are used; the library's integration is not.
     """
     p, v = simulation.positions[0], simulation.velocities[0]
     found = [(p, v)]
@@ -36,7 +36,7 @@ def _finely(simulation: rho.Simulation, parts: int) -> tuple[Array, Array]:
 
 
 def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
-    """The commands at all times, by the law of docs/flight.md, sample by sample."""
+    """Return the commands at all times by the law of docs/flight.md, sample by sample."""
     scenario, around = simulation.scenario, simulation.scenario.disturbance
     assert around is not None
     grid, sample = scenario.grid, around.sample(scenario.grid)
@@ -60,7 +60,7 @@ def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
         if seen >= since - 1e-9:
             at = int(np.argmin(np.abs(simulation.times - seen)))
             k, part = divmod((j - around.delay) * sample + 1e-9, grid.step)
-            # the plan that is tracked may have begun in an earlier window, which it continues
+            # the tracked plan may have begun in an earlier window, which it continues
             tracked = next(
                 each
                 for each in reversed(simulation.flight.windows)
@@ -80,7 +80,7 @@ def _commanded(simulation: rho.Simulation, estimated: Array) -> Array:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_the_loop_is_an_independent_flight(kind: str, delay: int) -> None:
+def test_the_loop_equals_an_independent_simulation(kind: str, delay: int) -> None:
     scenario = disturbed(17 + delay, delay=delay, errors=False)
     simulation = fly(scenario, wind=winds_for(scenario, 3)[kind], replan_every=4)
     positions, velocities = _finely(simulation, 4)
@@ -93,8 +93,8 @@ def test_the_loop_is_an_independent_flight(kind: str, delay: int) -> None:
     assert len(simulation.flight.windows) == -(-(scenario.grid.knots - 1) // 4)
 
 
-def test_the_feedback_goes_on_where_windows_keep_the_previous_plan() -> None:
-    """With a delay it answers to errors from before the window."""
+def test_the_feedback_continues_where_windows_keep_the_previous_plan() -> None:
+    """With a delay the feedback answers to errors from before the window."""
     kept = 0
     for seed in KEPT_LATE:
         scenario = crowded(seed)
@@ -123,8 +123,8 @@ def test_errors_never_leave_the_tube(kind: str, seed: int) -> None:
     assert simulation.tracking_difference.max() <= 1e-9
 
 
-def test_no_constraint_is_ever_broken_where_windows_keep_the_previous_plan_either() -> None:
-    """What the induction of docs/flight.md promises, in tight scenarios and winds of all kinds."""
+def test_no_constraint_is_violated_even_where_windows_keep_the_previous_plan() -> None:
+    """The induction of docs/flight.md promises this, in tight scenarios and winds of all kinds."""
     kept = 0
     for seed in (14, 20, 23, 33, 38, 39, 46, 47, 58):
         scenario = crowded(seed)
@@ -138,7 +138,7 @@ def test_no_constraint_is_ever_broken_where_windows_keep_the_previous_plan_eithe
     assert kept >= 3
 
 
-def test_a_wind_above_the_declared_one_does_leave_it() -> None:
+def test_a_wind_above_the_declared_one_leaves_the_tube() -> None:
     scenario = disturbed(1)
     blow = rho.winds.constant(scenario, [0, 0, 1])
     simulation = fly(scenario, wind=lambda *state: 1.5 * blow(*state), rng=np.random.default_rng(1))
@@ -146,7 +146,7 @@ def test_a_wind_above_the_declared_one_does_leave_it() -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_the_worst_case_reaches_the_radius_where_no_window_begins_anew(seed: int) -> None:
+def test_the_worst_case_reaches_the_radius_in_a_single_window(seed: int) -> None:
     scenario, rng = disturbed(100 + seed), np.random.default_rng(seed)
     time = scenario.grid.start + rng.uniform(0.3, 1.0) * scenario.grid.duration
     quantity = ("position", "velocity")[seed % 2]
@@ -161,8 +161,8 @@ def test_the_worst_case_reaches_the_radius_where_no_window_begins_anew(seed: int
     assert np.all(errors <= simulation.radii(quantity)[:, None] + 1e-9)  # type: ignore[arg-type]
 
 
-def test_estimates_err_within_their_balls_and_fill_them() -> None:
-    """With errors of the estimate the feedback differs, and by no more than they explain."""
+def test_errors_of_estimates_are_within_their_balls_and_fill_them() -> None:
+    """Errors of the estimate change the feedback by no more than their bounds."""
     scenario = disturbed(2, delay=0)
     assert scenario.disturbance is not None
     E_p, E_v = scenario.disturbance.position_error, scenario.disturbance.velocity_error
@@ -177,7 +177,7 @@ def test_estimates_err_within_their_balls_and_fill_them() -> None:
     assert left.max() >= 0.5 * (k_p * E_p + k_v * E_v)
 
 
-def test_without_a_disturbance_commands_are_the_plans_and_only_windows_answer() -> None:
+def test_without_a_disturbance_only_new_windows_react_to_wind() -> None:
     scenario = dataclasses.replace(single(), disturbance=None)
     still = fly(scenario, replan_every=4)
     flight = rho.plan_rho(scenario, replan_every=4)
@@ -189,7 +189,7 @@ def test_without_a_disturbance_commands_are_the_plans_and_only_windows_answer() 
     blow = fly(scenario, wind=lambda t, p, v: np.full_like(p, 0.05), replan_every=4)
     planned = blow.nominal("acceleration")
     np.testing.assert_array_equal(blow.commands[:-1], planned[:-1])
-    for window in blow.flight.windows[1:]:  # each begins where wind has taken the vehicle
+    for window in blow.flight.windows[1:]:  # each begins where the wind has carried the vehicle
         at = int(np.argmin(np.abs(blow.times - window.plan.scenario.grid.start)))
         np.testing.assert_allclose(window.plan.positions[:, 0], blow.positions[at], atol=1e-9)
     once = fly(scenario, wind=lambda t, p, v: np.full_like(p, 0.05), replan_every=100)
@@ -198,8 +198,8 @@ def test_without_a_disturbance_commands_are_the_plans_and_only_windows_answer() 
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2])
-def test_windows_begin_where_old_estimates_and_known_commands_lead(delay: int) -> None:
-    """All that is missing there is what the wind of the delay has done."""
+def test_windows_begin_at_the_state_predicted_from_delayed_estimates(delay: int) -> None:
+    """The difference is exactly the effect of the wind during the delay."""
     scenario = disturbed(17, delay=delay, errors=False)
     assert scenario.disturbance is not None
     late = delay * scenario.disturbance.sample(scenario.grid)
@@ -215,7 +215,7 @@ def test_windows_begin_where_old_estimates_and_known_commands_lead(delay: int) -
         np.testing.assert_allclose(window.plan.velocities[:, 0], expected, atol=1e-9)
 
 
-def test_windows_before_any_estimate_has_arrived_begin_from_the_known_starts() -> None:
+def test_windows_before_the_first_estimate_begin_at_the_known_starts() -> None:
     scenario = disturbed(17)
     around = rho.Disturbance(0.2, 0.02, 0.05, feedback_every=0.25, delay=5, share=0.4)
     scenario = dataclasses.replace(scenario, disturbance=around)
@@ -223,7 +223,7 @@ def test_windows_before_any_estimate_has_arrived_begin_from_the_known_starts() -
     for window in flown.flight.windows[:5]:
         at = int(np.argmin(np.abs(flown.times - window.plan.scenario.grid.start)))
         away = np.abs(window.plan.positions[:, 0] - flown.positions[at]).max()
-        assert (away <= 1e-9) == (window.first_knot < 3)  # two samples in a step, five late
+        assert (away <= 1e-9) == (window.first_knot < 3)  # two samples in a step, a delay of five
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -235,7 +235,7 @@ def test_with_exact_estimates_and_no_wind_windows_are_those_of_plan_rho(seed: in
         np.testing.assert_allclose(one.plan.accelerations, other.plan.accelerations, atol=1e-9)
 
 
-def test_a_flight_replays_bit_by_bit_from_its_seed() -> None:
+def test_a_flight_is_reproduced_bit_by_bit_from_its_seed() -> None:
     scenario = disturbed(7)
     one, again, other = (
         fly(
@@ -250,7 +250,7 @@ def test_a_flight_replays_bit_by_bit_from_its_seed() -> None:
     assert not np.array_equal(one.positions, other.positions)
 
 
-def test_all_that_changes_at_once_is_a_step() -> None:
+def test_simultaneous_changes_are_one_time_of_the_record() -> None:
     scenario = disturbed(4)
     grid = scenario.grid
     track = rho.Track([0.111, 1.2345, 3.0], [[50.0, 0, 0], [51.0, 0, 0], [50.0, 2.0, 0]])
@@ -274,7 +274,7 @@ def test_all_that_changes_at_once_is_a_step() -> None:
             assert timeline.nearest(float(rounded)) == time
 
 
-def test_what_makes_no_sense_is_refused_by_name() -> None:
+def test_invalid_arguments_are_refused_by_name() -> None:
     scenario = disturbed(1)
     count = len(scenario.vehicles)
     plan = rho.plan(scenario)

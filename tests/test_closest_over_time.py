@@ -1,4 +1,4 @@
-"""The closest two of a fleet over time, against all pairs looked at one by one."""
+"""The closest pair of a fleet over time, compared with a visit to every pair."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from tests.tolerances import ROUNDING
 
 
 def _wandering(vehicles: int, seed: int) -> rho.Plan:
-    """Vehicles in a small room that fly anyhow."""
+    """Return vehicles with random motions in a small room."""
     rng = np.random.default_rng(seed)
     room = rho.flight_cube(vehicles / 4)
-    asked = rho.random_transitions(vehicles, rng, volume=room, duration=3.0, step=0.3)
-    return rho.Plan.from_accelerations(asked, rng.uniform(-2.0, 2.0, (vehicles, 10, 3)))
+    scenario = rho.random_transitions(vehicles, rng, volume=room, duration=3.0, step=0.3)
+    return rho.Plan.from_accelerations(scenario, rng.uniform(-2.0, 2.0, (vehicles, 10, 3)))
 
 
 def _every_pair(plan: rho.Plan, separation: rho.Separation) -> dict[tuple[int, int], Motion]:
-    """The motion of one vehicle seen from another, where the separation is a sphere."""
+    """Return the relative motion of every pair, scaled so that the separation is a sphere."""
     whole = plan.motion()
     parts = (whole.positions, whole.velocities, whole.accelerations, whole.before)
     p, v, a, before = (separation.scaled(part) for part in parts)
@@ -54,7 +54,7 @@ def test_the_least_distance_of_every_step_is_found(vehicles: int, seed: int, per
         assert distance == pytest.approx(min(apart.values()), rel=ROUNDING)
 
 
-def test_two_in_the_same_place_are_a_pair() -> None:
+def test_two_vehicles_in_the_same_place_are_a_pair() -> None:
     states = (rho.State([0.0, 0, 0]), rho.State([2.0, 0, 0]))
     ways = (states, states[::-1], (rho.State([0.0, 5, 0]), rho.State([0.0, 5, 0])))
     vehicles = [rho.Vehicle(f"v{i}", start, goal) for i, (start, goal) in enumerate(ways)]

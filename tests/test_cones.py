@@ -1,4 +1,4 @@
-"""Curved sets as cones in programs, in place of tangent planes that come to no end."""
+"""Curved sets as cones in programs, where tangent planes converge slowly."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LIMITS = {
 
 @pytest.fixture(params=[0, 10], ids=["cones", "tangents"])
 def creeping(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
-    """Rounds of tangent planes before cones enter: none, and as many as the package takes."""
+    """Set the rounds of tangent planes before cones enter: none, or as many as by default."""
     monkeypatch.setattr(curved_sets, "_CREEPING", request.param)
     return int(request.param)
 
@@ -47,12 +47,12 @@ def creeping(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     ],
     ids=["ball", "cone"],
 )
-def test_a_cone_is_the_set_and_tells_how_far_outside_a_value_is(
+def test_a_cone_equals_the_set_and_measures_the_distance_to_it(
     sets: ConvexSets, free: dict[str, float]
 ) -> None:
     rng, count = np.random.default_rng(1), 400
     values, who = rng.normal(size=(count, 3)) * 3.0, np.zeros(count, dtype=int)
-    values[:, 2] = np.abs(values[:, 2])  # above an apex, so that it is never the nearest point
+    values[:, 2] = np.abs(values[:, 2])  # above the apex, which is then never the nearest point
     matrices, reaches = sets.cones(who)
     seen = np.einsum("rij,rj->ri", matrices, values)
     excess = np.linalg.norm(seen[:, 1:], axis=1) - seen[:, 0] - reaches
@@ -64,19 +64,19 @@ def test_a_cone_is_the_set_and_tells_how_far_outside_a_value_is(
 
 
 @pytest.mark.parametrize("kind", LIMITS)
-def test_plans_cost_the_same_with_cones_and_with_tangents(creeping: int, kind: str) -> None:
+def test_plans_cost_the_same_with_cones_and_with_tangent_planes(creeping: int, kind: str) -> None:
     scenario = single(limits=LIMITS[kind], start=TURNING)
     known = twin_cost(scenario)
     plan = rho.plan_convex(scenario)
     assert plan.cost == pytest.approx(known, rel=TWIN)
     assert rho.verify(plan).ok
-    assert rho.certify(plan).is_globally_optimal  # by the multipliers of tangent planes
+    assert rho.certify(plan).is_globally_optimal  # with multipliers of tangent planes
     if creeping == 0 and kind != "all":
         assert plan.statistics.programs <= 3
 
 
 @pytest.mark.parametrize("limits", [rho.Limits(max_acceleration=0.6), rho.Limits(max_tilt=0.03)])
-def test_where_there_is_no_plan_tangents_contradict_each_other(
+def test_where_there_is_no_plan_tangent_planes_contradict_each_other(
     creeping: int, limits: rho.Limits
 ) -> None:
     with pytest.raises(rho.InfeasibleError) as caught:
@@ -88,7 +88,7 @@ def test_where_there_is_no_plan_tangents_contradict_each_other(
 
 
 def _nearly_impossible(duration: float) -> rho.Scenario:
-    """Past a sphere with hardly any acceleration to spare: 6.36 s are needed, 6.42 are too few."""
+    """Return a flight past a sphere near infeasibility: it needs 6.36 s, and 6.42 s are too few."""
     return rho.Scenario(
         "in a hurry",
         rho.Grid(duration / 20, 21),
@@ -98,8 +98,8 @@ def _nearly_impossible(duration: float) -> rho.Scenario:
     )
 
 
-def test_near_the_boundary_of_feasibility_there_is_an_answer_after_few_programs() -> None:
-    """Tangent planes came to thousands of rows a program, and to no answer in minutes."""
+def test_near_the_boundary_of_feasibility_few_programs_give_an_answer() -> None:
+    """With tangent planes alone, programs had thousands of rows and gave no answer in minutes."""
     found = plan_along_ways(Problem.of(_nearly_impossible(6.40625)))
     assert found.plan is None
     assert found.spent.programs < 2000

@@ -1,4 +1,4 @@
-"""Every constraint holds, and has an effect: without it, it would be broken."""
+"""Every constraint holds and has an effect: without it, it would be violated."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ LIMITS = {
     "maximum tilt": rho.Limits(max_tilt=0.07),
 }
 STARTS = {
-    # running past the goal, so that the position box is in the way
+    # running past the goal activates the position box
     "position box": rho.State([0.0, 0.0, 0.0], [4.0, 1.0, 3.0]),
-    # without thrust so far, so that the best first acceleration is a jump
+    # no thrust before, so that the cheapest first acceleration is a jump
     "jerk box": rho.State([0.0, 0.0, 0.0], acceleration=[0.0, 0.0, 0.0]),
 }
 
@@ -35,8 +35,8 @@ def test_a_limit_holds_and_has_an_effect(kind: str, solver: SolverInterface) -> 
     assert rho.verify(limited).ok
     assert limited.cost > free.cost * 1.001
 
-    judged = rho.Plan.from_accelerations(limited.scenario, free.accelerations)
-    violations = rho.verify(judged).violations
+    unlimited = rho.Plan.from_accelerations(limited.scenario, free.accelerations)
+    violations = rho.verify(unlimited).violations
     assert {violation.constraint for violation in violations} == {kind}
 
 
@@ -57,8 +57,8 @@ def test_the_acceleration_before_the_first_knot_counts_for_the_jerk() -> None:
     assert bound.accelerations[0, 0, 0] <= -0.2 + 1.0 * 0.5 + 1e-6
     assert free.accelerations[0, 0, 0] > 0.0
     assert bound.cost > free.cost
-    judged = rho.Plan.from_accelerations(bound.scenario, free.accelerations)
-    assert {violation.constraint for violation in rho.verify(judged).violations} == {"jerk box"}
+    unlimited = rho.Plan.from_accelerations(bound.scenario, free.accelerations)
+    assert {violation.constraint for violation in rho.verify(unlimited).violations} == {"jerk box"}
 
 
 SPHERES = (
@@ -84,7 +84,7 @@ def test_overlapping_obstacles_are_avoided() -> None:
     assert rho.verify(rho.plan_scp(single(obstacles=overlapping))).ok
 
 
-def test_one_vehicles_own_limits_bind_it_alone(paper: rho.Scenario) -> None:
+def test_a_vehicles_own_limits_bind_only_that_vehicle(paper: rho.Scenario) -> None:
     free = rho.plan_convex(paper.without_obstacles())
     slow = rho.Limits(velocity=box(140.0))
     vehicles = (
@@ -99,7 +99,7 @@ def test_one_vehicles_own_limits_bind_it_alone(paper: rho.Scenario) -> None:
     np.testing.assert_allclose(plan.accelerations[1:], free.accelerations[1:], atol=1e-9)
 
 
-def test_a_box_without_width_keeps_the_flight_in_a_plane() -> None:
+def test_a_box_of_zero_width_keeps_the_flight_in_a_plane() -> None:
     flat = rho.Limits(position=rho.Box([-20, -20, 0], [20, 20, 0]))
     goal = rho.State([10.0, 4.0, 0.0])
     plan = rho.plan_scp(single(limits=flat, goal=goal, obstacles=(rho.Sphere([5, 2.2, 0.3], 1),)))
@@ -108,7 +108,7 @@ def test_a_box_without_width_keeps_the_flight_in_a_plane() -> None:
 
 
 def test_a_reference_through_the_very_centre_has_a_direction() -> None:
-    # the knot in the middle of the straight way is the centre itself
+    # the knot in the middle of the straight path is the centre itself
     sphere = rho.Sphere([5.0, 2.0, -1.0], 0.01)
     plan = rho.plan_convex(single(obstacles=(sphere,)))
     assert rho.verify(plan).ok
@@ -118,7 +118,7 @@ def test_a_reference_through_the_very_centre_has_a_direction() -> None:
     np.testing.assert_array_equal(plan.positions, again.positions)
 
 
-def test_a_vehicle_that_has_nowhere_to_go_stays() -> None:
+def test_a_vehicle_that_starts_at_its_goal_stays() -> None:
     here = rho.State([1.0, 2.0, 3.0])
     plan = rho.plan_convex(single(start=here, goal=here, limits=rho.Limits(box(5), box(1), box(1))))
     assert rho.verify(plan).ok

@@ -1,4 +1,4 @@
-"""The judge's branch and bound: against dense sampling, and against the planner's exact roots."""
+"""The verifier's branch and bound, compared with dense sampling and the planner's exact roots."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from tests.tolerances import ROUNDING
 
 seeds = st.integers(0, 2**32 - 1)
 PRECISION = 1e-8
-"""Relative to the size of a motion: a hundredth of the tolerance of a sphere as large."""
+"""Relative to the size of a motion: a hundredth of the tolerance of a sphere of that size."""
 
 
 def _motions(p: np.ndarray, v: np.ndarray, a: np.ndarray, h: float) -> Motion:
-    """From starts of shape (N, 3), with accelerations of shape (N, K-1, 3)."""
+    """Return motions from starts of shape (N, 3) with accelerations of shape (N, K-1, 3)."""
     return Motion(h, *roll_out(p, v, a, h), a, np.full(p.shape, np.nan))
 
 
 def _random(seed: int) -> tuple[Motion, float]:
-    """Motions in some units of length and time, and what is long there."""
+    """Return motions in random units of length and time, and their typical length."""
     rng = np.random.default_rng(seed)
     count, steps = int(rng.integers(1, 5)), int(rng.integers(1, 9))
     size, h = 10 ** rng.uniform(-2, 4), 10 ** rng.uniform(-2, 2)
@@ -54,18 +54,18 @@ def _lowest(
     distance: Callable[[np.ndarray], np.ndarray],
     precision: npt.ArrayLike,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times and distances of motions."""
+    """Return times and least distances of motions."""
     steps, shape = Steps.of(step, *states), states[2].shape[:-2]
     found = lowest_over_time(steps, shape, distance, precision)
     return step * (found.steps + found.moments), found.values
 
 
 def _trajectory(motion: Motion) -> PiecewiseTrajectory:
-    """A motion as it is judged, in a scenario of which nothing else matters."""
+    """Return a motion as the verifier sees it, in a scenario without constraints."""
     count, steps = motion.accelerations.shape[:2]
     places = 3.0 * np.arange(count)[:, None] * [1.0, 0.0, 0.0]
-    asked = fleet(places, places, grid=rho.Grid(motion.step, steps + 1))
-    return PiecewiseTrajectory.of(asked, motion)
+    scenario = fleet(places, places, grid=rho.Grid(motion.step, steps + 1))
+    return PiecewiseTrajectory.of(scenario, motion)
 
 
 def _length(positions: np.ndarray) -> np.ndarray:
@@ -74,7 +74,7 @@ def _length(positions: np.ndarray) -> np.ndarray:
 
 
 def _cuboid(positions: np.ndarray) -> np.ndarray:
-    """Signed distance of a cuboid around the origin, with half sides 1, 2 and 0.5."""
+    """Return the signed distance of a cuboid around the origin with half sides 1, 2 and 0.5."""
     beyond = np.abs(positions) - [1.0, 2.0, 0.5]
     outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
     signed: np.ndarray = outside + np.minimum(beyond.max(axis=-1), 0.0)
@@ -82,7 +82,7 @@ def _cuboid(positions: np.ndarray) -> np.ndarray:
 
 
 def _dense(motion: Motion, per_step: int = 500) -> np.ndarray:
-    """Positions at equal times, shape (N, M, 3)."""
+    """Return positions at equal times, shape (N, M, 3)."""
     times = np.linspace(0.0, motion.step * motion.accelerations.shape[1], per_step * 8 + 1)
     return motion.at("position", times)
 
@@ -108,12 +108,12 @@ def test_nothing_sampled_is_closer(distance: Callable[[np.ndarray], np.ndarray],
 
 
 @given(seed=seeds)
-def test_a_motion_that_touches_is_seen_to_touch(seed: int) -> None:
-    """Past a unit sphere, tangent to it at some moment of a step, straight or bent either way."""
+def test_a_tangent_motion_is_found_to_touch(seed: int) -> None:
+    """The motion is tangent to a unit sphere within a step, straight or curved either way."""
     rng = np.random.default_rng(seed)
     normal, along = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
     moment, speed = rng.uniform(0.0, 4.0), 10 ** rng.uniform(-1, 1)
-    a = rng.uniform(-1.0, 3.0) * speed**2 * normal  # at -1 as bent as the sphere
+    a = rng.uniform(-1.0, 3.0) * speed**2 * normal  # at -1 as curved as the sphere
     v = speed * along
     start, at_start = normal - moment * v + moment**2 / 2 * a, v - moment * a
     motion = _motions(start[None], at_start[None], np.tile(a, (1, 4, 1)), 1.0)
@@ -125,8 +125,8 @@ def test_a_motion_that_touches_is_seen_to_touch(seed: int) -> None:
         assert time == pytest.approx(moment, abs=0.1)
 
 
-def test_motions_on_a_circle_touch_all_along() -> None:
-    """Accelerated as on the circle: every step touches it, and none of their bounds is slack."""
+def test_motions_on_a_circle_touch_in_every_step() -> None:
+    """The acceleration follows the circle: every step touches it, and every bound is tight."""
     angles = 0.15 * np.arange(40)
     h, speed = 1.0, 150.0
     p = 1000.0 * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
@@ -138,7 +138,7 @@ def test_motions_on_a_circle_touch_all_along() -> None:
     np.testing.assert_allclose(times, 0.0, atol=0.1)
 
 
-def test_a_motion_through_the_centre_meets_it() -> None:
+def test_a_motion_through_the_centre_has_distance_zero() -> None:
     p, v = np.array([[-3.0, 0.3, 0.0]]), np.array([[2.0, -0.2, 0.0]])
     motion = _motions(p, v, np.zeros((1, 4, 3)), 1.0)
     times, distances = _least(motion, _length, 1e-8)
@@ -146,13 +146,13 @@ def test_a_motion_through_the_centre_meets_it() -> None:
     assert distances[0] == pytest.approx(0.0, abs=1e-8)
 
 
-def test_a_motion_at_rest_has_the_distance_of_its_start_at_once() -> None:
+def test_a_motion_at_rest_has_the_distance_of_its_start() -> None:
     motion = _motions(np.array([[3.0, 4.0, 0.0]]), np.zeros((1, 3)), np.zeros((1, 5, 3)), 2.0)
     assert [each.tolist() for each in _least(motion, _length, 1e-9)] == [[0.0], [5.0]]
 
 
-def test_a_face_along_which_a_motion_accelerates_is_touched() -> None:
-    """The hardest case: the distance is constant, and the motion is not straight in time."""
+def test_a_motion_that_accelerates_along_a_face_touches_it() -> None:
+    """In the hardest case the distance is constant, and the motion is not linear in time."""
     p, a = np.array([[-0.5, 0.0, 0.5]]), np.array([[[0.5, 0.1, 0.0]]])
     motion = _motions(p, np.zeros((1, 3)), a, 1.0)
     _, distances = _least(motion, _cuboid, 1e-8)
@@ -184,7 +184,7 @@ def test_each_motion_has_a_precision_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e308])
-def test_what_cannot_be_computed_is_no_number_and_leaves_the_others_alone(bad: float) -> None:
+def test_a_nan_distance_does_not_affect_the_others(bad: float) -> None:
     a = np.zeros((2, 3, 3))
     a[0, 1, 0] = bad
     with np.errstate(all="ignore"):
@@ -194,10 +194,8 @@ def test_what_cannot_be_computed_is_no_number_and_leaves_the_others_alone(bad: f
     assert distances[1] == pytest.approx(np.sqrt(3.0))
 
 
-def _of_every_pair(
-    motion: Motion, separation: rho.Separation, *, every_instant: bool
-) -> np.ndarray:
-    """The least distance of each vehicle from any other, by a visit to every pair."""
+def _all_pairs(motion: Motion, separation: rho.Separation, *, every_instant: bool) -> np.ndarray:
+    """Return the least distance of each vehicle from any other, by a visit to every pair."""
     find = close_pairs if every_instant else close_pairs_at_knots
     every = find(motion, separation, 1e12)
     least = np.full(len(motion.positions), np.inf)
@@ -207,7 +205,7 @@ def _of_every_pair(
 
 @given(seed=seeds)
 @settings(max_examples=16)
-def test_the_closest_of_the_others_is_that_of_the_exact_roots(seed: int) -> None:
+def test_the_closest_partner_is_that_of_the_exact_roots(seed: int) -> None:
     rng = np.random.default_rng(seed)
     motion, size = _random(seed)
     count, steps = int(rng.integers(2, 9)), motion.accelerations.shape[1]
@@ -215,14 +213,15 @@ def test_the_closest_of_the_others_is_that_of_the_exact_roots(seed: int) -> None
     p, v = size * rng.normal(size=(count, 3)), size / h * rng.normal(size=(count, 3))
     a = size / h**2 * rng.normal(size=(count, steps, 3)) * rng.integers(0, 2)
     if rng.random() < 0.3:
-        p[1], v[1], a[1] = p[0], v[0], a[0]  # all the way in the same place
+        p[1], v[1], a[1] = p[0], v[0], a[0]  # always in the same place
     motion = _motions(p, v, a, h)
     separation = rho.Separation(size * rng.uniform(0.1, 2.0), rng.choice([0.5, 1.0, 2.0]))
     knots = closest_at_knots(_trajectory(motion), separation)
     always = closest_at_all_times(_trajectory(motion), separation, knots, PRECISION * size)
     for found, every_instant in ((knots, False), (always, True)):
-        exact = _of_every_pair(motion, separation, every_instant=every_instant)
-        near = exact <= 4.0 * separation.distance  # elsewhere the judge may stop at an upper bound
+        exact = _all_pairs(motion, separation, every_instant=every_instant)
+        # elsewhere the verifier may stop at an upper bound
+        near = exact <= 4.0 * separation.distance
         np.testing.assert_allclose(
             found.distances[near], exact[near], rtol=0.0, atol=PRECISION * size
         )

@@ -1,4 +1,4 @@
-"""DAQP beside Drake's solvers: the same programs, the same answers, the same proofs."""
+"""DAQP beside Drake's solvers: the same programs have the same answers and the same proofs."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def _rows(rng: np.random.Generator, count: int, size: int) -> FloatArray:
-    """Random rows of length one."""
+    """Return random rows of length one."""
     rows = rng.normal(size=(count, size))
     unit: FloatArray = rows / np.linalg.norm(rows, axis=1, keepdims=True)
     return unit
 
 
 def _plain(rng: np.random.Generator) -> DenseProgram:
-    """Hard rows that some point keeps."""
+    """Return hard rows that some point satisfies."""
     matrix = _rows(rng, int(rng.integers(1, 40)), int(rng.integers(2, 25)))
     inside = rng.normal(size=matrix.shape[1])
     needed = matrix @ inside - rng.exponential(0.3, len(matrix))
@@ -50,7 +50,7 @@ def _plain(rng: np.random.Generator) -> DenseProgram:
 
 
 def _degenerate(rng: np.random.Generator) -> DenseProgram:
-    """More rows than variables meet in the solution, some twice, some almost parallel."""
+    """Return a program with more active rows than variables, some equal or almost parallel."""
     start = _plain(rng)
     size = start.matrix.shape[1]
     apex, normals = 2.0 * _rows(rng, 1, size)[0], _rows(rng, 2 * size, size)
@@ -63,7 +63,7 @@ def _degenerate(rng: np.random.Generator) -> DenseProgram:
 
 
 def _soft(rng: np.random.Generator) -> DenseProgram:
-    """Rows that contradict each other, most of them soft, each with its own slack."""
+    """Return contradicting rows, most of them soft with a slack each."""
     start = _plain(rng)
     count, size = start.matrix.shape
     matrix = np.concatenate([start.matrix, _rows(rng, count, size)])
@@ -74,7 +74,7 @@ def _soft(rng: np.random.Generator) -> DenseProgram:
 
 
 def _shared(rng: np.random.Generator) -> DenseProgram:
-    """The same with slacks that several rows share."""
+    """Return contradicting rows with slacks that several rows share."""
     own = _soft(rng)
     soft = np.isfinite(own.penalties)
     slacks = rng.integers(0, max(1, int(soft.sum()) // 3), len(soft))
@@ -85,23 +85,23 @@ def _shared(rng: np.random.Generator) -> DenseProgram:
 FAMILIES = {"plain": _plain, "degenerate": _degenerate, "soft": _soft, "shared": _shared}
 
 
-def _cost(asked: DenseProgram, x: FloatArray) -> float:
-    """What x costs: its square, and of each slack the worst of its rows."""
-    missing = np.maximum(asked.needed - asked.matrix @ x, 0.0)
+def _cost(program: DenseProgram, x: FloatArray) -> float:
+    """Return the cost of x: its squared norm, and for each slack the largest violation."""
+    missing = np.maximum(program.needed - program.matrix @ x, 0.0)
     worst: dict[int, float] = {}
-    for row in np.flatnonzero(np.isfinite(asked.penalties)).tolist():
-        slack = int(asked.slacks[row])
-        worst[slack] = max(worst.get(slack, 0.0), float(asked.penalties[row] * missing[row]))
+    for row in np.flatnonzero(np.isfinite(program.penalties)).tolist():
+        slack = int(program.slacks[row])
+        worst[slack] = max(worst.get(slack, 0.0), float(program.penalties[row] * missing[row]))
     return float(x @ x) + sum(worst.values())
 
 
-def _bound(asked: DenseProgram, y: FloatArray) -> float:
-    """What any x costs at least, by weak duality, if y >= 0 and no slack's weights exceed it."""
-    return float(y @ asked.needed - 0.25 * np.sum((asked.matrix.T @ y) ** 2))
+def _bound(program: DenseProgram, y: FloatArray) -> float:
+    """Return the lower bound of the cost by weak duality, for y >= 0 within the slacks' weights."""
+    return float(y @ program.needed - 0.25 * np.sum((program.matrix.T @ y) ** 2))
 
 
-def _one(asked: Any, solver: Any = None) -> Solution:
-    (found,) = solve([asked], Backend(solver))
+def _one(program: Any, solver: Any = None) -> Solution:
+    (found,) = solve([program], Backend(solver))
     return found
 
 
@@ -109,36 +109,36 @@ def _one(asked: Any, solver: Any = None) -> Solution:
 @given(seed=seeds)
 @settings(max_examples=20)
 def test_a_solution_meets_the_bound_that_its_multipliers_prove(family: str, seed: int) -> None:
-    """Feasible, and as cheap as anything can be: no other solver is needed to see that."""
-    asked = FAMILIES[family](np.random.default_rng(seed))
-    found = _one(asked, rho.Daqp())
-    x, y = found.x[: asked.matrix.shape[1]], found.multipliers()
+    """A solution that is feasible and costs its lower bound needs no other solver to confirm it."""
+    program = FAMILIES[family](np.random.default_rng(seed))
+    found = _one(program, rho.Daqp())
+    x, y = found.x[: program.matrix.shape[1]], found.multipliers()
     assert found.feasible
-    hard = np.isinf(asked.penalties)
-    assert np.all((asked.matrix @ x - asked.needed)[hard] >= -ROUNDING * (1 + np.abs(x).max()))
+    hard = np.isinf(program.penalties)
+    assert np.all((program.matrix @ x - program.needed)[hard] >= -ROUNDING * (1 + np.abs(x).max()))
     assert np.all(y >= -ROUNDING * np.abs(y).max())
-    for slack in np.unique(asked.slacks[~hard]):
-        own = ~hard & (asked.slacks == slack)
-        assert y[own].sum() <= asked.penalties[own][0] * (1 + COST)
-    cost = _cost(asked, x)
-    assert cost == pytest.approx(_bound(asked, y), rel=COST, abs=COST)
+    for slack in np.unique(program.slacks[~hard]):
+        own = ~hard & (program.slacks == slack)
+        assert y[own].sum() <= program.penalties[own][0] * (1 + COST)
+    cost = _cost(program, x)
+    assert cost == pytest.approx(_bound(program, y), rel=COST, abs=COST)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 @given(seed=seeds)
 @settings(max_examples=13)
 def test_clarabel_finds_the_same_for_the_same_program(family: str, seed: int) -> None:
-    asked = FAMILIES[family](np.random.default_rng(seed))
-    ours, theirs = _one(asked, rho.Daqp()), _one(asked, ClarabelSolver())
-    size = asked.matrix.shape[1]
+    program = FAMILIES[family](np.random.default_rng(seed))
+    ours, theirs = _one(program, rho.Daqp()), _one(program, ClarabelSolver())
+    size = program.matrix.shape[1]
     assert theirs.solver == "Clarabel"
     x, known = ours.x[:size], theirs.x[:size]
     np.testing.assert_allclose(x, known, atol=10 * MOTION * max(1.0, np.abs(known).max()))
 
 
 @pytest.mark.parametrize("family", ["plain", "degenerate", "soft"])
-def test_it_is_daqp_that_solves_them(family: str) -> None:
-    """What goes on to Clarabel is the exception: near-parallel rows at most."""
+def test_daqp_itself_solves_them(family: str) -> None:
+    """Falling back to Clarabel is the exception, for nearly parallel rows at most."""
     rngs = map(np.random.default_rng, range(100))
     by = [_one(FAMILIES[family](rng), rho.Daqp()).solver for rng in rngs]
     assert by.count("DAQP") >= 95
@@ -146,10 +146,10 @@ def test_it_is_daqp_that_solves_them(family: str) -> None:
 
 @given(seed=seeds)
 @settings(max_examples=13)
-def test_hard_rows_are_solved_as_lawson_and_hanson_do(seed: int) -> None:
-    asked = _plain(np.random.default_rng(seed))
-    found = _one(asked, rho.Daqp())
-    stacked = np.concatenate([asked.matrix.T, asked.needed[None]])
+def test_hard_rows_are_solved_like_lawson_and_hanson(seed: int) -> None:
+    program = _plain(np.random.default_rng(seed))
+    found = _one(program, rho.Daqp())
+    stacked = np.concatenate([program.matrix.T, program.needed[None]])
     weights, _ = nnls(stacked, np.append(np.zeros(len(stacked) - 1), 1.0))
     left = stacked @ weights - np.append(np.zeros(len(stacked) - 1), 1.0)
     np.testing.assert_allclose(found.x, -left[:-1] / left[-1], atol=1e-7)
@@ -159,7 +159,7 @@ def test_hard_rows_are_solved_as_lawson_and_hanson_do(seed: int) -> None:
 @given(seed=seeds)
 @settings(max_examples=13)
 def test_a_program_without_a_solution_comes_with_the_proof(softened: bool, seed: int) -> None:
-    """Weights y >= 0 with M' y = 0 and b · y > 0; soft rows have none."""
+    """The proof is a vector y >= 0 with M' y = 0 and b · y > 0, zero for soft rows."""
     rng = np.random.default_rng(seed)
     start = (_soft if softened else _plain)(rng)
     hard = np.isinf(start.penalties)
@@ -168,22 +168,22 @@ def test_a_program_without_a_solution_comes_with_the_proof(softened: bool, seed:
     against = -mixed[None] / length
     some = np.linalg.lstsq(start.matrix[hard], start.needed[hard])[0]
     needed = float((against @ some)[0]) + 10.0 + 10.0 * np.abs(some).max()
-    asked = DenseProgram(
+    program = DenseProgram(
         np.concatenate([start.matrix, against]),
         np.append(start.needed, needed),
         np.append(start.penalties, np.inf),
         np.append(start.slacks, len(hard)),
     )
-    ours, theirs = _one(asked, rho.Daqp()), _one(asked)
+    ours, theirs = _one(program, rho.Daqp()), _one(program)
     assert ours.feasible == theirs.feasible
-    if ours.feasible:  # no weights make up that row: there is a point far away
+    if ours.feasible:  # no weights combine to that row: a distant point is feasible
         return
     y = ours.multipliers()
     assert ours.solver == "DAQP"
     assert np.all(y >= 0.0)
-    assert np.all(y[np.isfinite(asked.penalties)] <= ROUNDING * y.max())
-    assert np.abs(asked.matrix.T @ y).max() < 1e-7 * y.max()
-    assert asked.needed @ y > 0.0
+    assert np.all(y[np.isfinite(program.penalties)] <= ROUNDING * y.max())
+    assert np.abs(program.matrix.T @ y).max() < 1e-7 * y.max()
+    assert program.needed @ y > 0.0
 
 
 @pytest.mark.parametrize(
@@ -192,71 +192,73 @@ def test_a_program_without_a_solution_comes_with_the_proof(softened: bool, seed:
         ([[0.0, 0.0], [1.0, 0.0]], [1.0, 1.0], False),  # 0 >= 1
         ([[1e-30, 0.0], [1.0, 0.0]], [1.0, 1.0], False),
         ([[0.0, 0.0], [1.0, 0.0]], [-1.0, 1.0], True),
-        ([[1.0, 0.0], [-1.0, 0.0]], [1.0, -1.0], True),  # an equation
+        ([[1.0, 0.0], [-1.0, 0.0]], [1.0, -1.0], True),  # an equality
         ([[1.0, 0.0], [-1.0, 0.0]], [1.0, -1.0 + 1e-6], False),
         ([[1.0, 0.0], [1.0, 0.0], [1.0, 1e-9]], [1.0, 1.0, 1.0], True),
     ],
 )
-def test_what_is_hardly_a_row_is_told(
+def test_degenerate_rows_are_recognised(
     matrix: list[list[float]], needed: list[float], feasible: bool
 ) -> None:
     count = len(needed)
-    asked = DenseProgram(
+    program = DenseProgram(
         np.array(matrix), np.array(needed), np.full(count, np.inf), np.zeros(count, dtype=int)
     )
-    found = _one(asked, rho.Daqp())
+    found = _one(program, rho.Daqp())
     assert found.feasible is feasible
     if feasible:
         np.testing.assert_allclose(found.x, [1.0, 0.0], atol=1e-8)
 
 
 def test_no_rows_contradict_each_other() -> None:
-    """A program whose rows are all soft has none, and DAQP may give up on it."""
+    """A program of soft rows alone has no hard ones, and DAQP may give up on it."""
     assert contradiction(np.zeros((0, 2)), np.zeros(0)) is None
 
 
 def _written() -> MathematicalProgram:
-    asked = MathematicalProgram()
-    x = asked.NewContinuousVariables(4)
-    asked.AddQuadraticCost((x[0] - 3) ** 2 + (x[0] + x[1]) ** 2 + 2 * (x[2] - x[3]) ** 2)
-    asked.AddLinearEqualityConstraint(x[0] + x[2] == 1.0)
-    return asked
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(4)
+    program.AddQuadraticCost((x[0] - 3) ** 2 + (x[0] + x[1]) ** 2 + 2 * (x[2] - x[3]) ** 2)
+    program.AddLinearEqualityConstraint(x[0] + x[2] == 1.0)
+    return program
 
 
-def test_slacks_that_rows_share_go_on_to_clarabel() -> None:
+def test_programs_with_shared_slacks_are_passed_to_clarabel() -> None:
     assert _one(_shared(np.random.default_rng(1)), rho.Daqp()).solver == "Clarabel"
 
 
 def _linear() -> MathematicalProgram:
-    asked = MathematicalProgram()
-    x = asked.NewContinuousVariables(2)
-    asked.AddLinearCost(x[0] + x[1])
-    asked.AddBoundingBoxConstraint(1.0, 2.0, x)
-    return asked
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(2)
+    program.AddLinearCost(x[0] + x[1])
+    program.AddBoundingBoxConstraint(1.0, 2.0, x)
+    return program
 
 
 def _conic() -> MathematicalProgram:
-    asked = MathematicalProgram()
-    x = asked.NewContinuousVariables(2)
-    asked.AddQuadraticCost(np.eye(2), np.array([-3.0, 0.0]), x, is_convex=True)
-    asked.AddLorentzConeConstraint(np.array([1.0, x[0], x[1]]))
-    return asked
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(2)
+    program.AddQuadraticCost(np.eye(2), np.array([-3.0, 0.0]), x, is_convex=True)
+    program.AddLorentzConeConstraint(np.array([1.0, x[0], x[1]]))
+    return program
 
 
 @pytest.mark.parametrize("made", [_written, _linear, _conic])
-def test_what_it_is_not_for_goes_on_to_clarabel(made: Callable[[], MathematicalProgram]) -> None:
+def test_programs_that_daqp_does_not_support_are_passed_to_clarabel(
+    made: Callable[[], MathematicalProgram],
+) -> None:
     found = _one(made(), rho.Daqp())
     assert (found.solver, found.feasible) == ("Clarabel", True)
 
 
 @pytest.mark.parametrize("family", ["plain", "soft"])
 @pytest.mark.parametrize("flag", [1, -1, -2, -4])
-def test_nothing_that_daqp_says_is_taken_on_trust(
+def test_answers_of_daqp_are_checked(
     family: str, flag: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Wrong numbers, and a solution that is said not to be there, go on to Clarabel."""
-    asked = FAMILIES[family](np.random.default_rng(3))
-    known = _one(asked, rho.Daqp())
+    """Wrong numbers, and a false report of infeasibility, are passed on to Clarabel."""
+    program = FAMILIES[family](np.random.default_rng(3))
+    known = _one(program, rho.Daqp())
     package = daqp._package()
 
     def wrong(*args: Any, **settings: Any) -> Any:
@@ -264,21 +266,21 @@ def test_nothing_that_daqp_says_is_taken_on_trust(
         return 0.9 * x, cost, flag, {**info, "lam": -info["lam"]}
 
     monkeypatch.setattr(daqp, "_package", lambda: SimpleNamespace(solve=wrong))
-    found = _one(asked, rho.Daqp())
+    found = _one(program, rho.Daqp())
     assert (known.solver, found.solver) == ("DAQP", "Clarabel")
-    size = asked.matrix.shape[1]
+    size = program.matrix.shape[1]
     np.testing.assert_allclose(found.x[:size], known.x[:size], atol=1e-4)
 
 
 @pytest.mark.parametrize("family", ["plain", "soft"])
-def test_the_conditions_of_an_optimum_are_all_looked_at(family: str) -> None:
-    """Each violated by itself: stationarity, both bounds, and what is at them."""
-    asked = FAMILIES[family](np.random.default_rng(1))
-    y, most = _one(asked, rho.Daqp()).multipliers() / 2.0, asked.penalties / 2.0
-    gram = asked.matrix @ asked.matrix.T
+def test_all_optimality_conditions_are_checked(family: str) -> None:
+    """Violate each by itself: stationarity, both bounds, and complementarity at them."""
+    program = FAMILIES[family](np.random.default_rng(1))
+    y, most = _one(program, rho.Daqp()).multipliers() / 2.0, program.penalties / 2.0
+    gram = program.matrix @ program.matrix.T
 
     def optimal(y: FloatArray) -> bool:
-        return is_optimal(gram @ y - asked.needed, asked.needed, y, most)
+        return is_optimal(gram @ y - program.needed, program.needed, y, most)
 
     assert optimal(y)
     free, none = (y > 0.0) & (y < most), y == 0.0
@@ -293,11 +295,13 @@ def test_the_conditions_of_an_optimum_are_all_looked_at(family: str) -> None:
         for factor in (1.0 + 1e-6, 1.0 - 1e-6):
             most[row] *= factor
             assert not optimal(y)
-            most[row] = asked.penalties[row] / 2.0
+            most[row] = program.penalties[row] / 2.0
     assert not optimal(np.full(len(y), np.nan))
 
 
-def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_the_error_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "daqp", None)
     daqp._package.cache_clear()
     with pytest.raises(ImportError, match=r"pip install 'drake-rho\[fast\]'"):
@@ -305,11 +309,11 @@ def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyP
     daqp._package.cache_clear()
 
 
-def test_it_can_be_sent_to_another_process() -> None:
+def test_the_solver_can_be_sent_to_another_process() -> None:
     assert pickle.loads(pickle.dumps(rho.Daqp())) == rho.Daqp()  # noqa: S301  # own
 
 
-# Plans: the same as Clarabel's.
+# Plans equal Clarabel's.
 
 _CURVED = rho.Limits(max_speed=1.9, max_thrust=10.2, max_tilt=0.3)
 SCENARIOS: dict[str, Callable[[], rho.Scenario]] = {
@@ -333,13 +337,13 @@ SCENARIOS: dict[str, Callable[[], rho.Scenario]] = {
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_plans_cost_what_they_cost_with_clarabel(name: str) -> None:
+def test_plans_cost_the_same_as_with_clarabel(name: str) -> None:
     scenario = SCENARIOS[name]()
     ours, theirs = (rho.plan(scenario, solver=each) for each in (rho.Daqp(), ClarabelSolver()))
     assert rho.verify(ours).ok
     assert (ours.statistics.solver, theirs.statistics.solver) == ("DAQP", "Clarabel")
     assert ours.statistics.programs > 0
-    # an iteration stops where the cost falls by less than its tolerance
+    # an iteration stops where the cost decreases by less than its tolerance
     tolerance = max(COST, 10.0 * (ours.statistics.tolerance or 0.0))
     assert ours.cost == pytest.approx(theirs.cost, rel=tolerance)
 
@@ -375,33 +379,33 @@ def test_flights_and_their_windows_cost_the_same(paper: rho.Scenario) -> None:
         rho.Limits(velocity=rho.Box([-1.2, -0.6, -9.0], [1.2, 0.6, 9.0])),
     ],
 )
-def test_the_same_subset_is_told_where_there_is_no_plan(limits: rho.Limits) -> None:
-    told = []
+def test_the_same_subset_is_reported_where_there_is_no_plan(limits: rho.Limits) -> None:
+    reported = []
     for solver in (rho.Daqp(), ClarabelSolver()):
         with pytest.raises(rho.InfeasibleError) as caught:
             rho.plan_convex(single(limits=limits), solver=solver)
-        told.append(rho.infeasible_subset(caught.value, solver=solver))
-    assert told[0] == told[1]
-    assert told[0]["solo"]
+        reported.append(rho.infeasible_subset(caught.value, solver=solver))
+    assert reported[0] == reported[1]
+    assert reported[0]["solo"]
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_same_vehicles_are_without_a_plan(seed: int) -> None:
-    """Proofs may weigh other rows; whose they are, they may not."""
-    scenario, told = random_scenario(seed, tight=True), []
+    """Proofs may weigh different rows, but not of different vehicles."""
+    scenario, reported = random_scenario(seed, tight=True), []
     for solver in (rho.Daqp(), ClarabelSolver()):
         try:
             rho.plan_convex(scenario, solver=solver)
         except rho.InfeasibleError as error:
-            told.append({name: len(names) > 1 for name, names in error.conflicts.items()})
+            reported.append({name: len(names) > 1 for name, names in error.conflicts.items()})
         else:
-            told.append({})
-    assert told[0] == told[1]
-    assert all(told[0].values())
+            reported.append({})
+    assert reported[0] == reported[1]
+    assert all(reported[0].values())
 
 
-def test_the_form_for_dense_programs_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows as they are, in a basis, or sparse: DAQP solves each."""
+def test_every_form_of_a_program_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """DAQP solves rows in all accelerations, in a basis, and in the sparse form."""
     scenario, costs = SCENARIOS["jerk"](), []
     for few, operations in ((10_000, 1.0), (0, 1e-9), (0, 1e9)):
         monkeypatch.setattr(program, "_FEW", few)

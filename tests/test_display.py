@@ -1,4 +1,4 @@
-"""Figures by their geometry: what is drawn is what was planned."""
+"""Figures by their geometry: they show the planned motion."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ from tests.tolerances import ROUNDING
 
 @pytest.fixture(scope="module")
 def plan() -> rho.Plan:
-    """Example 2."""
+    """Return the plan of Example 2."""
     return rho.plan_convex(rho.load_scenario("paper"))
 
 
 def _points(lines: Sequence[Any]) -> np.ndarray:
-    """Points of lines in space, one after the other."""
+    """Return the points of lines in space, one line after the other."""
     return np.concatenate([np.array(line.get_data_3d()).T for line in lines])
 
 
@@ -67,7 +67,7 @@ def test_paths_are_the_exact_motion_with_the_knots_marked(plan: rho.Plan) -> Non
         assert any(m.shape == knots.shape and np.allclose(m, knots) for m in marked)
 
 
-def test_what_is_in_front_of_an_obstacle_is_drawn_over_it(plan: rho.Plan) -> None:
+def test_paths_in_front_of_an_obstacle_are_drawn_over_it(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     spheres = snapshots(
         plan, (*plan.scenario.bodies, rho.Obstacle(rho.Sphere([1500.0, 500.0, 1500.0], 300.0)))
@@ -97,7 +97,7 @@ def test_axes_are_equal_and_hold_the_scene(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     frame_scene(ax, plan.positions, snapshots(plan, plan.scenario.bodies))
     limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
-    aspect = ax._box_aspect  # matplotlib has no public name to read it back
+    aspect = ax._box_aspect  # matplotlib has no public accessor
     ratio = np.diff(limits)[:, 0] / aspect
     np.testing.assert_allclose(ratio, ratio[0], rtol=1e-9)
     assert np.all(plan.positions.min(axis=(0, 1)) > limits[:, 0])
@@ -110,7 +110,7 @@ def test_a_sphere_has_its_centre_and_radius(plan: rho.Plan) -> None:
     (sphere,) = plan.scenario.spheres
     (ball,) = space.draw_obstacles(ax, snapshots(plan, plan.scenario.bodies))
     assert 0.0 < ball.get_alpha() < 0.6
-    corners = ball._faces.reshape(-1, 3)  # matplotlib has no public name to read them back
+    corners = ball._faces.reshape(-1, 3)  # matplotlib has no public accessor
     distances = np.linalg.norm(corners - sphere.center, axis=1)
     np.testing.assert_allclose(distances, sphere.radius, rtol=1e-9)
 
@@ -127,13 +127,13 @@ def test_distances_show_the_radius_as_threshold(plan: rho.Plan) -> None:
 
 
 def _levels(ax: Axes) -> set[float]:
-    """Heights of the level lines."""
+    """Return the heights of the level lines."""
     heights = [np.asarray(line.get_ydata()) for line in ax.lines]
     return {float(height[0]) for height in heights if np.ptp(height) == 0}
 
 
 def _dashed(ax: Axes) -> list[Line2D]:
-    """Limits, in black, and curves that lie under others, in their colours."""
+    """Return the limits, in black, and overlapping curves, in their colours."""
     return [line for line in ax.lines if line.get_linestyle() == "--"]
 
 
@@ -166,7 +166,7 @@ def test_acceleration_is_constant_in_every_step(plan: rho.Plan) -> None:
     np.testing.assert_array_equal(times[1:-1:2], times[2::2])
 
 
-def test_windows_have_colours_of_their_own_and_make_up_the_flight(study: Study) -> None:
+def test_windows_have_distinct_colours_and_make_up_the_flight(study: Study) -> None:
     flight = study.examples[3].flight
     assert flight is not None
     ax = Figure().add_subplot(projection="3d")
@@ -189,12 +189,12 @@ def test_windows_have_colours_of_their_own_and_make_up_the_flight(study: Study) 
 
 @pytest.fixture(scope="module")
 def fleet() -> rho.Plan:
-    """Twenty vehicles that keep apart, as flat ellipsoids."""
-    asked = rho.random_transitions(20, np.random.default_rng(1), duration=9.8, step=0.2)
-    return rho.plan_scp(asked)
+    """Return twenty vehicles with the separation of flat ellipsoids."""
+    scenario = rho.random_transitions(20, np.random.default_rng(1), duration=9.8, step=0.2)
+    return rho.plan_scp(scenario)
 
 
-def test_separation_is_the_least_distance_of_any_two_with_the_limit(fleet: rho.Plan) -> None:
+def test_separation_is_the_least_distance_of_any_pair_with_its_limit(fleet: rho.Plan) -> None:
     ax = Figure().add_subplot()
     curve, ring = curves.draw_separation(ax, fleet)
     times, distances = np.array(curve.get_data())
@@ -217,17 +217,17 @@ def test_separation_is_the_least_distance_of_any_two_with_the_limit(fleet: rho.P
 def test_separation_is_drawn_where_there_is_one(plan: rho.Plan) -> None:
     with pytest.raises(ValueError, match="separation: got none"):
         rho.separation_figure(plan)
-    asked = dataclasses.replace(
+    scenario = dataclasses.replace(
         plan.scenario,
         vehicles=plan.scenario.vehicles[:1],
         separation=rho.Separation(1.0),
     )
     with pytest.raises(ValueError, match="a single vehicle"):
-        rho.separation_figure(rho.plan_convex(asked))
+        rho.separation_figure(rho.plan_convex(scenario))
 
 
 def _oklab(colours: Sequence[Any]) -> np.ndarray:
-    """Colours where distances are about those that are seen: Ottosson's OKLab, shape (N, 3)."""
+    """Return colours in Ottosson's OKLab, where distances are perceptual, shape (N, 3)."""
     srgb = np.array([to_rgb(colour) for colour in colours])
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     cones = np.array(
@@ -249,7 +249,7 @@ def _oklab(colours: Sequence[Any]) -> np.ndarray:
 
 
 def _apart(colours: Sequence[Any]) -> np.ndarray:
-    """How far each two colours are apart, themselves infinitely, shape (N, N)."""
+    """Return the distances of all colours, infinite on the diagonal, shape (N, N)."""
     lab = _oklab(colours)
     distances: np.ndarray = np.linalg.norm(lab[:, None] - lab[None], axis=2)
     np.fill_diagonal(distances, np.inf)
@@ -267,7 +267,7 @@ def test_no_two_of_36_vehicles_look_alike() -> None:
     markers = np.array([line.get_marker() for line in knots])
     assert len(set(markers[:6])) == 6
     apart = _apart(colours)
-    assert apart.min() > 0.1  # the first six are 0.155 apart
+    assert apart.min() > 0.1  # the first six have distances of 0.155
     assert apart[markers[:, None] == markers].min() > 0.155
     assert _apart([*colours, "white"])[-1].min() > 0.15
     assert _apart([*colours, "black"])[-1].min() > 0.15
@@ -290,7 +290,7 @@ def test_the_legend_shows_36_vehicles_as_they_are_drawn(
 
 
 def test_no_two_vehicles_of_a_flight_look_alike() -> None:
-    """Where colours are those of the windows, starts and knots tell the vehicles apart."""
+    """Starts and knots distinguish the vehicles where colours are those of the windows."""
     plan = straight(36)
     flown = rho.Flight(plan, (Window(0, plan, plan),))
     drawn = rho.paths_figure(flown)
@@ -332,7 +332,7 @@ def test_a_swarm_is_drawn_without_knots_and_names(count: int) -> None:
         (rho.Limits(acceleration=box(50.0), max_thrust=50.0, max_tilt=1.0), False, True),
     ],
 )
-def test_the_legend_names_limits_where_there_are_some(
+def test_the_legend_names_the_limits(
     limits: rho.Limits, velocities: bool, accelerations: bool
 ) -> None:
     scenario = dataclasses.replace(straight(3).scenario, limits=limits)
@@ -347,8 +347,8 @@ def test_the_legend_names_limits_where_there_are_some(
         assert bool(dashed) == limited
 
 
-def test_speeds_are_drawn_with_their_limits_where_they_are_limited() -> None:
-    """A vehicle's own limit beside the scenario's; the curves are the norms."""
+def test_limited_speeds_are_drawn_with_their_limits() -> None:
+    """A vehicle's own limit is drawn beside the scenario's; the curves are the norms."""
     free = straight(3)
     assert len(rho.velocities_figure(free).axes) == 3
     own = dataclasses.replace(free.scenario.vehicles[0], limits=rho.Limits(max_speed=1.5))
@@ -366,7 +366,7 @@ def test_speeds_are_drawn_with_their_limits_where_they_are_limited() -> None:
         assert shown == pytest.approx(norms.max(), abs=1e-5 * norms.max())
 
 
-def test_norms_of_accelerations_are_drawn_with_their_limits_each_if_it_is_limited() -> None:
+def test_limited_norms_of_accelerations_are_drawn_with_their_limits() -> None:
     free = straight(2)
     limits = rho.Limits(max_acceleration=1.0, max_thrust=10.4, max_tilt=0.2)
     plan = rho.plan_convex(dataclasses.replace(free.scenario, limits=limits))
@@ -398,7 +398,7 @@ def test_norms_of_accelerations_are_drawn_with_their_limits_each_if_it_is_limite
         pytest.param([[[0, 0, 0], [16, 8, 5]], [[0, 8, 5], [16, 0, 0]]], id="long"),
     ],
 )
-def test_labels_of_the_axes_lie_on_nothing_else(ends: list[list[list[float]]]) -> None:
+def test_labels_of_the_axes_overlap_nothing(ends: list[list[list[float]]]) -> None:
     scenario = _between(ends)
     vehicles = tuple(
         dataclasses.replace(each, name=f"scout {n}") for n, each in enumerate(scenario.vehicles)
@@ -427,7 +427,7 @@ def test_labels_of_the_axes_lie_on_nothing_else(ends: list[list[list[float]]]) -
 
 
 def _outline(text: Text, renderer: RendererBase) -> Outline:
-    """The rectangle around a text, turned as it is."""
+    """Return the rectangle around a text, turned like the text."""
     centre = text.get_window_extent(renderer).get_points().mean(axis=0)
     angle = np.radians(text.get_rotation())
     text.set_rotation(0.0)
@@ -438,12 +438,12 @@ def _outline(text: Text, renderer: RendererBase) -> Outline:
 
 
 def _between(ends: list[list[list[float]]]) -> rho.Scenario:
-    """Vehicles with these starts and goals, not kept apart."""
+    """Return vehicles with these starts and goals and without separation."""
     starts, goals = np.array(ends, dtype=np.float64).swapaxes(0, 1)
     return dataclasses.replace(fleet_of(starts, goals), separation=None, between_knots=False)
 
 
-def test_waypoints_are_drawn_as_diamonds_and_said_to_be_some() -> None:
+def test_waypoints_are_drawn_as_diamonds_and_named_in_the_legend() -> None:
     free = straight(2)
     by = rho.Waypoint(time=1.0, position=[1.0, 40.0, 1.0], within=100.0)  # beyond all paths
     own = dataclasses.replace(free.scenario.vehicles[0], waypoints=(by,))
@@ -461,7 +461,7 @@ def test_waypoints_are_drawn_as_diamonds_and_said_to_be_some() -> None:
     assert not any("diamond" in text.get_text() for text in rho.paths_figure(free).texts)
 
 
-def test_rounding_does_not_fill_axes_on_which_nothing_changes() -> None:
+def test_rounding_errors_are_not_magnified_on_axes_of_constants() -> None:
     plan = rho.plan_convex(_between([[[0, 0, 1], [20, 0, 1]]]))
     accelerations = np.array(plan.accelerations)
     accelerations[..., 1] = 1e-16 * (-1.0) ** np.arange(accelerations.shape[1])
@@ -482,7 +482,7 @@ def test_rounding_does_not_fill_axes_on_which_nothing_changes() -> None:
         ("fleet", ["paths", "separation", "velocities", "accelerations"]),
     ],
 )
-def test_every_figure_there_is_of_a_plan_is_written(
+def test_all_figures_of_a_plan_are_written(
     scenario: str, names: list[str], plan: rho.Plan, fleet: rho.Plan, tmp_path: Path
 ) -> None:
     drawn = plan if scenario == "paper" else fleet
@@ -506,10 +506,10 @@ def test_sixteen_figures_are_written(study: Study, tmp_path: Path) -> None:
     assert all(image.std() > 0.05 for image in images)  # none is blank
 
 
-def test_a_figure_that_looks_the_same_is_left_as_it_is(
+def test_a_figure_that_looks_the_same_is_not_rewritten(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """But one that looks otherwise is written, and so is one in the place of no picture."""
+    """A figure that looks different is written, and so is one over a file that is no image."""
     grey = np.full((20, 30, 3), 100, np.uint8)
 
     def drawn(number: int, *_: object, **__: object) -> Figure:
@@ -537,7 +537,7 @@ def test_every_figure_names_its_example(study: Study) -> None:
         draw_figure(2, study)
 
 
-def test_the_tables_show_every_figure_asked_for(study: Study) -> None:
+def test_the_tables_show_every_required_number(study: Study) -> None:
     console = Console(width=80, record=True, file=StringIO())
     console.print(study_table(study), claims_table(study))
     text = console.export_text()

@@ -1,4 +1,4 @@
-"""A flight that begins late on the scenario's clock looks as one that begins at 0 does."""
+"""A flight that begins late on the scenario's clock looks like one that begins at 0."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ LATE = 128.0
 
 
 def _plan(start: float) -> rho.Plan:
-    """Three vehicles beside a sphere, separated, with a largest speed."""
+    """Return three vehicles beside a sphere, with separation and a largest speed."""
     plan = straight(3)
-    asked = dataclasses.replace(
+    scenario = dataclasses.replace(
         plan.scenario,
         grid=dataclasses.replace(plan.scenario.grid, start=start),
         obstacles=(rho.Sphere([20.0, 5.0, 5.0], 1.0),),
         limits=rho.Limits(max_speed=50.0, max_acceleration=50.0, max_thrust=90.0),
         separation=rho.Separation(1e-6),
     )
-    return rho.Plan.from_accelerations(asked, plan.accelerations)
+    return rho.Plan.from_accelerations(scenario, plan.accelerations)
 
 
 def _flight(start: float) -> rho.Flight:
-    """The plan, flown by a window from its first knot and one from its eighth."""
+    """Return the plan, flown by windows from its first and its eighth knot."""
     plan = _plan(start)
     windows = tuple(Window(knot, plan.tail(knot), plan.tail(knot)) for knot in (0, 7))
     return rho.Flight(plan, windows)
@@ -66,12 +66,12 @@ def test_curves_are_drawn_on_the_clock_of_the_scenario(
 
 
 def _curves(lines: Sequence[Line2D]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Points of what is no level line from side to side."""
+    """Return the points of all lines except horizontal ones from side to side."""
     points = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in lines]
     return [(x, y) for x, y in points if list(x) != [0, 1]]
 
 
-def test_windows_are_flown_up_to_the_same_places() -> None:
+def test_windows_are_flown_up_to_the_same_positions() -> None:
     drawn = []
     for start in (0.0, LATE):
         ax = Figure().add_subplot(projection="3d")
@@ -82,7 +82,7 @@ def test_windows_are_flown_up_to_the_same_places() -> None:
 
 
 class _Recorder:
-    """Notes what would be told to a Meshcat."""
+    """Recorder of the calls of a Meshcat."""
 
     def __init__(self) -> None:
         self.told: list[tuple[object, ...]] = []
@@ -97,8 +97,8 @@ class _Recorder:
         return note
 
 
-def test_meshcat_is_told_the_same() -> None:
-    told = []
+def test_meshcat_receives_the_same_calls() -> None:
+    reported = []
     for start in (0.0, LATE):
         flight, meshcat = _flight(start), _Recorder()
         playback, scene = Playback.of(flight.plan, None), Scene.of(flight.plan)
@@ -106,8 +106,8 @@ def test_meshcat_is_told_the_same() -> None:
         record_light_trails(meshcat, scene, flight.plan, playback)
         record_predictions(meshcat, flight.windows, playback)
         record_vehicles(meshcat, flight.plan, Vehicles.of(scene, flight.plan, playback), playback)
-        told.append(meshcat.told)
-    for one, other in zip(*told, strict=True):
+        reported.append(meshcat.told)
+    for one, other in zip(*reported, strict=True):
         assert one[:2] == other[:2]
         for mine, theirs in zip(one[2:], other[2:], strict=True):
             np.testing.assert_array_equal(mine, theirs)

@@ -27,7 +27,7 @@ NAMES = ("scout", "cargo")
 
 
 def mission(start: float = 0.0, wind: float = 0.6) -> rho.Scenario:
-    """Two vehicles that pass each other and a sphere, in wind."""
+    """Return two vehicles that pass each other and a sphere, in wind."""
     ends = (([0.0, 0.0, 1.0], [10.0, 0.5, 1.5]), ([10.0, 1.2, 1.2], [0.0, 0.3, 1.0]))
     vehicles = [
         rho.Vehicle(name, rho.State(begin), rho.State(end), radius=0.1)
@@ -45,7 +45,7 @@ def mission(start: float = 0.0, wind: float = 0.6) -> rho.Scenario:
 
 
 def in_noise(start: float = 0.0) -> rho.Simulation:
-    """The mission in noise, with errors of the estimate."""
+    """Return the mission in noise, with errors of the estimate."""
     scenario = mission(start)
     wind = rho.winds.coloured_noise(scenario, np.random.default_rng(1), intensity=0.8)
     return fly(scenario, wind=wind, rng=np.random.default_rng(2))
@@ -53,7 +53,7 @@ def in_noise(start: float = 0.0) -> rho.Simulation:
 
 @pytest.fixture(scope="module")
 def simulation() -> rho.Simulation:
-    """The mission in noise."""
+    """Return the mission in noise."""
     return in_noise()
 
 
@@ -66,8 +66,8 @@ def _dotted(ax: Axes) -> list[Line2D]:
 
 
 @pytest.mark.parametrize("worst", [False, True])
-def test_what_is_drawn_is_where_the_vehicles_were(worst: bool) -> None:
-    """At every time of the record, those included at which the wind switches."""
+def test_the_drawn_paths_are_the_true_positions(worst: bool) -> None:
+    """The times of the record include those at which the wind switches."""
     scenario = mission(start=3.0)
     wind = rho.worst_case(scenario, [1.0, 2.0, 3.0], 7.3) if worst else None
     simulation = fly(scenario, wind=wind)
@@ -88,7 +88,7 @@ def test_what_is_drawn_is_where_the_vehicles_were(worst: bool) -> None:
     np.testing.assert_array_equal(values[1], simulation.commands[:-1, 1])
 
 
-def test_a_record_with_any_times_is_drawn_exactly_where_accelerations_are_constant() -> None:
+def test_records_of_constant_accelerations_are_drawn_exactly_at_any_times() -> None:
     scenario = dataclasses.replace(mission(), disturbance=None)
     flight = rho.plan_rho(scenario)
     motion, rng = flight.plan.motion(), np.random.default_rng(3)
@@ -96,13 +96,13 @@ def test_a_record_with_any_times_is_drawn_exactly_where_accelerations_are_consta
     p, v, a = (motion.at(each, times) for each in ("position", "velocity", "acceleration"))
     p, v, a = (np.swapaxes(each, 0, 1) for each in (p, v, a))
     by_hand = rho.Simulation(flight, times, p, v, np.zeros_like(a), a)
-    asked = np.linspace(0.0, 10.0, 501)
-    off = drawn(by_hand).motion().at("position", asked) - motion.at("position", asked)
+    times = np.linspace(0.0, 10.0, 501)
+    off = drawn(by_hand).motion().at("position", times) - motion.at("position", times)
     # knots within a step of the drawn motion change the acceleration there
     assert np.linalg.norm(off, axis=2).max() <= 6.0 * 0.25**2 / 4.0
 
 
-def test_errors_are_drawn_below_the_radii_window_by_window(simulation: rho.Simulation) -> None:
+def test_errors_are_drawn_below_the_radii_of_each_window(simulation: rho.Simulation) -> None:
     ax = Figure().subplots()
     lines = errors.draw_errors(ax, simulation, "position")
     starts = [window.plan.scenario.grid.start for window in simulation.flight.windows]
@@ -129,7 +129,7 @@ def test_errors_are_drawn_below_the_radii_window_by_window(simulation: rho.Simul
     assert "of the radius" in label
 
 
-def test_where_a_window_begins_anew_the_error_of_the_one_before_is_drawn_too(
+def test_where_a_tube_is_replaced_both_errors_are_drawn(
     simulation: rho.Simulation,
 ) -> None:
     before, after = errors.errors_of(simulation, "position")[:2]
@@ -145,7 +145,7 @@ def test_where_a_window_begins_anew_the_error_of_the_one_before_is_drawn_too(
 def test_the_worst_wind_is_drawn_at_the_edge_of_the_tube(quantity: str) -> None:
     scenario = mission()
     wind = rho.worst_case(scenario, [0.0, 0.0, 1.0], 6.0, quantity)  # type: ignore[arg-type]
-    simulation = fly(scenario, wind=wind, replan_every=40)  # one window: nothing begins anew
+    simulation = fly(scenario, wind=wind, replan_every=40)  # one window: no tube is replaced
     (found,) = errors.errors_of(simulation, quantity)  # type: ignore[arg-type]
     m = int(np.searchsorted(found.times, 6.0 - 1e-9))
     assert found.errors[m, 0] == pytest.approx(found.radii[m], rel=1e-9)
@@ -207,7 +207,7 @@ def test_paths_are_the_true_motion_in_the_colours_of_the_windows(
         np.testing.assert_allclose(pieces[-1][-1], simulation.positions[-1, index], atol=1e-9)
 
 
-def test_one_window_is_drawn_in_the_vehicles_colours_with_its_plan_dotted() -> None:
+def test_a_single_window_has_vehicle_colours_and_a_dotted_plan() -> None:
     scenario = mission()
     wind = rho.winds.constant(scenario, [0.0, 0.0, 1.0])
     simulation = fly(scenario, wind=wind, replan_every=40)
@@ -225,7 +225,7 @@ def test_one_window_is_drawn_in_the_vehicles_colours_with_its_plan_dotted() -> N
             assert away.max() <= 1e-3
 
 
-def test_plans_are_drawn_beside_the_true_motion_of_a_few(simulation: rho.Simulation) -> None:
+def test_plans_are_drawn_beside_the_true_motion_of_small_fleets(simulation: rho.Simulation) -> None:
     assert len(planned(drawn(simulation))) == len(simulation.flight.windows)
     assert planned(simulation.flight.plan) == []
     scenario = mission()
@@ -246,7 +246,7 @@ def test_a_simulation_that_begins_late_looks_the_same() -> None:
 
 
 @pytest.mark.slow
-def test_every_figure_there_is_of_a_simulation_is_written(
+def test_all_figures_of_a_simulation_are_written(
     simulation: rho.Simulation, tmp_path: Path
 ) -> None:
     names = ("paths", "distances", "separation", "velocities", "accelerations", "errors")

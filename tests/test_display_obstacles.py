@@ -1,4 +1,4 @@
-"""Obstacles in the figures: every shape, moving ones when they matter, names as they are."""
+"""Obstacles in the figures: every shape, moving ones at the relevant times, names as text."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from drake_rho.scenario.shapes.base import Shape
 from tests.scenarios import straight
 
 START = 32.0
-"""Of the flights of these tests [s]."""
+"""Duration of these tests' flights [s]."""
 TRACK = rho.Track(START + np.array([1.0, 5.0, 9.0]), [[-3, 0, 5], [5, 5, 5], [5, 14, 4]], 0.1)
 OBSTACLES = (
     rho.Sphere([3, 3, 3], 0.8),
@@ -48,14 +48,14 @@ OBSTACLES = (
 def _plan(
     obstacles: Sequence[Shape | rho.Obstacle], vehicles: int = 3, radius: float = 0.2
 ) -> rho.Plan:
-    """Straight flights across a cube of 10 m, whatever is in the way."""
+    """Return straight flights across a cube of 10 m, through any obstacle."""
     free = straight(vehicles)
     flown = tuple(dataclasses.replace(each, radius=radius) for each in free.scenario.vehicles)
     grid = dataclasses.replace(free.scenario.grid, start=START)
     empty = dataclasses.replace(free.scenario, vehicles=flown, grid=grid)
-    # not looked at: what is in the way of a start is no matter here
-    asked = unchecked(empty, obstacles=tuple(obstacles), bodies=as_obstacles(obstacles))
-    return rho.Plan.from_accelerations(asked, free.accelerations)
+    # unchecked: these tests do not care about obstacles at a start
+    scenario = unchecked(empty, obstacles=tuple(obstacles), bodies=as_obstacles(obstacles))
+    return rho.Plan.from_accelerations(scenario, free.accelerations)
 
 
 @pytest.fixture(scope="module")
@@ -64,12 +64,12 @@ def plan() -> rho.Plan:
 
 
 def _brute(plan: rho.Plan, obstacle: rho.Obstacle, times: np.ndarray) -> np.ndarray:
-    """Distances by hand at times since the first knot, shape (N, M)."""
+    """Return distances by hand at times since the first knot, shape (N, M)."""
     centers = obstacle.centers(START + times)
     return obstacle.shape.signed_distance(plan.motion().at("position", times) - centers)
 
 
-def test_closest_approaches_are_those_of_very_many_samples(plan: rho.Plan) -> None:
+def test_closest_approaches_are_those_of_dense_samples(plan: rho.Plan) -> None:
     times = np.linspace(0.0, 10.0, 40_001)
     for obstacle in plan.scenario.bodies:
         found, brute = closest(plan, obstacle), _brute(plan, obstacle, times)
@@ -101,7 +101,7 @@ def test_a_figure_shows_moving_obstacles_when_a_vehicle_is_closest(plan: rho.Pla
         assert all(np.min(np.linalg.norm(on - point, axis=1)) < 1e-9 for point in way)
 
 
-def test_many_moving_obstacles_are_drawn_once_each() -> None:
+def test_each_of_many_moving_obstacles_is_drawn_once() -> None:
     rng = np.random.default_rng(1)
     moving = [
         rho.Obstacle(rho.Sphere(rng.uniform(0, 10, 3) - START, 0.2), velocity=[1, 1, 1])
@@ -116,7 +116,7 @@ def test_many_moving_obstacles_are_drawn_once_each() -> None:
     assert {each.label for each in shown} == {str(number) for number in range(1, 51)}
 
 
-def test_what_passes_far_away_does_not_make_all_else_small() -> None:
+def test_distant_obstacles_do_not_shrink_the_scene() -> None:
     fast = rho.Obstacle(rho.Sphere([5 - 100 * (START + 5), 5, 5], 0.2), velocity=[100, 0, 0])
     plan = _plan([fast])
     ax = Figure().add_subplot(projection="3d")
@@ -139,7 +139,7 @@ def test_an_obstacle_that_moves_before_the_flight_is_drawn_once() -> None:
     assert not shown.faint
 
 
-def test_bodies_are_drawn_where_they_are_and_endless_ones_to_the_end(plan: rho.Plan) -> None:
+def test_bodies_are_drawn_in_place_and_infinite_ones_to_the_edge(plan: rho.Plan) -> None:
     ax = Figure().add_subplot(projection="3d")
     shown = snapshots(plan, plan.scenario.bodies)
     frame_scene(ax, plan.positions, shown)
@@ -147,7 +147,7 @@ def test_bodies_are_drawn_where_they_are_and_endless_ones_to_the_end(plan: rho.P
     bodies = space.draw_obstacles(ax, shown)
     for body, each in zip(bodies, shown, strict=True):
         padding = np.broadcast_to(body._invalid_vertices, body._faces.shape[:2])
-        corners = body._faces[~padding]  # matplotlib has no public name to read them back
+        corners = body._faces[~padding]  # matplotlib has no public accessor
         lower, upper = corners.min(axis=0), corners.max(axis=0)
         endless = np.isinf(each.shape.extent)
         np.testing.assert_allclose(lower[endless], limits[endless, 0])
@@ -158,9 +158,9 @@ def test_bodies_are_drawn_where_they_are_and_endless_ones_to_the_end(plan: rho.P
 
 
 def _sides(points: np.ndarray, each: Snapshot) -> np.ndarray:
-    """1 where a shape is in front of a point as one looks, -1 behind it, 0 elsewhere, shape (M,).
+    """Return 1 where a shape hides a point, -1 where it is behind it, 0 elsewhere, shape (M,).
 
-    By the planes of the drawn faces, each of which a line of sight crosses once.
+    The planes of the drawn faces decide: a line of sight crosses each of them once.
     """
     _, _, towards = view()
     faces = surface(each.shape).faces
@@ -186,10 +186,10 @@ def _mixed(rng: np.random.Generator) -> list[Shape]:
 
 
 @pytest.mark.parametrize("scene", [_forest, _mixed])
-def test_points_before_and_behind_shapes_are_drawn_over_and_under_them(
+def test_points_in_front_of_shapes_are_drawn_over_and_those_behind_under_them(
     scene: Callable[[np.random.Generator], list[Shape]],
 ) -> None:
-    """Against lines of sight: shapes are not balls, so a few may be wrong near outlines."""
+    """Compared with lines of sight: shapes are drawn as if balls, so a few may err at outlines."""
     rng = np.random.default_rng(2)
     plan = _plan(())
     shown = snapshots(plan, as_obstacles(scene(rng)))
@@ -211,14 +211,14 @@ def test_points_before_and_behind_shapes_are_drawn_over_and_under_them(
 
 
 def _levels(ax: Axes) -> list[float]:
-    """Heights of the dashed lines, which are black."""
+    """Return the heights of the dashed lines, which are black."""
     dashed = [
         line for line in ax.lines if line.get_linestyle() == "--" and line.get_color() == "black"
     ]
     return [float(np.asarray(line.get_ydata())[0]) for line in dashed]
 
 
-def test_distances_are_from_the_surface_with_what_is_kept(plan: rho.Plan) -> None:
+def test_distances_are_from_the_surface_with_the_required_distance(plan: rho.Plan) -> None:
     for obstacle in plan.scenario.bodies:
         ax = Figure().add_subplot()
         for i, line in enumerate(draw_distances(ax, plan, obstacle)):
@@ -231,7 +231,7 @@ def test_distances_are_from_the_surface_with_what_is_kept(plan: rho.Plan) -> Non
         assert (known in texts) == (obstacle.known_from > START)
 
 
-def test_of_many_obstacles_the_least_clearance_is_drawn(plan: rho.Plan) -> None:
+def test_the_least_clearance_of_many_obstacles_is_drawn(plan: rho.Plan) -> None:
     ax, bodies = Figure().add_subplot(), plan.scenario.bodies
     *curves, ring = draw_least_clearances(ax, plan, bodies)
     lows = []
@@ -253,8 +253,8 @@ def test_of_many_obstacles_the_least_clearance_is_drawn(plan: rho.Plan) -> None:
     np.testing.assert_allclose(found, exact.min(axis=1), atol=1e-4)
 
 
-def test_what_touches_is_said_to_be_at_0() -> None:
-    """Planners go as close as they may, so what is left is rounding."""
+def test_the_clearance_of_touching_vehicles_is_printed_as_0() -> None:
+    """Planners go as close as allowed, so the remaining clearance is rounding."""
     plan = _plan((), radius=0.0)
     path = plan.motion().at("position", np.linspace(0.0, 10.0, 1001))[0]
     top = path[np.argmax(path[:, 2])]
@@ -265,7 +265,7 @@ def test_what_touches_is_said_to_be_at_0() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 4, 5])
-def test_few_obstacles_have_a_panel_each(count: int) -> None:
+def test_each_of_few_obstacles_has_a_panel(count: int) -> None:
     plan = _plan(OBSTACLES[1 : 1 + count])
     figure = rho.distances_figure(plan)
     assert len(figure.axes) == (count if count <= 4 else 1)
@@ -290,7 +290,7 @@ def test_distances_from_spheres_are_from_their_centres() -> None:
     assert [ax.get_title() for ax in figure.axes] == ["obstacle 1", "obstacle 2 ball"]
 
 
-def test_notes_say_what_is_kept_and_when_moving_obstacles_are_shown(plan: rho.Plan) -> None:
+def test_notes_state_required_distances_and_times_of_moving_obstacles(plan: rho.Plan) -> None:
     notes = " ".join(text.get_text() for text in rho.paths_figure(plan).texts)
     assert "vehicles keep 0.2 m from obstacles" in notes
     assert "moving obstacles: at the closest approach" in notes

@@ -1,4 +1,4 @@
-"""What a scenario says of wind, estimation errors and the feedback against them."""
+"""The disturbance of a scenario: wind, estimation errors and the feedback against them."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ def test_the_feedback_divides_the_step(every: float) -> None:
 @pytest.mark.parametrize("parts", [1, 2, 3, 7, 1000])
 def test_samples_of_a_flight(parts: int) -> None:
     grid = rho.Grid(0.1, 17)
-    asked = _with(rho.Disturbance(1.0, feedback_every=grid.step / parts), grid).disturbance
-    assert asked is not None
-    assert asked.samples(grid) == 16 * parts
-    assert asked.sample(grid) == pytest.approx(grid.step / parts, rel=1e-15)
-    assert rho.Disturbance(1.0).sample(grid) == grid.step  # null is the step
+    disturbance = _with(rho.Disturbance(1.0, feedback_every=grid.step / parts), grid).disturbance
+    assert disturbance is not None
+    assert disturbance.samples(grid) == 16 * parts
+    assert disturbance.sample(grid) == pytest.approx(grid.step / parts, rel=1e-15)
+    assert rho.Disturbance(1.0).sample(grid) == grid.step  # null means the step
 
 
-def test_yaml_json_copies_and_pickles_bring_it_back(tmp_path: Path) -> None:
+def test_yaml_json_copies_and_pickles_preserve_the_disturbance(tmp_path: Path) -> None:
     scenario = _with(EVERY_FIELD)
     rho.save_scenario(scenario, tmp_path / "s.yaml")
     assert rho.load_scenario(tmp_path / "s.yaml") == scenario != _with(None)
@@ -108,7 +108,7 @@ def test_the_schema_has_units() -> None:
             assert unit in fields[name]["description"].replace("\n", " ")
 
 
-def test_scenarios_made_of_a_scenario_keep_it(paper: rho.Scenario) -> None:
+def test_derived_scenarios_keep_the_disturbance(paper: rho.Scenario) -> None:
     scenario = dataclasses.replace(paper, disturbance=EVERY_FIELD)
     fleet, zeros = scenario.fleet, np.zeros((len(paper.vehicles), 3))
     made = (
@@ -120,12 +120,12 @@ def test_scenarios_made_of_a_scenario_keep_it(paper: rho.Scenario) -> None:
     assert all(each.disturbance == EVERY_FIELD for each in made)
     alone = dataclasses.replace(single(), disturbance=EVERY_FIELD)
     rest = rho.plan_convex(alone).tail(3).scenario
-    assert rest.disturbance is not None  # with the tube that the plan has, since its first knot
+    assert rest.disturbance is not None  # with the tube of the plan since its first knot
     assert dataclasses.replace(rest.disturbance, tracking=None) == EVERY_FIELD
     assert rest.disturbance.tracking == rho.error_tube(alone).tracking
 
 
-def test_on_another_grid_the_feedback_is_as_often_or_more_often() -> None:
+def test_on_another_grid_the_feedback_is_at_least_as_frequent() -> None:
     scenario = _with(rho.Disturbance(1.0, feedback_every=0.25))
     for step, every in ((0.25, 0.25), (1.0, 0.25), (0.1, 0.1), (0.6, 0.2)):
         other = scenario.on_grid(rho.Grid(step, 9)).disturbance
@@ -138,7 +138,7 @@ def test_on_another_grid_the_feedback_is_as_often_or_more_often() -> None:
     assert rho.shortest_plan(scenario).scenario.disturbance is not None  # it tries other steps
 
 
-def test_gains_that_a_scenario_gives_are_those_that_are_flown() -> None:
+def test_gains_given_by_a_scenario_are_used() -> None:
     own = (0.5, 1.0)
     around = rho.Disturbance(0.3, 0.02, 0.02, 0.1, tracking=Tracking(0.0, own))
     limits = rho.Limits(max_acceleration=2.0)

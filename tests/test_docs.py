@@ -1,4 +1,4 @@
-"""The documents are true: the README's code prints what it says, and what they name exists."""
+"""The documents are true: code prints the documented output, and every name exists."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SHORTER = {
     "docs/guides/film.md": {"--rate 10": "--rate 100"},
     "docs/viewer.md": {"--film flight.gif": "--html film.html"},  # filmed in guides/film.md
 }
-"""What is written in place of long work: fewer runs, smaller fleets, shorter films."""
+"""Replacements of long work: fewer runs, smaller fleets, shorter films."""
 
 
 GIVEN = {
@@ -55,12 +55,12 @@ GIVEN = {
     "docs/viewer.md": ("flight.npz",),
     "docs/guides/fleet.md": ("mission.json", "world.csv"),
 }
-"""The files that documents take for granted as the reader's own."""
+"""Files of the reader that documents presuppose."""
 
 
 @pytest.fixture(scope="session")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with everything that documents take for granted."""
+    """Return a folder with all files that documents presuppose."""
     folder = tmp_path_factory.mktemp("desk")
     (mission,) = (each for each in blocks(ROOT / "README.md") if each.title == "mission.yaml")
     (folder / "mission.yaml").write_text(mission.text)
@@ -90,24 +90,24 @@ LONG = (
     "document",
     [one for each in FOLLOWED for one in (slow(each) if Path(each).name in LONG else [each])],
 )
-def test_what_a_document_says_can_be_done(
+def test_the_steps_of_a_document_work(
     document: str, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in GIVEN.get(document, ()):
         shutil.copy(desk / name, tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    with socket.socket() as free:  # the one of the documents may be taken
+    with socket.socket() as free:  # the documented port may be in use
         free.bind(("127.0.0.1", 0))
         port = {"8786": str(free.getsockname()[1])}
     follow(ROOT / document, SHORTER.get(document, {}) | port)
 
 
 @pytest.mark.parametrize("document", sorted(set(DOCUMENTS) - {"CHANGELOG.md"}))
-def test_what_is_called_in_the_text_exists_and_takes_what_it_is_given(document: str) -> None:
+def test_functions_called_in_the_text_exist_and_accept_the_arguments(document: str) -> None:
     for call in calls(ROOT / document):
         root, *names = ast.unparse(call.func).split(".")
-        if root != "rho" or any("(" in name for name in names):  # of what another call returns
+        if root != "rho" or any("(" in name for name in names):  # methods of returned objects
             continue
         found: Any = functools.reduce(getattr, names, rho)
         given = [argument for argument in call.args if not isinstance(argument, ast.Starred)]
@@ -115,13 +115,13 @@ def test_what_is_called_in_the_text_exists_and_takes_what_it_is_given(document: 
         inspect.signature(found).bind_partial(*given, **named)
 
 
-def test_the_diagram_of_ones_own_in_the_documents_flies() -> None:
+def test_the_custom_diagram_in_the_documents_flies() -> None:
     text = (ROOT / "docs" / "flight.md").read_text()
     blocks = re.findall(r"^```python\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
     (code,) = (block for block in blocks if "DiagramBuilder" in block)
     found: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):
-        exec(code, found)  # noqa: S102  # the document's own
+        exec(code, found)  # noqa: S102  # of the document
     scenario, states = found["scenario"], found["states"].T.reshape(-1, 4, 6)
     assert len(found["controller"].flight.windows) == len(rho.plan_rho(scenario).windows)
     missed = np.linalg.norm(states[-1, :, :3] - scenario.fleet.goal_positions, axis=1)
@@ -142,14 +142,14 @@ def _names(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_everything_a_document_points_to_exists(document: str) -> None:
+def test_every_link_of_a_document_exists(document: str) -> None:
     text = (ROOT / document).read_text()
     pointers = re.findall(r"`([\w/]+\.py)::([\w.]+)`", text)
     assert pointers or document != "docs/paper.md"
     for path, name in pointers:
         assert name in _names(ROOT / path), f"{path}::{name}"
     for link in re.findall(r"\]\(([^):#]+)\)", text):
-        if link.startswith("gallery/"):  # pictures that are drawn when the site is built
+        if link.startswith("gallery/"):  # pictures drawn when the site is built
             continue
         assert (ROOT / document).parent.joinpath(link).exists(), link
 

@@ -1,4 +1,4 @@
-"""The examples in docstrings print what they say."""
+"""The examples in docstrings print the documented output."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ MAIN = (
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_print_what_they_say(name: str, tmp_path: Path) -> None:
+def test_examples_print_the_documented_output(name: str, tmp_path: Path) -> None:
     known = {"rho": rho, "np": np, "folder": tmp_path}
-    told = doctest.testmod(importlib.import_module(name), extraglobs=known)
-    assert told.attempted > 0
-    assert told.failed == 0
+    reported = doctest.testmod(importlib.import_module(name), extraglobs=known)
+    assert reported.attempted > 0
+    assert reported.failed == 0
 
 
 @pytest.mark.parametrize("name", MAIN.split())
-def test_the_main_names_have_an_example(name: str) -> None:
+def test_the_main_functions_have_an_example(name: str) -> None:
     assert ">>>" in str(inspect.getdoc(getattr(rho, name)))

@@ -27,7 +27,7 @@ def _random_motion(seed: int, before: bool = True) -> tuple[rho.State, Motion]:
     return start, Motion.from_start(start, rng.normal(size=(steps, 3)), step)
 
 
-def test_constant_acceleration_is_the_schoolbook_parabola() -> None:
+def test_constant_acceleration_is_a_parabola() -> None:
     p0, v0, a = np.array([1.0, 2.0, 3.0]), np.array([-1.0, 0.0, 4.0]), np.array([0.5, -2.0, 9.81])
     p, v = roll_out(p0, v0, np.tile(a, (10, 1)), 0.3)
     t = 0.3 * np.arange(11)[:, None]
@@ -80,10 +80,10 @@ def test_jerk_is_equation_7(seed: int, given_before: bool) -> None:
 @pytest.mark.parametrize("quantity", ["acceleration", "jerk"])
 @pytest.mark.parametrize("part", [0.0, 0.25, 0.5, 0.75, 0.999])
 @given(seed=seeds)
-def test_acceleration_and_jerk_are_those_of_the_step_a_time_lies_in(
+def test_acceleration_and_jerk_belong_to_the_step_of_a_time(
     quantity: Any, part: float, seed: int
 ) -> None:
-    """Right-continuous: from the knot at which a step begins up to, not including, the next."""
+    """They are right-continuous: a knot belongs to the step that it begins."""
     _, motion = _random_motion(seed)
     a, h = motion.accelerations, motion.step
     times = np.array([h * (k + part) for k in range(len(a))])
@@ -99,7 +99,7 @@ def test_acceleration_and_jerk_are_those_of_the_step_a_time_lies_in(
         np.testing.assert_allclose(answer, known, rtol=ROUNDING)
 
 
-def test_vectors_are_those_of_both_indices_however_an_array_lies() -> None:
+def test_vectors_are_selected_by_both_indices_in_any_memory_order() -> None:
     rng = np.random.default_rng(0)
     array = rng.normal(size=(7, 11, 3))
     vehicles, k = rng.integers(0, 7, 40), rng.integers(0, 5, 40)
@@ -108,7 +108,7 @@ def test_vectors_are_those_of_both_indices_however_an_array_lies() -> None:
         np.testing.assert_array_equal(taken, [each[i, j] for i, j in zip(vehicles, k, strict=True)])
 
 
-def test_motion_between_knots_is_what_an_integrator_finds() -> None:
+def test_motion_between_knots_equals_numerical_integration() -> None:
     _, motion = _random_motion(3)
     h, a = motion.step, motion.accelerations
     state = np.concatenate([motion.positions[0], motion.velocities[0]])
@@ -123,7 +123,7 @@ def test_motion_between_knots_is_what_an_integrator_finds() -> None:
         state = flown.y[:, 1]
 
 
-def test_drakes_trajectory_is_the_plan(paper: rho.Scenario) -> None:
+def test_the_trajectory_in_drake_is_the_plan(paper: rho.Scenario) -> None:
     plan = rho.plan_convex(paper)
     times = np.linspace(0.0, plan.scenario.grid.duration, 301)
     motion = plan.motion()
@@ -136,7 +136,7 @@ def test_drakes_trajectory_is_the_plan(paper: rho.Scenario) -> None:
             np.testing.assert_allclose(theirs, ours, rtol=ROUNDING, atol=1e-6)
 
 
-def test_a_plans_motion_knows_the_acceleration_before_it() -> None:
+def test_the_jerk_of_a_plan_includes_the_acceleration_before_it() -> None:
     start = rho.State([0, 0, 0], acceleration=[5.0, 0.0, 0.0])
     plan = rho.plan_convex(single(start=start))
     jerk = plan.motion().at("jerk", plan.times)
@@ -151,7 +151,7 @@ def test_an_unknown_quantity_is_refused() -> None:
 
 
 @pytest.mark.parametrize("knot", [-1, 16, 17, 99])
-def test_a_tail_begins_where_a_step_does(knot: int) -> None:
+def test_a_tail_begins_with_a_step(knot: int) -> None:
     with pytest.raises(ValueError, match="knot: got"):
         rho.plan_convex(single()).tail(knot)
 

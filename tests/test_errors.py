@@ -1,4 +1,4 @@
-"""What is raised reaches other processes as it was."""
+"""Exceptions reach other processes unchanged."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BAD: list[Callable[[], object]] = [
 
 
 @pytest.mark.parametrize("fail", BAD)
-def test_an_error_that_was_pickled_says_the_same(fail: Callable[[], object]) -> None:
+def test_a_pickled_error_has_the_same_message(fail: Callable[[], object]) -> None:
     with pytest.raises(rho.DrakeRhoError) as caught:
         fail()
     copy = pickle.loads(pickle.dumps(caught.value))  # noqa: S301  # own
@@ -41,7 +41,7 @@ def test_an_error_that_was_pickled_says_the_same(fail: Callable[[], object]) -> 
     assert repr(copy.__dict__) == repr(caught.value.__dict__)
 
 
-def test_a_value_that_cannot_be_pickled_becomes_what_is_said_of_it() -> None:
+def test_a_value_that_cannot_be_pickled_becomes_its_text() -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         rho.Grid(["s"] * 3 + [lambda: 0], 5)  # type: ignore[arg-type]  # tested
     copy = pickle.loads(pickle.dumps(caught.value))  # noqa: S301  # own
@@ -56,17 +56,17 @@ def test_errors_come_back_from_another_process(tmp_path: Path) -> None:
 
 
 WEAK = single(limits=rho.Limits(acceleration=box(0.5)))
-"""No plan, whatever the reference."""
+"""A problem without a plan for any reference."""
 
 WALLED = single(
     goal=rho.State([10, 0, 0]),
     limits=rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5)),
     obstacles=(rho.Sphere([5, 0.1, 0], 2.0),),
 )
-"""A corridor that a sphere fills."""
+"""A corridor filled by a sphere."""
 
 CROWDED = through_the_middle(2, grid=rho.Grid(5.0, 3))
-"""With two steps there is one way from rest to rest, through the middle together."""
+"""With two steps the only motion from rest to rest passes through the middle together."""
 
 FAILURES: dict[str, Callable[[], object]] = {
     "limits": functools.partial(rho.plan_convex, WEAK, steps=[0.25]),
@@ -78,7 +78,7 @@ FAILURES: dict[str, Callable[[], object]] = {
 
 
 def _solver_error(monkeypatch: pytest.MonkeyPatch) -> rho.SolverError:
-    """One from solvers that may not iterate."""
+    """Return the error of solvers that may not iterate."""
     for options in ("_CLARABEL", "_CLARABEL_AGAIN", "_OSQP"):
         monkeypatch.setattr(solve, options, {"max_iter": 1})
     slow = single(limits=rho.Limits(velocity=box(1.5)))
@@ -88,7 +88,7 @@ def _solver_error(monkeypatch: pytest.MonkeyPatch) -> rho.SolverError:
 
 
 def _error(name: str, monkeypatch: pytest.MonkeyPatch) -> rho.InfeasibleError | rho.SolverError:
-    """The error of a real failure."""
+    """Return the error of a real failure."""
     if name == "solver":
         return _solver_error(monkeypatch)
     with pytest.raises(rho.InfeasibleError) as caught:
@@ -98,7 +98,7 @@ def _error(name: str, monkeypatch: pytest.MonkeyPatch) -> rho.InfeasibleError | 
 
 @pytest.mark.parametrize("name", [*FAILURES, "solver"])
 def test_the_error_of_a_failure_is_plain_data(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It prints, compares and is pickled without a solver."""
+    """The error can be printed, compared and pickled without a solver."""
     error = _error(name, monkeypatch)
     monkeypatch.setattr(group_programs, "solve_all", None)
     monkeypatch.setattr(solve, "solve_side_by_side", None)
@@ -120,7 +120,7 @@ def test_the_error_of_a_failure_is_plain_data(name: str, monkeypatch: pytest.Mon
             )
 
 
-def test_an_error_that_was_pickled_can_be_explained_as_well_as_before() -> None:
+def test_a_pickled_error_can_be_explained() -> None:
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_convex(WALLED)
     copy = pickle.loads(pickle.dumps(caught.value))  # noqa: S301  # own
@@ -131,10 +131,10 @@ def _raise(error: Exception) -> None:
     raise error
 
 
-def test_failures_come_back_from_another_process_as_they_were(
+def test_failures_come_back_from_another_process_unchanged(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(backend, "DEFAULT", ClarabelSolver)  # as in the other process
+    monkeypatch.setattr(backend, "DEFAULT", ClarabelSolver)  # the other process uses this default
     errors = [_error(name, monkeypatch) for name in ("limits", "obstacle", "solver")]
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         for error in errors:

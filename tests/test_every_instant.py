@@ -1,4 +1,4 @@
-"""Plans for every instant: what is planned holds between the knots too."""
+"""Plans for every instant: constraints hold between the knots too."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ PLANNERS = [rho.plan_convex, rho.plan_scp, rho.plan_rho]
 
 @pytest.fixture(scope="module")
 def careful() -> rho.Scenario:
-    """The paper's scenario, asked for at every instant."""
+    """Return the paper's scenario with constraints at every instant."""
     return dataclasses.replace(rho.load_scenario("paper"), between_knots=True)
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_the_papers_scenario_can_be_safe_at_every_instant_for_little(
+def test_safety_at_every_instant_of_the_papers_scenario_costs_little(
     careful: rho.Scenario, planner: object
 ) -> None:
     safe = planner(careful)  # type: ignore[operator]  # a planner
@@ -34,14 +34,16 @@ def test_the_papers_scenario_can_be_safe_at_every_instant_for_little(
     assert distances.min() >= 1000.0 * (1 - 1e-6)
 
 
-def test_a_dip_between_knots_is_judged_by_what_is_asked(careful: rho.Scenario) -> None:
+def test_a_dip_between_knots_counts_only_if_every_instant_is_required(
+    careful: rho.Scenario,
+) -> None:
     sampled = rho.plan_scp(dataclasses.replace(careful, between_knots=False))
     report = rho.verify(sampled)
     assert report.ok
     assert "not required" in str(report)
-    judged = rho.verify(dataclasses.replace(sampled, scenario=careful))
-    assert not judged.ok
-    worst = judged.violations[0]
+    checked = rho.verify(dataclasses.replace(sampled, scenario=careful))
+    assert not checked.ok
+    worst = checked.violations[0]
     assert (worst.constraint, worst.part) == ("obstacle 1", "at all times")
     assert worst.excess == pytest.approx(3.5, abs=0.1)
     assert worst.time != round(worst.time)
@@ -50,7 +52,7 @@ def test_a_dip_between_knots_is_judged_by_what_is_asked(careful: rho.Scenario) -
 @pytest.mark.slow
 @given(scenario=scenarios(between_knots=True))
 @settings(max_examples=33)
-def test_random_plans_hold_when_sampled_a_thousand_times_a_step(scenario: rho.Scenario) -> None:
+def test_random_plans_hold_at_a_thousand_samples_a_step(scenario: rho.Scenario) -> None:
     try:
         plan = rho.plan_scp(scenario)
     except rho.InfeasibleError:
@@ -75,28 +77,28 @@ def test_a_position_box_holds_where_the_motion_turns_between_knots() -> None:
     limits = rho.Limits(position=rho.Box([-20, -20, -20], [20, 4.4, 20]))
     coarse = rho.Grid(2.0, 6)
     sampled = rho.plan_convex(single(start=start, grid=coarse, limits=limits))
-    asked = single(start=start, grid=coarse, limits=limits, between_knots=True)
-    over = rho.verify(dataclasses.replace(sampled, scenario=asked))
+    scenario = single(start=start, grid=coarse, limits=limits, between_knots=True)
+    over = rho.verify(dataclasses.replace(sampled, scenario=scenario))
     assert {check.constraint for check in over.violations} == {"position box"}
     assert over.violations[0].part == "y upper at all times"
-    safe = rho.plan_convex(asked)
+    safe = rho.plan_convex(scenario)
     assert rho.verify(safe).ok
     assert safe.cost > sampled.cost
     dense = safe.motion().at("position", np.linspace(0, 10, 10001))
     assert dense[0, :, 1].max() <= 4.4 + 1e-5
 
 
-def test_a_small_obstacle_between_two_knots_is_seen() -> None:
-    """Passed at 2.5 m a step, a ball of 0.4 m lies between two knots and touches neither."""
+def test_a_small_obstacle_between_two_knots_is_avoided() -> None:
+    """At 2.5 m a step, a ball of 0.4 m fits between two knots and touches neither."""
     ball = rho.Sphere([5.6, 2.24, -1.12], 0.4)
     sampled = rho.plan_scp(single(obstacles=(ball,), grid=rho.Grid(2.0, 5)))
     assert sampled.statistics.rows == 0
-    asked = single(obstacles=(ball,), grid=rho.Grid(2.0, 5), between_knots=True)
-    assert not rho.verify(dataclasses.replace(sampled, scenario=asked)).ok
-    assert rho.verify(rho.plan_scp(asked)).ok
+    scenario = single(obstacles=(ball,), grid=rho.Grid(2.0, 5), between_knots=True)
+    assert not rho.verify(dataclasses.replace(sampled, scenario=scenario)).ok
+    assert rho.verify(rho.plan_scp(scenario)).ok
 
 
-def test_a_way_round_is_safe_at_every_instant_too() -> None:
+def test_a_plan_along_a_path_is_safe_at_every_instant() -> None:
     scenario = dataclasses.replace(
         single(
             start=rho.State([0, 1, 2]),

@@ -1,4 +1,4 @@
-"""Exports of states, read back by readers that share nothing with what wrote them."""
+"""Exports of states, read back by independent readers."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ AXES = ("x", "y", "z")
 def rough(
     *, vehicles: int = 3, steps: int = 12, step: float = 0.3, start: float = 0.0, seed: int = 0
 ) -> rho.Plan:
-    """Vehicles that fly accelerations of no meaning: any rounding or shift of time shows."""
+    """Return vehicles with random accelerations, which reveal any rounding or shift of time."""
     rng = np.random.default_rng(seed)
     starts = rng.uniform(-5.0, 5.0, (vehicles, 3))
-    asked = fleet(
+    scenario = fleet(
         starts,
         starts + 20.0,
         grid=rho.Grid(step, steps + 1, start),
         separation=rho.Separation(1e-9),
     )
     accelerations = rng.normal(size=(vehicles, steps, 3))
-    return rho.Plan.from_accelerations(asked, accelerations, rho.Statistics(programs=3))
+    return rho.Plan.from_accelerations(scenario, accelerations, rho.Statistics(programs=3))
 
 
 def _true(plan: rho.Plan, name: str, times: np.ndarray) -> list[np.ndarray]:
-    """Positions, velocities and accelerations by Drake's own type, each of shape (M, 3)."""
+    """Return positions, velocities and accelerations by Drake's own type, each of shape (M, 3)."""
     path = plan.trajectory(name)
     ways = (path, path.derivative(1), path.derivative(2))
     return [np.hstack([way.value(time) for time in times]).T for way in ways]
 
 
 def _same(one: rho.Plan, other: rho.Plan) -> bool:
-    """Whether two plans are the same to the last digit."""
+    """Return whether two plans are equal to the last digit."""
     return (
         one.scenario == other.scenario
         and one.accelerations.tobytes() == other.accelerations.tobytes()
@@ -56,7 +56,7 @@ def _same(one: rho.Plan, other: rho.Plan) -> bool:
 
 
 def _rows(path: Path) -> dict[str, np.ndarray]:
-    """The table of each vehicle in a CSV of states: time, position, velocity, acceleration."""
+    """Return each vehicle's table in a CSV of states: time, position, velocity, acceleration."""
     with open(path, encoding="utf-8", newline="") as file:
         reader = csv.reader(file)
         header = next(reader)
@@ -85,13 +85,14 @@ def test_a_table_has_the_states_at_the_rate_and_at_every_knot(
         times = table[:, 0]
         assert np.all(np.diff(times) > 1e-9 * grid.step)
         assert set(grid.times) <= set(times)
-        asked = start + np.arange(0.0, grid.duration, 1.0 / (rate or 20.0))
-        assert np.abs(times[:, None] - asked).min(axis=0).max() < 1e-9
-        assert len(times) <= len(asked) + grid.knots
+        required = start + np.arange(0.0, grid.duration, 1.0 / (rate or 20.0))
+        assert np.abs(times[:, None] - required).min(axis=0).max() < 1e-9
+        assert len(times) <= len(required) + grid.knots
         p, v, a = _true(plan, name, times)
         np.testing.assert_allclose(table[:, 1:4], p, rtol=0, atol=ROUNDING * 100)
         np.testing.assert_allclose(table[:, 4:7], v, rtol=0, atol=ROUNDING * 100)
-        inner = np.abs(times[:, None] - grid.times).min(axis=1) > 1e-6  # Drake's knots are its own
+        # Drake computes its own knots
+        inner = np.abs(times[:, None] - grid.times).min(axis=1) > 1e-6
         np.testing.assert_array_equal(table[inner, 7:], a[inner])
         k = np.searchsorted(times, grid.times)
         np.testing.assert_array_equal(table[k[:-1], 7:], plan.accelerations[int(name[1:])])
@@ -112,7 +113,7 @@ def test_a_table_is_read_back_to_the_last_digit(
     assert _same(loaded, plan)
 
 
-def test_the_order_of_rows_has_no_meaning_but_every_knot_has_to_be_there(tmp_path: Path) -> None:
+def test_rows_may_have_any_order_but_every_knot_is_needed(tmp_path: Path) -> None:
     plan, path = rough(), tmp_path / "plan.csv"
     rho.export(plan, path, format="csv")
     header, *lines = path.read_text().splitlines(keepends=True)
@@ -140,7 +141,7 @@ def test_the_order_of_rows_has_no_meaning_but_every_knot_has_to_be_there(tmp_pat
         ("v0,0.3,", "v0,soon,", "soon"),
     ],
 )
-def test_another_table_is_refused(old: str, new: str, words: str, tmp_path: Path) -> None:
+def test_an_invalid_table_is_refused(old: str, new: str, words: str, tmp_path: Path) -> None:
     plan, path = rough(), tmp_path / "plan.csv"
     rho.export(plan, path, format="csv", rate=20.0)
     path.write_text(path.read_text().replace(old, new))
@@ -148,7 +149,7 @@ def test_another_table_is_refused(old: str, new: str, words: str, tmp_path: Path
         rho.load(path, scenario=plan.scenario)
 
 
-def test_a_table_needs_a_scenario_and_other_files_have_theirs(tmp_path: Path) -> None:
+def test_a_table_needs_a_scenario_and_other_files_contain_theirs(tmp_path: Path) -> None:
     plan = rough()
     for name, kind in (("plan.csv", "csv"), ("plan.json", "json")):
         rho.export(plan, tmp_path / name, format=kind)
@@ -161,7 +162,7 @@ def test_a_table_needs_a_scenario_and_other_files_have_theirs(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("rate", [None, 3.0])
-def test_a_document_tells_units_names_and_states(rate: float | None, tmp_path: Path) -> None:
+def test_a_document_has_units_names_and_states(rate: float | None, tmp_path: Path) -> None:
     plan = rough(start=2.5)
     rho.export(plan, tmp_path / "plan.json", format="json", rate=rate)
     content = json.loads((tmp_path / "plan.json").read_text(), parse_constant=pytest.fail)
@@ -182,7 +183,7 @@ def test_a_document_tells_units_names_and_states(rate: float | None, tmp_path: P
 
 
 def _hard_to_write() -> list[rho.Scenario]:
-    """With obstacles of every shape, disturbance, waypoints, limits of one's own, any name."""
+    """Return scenarios with every shape, disturbance, waypoints, own limits, unusual names."""
     moving = rho.Obstacle(rho.Box([4, 4, 4], [5, 5, 5]), velocity=[0.1, 0, 0], known_from=1.0)
     shapes: list[Any] = [
         rho.Cylinder([9, -9, 0], 0.3, 2.0),
@@ -201,14 +202,14 @@ def test_a_document_is_read_back_to_the_last_digit(
     scenario = _hard_to_write()[number]
     rng = np.random.default_rng(number)
     accelerations = rng.normal(size=(len(scenario.vehicles), scenario.grid.knots - 1, 3))
-    told = rho.Statistics(programs=7, steps_tried=(0.1, 0.2), seconds=1.0 / 3.0)
-    plan = rho.Plan.from_accelerations(scenario, accelerations, told)
+    reported = rho.Statistics(programs=7, steps_tried=(0.1, 0.2), seconds=1.0 / 3.0)
+    plan = rho.Plan.from_accelerations(scenario, accelerations, reported)
     for flown in (plan, rho.Flight(plan, (Window(0, plan, plan),))):
         rho.export(flown, tmp_path / "plan.json", format="json", rate=rate)
         loaded = rho.load(tmp_path / "plan.json")
         assert isinstance(loaded, rho.Plan)
         assert _same(loaded, plan)
-        assert loaded.statistics == told
+        assert loaded.statistics == reported
 
 
 @pytest.mark.parametrize(
@@ -227,7 +228,7 @@ def test_a_document_is_read_back_to_the_last_digit(
         {"surplus": 1},
     ],
 )
-def test_another_document_is_refused(change: dict[str, Any], tmp_path: Path) -> None:
+def test_an_invalid_document_is_refused(change: dict[str, Any], tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     rho.export(rough(), path, format="json")
     assert isinstance(rho.load(path), rho.Plan)
@@ -244,7 +245,7 @@ def test_other_text_is_refused(text: str, tmp_path: Path) -> None:
 
 
 def _shows(path: Path) -> dict[str, np.ndarray]:
-    """Skybrush's files by their names, as its documents describe them: rows of seven numbers."""
+    """Return Skybrush's files by name, by its documentation: rows of seven numbers."""
     if path.is_dir():
         texts = {each.stem: each.read_text("ascii") for each in path.iterdir()}
     else:
@@ -318,7 +319,7 @@ def test_setpoints_are_the_motion_in_north_east_and_down(tmp_path: Path) -> None
             np.testing.assert_allclose([east, north, -down], expected, rtol=0, atol=1e-9)
 
 
-def test_a_flight_that_ends_between_milliseconds_is_flown_to_its_end(tmp_path: Path) -> None:
+def test_a_show_covers_a_flight_that_ends_between_milliseconds(tmp_path: Path) -> None:
     plan = rough(vehicles=1, step=0.1001, steps=3)  # 300.3 ms
     rho.export(plan, tmp_path / "setpoints.csv", format="px4", rate=50.0)
     with open(tmp_path / "setpoints.csv", encoding="utf-8", newline="") as file:
@@ -330,12 +331,12 @@ def test_a_flight_that_ends_between_milliseconds_is_flown_to_its_end(tmp_path: P
 
 
 def test_the_last_setpoint_is_at_rest_at_the_goal(tmp_path: Path) -> None:
-    asked = rho.Scenario(
+    scenario = rho.Scenario(
         "short",
         rho.Grid(1.0 / 3.0, 8),
         [rho.Vehicle("v0", rho.State([0, 0, 1]), rho.State([2, 1, 3]))],
     )
-    rho.export(rho.plan(asked), tmp_path / "setpoints.csv", format="px4", rate=50.0)
+    rho.export(rho.plan(scenario), tmp_path / "setpoints.csv", format="px4", rate=50.0)
     with open(tmp_path / "setpoints.csv", encoding="utf-8", newline="") as file:
         *_, last = csv.DictReader(file)
     assert last["time_boot_ms"] == "2334"  # after the end, at 2333.3 ms
@@ -345,7 +346,7 @@ def test_the_last_setpoint_is_at_rest_at_the_goal(tmp_path: Path) -> None:
     np.testing.assert_allclose(rest, np.zeros(6), rtol=0, atol=1e-12)
 
 
-def test_mavlink_has_no_more_than_255_systems(tmp_path: Path) -> None:
+def test_mavlink_allows_at_most_255_systems(tmp_path: Path) -> None:
     rho.export(rough(vehicles=255, steps=2), tmp_path / "plan.csv", format="px4")
     with pytest.raises(ValueError, match="vehicles: got 256, expected at most 255 with px4"):
         rho.export(rough(vehicles=256, steps=2), tmp_path / "more.csv", format="px4")
@@ -354,13 +355,13 @@ def test_mavlink_has_no_more_than_255_systems(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def simulation() -> rho.Simulation:
-    """A flight in a wind that moves vehicles off their plans."""
+    """Return a flight in a wind that moves vehicles off their plans."""
     scenario = disturbed(2)
     wind = winds_for(scenario, 2)["constant"]
     return fly(scenario, wind=wind, rng=np.random.default_rng(2), replan_every=3)
 
 
-def test_the_true_motion_of_a_simulation_is_what_is_written(
+def test_the_export_of_a_simulation_is_its_true_motion(
     simulation: rho.Simulation, tmp_path: Path
 ) -> None:
     assert simulation.errors().max() > 1e-3
@@ -386,7 +387,7 @@ def test_the_true_motion_of_a_simulation_is_what_is_written(
         np.testing.assert_allclose(show[near, 1:4], expected, rtol=0, atol=1e-8)
 
 
-def test_a_true_motion_is_no_plan(simulation: rho.Simulation, tmp_path: Path) -> None:
+def test_a_true_motion_cannot_be_read_as_a_plan(simulation: rho.Simulation, tmp_path: Path) -> None:
     rho.export(simulation, tmp_path / "true.json", format="json")
     with pytest.raises(rho.PlanFileError, match=r"true\.json: .*expected a plan"):
         rho.load(tmp_path / "true.json")
@@ -396,7 +397,7 @@ def test_a_true_motion_is_no_plan(simulation: rho.Simulation, tmp_path: Path) ->
     assert [each.name for each in tmp_path.iterdir()] == ["true.json"]
 
 
-def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+def test_data_that_could_not_be_read_back_are_not_written(tmp_path: Path) -> None:
     plan = rho.Plan.from_accelerations(single(), np.full((1, 16, 3), 1.1e12))
     for name in ("csv", "json"):
         with pytest.raises(ValueError, match="single: got states beyond 1e"):

@@ -1,4 +1,4 @@
-"""Exports as files: what they are called, whole or not at all, and refused before any work."""
+"""Exports as files: names, atomic writing, and refusal before any work."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ ODD = [*NAMES, "A", "a-2", " ", "...", "\N{GRINNING FACE}", "飛行機" * 26, "\
 
 @pytest.fixture(scope="module")
 def plan() -> rho.Plan:
-    """Of two vehicles."""
+    """Return the plan of two vehicles."""
     return straight(2)
 
 
-def test_names_become_files_of_their_own_in_the_folder() -> None:
+def test_every_name_becomes_a_distinct_file_name() -> None:
     found = file_names(ODD, ".csv")
     assert len({name.casefold() for name in found}) == len(ODD)
     for name in found:
@@ -58,7 +58,7 @@ def test_every_vehicle_of_any_name_has_its_file(format: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("format", ["csv", "json", "px4"])
-def test_names_are_text_in_tables(format: str, tmp_path: Path) -> None:
+def test_names_are_quoted_as_text_in_tables(format: str, tmp_path: Path) -> None:
     plan = straight(len(ODD), ODD)
     path = tmp_path / ALL[format]
     rho.export(plan, path, format=format)
@@ -74,7 +74,7 @@ def test_names_are_text_in_tables(format: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("format", FOLDERS)
-def test_a_folder_of_the_same_files_is_replaced(
+def test_a_folder_of_an_earlier_export_is_replaced(
     format: str, plan: rho.Plan, tmp_path: Path
 ) -> None:
     folder = tmp_path / "out"
@@ -167,12 +167,12 @@ REFUSED: list[tuple[str, str, float | None, str]] = [
 
 
 @pytest.mark.parametrize(("format", "name", "rate", "words"), REFUSED)
-def test_what_cannot_be_written_is_refused_before_any_work(
+def test_invalid_targets_are_refused_before_any_work(
     format: str, name: str, rate: float | None, words: str, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("kept")
     (tmp_path / "folder.csv").mkdir()
-    unused = object.__new__(rho.Plan)  # nothing is in it: nobody looks at it
+    unused = object.__new__(rho.Plan)  # it is empty: nothing may read it
     with pytest.raises(ValueError, match=words):
         rho.export(unused, tmp_path / name, format=format, rate=rate)
     assert {each.name for each in tmp_path.iterdir()} == {"file", "folder.csv"}
@@ -194,20 +194,20 @@ def test_the_code_in_the_documents_runs(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     found: dict[str, Any] = {}
     with contextlib.redirect_stdout(io.StringIO()):
-        exec(code, found)  # noqa: S102  # the document's own
+        exec(code, found)  # noqa: S102  # of the document
     assert {each.name for each in tmp_path.iterdir()} == {"plan.csv", "plan.json", "courier"}
     np.testing.assert_array_equal(found["again"].positions, found["plan"].positions)
 
 
 @pytest.fixture
 def kept(plan: rho.Plan, tmp_path: Path) -> str:
-    """The file of a plan."""
+    """Write the file of a plan."""
     rho.save(plan, tmp_path / "plan.npz")
     return str(tmp_path / "plan.npz")
 
 
 @pytest.mark.parametrize("format", ALL)
-def test_the_command_writes_what_the_function_does(
+def test_the_command_and_the_function_write_the_same_files(
     format: str,
     plan: rho.Plan,
     kept: str,
@@ -229,12 +229,12 @@ def test_the_command_writes_what_the_function_does(
 
 
 def _content(paths: Iterable[Path]) -> list[bytes]:
-    """All there is in files and folders."""
+    """Return all contents of files and folders."""
     whole = [sorted(path.iterdir()) if path.is_dir() else [path] for path in paths]
     return [path.read_bytes() for each in whole for path in each]
 
 
-def test_what_was_exported_as_json_is_judged_and_exported_again(
+def test_an_exported_json_is_verified_and_exported_again(
     kept: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -245,8 +245,8 @@ def test_what_was_exported_as_json_is_judged_and_exported_again(
         words = ("export", source, "--format", "json", "-o", target)
         assert run(capsys, monkeypatch, *words)[0] == 0
     assert Path(path).read_bytes() == Path(again).read_bytes()
-    judged = run(capsys, monkeypatch, "verify", path)
-    assert judged == run(capsys, monkeypatch, "verify", kept)
+    checked = run(capsys, monkeypatch, "verify", path)
+    assert checked == run(capsys, monkeypatch, "verify", kept)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_what_was_exported_as_json_is_judged_and_exported_again(
         (("-o", "x.csv"), "--format"),
     ],
 )
-def test_bad_words_are_refused_before_the_file_is_read(
+def test_invalid_arguments_are_refused_before_the_file_is_read(
     words: tuple[str, ...],
     expected: str,
     tmp_path: Path,

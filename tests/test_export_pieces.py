@@ -1,6 +1,6 @@
 """Polynomials for Crazyswarm2, evaluated by a reader of its documented convention.
 
-A row of a file is a piece: its duration, then eight coefficients each of x, y, z and yaw, of the
+A row of a file is a piece: its duration, then eight coefficients each of x, y, z and yaw, for the
 powers of the time since the piece began, from the constant up. Pieces follow one another.
 """
 
@@ -25,7 +25,7 @@ from tests.tolerances import ROUNDING
 
 HEADER = ["duration"] + [f"{axis}^{power}" for axis in ("x", "y", "z", "yaw") for power in range(8)]
 MEMORY, BYTES = 4096, 4 * 33
-"""Of a Crazyflie for trajectories, and of a piece there: 33 numbers in single precision."""
+"""Memory of a Crazyflie for trajectories, and of a piece: 33 numbers in single precision."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,10 +34,10 @@ class Piece:
 
     duration: float
     coefficients: np.ndarray
-    """of x, y, z and yaw, shape (4, 8)"""
+    """coefficients of x, y, z and yaw, shape (4, 8)"""
 
     def at(self, time: float, derivative: int = 0) -> np.ndarray:
-        """x, y, z and yaw, or their derivatives: a sum of powers as it is written."""
+        """Return x, y, z and yaw, or their derivatives, as sums of powers."""
         return np.array(
             [
                 sum(
@@ -60,7 +60,7 @@ def _read(path: Path) -> list[Piece]:
 
 
 def _flown(pieces: list[Piece], elapsed: float, derivative: int = 0) -> np.ndarray:
-    """Position, or its derivative, so long after the start."""
+    """Return the position, or its derivative, at a time after the start."""
     for piece in pieces:
         if elapsed <= piece.duration:
             return piece.at(elapsed, derivative)[:3]
@@ -70,19 +70,19 @@ def _flown(pieces: list[Piece], elapsed: float, derivative: int = 0) -> np.ndarr
 
 def _random(steps: int, *, seed: int = 0, step: float = 0.25, size: float = 1.0) -> rho.Plan:
     rng = np.random.default_rng(seed)
-    asked = single(
+    scenario = single(
         grid=rho.Grid(step, steps + 1, 3.0), start=rho.State([1, 2, 3], size * rng.normal(size=3))
     )
-    return rho.Plan.from_accelerations(asked, size * rng.normal(size=(1, steps, 3)))
+    return rho.Plan.from_accelerations(scenario, size * rng.normal(size=(1, steps, 3)))
 
 
 @pytest.mark.parametrize("steps", [1, 2, 17, 31])
-def test_what_fits_is_exact(steps: int, tmp_path: Path) -> None:
+def test_a_plan_that_fits_is_exported_exactly(steps: int, tmp_path: Path) -> None:
     plan = _random(steps)
     written = rho.export(plan, tmp_path / "swarm", format="crazyswarm")
     assert (written.deviation, written.spare) == (0.0, None)
     pieces = _read(tmp_path / "swarm" / "solo.csv")
-    assert len(pieces) == max(2, steps)  # its reader takes a single row for no table
+    assert len(pieces) == max(2, steps)  # a single row is no table for its reader
     assert sum(each.duration for each in pieces) == pytest.approx(plan.scenario.grid.duration)
     path = plan.trajectory("solo")
     ways = [path, path.derivative(1), path.derivative(2)]
@@ -96,7 +96,7 @@ def test_what_fits_is_exact(steps: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("steps", [32, 49, 61, 62, 200, 1000])
-def test_what_does_not_fit_is_merged_into_what_does(steps: int, tmp_path: Path) -> None:
+def test_a_plan_that_does_not_fit_is_merged_into_fewer_pieces(steps: int, tmp_path: Path) -> None:
     plan = _random(steps, seed=steps)
     written = rho.export(plan, tmp_path / "swarm", format="crazyswarm")
     pieces = _read(written.files[0])
@@ -109,7 +109,7 @@ def test_what_does_not_fit_is_merged_into_what_does(steps: int, tmp_path: Path) 
             one, other = before.at(before.duration, derivative), after.at(0.0, derivative)
             np.testing.assert_allclose(one, other, rtol=0, atol=ROUNDING * scale)
     passed = 0.0
-    for piece in pieces:  # where the plan is, as fast as it is
+    for piece in pieces:  # they follow the plan, in position and velocity
         for time, at in ((passed, 0.0), (passed + piece.duration, piece.duration)):
             there, fast = path.value(3.0 + time).ravel(), speed.value(3.0 + time).ravel()
             np.testing.assert_allclose(piece.at(at)[:3], there, rtol=0, atol=ROUNDING * scale)
@@ -123,7 +123,7 @@ def test_what_does_not_fit_is_merged_into_what_does(steps: int, tmp_path: Path) 
     assert 0.95 * written.deviation < off <= written.deviation
 
 
-def test_a_motion_that_is_a_polynomial_is_merged_exactly() -> None:
+def test_a_polynomial_motion_is_merged_exactly() -> None:
     constant = rho.Plan.from_accelerations(single(), np.tile([1.0, -2.0, 0.5], (1, 16, 1)))
     pieces = as_pieces(constant.motion(), 3)
     assert pieces.deviations.max() < 1e-11
@@ -139,7 +139,7 @@ def test_a_motion_that_is_a_polynomial_is_merged_exactly() -> None:
     step=st.sampled_from([0.01, 1.0, 60.0]),
 )
 @settings(max_examples=20)
-def test_no_piece_is_further_off_than_is_told(
+def test_no_piece_deviates_more_than_reported(
     steps: int, most: int, seed: int, size: float, step: float
 ) -> None:
     plan = _random(steps, seed=seed, step=step, size=size)
@@ -159,14 +159,14 @@ def test_no_piece_is_further_off_than_is_told(
 
 
 def _room(gap: float, downwash: float = 1.0, *, beside: bool = False) -> rho.Plan:
-    """Two vehicles past a sphere that is `gap` further away than it has to be.
+    """Return two vehicles past a sphere that is `gap` further away than necessary.
 
-    `beside` and not above each other they fly with as much to spare.
+    They fly above each other or, with `beside`, side by side, with as much separation to spare.
     """
     rng = np.random.default_rng(7)
     apart = np.array([0, 1.0 + gap, 0]) if beside else np.array([0, 0, downwash * (1.0 + gap)])
     starts = np.array([0.0, 0.0, 5.0]) + np.array([np.zeros(3), apart])
-    asked = fleet(
+    scenario = fleet(
         starts,
         starts + np.array([30.0, 0.0, 0.0]),
         grid=rho.Grid(0.25, 101),
@@ -175,17 +175,17 @@ def _room(gap: float, downwash: float = 1.0, *, beside: bool = False) -> rho.Pla
         limits=rho.Limits(position=rho.Box([-5, -50, -50], [50, 50, 50])),
     )
     along = np.zeros((2, 100, 3))
-    along[:, :, 0] = 0.05 * rng.normal(size=(2, 100))  # rough along the way, and beside it
+    along[:, :, 0] = 0.05 * rng.normal(size=(2, 100))  # rough along the path, and beside it
     along[:, :, 0] += 30.0 / 25.0**2 * 2.0
     wave = np.tile([1.0, -1.0, -1.0, 1.0], 25) * 0.01
     along[0, :, 1], along[1, :, 1] = -wave, wave
     if not beside:
         along[0, :, 2], along[1, :, 2] = -wave, wave
-    return rho.Plan.from_accelerations(asked, along)
+    return rho.Plan.from_accelerations(scenario, along)
 
 
 def _least_clearance(pieces: list[list[Piece]], plan: rho.Plan) -> float:
-    """What is left beyond sphere and separation in what was written, sampled by hand."""
+    """Return the least clearance from sphere and partner in written pieces, sampled by hand."""
     scenario, apart = plan.scenario, plan.scenario.separation
     assert apart is not None
     sphere = scenario.obstacles[0]
@@ -199,7 +199,7 @@ def _least_clearance(pieces: list[list[Piece]], plan: rho.Plan) -> float:
 
 @pytest.mark.parametrize("downwash", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("beside", [True, False])
-def test_what_is_left_of_clearances_is_never_less_than_is_told(
+def test_remaining_clearances_are_never_less_than_reported(
     downwash: float, beside: bool, tmp_path: Path
 ) -> None:
     plan = _room(0.02, downwash, beside=beside)
@@ -215,7 +215,7 @@ def test_what_is_left_of_clearances_is_never_less_than_is_told(
     assert written.spare.left < written.spare.before
 
 
-def test_where_nothing_is_to_spare_it_is_said(tmp_path: Path) -> None:
+def test_lack_of_clearance_is_reported(tmp_path: Path) -> None:
     plan = _room(0.02)
     near = rho.Plan.from_accelerations(
         dataclasses.replace(
@@ -224,8 +224,8 @@ def test_where_nothing_is_to_spare_it_is_said(tmp_path: Path) -> None:
         ),
         plan.accelerations,
     )
-    judged = [each for each in rho.verify(near).checks if each.constraint == "separation"]
-    assert all(each.holds for each in judged)
+    checked = [each for each in rho.verify(near).checks if each.constraint == "separation"]
+    assert all(each.holds for each in checked)
     written = rho.export(near, tmp_path / "swarm", format="crazyswarm")
     assert written.spare is not None
     assert not written.spare.keeps_clear
@@ -234,7 +234,7 @@ def test_where_nothing_is_to_spare_it_is_said(tmp_path: Path) -> None:
     assert f"violated by up to {-written.spare.left:.3g} m" in str(written)
 
 
-def test_each_vehicle_and_each_constraint_has_its_own(tmp_path: Path) -> None:
+def test_every_vehicle_and_constraint_has_its_own_clearance(tmp_path: Path) -> None:
     plan = _room(0.02, 0.5, beside=True)  # flat: a metre along z counts for two
     report = rho.verify(plan)
     left = {(c.vehicle, c.constraint): -c.excess for c in report.checks if c.asked}
@@ -253,14 +253,14 @@ def test_each_vehicle_and_each_constraint_has_its_own(tmp_path: Path) -> None:
     assert spare(plan, np.zeros(2)).left == spare(plan, off).before
 
 
-def test_what_is_not_asked_for_is_not_looked_at(paper: rho.Scenario) -> None:
-    plan = rho.plan_convex(paper)  # between its knots, where nobody asks, it is inside the sphere
+def test_only_required_instants_count_for_clearances(paper: rho.Scenario) -> None:
+    plan = rho.plan_convex(paper)  # inside the sphere between its knots, which is allowed
     found = spare(plan, np.full(4, 0.5))
     assert found.before == pytest.approx(0.0, abs=1e-6)
     assert found.left == pytest.approx(-0.5, abs=1e-6)
 
 
-def test_alone_in_free_space_there_is_nothing_to_keep_clear_of(tmp_path: Path) -> None:
+def test_a_single_vehicle_in_free_space_has_no_clearance(tmp_path: Path) -> None:
     written = rho.export(_random(40), tmp_path / "swarm", format="crazyswarm")
     assert written.spare is not None
     assert written.spare.keeps_clear

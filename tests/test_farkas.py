@@ -1,4 +1,4 @@
-"""Conflicts are proofs: what is named cannot be met together, by linear programs of one's own.
+"""Conflicts are proofs: named constraints cannot be met together, by separate linear programs.
 
 Without obstacles the axes of a vehicle are independent, and each is a linear program in its
 accelerations, straight from (1), (2) and (7).
@@ -30,11 +30,11 @@ BACK_AND_FORTH = single(
     goal=rho.State([0, 0, 0], [4, 0, 0]),
     limits=rho.Limits(position=box(1.0), acceleration=box(3.0)),
 )
-"""Too fast to stop before the upper wall, and to be reached without a run-up beyond the lower."""
+"""Scenario too fast to stop before the upper wall, with too little run-up before the lower one."""
 
 
 def _states(scenario: rho.Scenario, vehicle: rho.Vehicle, axis: int) -> dict[str, Any]:
-    """Of each quantity along an axis the matrix and the rest: at the knots M @ a + r."""
+    """Return M and r of each quantity along an axis: at the knots it is M @ a + r."""
     h, n = scenario.grid.step, scenario.grid.knots - 1
     before = np.arange(n + 1)[:, None] - np.arange(n)
     p, v, a = vehicle.start.position[axis], vehicle.start.velocity[axis], vehicle.start.acceleration
@@ -62,7 +62,7 @@ def _goal_rows(scenario: rho.Scenario, vehicle: rho.Vehicle, axis: int) -> Rows:
 def _box_rows(
     scenario: rho.Scenario, vehicle: rho.Vehicle, axis: int, kind: str, first: float, last: float
 ) -> Rows:
-    """Both sides of a box at the knots from one time to another [s]."""
+    """Return both sides of a box at the knots from one time to another [s]."""
     matrix, rest = _states(scenario, vehicle, axis)[kind]
     bounds, h = getattr(scenario.limits_of(vehicle), kind), scenario.grid.step
     inner = kind in ("position", "velocity")
@@ -74,8 +74,8 @@ def _box_rows(
     return rows
 
 
-def _least_breach(rows: Rows) -> float:
-    """By how much, of the largest bound, the worst row of length one has to be broken."""
+def _least_violation_of_rows(rows: Rows) -> float:
+    """Return the least possible violation of the worst unit row, over the largest bound."""
     if not rows:
         return 0.0
     matrix, bounds = np.array([row for _, row, _ in rows]), np.array([b for _, _, b in rows])
@@ -91,12 +91,12 @@ def _least_breach(rows: Rows) -> float:
     return float(found.fun)
 
 
-def _contradict(scenario: rho.Scenario, name: str, told: Collection[str]) -> bool:
-    """Whether the constraints in words, of one vehicle, cannot be met together."""
+def _contradict(scenario: rho.Scenario, name: str, described: Collection[str]) -> bool:
+    """Return whether the described constraints of one vehicle cannot be met together."""
     vehicle = scenario.vehicles[scenario.index_of(name)]
     for axis, letter in enumerate("xyz"):
         rows: Rows = []
-        for words in told:
+        for words in described:
             if words == f"goal {letter}":
                 rows += _goal_rows(scenario, vehicle, axis)
             elif not words.startswith("goal"):
@@ -108,15 +108,15 @@ def _contradict(scenario: rho.Scenario, name: str, told: Collection[str]) -> boo
                 if letter in axes:
                     span = float(first), float(last or first)
                     rows += _box_rows(scenario, vehicle, axis, kind, *span)
-        if _least_breach(rows) > 1e-9:
+        if _least_violation_of_rows(rows) > 1e-9:
             return True
     return False
 
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=2)
-def test_what_is_named_cannot_be_met_together(seed: int) -> None:
-    """Of a planner's error, and of its subset, of which none can be spared either."""
+def test_named_constraints_cannot_be_met_together(seed: int) -> None:
+    """Conflicts are those of a planner's error and of its subset, which is irreducible."""
     scenario = random_scenario(seed, tight=True).without_obstacles()
     try:
         rho.plan_convex(scenario)
@@ -133,7 +133,7 @@ def test_what_is_named_cannot_be_met_together(seed: int) -> None:
         assert not _contradict(scenario, name, set(subset) - {box_named})
 
 
-def test_both_sides_of_a_box_are_broken_where_both_have_to_be() -> None:
+def test_both_sides_of_a_box_are_violated_where_necessary() -> None:
     plan = minimum_violation(Problem.of(BACK_AND_FORTH))
     x = plan.positions[0, :, 0]
     assert x.max() > 1.0 + 1.0
@@ -141,14 +141,14 @@ def test_both_sides_of_a_box_are_broken_where_both_have_to_be() -> None:
 
 
 def _penalty(scenario: rho.Scenario, kind: str) -> float:
-    """What it costs to break a row by one of a quantity's units."""
+    """Return the cost of violating a row by one unit of a quantity."""
     scales = scenario.fleet.scale
     unit = float(scales("acceleration").max())
     return unit**2 / float(scales(kind).max())  # type: ignore[arg-type]  # one of the four
 
 
 def _least_violation(scenario: rho.Scenario, vehicle: rho.Vehicle) -> float:
-    """The least sum of penalties and violations, as linear programs with every row in them."""
+    """Return the least sum of penalties and violations, by linear programs with every row."""
     total, n = 0.0, scenario.grid.knots - 1
     limits = scenario.limits_of(vehicle)
     for axis in range(3):
@@ -179,7 +179,7 @@ def _least_violation(scenario: rho.Scenario, vehicle: rho.Vehicle) -> float:
 
 
 def _violation(scenario: rho.Scenario, plan: rho.Plan) -> float:
-    """What a plan's violations cost."""
+    """Return the cost of a plan's violations."""
     total = 0.0
     for vehicle, accelerations in zip(scenario.vehicles, plan.accelerations, strict=True):
         limits = scenario.limits_of(vehicle)
@@ -195,13 +195,13 @@ def _violation(scenario: rho.Scenario, plan: rho.Plan) -> float:
 
 
 @pytest.mark.parametrize("seed", [None, *range(8)])
-def test_no_plan_breaks_less_than_the_one_of_minimum_violation(seed: int | None) -> None:
-    """The programs that rows enter one by one, against linear programs with all of them."""
+def test_no_plan_violates_less_than_the_minimum_violation_solution(seed: int | None) -> None:
+    """Programs that rows enter one by one are compared with linear programs with all rows."""
     scenario = BACK_AND_FORTH
     if seed is not None:
         scenario = random_scenario(seed, tight=True).without_obstacles()
     known = sum(_least_violation(scenario, vehicle) for vehicle in scenario.vehicles)
     found = _violation(scenario, minimum_violation(Problem.of(scenario)))
     unit = float(scenario.fleet.scale("acceleration").max())
-    # of many rows each may be left broken by a hundredth of a tolerance
+    # each of many rows may stay violated by a hundredth of a tolerance
     assert found == pytest.approx(known, rel=10 * INDEX, abs=10 * INDEX * unit**2)

@@ -1,4 +1,4 @@
-"""Diagnoses: known answers, and what they suggest works."""
+"""Diagnoses: known answers, and suggestions that work."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drake_rho.planning.planners.related import rescaled
 from tests.scenarios import box, scenarios, single, through_the_middle
 
 
-def test_from_rest_to_rest_full_thrust_and_full_brake_is_the_shortest() -> None:
+def test_bang_bang_is_the_shortest_from_rest_to_rest() -> None:
     """D = a T² / 4 on the longest axis."""
     weak = single(limits=rho.Limits(acceleration=box(0.5)))
     reason = rho.diagnose(weak)
@@ -26,22 +26,22 @@ def test_from_rest_to_rest_full_thrust_and_full_brake_is_the_shortest() -> None:
     assert {check.constraint for check in reason.violations} == {"goal"}
 
 
-def test_what_is_printed_is_enough() -> None:
+def test_the_printed_suggestions_are_sufficient() -> None:
     weak = 0.0944444444
     start, goal = rho.State([0, 0, 0]), rho.State([10, 0, 0])
 
-    def asked(factor: float, step: float = 1.0) -> rho.Scenario:
+    def scaled(factor: float, step: float = 1.0) -> rho.Scenario:
         limits = rho.Limits(acceleration=box(factor * weak))
         return single(limits=limits, grid=rho.Grid(step, 11), start=start, goal=goal)
 
-    text = str(rho.diagnose(asked(1.0)))
+    text = str(rho.diagnose(scaled(1.0)))
     factor = float(text.split("acceleration limits ")[1].split()[0])
     step = float(text.split("a step of ")[1].split()[0])
-    assert rho.verify(rho.plan_scp(asked(factor))).ok
-    assert rho.verify(rho.plan_scp(asked(1.0, step))).ok
+    assert rho.verify(rho.plan_scp(scaled(factor))).ok
+    assert rho.verify(rho.plan_scp(scaled(1.0, step))).ok
 
 
-def test_the_shortest_plan_is_planned_and_none_is_shorter() -> None:
+def test_no_plan_is_shorter_than_the_shortest() -> None:
     weak = single(limits=rho.Limits(acceleration=box(0.5), velocity=box(2.0)))
     plan = rho.shortest_plan(weak)
     assert rho.verify(plan).ok
@@ -62,14 +62,14 @@ def test_a_feasible_scenario_has_no_conflict_and_a_shorter_duration() -> None:
 
 @given(scenario=scenarios(tight=True, between_knots=True))
 @settings(max_examples=3)
-def test_what_a_diagnosis_suggests_works(scenario: rho.Scenario) -> None:
+def test_suggestions_of_a_diagnosis_work(scenario: rho.Scenario) -> None:
     scenario = scenario.without_obstacles()
     reason = rho.diagnose(scenario)
     assume(not reason.feasible)
     _check_suggestions(scenario, reason)
 
 
-def test_what_a_diagnosis_suggests_works_past_an_obstacle() -> None:
+def test_suggestions_of_a_diagnosis_work_past_an_obstacle() -> None:
     weak = single(
         limits=rho.Limits(acceleration=box(0.5)),
         obstacles=(rho.Sphere([5.0, 2.3, -1.0], 1.0),),
@@ -101,7 +101,7 @@ def _check_suggestions(scenario: rho.Scenario, reason: rho.Diagnosis) -> None:
         assert rho.verify(rho.plan_scp(stronger)).ok
 
 
-def test_an_error_carries_what_a_diagnosis_needs() -> None:
+def test_an_error_carries_the_data_of_a_diagnosis() -> None:
     weak = single(limits=rho.Limits(acceleration=box(0.5)))
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_rho(weak)
@@ -111,7 +111,7 @@ def test_an_error_carries_what_a_diagnosis_needs() -> None:
 
 
 @pytest.mark.slow
-def test_what_time_does_not_mend_is_said() -> None:
+def test_a_diagnosis_says_that_more_time_does_not_help() -> None:
     walls = rho.Limits(position=rho.Box([-1, -2, -3], [11, 6, 1]))
     wall = rho.Sphere([5.0, 2.0, -1.0], 4.9)
     reason = rho.diagnose(single(limits=walls, obstacles=(wall,), between_knots=True))
@@ -133,8 +133,8 @@ def test_monotone_is_claimed_from_rest_to_rest_only() -> None:
         single(limits=forward)
 
 
-def test_two_that_pass_each_other_take_no_longer_than_one_alone() -> None:
-    """They go aside across their way, where there is room and strength: D = a T² / 4 along it."""
+def test_two_vehicles_that_pass_each_other_take_no_longer_than_one() -> None:
+    """They pass sideways, where there is room and strength: D = a T² / 4 along the path."""
     limits = rho.Limits(rho.Box([-6, -6, -0.1], [6, 6, 0.1]), acceleration=box(0.9))
     reason = rho.diagnose(through_the_middle(2, limits=limits, grid=rho.Grid(6.6 / 20, 21)))
     assert set(reason.conflicts) == {"v0", "v1"}
@@ -144,8 +144,8 @@ def test_two_that_pass_each_other_take_no_longer_than_one_alone() -> None:
 
 
 @pytest.mark.slow
-def test_two_that_cannot_pass_at_all_are_told_by_how_much_they_are_too_close() -> None:
-    """With two steps there is one way from rest to rest, through the middle together."""
+def test_the_violation_of_two_vehicles_that_cannot_pass_is_reported() -> None:
+    """With two steps the only motion from rest to rest passes through the middle together."""
     reason = rho.diagnose(through_the_middle(2, grid=rho.Grid(5.0, 3)))
     assert set(reason.conflicts) == {"v0", "v1"}
     assert all("separation" in str(names) for names in reason.conflicts.values())
@@ -164,20 +164,20 @@ def test_another_duration_begins_at_the_same_time_and_obstacles_stay_on_the_cloc
         rho.Obstacle(ball, track=track, known_from=101.0),
         rho.Obstacle(ball, known_from=107.0, name="late"),
     )
-    asked = single(grid=rho.Grid(0.5, 17, 100.0), obstacles=obstacles)
+    scenario = single(grid=rho.Grid(0.5, 17, 100.0), obstacles=obstacles)
     for factor in (0.5, 0.1, 3.0):
-        other = rescaled(asked, factor)
+        other = rescaled(scenario, factor)
         assert other.grid == rho.Grid(0.5 * factor, 17, 100.0)
-        for old, new in zip(asked.bodies, other.bodies, strict=True):
+        for old, new in zip(scenario.bodies, other.bodies, strict=True):
             assert new == dataclasses.replace(old, known_from=min(old.known_from, other.grid.end))
             times = np.linspace(100.0, 110.0, 11)
             np.testing.assert_array_equal(new.centers(times), old.centers(times))
-    assert not is_monotone(asked)
+    assert not is_monotone(scenario)
 
 
 def test_an_obstacle_known_after_a_shorter_end_does_not_end_the_search() -> None:
-    """The shortest takes 6.4 s, and the obstacle, far away, is known at 7.9 s."""
+    """The shortest flight takes 6.4 s, and the obstacle, far away, is known at 7.9 s."""
     far = rho.Obstacle(rho.Sphere([0.0, 99.0, 0.0], 1.0), known_from=7.9)
-    asked = single(limits=rho.Limits(acceleration=box(1.0)), obstacles=(far,))
-    shortest = rho.shortest_plan(asked).scenario.grid.duration
+    scenario = single(limits=rho.Limits(acceleration=box(1.0)), obstacles=(far,))
+    shortest = rho.shortest_plan(scenario).scenario.grid.duration
     assert shortest == pytest.approx(np.sqrt(4 * 10.0 / 1.0), rel=2e-3)

@@ -1,4 +1,4 @@
-"""Why a disturbed scenario has no plan, and what wind it could bear."""
+"""Diagnoses of disturbed scenarios without a plan, and the largest tolerable wind."""
 
 from __future__ import annotations
 
@@ -13,26 +13,28 @@ from tests.scenarios import box, single
 
 
 def corridor(disturbance: rho.Disturbance | None, **options: object) -> rho.Scenario:
-    """Along x, with 0.3 m to each wall."""
+    """Return a flight along x with 0.3 m to each wall."""
     limits = rho.Limits(rho.Box([-1.0, -0.3, -0.3], [11.0, 0.3, 0.3]), **options)  # type: ignore[arg-type]
     straight = single(limits=limits, goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
     return dataclasses.replace(straight, disturbance=disturbance)
 
 
 def gap(disturbance: rho.Disturbance | None) -> rho.Scenario:
-    """Two walls with 0.8 m between them, past which there is no other way."""
+    """Return two walls with a gap of 0.8 m, the only path to the goal."""
     walls = rho.Box([4, -50, -50], [5, 1.6, 50]), rho.Box([4, 2.4, -50], [5, 50, 50])
     scenario = single(limits=rho.Limits(box(12)), obstacles=walls, between_knots=True)
     return dataclasses.replace(scenario, disturbance=disturbance)
 
 
 def test_longer_is_not_always_possible_with_a_tube_that_grows() -> None:
-    """The feedback may take half of 1.5 m/s², so wind of 1 m/s² drives ever further away."""
+    """The feedback may take half of 1.5 m/s², so wind of 1 m/s² drives it ever further away."""
 
     def lasting(duration: float) -> rho.Scenario:
         limits = rho.Limits(position=rho.Box([-2, -2, -2], [3, 2, 2]), max_acceleration=1.5)
-        asked = single(grid=rho.Grid(duration / 10, 11), goal=rho.State([1.0, 0, 0]), limits=limits)
-        return dataclasses.replace(asked, disturbance=rho.Disturbance(1.0, share=0.5))
+        scenario = single(
+            grid=rho.Grid(duration / 10, 11), goal=rho.State([1.0, 0, 0]), limits=limits
+        )
+        return dataclasses.replace(scenario, disturbance=rho.Disturbance(1.0, share=0.5))
 
     assert rho.verify(rho.plan(lasting(2.0))).ok
     for duration in (4.0, 8.0, 12.0):
@@ -53,7 +55,7 @@ def test_longer_is_not_always_possible_with_a_tube_that_grows() -> None:
     assert shortest.scenario.grid.duration == pytest.approx(diagnosis.shortest_duration)
 
 
-def test_what_moves_does_not_wait_for_a_slower_flight() -> None:
+def test_obstacles_do_not_slow_down_with_a_longer_duration() -> None:
     still, ball = single(), rho.Sphere([5.0, 2.0, -1.0], 0.5)
     assert can_be_slower(still)
     assert can_be_slower(dataclasses.replace(still, obstacles=(ball,)))
@@ -63,23 +65,23 @@ def test_what_moves_does_not_wait_for_a_slower_flight() -> None:
 
 
 @pytest.mark.parametrize("windy", [False, True])
-def test_what_cannot_be_met_together_is_told_with_what_it_is_proved_for(windy: bool) -> None:
+def test_a_conflict_states_the_problem_for_which_it_is_proved(windy: bool) -> None:
     limits = rho.Limits(max_acceleration=0.7)
-    asked = single(goal=rho.State([0.9 * 0.7 * 16.0, 0, 0]), limits=limits)
+    scenario = single(goal=rho.State([0.9 * 0.7 * 16.0, 0, 0]), limits=limits)
     around = rho.Disturbance(0.3, share=1.0) if windy else None
-    asked = dataclasses.replace(asked, disturbance=around)
+    scenario = dataclasses.replace(scenario, disturbance=around)
     if not windy:
-        asked = dataclasses.replace(asked, limits=rho.Limits(max_acceleration=0.6))
+        scenario = dataclasses.replace(scenario, limits=rho.Limits(max_acceleration=0.6))
     with pytest.raises(rho.InfeasibleError) as caught:
-        rho.plan(asked)
+        rho.plan(scenario)
     assert caught.value.is_proved == (not windy)
-    for told in (str(caught.value), rho.diagnose(asked).reason):
-        margins = "with the constraints tightened for the disturbance" in told
+    for reported in (str(caught.value), rho.diagnose(scenario).reason):
+        margins = "with the constraints tightened for the disturbance" in reported
         assert margins == windy
-        assert "together" in told
+        assert "together" in reported
 
 
-def test_the_largest_wind_of_a_corridor_is_that_whose_tube_fills_it() -> None:
+def test_the_largest_wind_of_a_corridor_fills_it_with_the_tube() -> None:
     scenario = corridor(rho.Disturbance(5.0, feedback_every=0.5, delay=1))
     diagnosis = rho.diagnose(scenario)
     known = rho.largest_disturbance(scenario, 0.3)
@@ -87,10 +89,10 @@ def test_the_largest_wind_of_a_corridor_is_that_whose_tube_fills_it() -> None:
     (why,) = diagnosis.conflicts.values()
     assert "disturbance" in why
     assert any("position box" in each for each in why)
-    told = str(diagnosis)
-    assert "without a disturbance there is a plan" in told
-    assert "instead of 5 m/s²" in told
-    assert len(told.splitlines()) <= 12
+    reported = str(diagnosis)
+    assert "without a disturbance there is a plan" in reported
+    assert "instead of 5 m/s²" in reported
+    assert len(reported.splitlines()) <= 12
 
 
 @pytest.mark.slow
@@ -98,7 +100,7 @@ def test_there_is_a_plan_with_the_largest_wind_and_none_with_more() -> None:
     scenario = gap(rho.Disturbance(3.0, feedback_every=0.5))
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(scenario)
-    assert caught.value.bearable is None  # starts and goals leave room: the gap does not
+    assert caught.value.bearable is None  # starts and goals have slack: the gap does not
     bearable = rho.diagnose(scenario).bearable_wind
     assert bearable is not None
     assert 0.0 < bearable < 3.0
@@ -112,12 +114,12 @@ def test_there_is_a_plan_with_the_largest_wind_and_none_with_more() -> None:
         )
 
 
-def test_errors_of_the_estimate_may_be_too_much_alone() -> None:
+def test_errors_of_the_estimate_alone_may_be_too_large() -> None:
     noisy = rho.Disturbance(0.5, position_error=5.0, velocity_error=5.0, share=0.9)
     scenario = corridor(noisy, acceleration=box(0.8))
     lightest = rho.diagnose(scenario).bearable_wind
     assert lightest is not None
-    assert 0.0 < lightest < 0.02  # that a flight without feedback bears
+    assert 0.0 < lightest < 0.02  # which is tolerable without feedback
     started = rho.error_tube(scenario, gains=(4.0, 3.0)).tracking
     tracked = corridor(dataclasses.replace(noisy, tracking=started))
     diagnosis = rho.diagnose(tracked)
@@ -126,7 +128,7 @@ def test_errors_of_the_estimate_may_be_too_much_alone() -> None:
     assert "wind up to" not in str(diagnosis)
 
 
-def test_what_has_no_plan_anyway_is_not_put_down_to_the_disturbance() -> None:
+def test_infeasibility_without_a_disturbance_is_not_attributed_to_it() -> None:
     weak = rho.Limits(acceleration=box(0.1))
     scenario = dataclasses.replace(single(limits=weak), disturbance=rho.Disturbance(0.01))
     diagnosis = rho.diagnose(scenario)
@@ -138,7 +140,7 @@ def test_what_has_no_plan_anyway_is_not_put_down_to_the_disturbance() -> None:
 
 
 def test_subsets_of_disturbed_scenarios_are_irreducible_with_their_margins() -> None:
-    """The velocity box alone leaves time enough; within its margins it does not."""
+    """The velocity box alone leaves time enough; tightened by its margins it does not."""
     limits = rho.Limits(velocity=box(1.8), acceleration=box(30.0))
     scenario = single(limits=limits, between_knots=True)
     scenario = dataclasses.replace(scenario, disturbance=rho.Disturbance(3.0, feedback_every=0.1))
@@ -148,7 +150,7 @@ def test_subsets_of_disturbed_scenarios_are_irreducible_with_their_margins() -> 
     assert sorted(name.split(" from")[0] for name in names) == ["goal x", "velocity box x"]
 
 
-def test_a_lack_of_room_is_told_as_it_is() -> None:
+def test_a_missing_margin_at_the_ends_is_its_own_subset() -> None:
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(corridor(rho.Disturbance(5.0, feedback_every=0.5, delay=1)))
     assert caught.value.bearable is not None

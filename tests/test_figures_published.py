@@ -1,4 +1,4 @@
-"""Figures as they are published: files, widths, texts that lie on no other, lines told apart."""
+"""Published figures: files, widths, texts that overlap no other, distinguishable lines."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from drake_rho.scenario.obstacles import Obstacle
 from tests.scenarios import slow, straight
 
 NAMES = ("$x^$", "<b>&amp;</b>", "a_b_c", "'q\"uote & co", "w" * 80, "v")
-"""Names that mean something elsewhere."""
+"""Names that have a special meaning elsewhere."""
 
 
 def _between(*ends: Any, names: tuple[str, ...] = ()) -> rho.Plan:
-    """Vehicles with these starts and goals, not kept apart, of ten seconds."""
+    """Return vehicles of ten seconds with these starts and goals and without separation."""
     vehicles = [
         rho.Vehicle(names[i] if names else f"v{i}", rho.State(start), rho.State(goal))
         for i, (start, goal) in enumerate(ends)
@@ -52,7 +52,7 @@ def _between(*ends: Any, names: tuple[str, ...] = ()) -> rho.Plan:
 
 
 def _among(vehicles: int, obstacles: int, *, named: tuple[str, ...] | None = None) -> rho.Plan:
-    """Straight flights across a cube, whatever is in the way, boxes of two kinds of name."""
+    """Return straight flights across a cube, through any obstacle; boxes have two kinds of name."""
     rng = np.random.default_rng(3)
     free = straight(vehicles, named)
     bodies = [
@@ -61,8 +61,8 @@ def _among(vehicles: int, obstacles: int, *, named: tuple[str, ...] | None = Non
     ]
     moving = Obstacle(rho.Sphere([5, 5, 5], 0.5), velocity=[0.3, 0.1, 0.0], known_from=1.0)
     every = (*bodies, dataclasses.replace(moving, name="$x^$"))
-    asked = unchecked(free.scenario, obstacles=every, bodies=every)
-    return rho.Plan.from_accelerations(asked, free.accelerations)
+    scenario = unchecked(free.scenario, obstacles=every, bodies=every)
+    return rho.Plan.from_accelerations(scenario, free.accelerations)
 
 
 SCENES: dict[str, Callable[[], rho.Plan]] = {
@@ -84,13 +84,13 @@ LARGE = ("many obstacles", "many vehicles")
 
 
 def _flight(plan: rho.Plan) -> rho.Flight:
-    """The plan, flown by windows from its first knot and its fifth."""
+    """Return the plan, flown by windows from its first and its fifth knot."""
     windows = tuple(Window(knot, plan.tail(knot), plan.tail(knot)) for knot in (0, 4))
     return rho.Flight(plan, windows)
 
 
 def _texts(figure: Figure) -> list[Text]:
-    """Every text that is seen, but not those of one legend twice."""
+    """Return every visible text, those of a shared legend once."""
     found = [*figure.texts]
     for legend in [*figure.legends, *filter(None, (ax.get_legend() for ax in figure.axes))]:
         found += legend.get_texts()
@@ -110,7 +110,7 @@ def _texts(figure: Figure) -> list[Text]:
     "scene",
     [each for name in SCENES for each in (slow(name) if name in LARGE else [name])],
 )
-def test_no_text_lies_on_another_or_leaves_the_figure(scene: str, width: float) -> None:
+def test_no_text_overlaps_another_or_leaves_the_figure(scene: str, width: float) -> None:
     plan = SCENES[scene]()
     figures = [
         rho.paths_figure(plan, width=width),
@@ -133,14 +133,16 @@ def test_no_text_lies_on_another_or_leaves_the_figure(scene: str, width: float) 
             assert box.x1 <= figure.bbox.width + 1, text
             assert box.y1 <= figure.bbox.height + 1, text
         for i, j in combinations(range(len(texts)), 2):
-            if not (turned[i] or turned[j]):  # the box of these is far wider than they are
+            if not (
+                turned[i] or turned[j]
+            ):  # the bounding box of a turned text is far wider than the text
                 assert not boxes[i].padded(-0.5).overlaps(boxes[j].padded(-0.5)), (
                     texts[i],
                     texts[j],
                 )
 
 
-def test_names_of_a_few_together_are_all_shown() -> None:
+def test_names_of_a_few_neighbours_are_all_shown() -> None:
     figure = rho.paths_figure(SCENES["long names"](), width=SINGLE_COLUMN)
     figure.draw_without_rendering()
     shown = [text for text in figure.axes[0].texts if text.get_visible()]
@@ -159,7 +161,7 @@ for file_format in ("png", "pdf", "svg"):
 
 @pytest.mark.slow
 def test_the_same_drawing_is_the_same_file_in_every_format(tmp_path: Path) -> None:
-    """By processes of other random hashes, and on another day."""
+    """Processes with other hash seeds, on another day, write the same bytes."""
     for name, seed in (("one", "1"), ("other", "2")):
         epoch = {"PYTHONHASHSEED": seed, "SOURCE_DATE_EPOCH": f"{seed}00000000"}
         command = [sys.executable, "-c", _WRITE, str(tmp_path / name)]
@@ -194,7 +196,7 @@ def test_pdf_embeds_its_fonts_and_svg_keeps_text(tmp_path: Path) -> None:
         assert "w" * 12 in texts
 
 
-def test_a_figure_is_as_wide_as_asked_and_dots_are_fine(tmp_path: Path) -> None:
+def test_a_figure_has_the_requested_width_and_resolution(tmp_path: Path) -> None:
     plan = straight(2)
     for width in (SINGLE_COLUMN, 5.0):
         path = rho.save_figure(rho.velocities_figure(plan, width=width), tmp_path / "v.PNG")
@@ -215,7 +217,7 @@ def test_unknown_formats_are_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_settings_of_the_session_change_nothing(tmp_path: Path) -> None:
+def test_settings_of_matplotlib_change_nothing(tmp_path: Path) -> None:
     plan = straight(2)
     one = rho.save_figure(rho.velocities_figure(plan), tmp_path / "one.svg").read_bytes()
     with rc_context({"font.size": 30, "lines.linewidth": 9, "svg.fonttype": "path"}):
@@ -223,8 +225,8 @@ def test_settings_of_the_session_change_nothing(tmp_path: Path) -> None:
     assert one == other
 
 
-def test_last_digits_of_a_plan_are_not_seen(tmp_path: Path) -> None:
-    """From processor to processor they differ; drawn, they used to change pixels."""
+def test_the_last_digits_of_a_plan_change_no_pixel(tmp_path: Path) -> None:
+    """The last digits differ between processors; they used to change pixels."""
     plan, rng = rho.plan_convex(rho.load_scenario("paper")), np.random.default_rng(0)
     noise = 1.0 + 1e-14 * rng.uniform(-1.0, 1.0, plan.accelerations.shape)
     other = rho.Plan.from_accelerations(plan.scenario, plan.accelerations * noise)
@@ -235,15 +237,15 @@ def test_last_digits_of_a_plan_are_not_seen(tmp_path: Path) -> None:
 
 
 def _drawn(figure: Figure) -> np.ndarray:
-    """What is seen of a figure, red, green and blue from 0 to 1, shape (rows, columns, 3)."""
+    """Return the rendered figure, red, green and blue from 0 to 1, shape (rows, columns, 3)."""
     canvas: Any = FigureCanvasAgg(figure)  # matplotlib has no types for it
     canvas.draw()
     pixels: np.ndarray = np.asarray(canvas.buffer_rgba())[:, :, :3] / 255.0
     return pixels
 
 
-def test_curves_on_each_other_are_all_seen() -> None:
-    """Three with the same velocity: their colours take turns along the line."""
+def test_overlapping_curves_are_all_visible() -> None:
+    """Three curves with the same velocity: their colours alternate along the line."""
     plan = _between(*([[0, 0, z], [20, 3, z]] for z in (1, 2, 3)))
     figure = rho.velocities_figure(plan)
     for ax in figure.axes:
@@ -259,7 +261,7 @@ def test_curves_on_each_other_are_all_seen() -> None:
     assert min(counts) > 0.5 * max(counts) > 20
 
 
-def test_paths_on_each_other_are_found_and_crossings_are_none() -> None:
+def test_overlapping_paths_are_found_and_crossings_are_not() -> None:
     t = np.linspace(0.0, 1.0, 60)[:, None]
     path, across = t * [10.0, 0.0, 0.0], [5.0, -5.0, 0.0] + t * [0.0, 10.0, 0.0]
     (piece,) = overlapping_pieces(np.stack([path, across, path[::-1]]))
@@ -269,8 +271,8 @@ def test_paths_on_each_other_are_found_and_crossings_are_none() -> None:
     assert overlapping_pieces(np.stack([np.zeros((9, 3))] * 2)) == []
 
 
-def test_the_end_is_seen_within_its_mark(study: Study) -> None:
-    """Fig. 15: the last window's colour, at the goal of all."""
+def test_the_end_of_a_path_is_visible_within_its_mark(study: Study) -> None:
+    """In Fig. 15 the last window's colour reaches the goals."""
     figure = draw_figure(15, study)
     image = _drawn(figure)
     ax = figure.axes[0]
@@ -302,13 +304,13 @@ def test_closest_approaches_are_marked(study: Study) -> None:
     )
 
 
-def test_a_scene_shown_in_a_notebook_has_no_empty_space(study: Study) -> None:
+def test_a_scene_in_a_notebook_has_no_empty_margin(study: Study) -> None:
     figure = draw_figure(15, study)
     tight = figure.get_tightbbox(FigureCanvasAgg(figure).get_renderer())  # type: ignore[no-untyped-call]
     assert np.all(tight.size <= figure.get_size_inches() + 0.01)
 
 
-def test_marks_do_not_run_together() -> None:
+def test_marks_do_not_merge() -> None:
     assert marks_every(50, DOUBLE_COLUMN) == marks_every(50, SINGLE_COLUMN) == 1
     assert marks_every(5000, SINGLE_COLUMN) * 0.6 * 72 * SINGLE_COLUMN / 5000 >= 2.5
 
@@ -324,7 +326,7 @@ def test_marks_do_not_run_together() -> None:
         (["plan", "paper", "--width", "4"], "--width: got 4.0 without --figures, expected"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused_before_work(
+def test_invalid_figure_arguments_are_refused_before_work(
     words: list[str],
     complaint: str,
     tmp_path: Path,
@@ -334,7 +336,7 @@ def test_what_cannot_be_drawn_is_refused_before_work(
     from drake_rho.cli import commands
 
     def never(*_: object, **__: object) -> None:
-        raise AssertionError("worked before all was known to be good")
+        raise AssertionError("worked before all arguments were checked")
 
     for module, names in (
         ("commands", ("best_plan", "plan_rho", "run_study", "read")),
@@ -353,7 +355,7 @@ def test_what_cannot_be_drawn_is_refused_before_work(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_line_writes_the_format_that_is_asked_for(
+def test_the_command_line_writes_the_requested_format(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from drake_rho.cli import commands

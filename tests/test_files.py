@@ -1,4 +1,4 @@
-"""Plans and flights come back as they went, and what is no plan is refused."""
+"""Plans and flights are read back unchanged, and other files are refused."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _same(one: rho.Plan, other: rho.Plan) -> bool:
     )
 
 
-def test_a_plan_comes_back_as_it_went(paper: rho.Scenario, tmp_path: Path) -> None:
+def test_a_plan_is_read_back_unchanged(paper: rho.Scenario, tmp_path: Path) -> None:
     plan = rho.plan_convex(paper)
     rho.save(plan, tmp_path / "plan.npz")
     loaded = rho.load(tmp_path / "plan.npz")
@@ -38,7 +38,7 @@ def test_a_plan_comes_back_as_it_went(paper: rho.Scenario, tmp_path: Path) -> No
     assert [path.name for path in tmp_path.iterdir()] == ["plan.npz"]
 
 
-def test_a_flight_comes_back_as_it_went(paper: rho.Scenario, tmp_path: Path) -> None:
+def test_a_flight_is_read_back_unchanged(paper: rho.Scenario, tmp_path: Path) -> None:
     flight = rho.plan_rho(paper)
     rho.save(flight, tmp_path / "flight")
     loaded = rho.load(tmp_path / "flight")
@@ -52,7 +52,7 @@ def test_a_flight_comes_back_as_it_went(paper: rho.Scenario, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
-def test_a_plan_of_numbers_that_are_none_is_refused_by_name(name: str, value: float) -> None:
+def test_a_plan_with_nan_is_refused_by_name(name: str, value: float) -> None:
     plan = rho.plan_convex(single())
     array = getattr(plan, name).copy()
     array[0, 3, 1] = value
@@ -62,7 +62,7 @@ def test_a_plan_of_numbers_that_are_none_is_refused_by_name(name: str, value: fl
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e308])
-def test_accelerations_that_are_no_flight_are_refused(value: float) -> None:
+def test_invalid_accelerations_are_refused(value: float) -> None:
     accelerations = np.zeros((1, 16, 3))
     accelerations[0, 3:, 2] = value
     with pytest.raises(ValueError, match=r"s: got .* for solo at knot .*, expected finite numbers"):
@@ -71,7 +71,7 @@ def test_accelerations_that_are_no_flight_are_refused(value: float) -> None:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The bytes of a good file."""
+    """Return the bytes of a valid file."""
     path = tmp_path_factory.mktemp("plans") / "plan.npz"
     rho.save(rho.plan_convex(single()), path)
     return path.read_bytes()
@@ -79,7 +79,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 @given(data=st.data())
 @settings(max_examples=50)
-def test_a_damaged_file_is_refused_or_the_same(
+def test_a_damaged_file_is_refused_or_unaffected(
     whole: bytes, tmp_path: Path, data: st.DataObject
 ) -> None:
     at = data.draw(st.integers(0, len(whole) - 1))
@@ -132,7 +132,7 @@ def test_a_file_with_other_content_is_refused(
         rho.load(path)
 
 
-def test_what_is_no_such_file_is_refused(tmp_path: Path) -> None:
+def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("hello")
     (tmp_path / "empty").write_text("")
     np.save(tmp_path / "array.npy", np.zeros(3))
@@ -163,21 +163,21 @@ def test_an_ending_of_another_format_is_refused(name: str, tmp_path: Path) -> No
     assert not list(tmp_path.iterdir())
 
 
-def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+def test_data_that_could_not_be_read_back_are_not_written(tmp_path: Path) -> None:
     plan = rho.Plan.from_accelerations(single(), np.full((1, 16, 3), 1.1e12))
     with pytest.raises(ValueError, match=r"plan\.positions has values that are not numbers up to"):
         rho.save(plan, tmp_path / "far.npz")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_loop_of_links_is_an_error_and_stays(tmp_path: Path) -> None:
+def test_a_loop_of_links_is_an_error_and_left_unchanged(tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     with pytest.raises(OSError, match="symbolic links"), atomic_write(tmp_path / "loop"):
         pass
     assert (tmp_path / "loop").is_symlink()
 
 
-def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+def test_a_missing_folder_is_an_error(tmp_path: Path) -> None:
     planned = rho.plan_convex(single())
     (tmp_path / "file").touch()
     writers: list[Callable[[Path], None]] = [
@@ -189,7 +189,7 @@ def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
         for folder, error in (("nowhere", FileNotFoundError), ("file", NotADirectoryError)):
             with pytest.raises(error) as caught:
                 write(tmp_path / folder / "plan.npz")
-            named = Path(str(caught.value.filename))  # what was asked for, nothing temporary
+            named = Path(str(caught.value.filename))  # the requested file, not a temporary one
             assert named in {tmp_path / folder, tmp_path / folder / "plan.npz"} or (
                 named == tmp_path / folder / "plan.yaml"
             )
@@ -198,7 +198,7 @@ def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def whole_flight(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The bytes of a good flight."""
+    """Return the bytes of a valid flight."""
     path = tmp_path_factory.mktemp("flights") / "flight.npz"
     rho.save(rho.plan_rho(single(), replan_every=8), path)
     return path.read_bytes()
@@ -261,7 +261,7 @@ def _parts(prefix: str, parts: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_the_layout_of_files_is_that_of_the_documents(tmp_path: Path) -> None:
-    """Other programs read these files: what is pinned here is a promise."""
+    """Other programs read these files: the layout pinned here is a promise."""
     flight = rho.plan_rho(single(), replan_every=8)
     times = flight.scenario.grid.times
     still = np.zeros((17, 1, 3))

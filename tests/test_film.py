@@ -1,4 +1,4 @@
-"""Films: every frame shows its time, and what is missing is told before any work."""
+"""Films: every frame shows its time, and missing programs are reported before any work."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.test_animation import crossing
 from tests.test_cli import run
 
 
-def test_footage_holds_the_whole_flight_at_its_pace() -> None:
+def test_footage_covers_the_whole_flight_at_its_speed() -> None:
     short = Footage.of(10.0, ".mp4")
     assert (short.rate, len(short.times), short.times[-1]) == (1.0, 301, 10.0)
     np.testing.assert_allclose(np.diff(short.times), 1.0 / 30.0)
@@ -35,7 +35,7 @@ def test_footage_holds_the_whole_flight_at_its_pace() -> None:
 def test_a_film_moves_from_the_first_to_the_last_instant(ending: str, tmp_path: Path) -> None:
     if ending == ".mp4" and shutil.which("ffmpeg") is None:
         pytest.skip("no ffmpeg is installed")
-    with open_page():  # skips where no browser is
+    with open_page():  # skips without a browser
         pass
     page, path, seen = rho.viewer_page(crossing(3)), tmp_path / f"film{ending}", []
     footage = Footage(np.array([0.0, 5.0, 10.0]), 1.0)
@@ -58,7 +58,7 @@ def test_a_film_moves_from_the_first_to_the_last_instant(ending: str, tmp_path: 
         assert np.mean(np.abs(shown[one] - shown[other]).max(axis=2) > 40) > 1e-3
 
 
-def test_what_is_missing_is_told_before_any_work(
+def test_missing_programs_are_reported_before_any_work(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     with pytest.raises(ValueError, match=r"expected a file that ends in \.mp4 or \.gif"):

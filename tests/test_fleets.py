@@ -1,4 +1,4 @@
-"""Vehicles that keep apart: they do, it has an effect, and the best is the best."""
+"""Separation of vehicles: it holds, it has an effect, and known optima are found."""
 
 from __future__ import annotations
 
@@ -51,53 +51,57 @@ CROSSING = (
     np.array([[-5, 0.3, 0], [0, -5, 0], [4, 4, 0.5]]),
     np.array([[5, 0, 0], [0, 5, 0.2], [-4, -4, 0]]),
 )
-"""Starts and goals of three that come close to each other in the middle."""
+"""Starts and goals of three vehicles that come close to each other in the middle."""
 
 TOUCHED = 1 - 2e-6
-"""The least distance over the separation's that counts as kept: twice the verifier's tolerance."""
+"""Least distance over the separation's that counts as satisfied: twice the verifier's tolerance."""
 
 
 @pytest.mark.parametrize("planner", PLANNERS.values(), ids=PLANNERS)
 @pytest.mark.parametrize("downwash", [1.0, 2.0, 0.5])
 @pytest.mark.parametrize("between_knots", [True, False])
-def test_vehicles_keep_apart_that_would_not(
+def test_the_separation_holds_and_has_an_effect(
     planner: Planner, downwash: float, between_knots: bool
 ) -> None:
     separation = rho.Separation(0.8, downwash)
-    asked = fleet(*CROSSING, separation=separation, between_knots=between_knots)
-    careless = dataclasses.replace(rho.plan_scp(asked.without_separation()), scenario=asked)
-    assert sampled_separation(careless) < 0.9
-    plan = planner(asked)
+    scenario = fleet(*CROSSING, separation=separation, between_knots=between_knots)
+    independent = dataclasses.replace(
+        rho.plan_scp(scenario.without_separation()), scenario=scenario
+    )
+    assert sampled_separation(independent) < 0.9
+    plan = planner(scenario)
     assert rho.verify(plan).ok
-    assert not rho.verify(careless).ok
+    assert not rho.verify(independent).ok
     assert sampled_separation(plan) >= TOUCHED
-    assert plan.cost > careless.cost
+    assert plan.cost > independent.cost
 
 
-def test_only_the_knots_are_looked_at_where_only_they_are_asked_for() -> None:
-    """On a coarse grid they pass each other between two knots; asked for every instant, aside."""
+def test_only_the_knots_are_constrained_where_only_they_are_required() -> None:
+    """On a coarse grid they may swap between two knots, unless every instant is constrained."""
     starts, goals = np.array([[-5, 0.1, 0], [5, 0, 0]]), np.array([[5, 0, 0], [-5, 0.1, 0]])
-    asked = fleet(starts, goals, grid=rho.Grid(2.0, 6))
-    knots = rho.plan_scp(dataclasses.replace(asked, between_knots=False))
+    scenario = fleet(starts, goals, grid=rho.Grid(2.0, 6))
+    knots = rho.plan_scp(dataclasses.replace(scenario, between_knots=False))
     assert rho.verify(knots).ok
-    assert sampled_separation(dataclasses.replace(knots, scenario=asked)) < 0.5
-    plan = rho.plan_scp(asked)
+    assert sampled_separation(dataclasses.replace(knots, scenario=scenario)) < 0.5
+    plan = rho.plan_scp(scenario)
     assert sampled_separation(plan) >= TOUCHED
     assert plan.cost > knots.cost
 
 
 @pytest.mark.parametrize("planner", list(PLANNERS.values())[1:], ids=list(PLANNERS)[1:])
-def test_obstacles_boxes_and_limits_of_their_own_hold_beside_it(planner: Planner) -> None:
+def test_obstacles_boxes_and_own_limits_hold_beside_the_separation(planner: Planner) -> None:
     limits = rho.Limits(position=box(5.2), velocity=box(2.5))
     sphere = rho.Sphere([0.0, 0.0, 0.5], 1.5)
-    asked = through_the_middle(
+    scenario = through_the_middle(
         4, separation=rho.Separation(1.0, 2.0), limits=limits, obstacles=(sphere,)
     )
-    weak = dataclasses.replace(asked.vehicles[1], limits=rho.Limits(acceleration=box(0.52)))
+    weak = dataclasses.replace(scenario.vehicles[1], limits=rho.Limits(acceleration=box(0.52)))
     level = rho.Limits(position=rho.Box([-5.2, -5.2, -0.2], [5.2, 5.2, 0.2]))
-    flat = dataclasses.replace(asked.vehicles[2], limits=level)
-    asked = dataclasses.replace(asked, vehicles=(asked.vehicles[0], weak, flat, asked.vehicles[3]))
-    plan = planner(asked)
+    flat = dataclasses.replace(scenario.vehicles[2], limits=level)
+    scenario = dataclasses.replace(
+        scenario, vehicles=(scenario.vehicles[0], weak, flat, scenario.vehicles[3])
+    )
+    plan = planner(scenario)
     assert rho.verify(plan).ok
     assert sampled_separation(plan) >= TOUCHED
     assert np.abs(plan.accelerations[1]).max() <= 0.52 * (1 + INDEX)
@@ -105,27 +109,27 @@ def test_obstacles_boxes_and_limits_of_their_own_hold_beside_it(planner: Planner
     dense = plan.motion().at("position", np.linspace(0.0, 10.0, 5001))
     assert np.linalg.norm(dense - sphere.center, axis=2).min() >= 1.5 * (1 - INDEX)
     assert np.abs(dense[2, :, 2]).max() <= 0.2 + 1e-5
-    alone = rho.plan_scp(asked.without_separation())
-    assert sampled_separation(dataclasses.replace(alone, scenario=asked)) < 1.0
+    alone = rho.plan_scp(scenario.without_separation())
+    assert sampled_separation(dataclasses.replace(alone, scenario=scenario)) < 1.0
     for spared in (
-        asked.without_obstacles(),
-        dataclasses.replace(asked, vehicles=_without_limits_of_their_own(asked)),
+        scenario.without_obstacles(),
+        dataclasses.replace(scenario, vehicles=_without_limits_of_their_own(scenario)),
     ):
-        assert not rho.verify(dataclasses.replace(planner(spared), scenario=asked)).ok
+        assert not rho.verify(dataclasses.replace(planner(spared), scenario=scenario)).ok
 
 
 def _without_limits_of_their_own(scenario: rho.Scenario) -> tuple[rho.Vehicle, ...]:
-    """The vehicles without limits of their own."""
+    """Return the vehicles without limits of their own."""
     return tuple(dataclasses.replace(each, limits=None) for each in scenario.vehicles)
 
 
 @given(seed=st.integers(0, 2**32 - 1), between_knots=st.booleans())
 @settings(max_examples=13)
-def test_random_fleets_hold_when_sampled(seed: int, between_knots: bool) -> None:
-    asked = random_fleet(seed, between_knots=between_knots)
+def test_random_fleets_are_separated_at_dense_samples(seed: int, between_knots: bool) -> None:
+    scenario = random_fleet(seed, between_knots=between_knots)
     for coupling in (coupled, decoupled):
         try:
-            plan = rho.plan_scp(asked, coupling=coupling)
+            plan = rho.plan_scp(scenario, coupling=coupling)
         except rho.InfeasibleError:
             continue
         assert rho.verify(plan).ok
@@ -135,16 +139,16 @@ def test_random_fleets_hold_when_sampled(seed: int, between_knots: bool) -> None
 @pytest.mark.parametrize("count", [2, 3, 4, 8])
 @pytest.mark.parametrize("coupling", [coupled, decoupled])
 @pytest.mark.parametrize("level", [False, True])
-def test_all_at_one_point_at_one_time_is_no_trouble(
+def test_vehicles_that_all_meet_in_one_point_are_planned(
     count: int, coupling: object, level: bool
 ) -> None:
-    """References coincide in the middle, where no direction leads from the one to the other."""
+    """References coincide in the middle, where no direction leads from one to the other."""
     limits = rho.Limits(position=rho.Box([-9, -9, -0.1], [9, 9, 0.1]) if level else None)
-    asked = through_the_middle(count, limits=limits)
-    plan = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # one of the two
+    scenario = through_the_middle(count, limits=limits)
+    plan = rho.plan_scp(scenario, coupling=coupling)  # type: ignore[arg-type]  # one of the two
     assert rho.verify(plan).ok
     assert sampled_separation(plan) >= TOUCHED
-    again = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # one of the two
+    again = rho.plan_scp(scenario, coupling=coupling)  # type: ignore[arg-type]  # one of the two
     np.testing.assert_array_equal(plan.accelerations, again.accelerations)
 
 
@@ -154,27 +158,27 @@ def test_all_at_one_point_at_one_time_is_no_trouble(
         ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]]),  # head-on
         ([[0, 0, -5], [0, 0, 5]], [[0, 0, 5], [0, 0, -5]]),  # above each other
         ([[-5, 0, 0], [0, -5, 0]], [[5, 0, 0], [0, 5, 0]]),  # crossing
-        ([[-5, 0, 0], [5, 0, 0], [0, 0, 0]], [[5, 0, 0], [-5, 0, 0], [0, 0, 0]]),  # one stays
-        ([[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [0, 0, 0]]),  # touching, and change places
+        ([[-5, 0, 0], [5, 0, 0], [0, 0, 0]], [[5, 0, 0], [-5, 0, 0], [0, 0, 0]]),  # one hovers
+        ([[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [0, 0, 0]]),  # touching, and swapping places
         ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]),  # none moves
     ],
 )
 @pytest.mark.parametrize("downwash", [1.0, 2.0])
-def test_mirror_symmetric_meetings_are_no_trouble(
+def test_mirror_symmetric_meetings_are_planned(
     starts: list[list[float]], goals: list[list[float]], downwash: float
 ) -> None:
-    asked = fleet(starts, goals, separation=rho.Separation(1.0, downwash))
+    scenario = fleet(starts, goals, separation=rho.Separation(1.0, downwash))
     for planner in (PLANNERS["coupled"], PLANNERS["decoupled"]):
-        plan = planner(asked)
+        plan = planner(scenario)
         assert rho.verify(plan).ok
         assert sampled_separation(plan) >= TOUCHED
 
 
-def test_directions_where_references_coincide_do_not_depend_on_the_order_of_the_two() -> None:
-    asked = through_the_middle(2)
-    swapped = dataclasses.replace(asked, vehicles=asked.vehicles[::-1])
+def test_directions_of_coinciding_references_do_not_depend_on_their_order() -> None:
+    scenario = through_the_middle(2)
+    swapped = dataclasses.replace(scenario, vehicles=scenario.vehicles[::-1])
     found = []
-    for each in (asked, swapped):
+    for each in (scenario, swapped):
         free = rho.plan_scp(each.without_separation()).motion()
         pairs = Problem.of(each).pairs_around(free, coupled, penalty=1.0, aside=True)
         assert len(pairs.places) > 0
@@ -182,18 +186,18 @@ def test_directions_where_references_coincide_do_not_depend_on_the_order_of_the_
         n = pairs.directions(pairs.places)[np.linalg.norm(x, axis=1) < 1.0]
         assert len(n) > 0
         np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0, rtol=ROUNDING)
-        np.testing.assert_allclose(n[:, 0], 0.0, atol=ROUNDING)  # across the way
+        np.testing.assert_allclose(n[:, 0], 0.0, atol=ROUNDING)  # across the path
         found.append(n)
     np.testing.assert_allclose(np.abs(found[0]), np.abs(found[1]), atol=ROUNDING)
 
 
 @pytest.mark.parametrize("name", ["coupled", "decoupled"])
 def test_relabelling_the_vehicles_permutes_the_plan(name: str) -> None:
-    asked = fleet(*CROSSING)
+    scenario = fleet(*CROSSING)
     order = [2, 0, 1]
-    vehicles = tuple(asked.vehicles[index] for index in order)
-    plan = PLANNERS[name](asked)
-    other = PLANNERS[name](dataclasses.replace(asked, vehicles=vehicles))
+    vehicles = tuple(scenario.vehicles[index] for index in order)
+    plan = PLANNERS[name](scenario)
+    other = PLANNERS[name](dataclasses.replace(scenario, vehicles=vehicles))
     assert other.cost == pytest.approx(plan.cost, rel=1e-5)
     largest = np.abs(plan.accelerations).max()
     np.testing.assert_allclose(other.accelerations, plan.accelerations[order], atol=1e-3 * largest)
@@ -210,20 +214,20 @@ def test_relabelling_the_vehicles_permutes_the_plan(name: str) -> None:
 def test_mirroring_turning_shifting_and_changing_units(
     seed: int, turn: np.ndarray, shift: tuple[float, float, float], length: float, time: float
 ) -> None:
-    """One linearisation is the same in all coordinates; many may take another way at a fork."""
-    asked = random_fleet(seed)
-    assert asked.separation is not None
-    if asked.separation.downwash != 1.0 and abs(turn[2, 2]) != 1.0:
+    """One linearisation is the same in all coordinates; iterations may differ at a fork."""
+    scenario = random_fleet(seed)
+    assert scenario.separation is not None
+    if scenario.separation.downwash != 1.0 and abs(turn[2, 2]) != 1.0:
         turn = np.diag([1.0, -1.0, -1.0])
-    size = max(np.abs(vehicle.start.position).max() for vehicle in asked.vehicles)
-    other = mapped(asked, turn, size * np.array(shift), length, time)
+    size = max(np.abs(vehicle.start.position).max() for vehicle in scenario.vehicles)
+    other = mapped(scenario, turn, size * np.array(shift), length, time)
     costs = []
-    for each, scale in ((asked, 1.0), (other, (length / time**2) ** 2)):
+    for each, scale in ((scenario, 1.0), (other, (length / time**2) ** 2)):
         try:
             costs.append(rho.plan_convex(each).cost / scale)
         except rho.InfeasibleError:
             costs.append(np.inf)
-    met = pairs_within(asked.separation, _free(asked), 1e-3 * size, between=True)
+    met = pairs_within(scenario.separation, _free(scenario), 1e-3 * size, between=True)
     if np.isfinite(costs[0]) and len(met) == 0:
         assert costs[1] == pytest.approx(costs[0], rel=10 * INDEX)
 
@@ -234,18 +238,18 @@ def _free(scenario: rho.Scenario) -> Motion:
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=8)
-def test_planned_jointly_from_a_split_plan_it_never_costs_more(seed: int) -> None:
-    asked = random_fleet(seed, most=5)
+def test_a_coupled_plan_never_costs_more_than_its_decoupled_reference(seed: int) -> None:
+    scenario = random_fleet(seed, most=5)
     try:
-        split = rho.plan_scp(asked, coupling=decoupled)
+        split = rho.plan_scp(scenario, coupling=decoupled)
     except rho.InfeasibleError:
         return
-    together = rho.plan_scp(asked, reference=split, coupling=coupled)
+    together = rho.plan_scp(scenario, reference=split, coupling=coupled)
     assert rho.verify(together).ok
     assert together.cost <= split.cost * (1 + INDEX)
 
 
-def test_iterates_are_apart_and_the_index_does_not_rise() -> None:
+def test_iterates_are_separated_and_the_index_does_not_increase() -> None:
     plans = [rho.plan_scp(through_the_middle(5), coupling=decoupled)]
     for _ in range(8):
         plans.append(rho.scp_step(plans[-1]))
@@ -257,49 +261,51 @@ def test_iterates_are_apart_and_the_index_does_not_rise() -> None:
     assert plans[-1].cost < 0.998 * plans[0].cost
 
 
-def test_in_windows_they_stay_apart_and_each_window_has_a_plan() -> None:
-    asked = through_the_middle(4)
-    flight = rho.plan_rho(asked, planner=rho.plan_scp, replan_every=3)
+def test_every_window_of_a_fleet_has_a_separated_plan() -> None:
+    scenario = through_the_middle(4)
+    flight = rho.plan_rho(scenario, planner=rho.plan_scp, replan_every=3)
     assert rho.verify(flight).ok
     assert sampled_separation(flight.plan) >= TOUCHED
     assert flight.cost <= flight.windows[0].plan.cost * (1 + 10 * INDEX)
 
 
-def _linearised(asked: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The row n · (p0 - p1) >= d of each inner knot, written out: (n, what p0 - p1 is) each."""
+def _linearised(scenario: rho.Scenario, at: rho.Plan) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the row n · (p0 - p1) >= d of each inner knot as pairs (n, value of p0 - p1)."""
     rows = []
-    for k in range(1, asked.grid.knots - 1):
+    for k in range(1, scenario.grid.knots - 1):
         gap = at.positions[0, k] - at.positions[1, k]
-        pull = response("position", asked.grid.step, asked.grid.knots, [k * asked.grid.step])[0]
+        pull = response(
+            "position", scenario.grid.step, scenario.grid.knots, [k * scenario.grid.step]
+        )[0]
         rows.append((gap / np.linalg.norm(gap), pull))
     return rows
 
 
 @pytest.fixture
 def two() -> tuple[rho.Scenario, rho.Plan]:
-    """Two vehicles that cross, at the knots, and a plan of theirs to linearise around."""
-    asked = fleet(CROSSING[0][:2], CROSSING[1][:2], between_knots=False)
-    return asked, rho.plan_scp(asked, coupling=decoupled)
+    """Return two crossing vehicles, constrained at the knots, and a plan to linearise around."""
+    scenario = fleet(CROSSING[0][:2], CROSSING[1][:2], between_knots=False)
+    return scenario, rho.plan_scp(scenario, coupling=decoupled)
 
 
-@np.errstate(invalid="ignore")  # numpy says so of Drake's symbols, without a cause
+@np.errstate(invalid="ignore")  # numpy warns of Drake's symbols, without a cause
 def test_one_linearisation_equals_the_program_written_out(
     two: tuple[rho.Scenario, rho.Plan],
 ) -> None:
-    """Every row of the one pair at every knot, in Drake's symbols."""
-    asked, at = two
-    h, steps = asked.grid.step, asked.grid.knots - 1
+    """The program has every row of the one pair at every knot, in Drake's symbols."""
+    scenario, at = two
+    h, steps = scenario.grid.step, scenario.grid.knots - 1
     twin = MathematicalProgram()
-    a = [twin.NewContinuousVariables(steps, 3) for _ in asked.vehicles]
-    for vehicle, own in zip(asked.vehicles, a, strict=True):
+    a = [twin.NewContinuousVariables(steps, 3) for _ in scenario.vehicles]
+    for vehicle, own in zip(scenario.vehicles, a, strict=True):
         p, v = vehicle.start.position, vehicle.start.velocity
         for k in range(steps):
             p, v = p + h * v + h**2 / 2 * own[k], v + h * own[k]
         twin.AddLinearEqualityConstraint(p, vehicle.goal.position)
         twin.AddLinearEqualityConstraint(v, vehicle.goal.velocity)
         twin.AddQuadraticCost((own**2).sum())
-    between = asked.vehicles[0].start.position - asked.vehicles[1].start.position
-    for n, pull in _linearised(asked, at):
+    between = scenario.vehicles[0].start.position - scenario.vehicles[1].start.position
+    for n, pull in _linearised(scenario, at):
         gap = between + pull @ (a[0] - a[1])
         twin.AddLinearConstraint(n @ gap >= 1.0)
     result = ClarabelSolver().Solve(twin)
@@ -311,13 +317,13 @@ def test_one_linearisation_equals_the_program_written_out(
         np.testing.assert_allclose(found, result.GetSolution(own), atol=1e-4 * largest)
 
 
-def test_the_converged_plan_is_the_one_that_a_nonlinear_solver_finds(
+def test_the_converged_plan_equals_that_of_a_nonlinear_solver(
     two: tuple[rho.Scenario, rho.Plan],
 ) -> None:
-    """The true distances, by SLSQP in coordinates that reach the goals, from the split plan."""
-    asked, at = two
-    effort = MinimumEffort.of(asked)
-    steps = asked.grid.knots - 1
+    """SLSQP minimises with the true distances, in coordinates that satisfy the goals."""
+    scenario, at = two
+    effort = MinimumEffort.of(scenario)
+    steps = scenario.grid.knots - 1
     _, _, rows = np.linalg.svd(effort.goals.rows)
     inside = rows[len(effort.goals.rows) :]  # accelerations that change no goal
     free = effort.motion.accelerations
@@ -326,9 +332,9 @@ def test_the_converged_plan_is_the_one_that_a_nonlinear_solver_finds(
         moved: np.ndarray = free + np.einsum("cj,icx->ijx", inside, x.reshape(2, -1, 3))
         return moved
 
-    knots = asked.grid.times[1:-1]
-    responses = response("position", asked.grid.step, asked.grid.knots, knots)
-    ends = np.array([vehicle.start.position for vehicle in asked.vehicles])
+    knots = scenario.grid.times[1:-1]
+    responses = response("position", scenario.grid.step, scenario.grid.knots, knots)
+    ends = np.array([vehicle.start.position for vehicle in scenario.vehicles])
 
     def gaps(x: np.ndarray) -> np.ndarray:
         a = flown(x)
@@ -358,17 +364,21 @@ def test_the_converged_plan_is_the_one_that_a_nonlinear_solver_finds(
     assert found.success
     assert steps == flown(found.x).shape[1]
     best = float(np.sum(flown(found.x) ** 2))
-    assert rho.plan_scp(asked, reference=at, coupling=coupled).cost == pytest.approx(best, rel=1e-5)
+    assert rho.plan_scp(scenario, reference=at, coupling=coupled).cost == pytest.approx(
+        best, rel=1e-5
+    )
 
 
 @pytest.mark.parametrize("between_knots", [True, False])
-def test_the_span_of_rows_that_couple_loses_nothing(between_knots: bool) -> None:
-    """The same rows in all accelerations, with states beside them, give the same solution."""
-    asked = through_the_middle(4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots)
-    subproblem = Subproblem(Problem.of(asked), coupled)
-    known = subproblem.around(rho.plan_scp(asked, coupling=decoupled)).accelerations
+def test_the_reduced_form_of_coupled_rows_has_the_same_solution(between_knots: bool) -> None:
+    """The same rows in all accelerations, with states beside them, have the same solution."""
+    scenario = through_the_middle(
+        4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots
+    )
+    subproblem = Subproblem(Problem.of(scenario), coupled)
+    known = subproblem.around(rho.plan_scp(scenario, coupling=decoupled)).accelerations
     assert subproblem.planes is not None
-    effort, steps = MinimumEffort.of(asked), asked.grid.knots - 1
+    effort, steps = MinimumEffort.of(scenario), scenario.grid.knots - 1
     rows = list(subproblem.planes.working.rows.values())
     for sparse in (True, False):
         with pytest.MonkeyPatch.context() as patched:
@@ -383,14 +393,16 @@ def test_the_span_of_rows_that_couple_loses_nothing(between_knots: bool) -> None
         np.testing.assert_allclose(found, known[group], atol=MOTION * np.abs(known).max())
 
 
-def test_two_that_cross_are_proved_globally_optimal(two: tuple[rho.Scenario, rho.Plan]) -> None:
+def test_the_plan_of_two_crossing_vehicles_is_proved_globally_optimal(
+    two: tuple[rho.Scenario, rho.Plan],
+) -> None:
     for downwash, between_knots in ((1.0, False), (1.0, True), (2.0, True)):
-        asked = dataclasses.replace(
+        scenario = dataclasses.replace(
             two[0], separation=rho.Separation(1.0, downwash), between_knots=between_knots
         )
-        proof = rho.certify(rho.plan_scp(asked))
+        proof = rho.certify(rho.plan_scp(scenario))
         assert proof.is_globally_optimal
-        assert proof.lower_bound > rho.plan_scp(asked.without_separation()).cost
+        assert proof.lower_bound > rho.plan_scp(scenario.without_separation()).cost
         for each in proof.vehicles:
             assert each.stationarity < 1e-4
             assert each.complementarity < 1e-5
@@ -409,7 +421,7 @@ def crowd(n: int = 48, duration: float = 6.8, distance: float = 0.32) -> rho.Sce
     )
 
 
-def test_what_meets_at_one_point_is_brought_apart() -> None:
+def test_vehicles_that_meet_at_one_point_are_separated() -> None:
     scenario = crowd()
     plan = rho.plan(scenario)
     assert rho.verify(plan).ok
@@ -419,23 +431,23 @@ def test_what_meets_at_one_point_is_brought_apart() -> None:
 
 @pytest.mark.slow
 def test_no_plan_found_from_elsewhere_is_below_the_bound() -> None:
-    """References that pass each other on all sides lead to plans that cost more or as much."""
+    """References that pass on all sides lead to plans that cost more or as much."""
     rng = np.random.default_rng(0)
-    for asked in (fleet(*CROSSING), through_the_middle(4)):
-        plan = rho.plan_scp(asked)
+    for scenario in (fleet(*CROSSING), through_the_middle(4)):
+        plan = rho.plan_scp(scenario)
         proof = rho.certify(plan)
         assert proof.holds
         assert 0.0 < proof.lower_bound <= plan.cost * (1 + INDEX)
         costs = []
         for _ in range(6):
             noise = rng.normal(size=plan.accelerations.shape) * np.abs(plan.accelerations).max()
-            elsewhere = rho.Plan.from_accelerations(asked, plan.accelerations + 3 * noise)
-            other = rho.plan_scp(asked, reference=elsewhere)
+            elsewhere = rho.Plan.from_accelerations(scenario, plan.accelerations + 3 * noise)
+            other = rho.plan_scp(scenario, reference=elsewhere)
             assert rho.verify(other).ok
             costs.append(other.cost)
         assert min(costs) * (1 + INDEX) >= proof.lower_bound
         ways = np.ptp(costs) / plan.cost
-    assert ways > 1e-3  # where four meet, some did go another way
+    assert ways > 1e-3  # where four meet, some took another path
 
 
 TUBE = rho.Limits(position=rho.Box([-6, -0.3, -0.3], [6, 0.3, 0.3]))
@@ -444,10 +456,10 @@ HEAD_ON = ([[-5, 0, 0], [5, 0, 0]], [[5, 0, 0], [-5, 0, 0]])
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["coupled", "decoupled", "rho"])
-def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> None:
-    asked = fleet(*HEAD_ON, limits=TUBE)
+def test_two_vehicles_that_cannot_pass_in_a_corridor_are_named_with_the_time(name: str) -> None:
+    scenario = fleet(*HEAD_ON, limits=TUBE)
     with pytest.raises(rho.InfeasibleError) as caught:
-        PLANNERS[name](asked)
+        PLANNERS[name](scenario)
     conflicts = caught.value.conflicts
     assert set(conflicts) == {"v0", "v1"}
     for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
@@ -459,7 +471,7 @@ def test_two_that_cannot_pass_in_a_tube_are_named_with_the_time(name: str) -> No
     assert "separation from v1" in str(caught.value)
 
 
-def test_a_penalty_that_no_solver_knows_ends_in_the_names_of_the_pairs(
+def test_solver_failures_at_large_penalties_end_in_the_names_of_the_pairs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     step = SoftRows.__call__
@@ -475,14 +487,14 @@ def test_a_penalty_that_no_solver_knows_ends_in_the_names_of_the_pairs(
 
 
 @pytest.mark.parametrize("seed", [4, 10, 11, 18, 40, 58])
-def test_a_linearisation_without_a_solution_is_infeasible_and_no_failure(
+def test_a_linearisation_without_a_solution_is_infeasible_and_no_solver_error(
     seed: int,
 ) -> None:
-    """Vehicles found to have no solution leave their rows broken while others are worked on."""
-    asked = random_fleet(seed)
-    careless = rho.plan_convex(asked.without_separation())
+    """Vehicles without a solution leave their rows violated while others are still being solved."""
+    scenario = random_fleet(seed)
+    independent = rho.plan_convex(scenario.without_separation())
     with pytest.raises(rho.InfeasibleError, match="separation from v"):
-        Subproblem(Problem.of(asked), decoupled).around(careless)
+        Subproblem(Problem.of(scenario), decoupled).around(independent)
 
 
 def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(
@@ -507,11 +519,11 @@ def test_a_reference_of_other_vehicles_is_refused() -> None:
         rho.plan_scp(through_the_middle(3), reference=rho.plan_scp(through_the_middle(2)))
 
 
-def test_one_vehicle_has_nobody_to_keep_from() -> None:
-    asked = dataclasses.replace(single(between_knots=True), separation=rho.Separation(1.0))
-    alone = rho.plan_scp(asked.without_separation())
+def test_a_separation_does_not_affect_a_single_vehicle() -> None:
+    scenario = dataclasses.replace(single(between_knots=True), separation=rho.Separation(1.0))
+    alone = rho.plan_scp(scenario.without_separation())
     for planner in PLANNERS.values():
-        plan = planner(asked)
+        plan = planner(scenario)
         assert rho.verify(plan).ok
         assert plan.cost == pytest.approx(alone.cost, rel=INDEX)
     assert rho.certify(alone).is_globally_optimal

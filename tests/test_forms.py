@@ -1,4 +1,4 @@
-"""Programs moved from window to window, and in few variables, against freshly built full ones."""
+"""Programs moved from window to window, and in few variables, equal full ones built anew."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def _fresh(scenario: rho.Scenario) -> rho.Scenario:
-    """The same scenario made and checked anew, with nothing that was computed of the old one."""
+    """Return the same scenario created and checked anew, without cached values."""
 
     def state(old: rho.State) -> rho.State:
         return rho.State(old.position, old.velocity, old.acceleration)
@@ -42,8 +42,8 @@ def _fresh(scenario: rho.Scenario) -> rho.Scenario:
 
 @given(seed=seeds)
 @settings(max_examples=13)
-def test_a_window_moved_on_is_planned_like_a_fresh_scenario(seed: int) -> None:
-    """Windows take over goals, bounds and states in arrays; a scenario made anew does not."""
+def test_a_later_window_is_planned_like_a_fresh_scenario(seed: int) -> None:
+    """Windows reuse goals, bounds and states in arrays; a scenario created anew does not."""
     scenario = random_scenario(seed, between_knots=bool(seed % 2))
     try:
         flight = rho.plan_rho(scenario, replan_every=1 + seed % 6, fallback=None)
@@ -66,8 +66,8 @@ def test_a_window_moved_on_is_planned_like_a_fresh_scenario(seed: int) -> None:
 
 @given(scenario=scenarios())
 @settings(max_examples=13)
-def test_the_span_of_the_rows_loses_nothing(scenario: rho.Scenario) -> None:
-    """The same rows in all accelerations, with states beside them, give the same solution."""
+def test_the_reduced_form_has_the_same_solution(scenario: rho.Scenario) -> None:
+    """The same rows in all accelerations, with states beside them, have the same solution."""
     problem = Problem.of(scenario)
     try:
         reference = rho.plan_convex(scenario.without_obstacles())
@@ -121,8 +121,8 @@ def test_multipliers_do_not_depend_on_the_form() -> None:
 
 
 @pytest.mark.parametrize("kind", ["velocity", "acceleration", "jerk", "position"])
-def test_a_limit_that_binds_at_hundreds_of_knots_holds(kind: str) -> None:
-    """With more rows than a small program has the sparse form takes over, to the same plan."""
+def test_a_limit_that_is_active_at_hundreds_of_knots_holds(kind: str) -> None:
+    """With more rows than a small program has, the sparse form gives the same plan."""
     boxes = {"velocity": 1.5, "acceleration": 0.75, "jerk": 0.6, "position": 20.0}
     start = rho.State([0, 0, 0], acceleration=[0, 0, 0])
     bound: Any = {kind: box(boxes[kind])}
@@ -140,7 +140,7 @@ def test_a_limit_that_binds_at_hundreds_of_knots_holds(kind: str) -> None:
 
 
 @pytest.mark.parametrize("reach", [0, 1, 2, 7, 2**60])
-def test_neighbours_are_those_within_reach(reach: int) -> None:
+def test_neighbours_are_the_rows_within_reach(reach: int) -> None:
     rng = np.random.default_rng(reach % 1000)
     runs = np.repeat([0, 1, 4, 7], [11, 1, 5, 8])
     marked, k = rng.random(len(runs)) < 0.2, np.arange(len(runs))

@@ -1,4 +1,4 @@
-"""Gains: what the search finds against known bounds, a dense search, and what it must keep to."""
+"""The search for gains, compared with known bounds and a dense search, and its constraints."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def scenario_of(
 
 
 def peaks(tube: rho.ErrorTube) -> tuple[float, float]:
-    """Largest radii of position and feedback, of the position as sampled densely."""
+    """Return the largest radius of the position, sampled densely, and that of the feedback."""
     times = np.linspace(tube.grid.start, tube.grid.end, 16 * tube.samples + 1)
     return float(tube.position(times).max()), float(tube.acceleration(times).max())
 
 
 @pytest.mark.parametrize("limit", [20.0, None])
-def test_the_peak_is_close_to_what_no_sampled_feedback_is_below(limit: float | None) -> None:
-    """Wind of the last sample cannot be answered by any, and alone drives δ² W / 2."""
+def test_the_peak_is_close_to_the_lower_bound_of_sampled_feedback(limit: float | None) -> None:
+    """No feedback can answer the wind of the last sample, which alone drives δ² W / 2."""
     scenario = scenario_of(rho.Disturbance(1.0, feedback_every=SECONDS), limit)
     peak, _ = peaks(rho.error_tube(scenario))
     assert 1.0 <= peak / (SECONDS**2 / 2) <= 2.05
@@ -61,7 +61,7 @@ def test_no_gains_of_a_dense_grid_are_better(delay: int, error: float, limit: fl
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
 @pytest.mark.parametrize("initial", [(0.0, 0.0), (0.3, 0.2)])
-def test_the_feedback_keeps_to_its_share_and_is_stable(
+def test_the_feedback_respects_its_share_and_is_stable(
     share: float, initial: tuple[float, float]
 ) -> None:
     around = rho.Disturbance(1.0, 0.01, 0.02, SECONDS, 1, share)
@@ -74,7 +74,7 @@ def test_the_feedback_keeps_to_its_share_and_is_stable(
         assert tube.gains == rho.error_tube(scenario, initial).gains
 
 
-def test_more_share_more_often_and_less_delay_are_no_worse() -> None:
+def test_a_larger_share_shorter_samples_and_less_delay_are_no_worse() -> None:
     around = rho.Disturbance(1.0, feedback_every=SECONDS, delay=1, share=0.3)
     peak = peaks(rho.error_tube(scenario_of(around, 6.0)))[0]
     for better in ({"share": 0.6}, {"delay": 0}, {"feedback_every": SECONDS / 5}):
@@ -82,26 +82,26 @@ def test_more_share_more_often_and_less_delay_are_no_worse() -> None:
         assert peaks(rho.error_tube(scenario_of(other, 6.0)))[0] < 0.9 * peak
 
 
-def test_where_feedback_may_do_nothing_the_tube_grows() -> None:
+def test_with_hardly_any_feedback_the_tube_grows() -> None:
     around = rho.Disturbance(1.0, share=1e-12)
     tube = rho.error_tube(scenario_of(around, 1e-6))
     assert tube.position(8.0) == pytest.approx(8.0**2 / 2, rel=1e-3)
     short, long = (
         rho.error_tube(scenario_of(rho.Disturbance(1.0, feedback_every=SECONDS), 1.6, knots))
         for knots in (41, 81)
-    )  # 0.8 m/s² against 1: what is left drives it ever further
+    )  # 0.8 m/s² of feedback against wind of 1 m/s²: the rest drives it ever further away
     assert 0.1 * short.grid.duration**2 <= short.position(20.0) < 0.5 * short.grid.duration**2
     assert long.position(40.0) > 2.0 * short.position(20.0)
 
 
-def test_where_there_is_nothing_to_correct_there_is_no_feedback() -> None:
+def test_without_wind_and_initial_errors_there_is_no_feedback() -> None:
     for nothing in (rho.Disturbance(0.0), rho.Disturbance(0.0, 0.1, 0.1)):
         tube = rho.error_tube(scenario_of(nothing))
         assert tube.gains == (0.0, 0.0)
         assert not tube.position([0.0, 8.0]).any()
 
 
-def test_a_first_error_that_is_the_largest_still_decays() -> None:
+def test_an_initial_error_decays_even_if_it_is_the_peak() -> None:
     tube = rho.error_tube(scenario_of(rho.Disturbance(0.0, feedback_every=SECONDS)), (1.0, 0.0))
     assert tube.position_over(0.0, 8.0)[0] <= 1.01
     assert tube.position(8.0) < 1e-3
@@ -114,9 +114,7 @@ def test_a_first_error_that_is_the_largest_still_decays() -> None:
         *(pytest.param(*each, marks=pytest.mark.slow) for each in ((0, 4.0), (1, None))),
     ],
 )
-def test_the_largest_disturbance_is_the_one_whose_tube_just_fits(
-    delay: int, limit: float | None
-) -> None:
+def test_the_tube_of_the_largest_disturbance_just_fits(delay: int, limit: float | None) -> None:
     around = rho.Disturbance(1.0, 0.001, 0.01, SECONDS, delay)
     scenario = scenario_of(around, limit, knots=5)
     for radius in (0.03, 0.1, 1.0):
@@ -167,14 +165,14 @@ def test_the_largest_disturbance_without_bounds_or_with_too_small_ones() -> None
 
 
 def _table() -> list[list[float]]:
-    """The rows of the first table of peaks in docs/flight.md, delay first."""
+    """Return the rows of the first table of peaks in docs/flight.md, delay first."""
     text = (Path(__file__).parent.parent / "docs" / "flight.md").read_text()
     rows = text.split("| delay | 1.2 W: ρ_p |")[1].split("\n\n")[0].splitlines()[2:]
     return [[float(cell) for cell in row.strip("| ").split("|")] for row in rows]
 
 
 @pytest.mark.parametrize("row", _table())
-def test_the_table_of_the_document_is_true_for_any_sample_and_wind(row: list[float]) -> None:
+def test_the_documented_table_is_true_for_any_sample_and_wind(row: list[float]) -> None:
     sample, W = 0.04, 0.3
     delay, found = int(row[0]), list[float]()
     for taken in (1.2, 1.5, 2.0, 3.0, None):
@@ -185,11 +183,11 @@ def test_the_table_of_the_document_is_true_for_any_sample_and_wind(row: list[flo
         peak, feedback = peaks(tube)
         found += [peak / (sample**2 * W), tube.velocity_over(0.0, 20.0)[0] / (sample * W)]
     np.testing.assert_allclose(found[::2], row[1:-1:2], rtol=0.02)
-    np.testing.assert_allclose(found[1::2], row[2:-1:2], rtol=0.06)  # which nothing makes least
+    np.testing.assert_allclose(found[1::2], row[2:-1:2], rtol=0.06)  # these radii are not minimised
     assert feedback / W == pytest.approx(row[-1], rel=0.02)
 
 
-def test_the_largest_disturbance_for_gains_of_ones_own() -> None:
+def test_the_largest_disturbance_for_given_gains() -> None:
     own = rho.error_tube(scenario_of(rho.Disturbance(0.3, feedback_every=SECONDS), 1.0)).gains
     weak = (0.3 * own[0], 0.3 * own[1])
     tracking = Tracking(0.0, weak, 0.01, 0.0)

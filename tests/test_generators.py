@@ -1,4 +1,4 @@
-"""Generated missions are what their names say: random but repeatable, apart, symmetrical."""
+"""Generated missions match their definitions: random but reproducible, separated, symmetric."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.tolerances import ROUNDING
 
 
 def draw(n: int, seed: int = 0, **options: Any) -> rho.Scenario:
-    """Random transitions from a seed."""
+    """Return random transitions of a seed."""
     return rho.random_transitions(n, np.random.default_rng(seed), **options)
 
 
@@ -35,7 +35,7 @@ def test_the_defaults_are_those_of_the_benchmark_with_four_cubic_metres() -> Non
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 16), downwash=st.floats(0.3, 3.0))
-def test_every_draw_is_in_the_room_and_apart(seed: int, n: int, downwash: float) -> None:
+def test_every_draw_is_in_the_room_and_separated(seed: int, n: int, downwash: float) -> None:
     separation = rho.Separation(0.3, downwash)
     volume = rho.Box([-1.0, 2.0, 0.0], [1.0, 3.0, 3.0])
     fleet = draw(n, seed, volume=volume, separation=separation).fleet
@@ -44,15 +44,15 @@ def test_every_draw_is_in_the_room_and_apart(seed: int, n: int, downwash: float)
         assert np.all(pdist(separation.scaled(positions)) >= 0.3 * (1.0 - ROUNDING))
 
 
-def test_the_same_seed_draws_the_same_and_goes_on() -> None:
+def test_the_same_seed_draws_the_same_and_the_generator_advances() -> None:
     assert draw(12, 3) == draw(12, 3) != draw(12, 4)
     rng = np.random.default_rng(3)
     first, second = rho.random_transitions(12, rng), rho.random_transitions(12, rng)
     assert first == draw(12, 3) != second
 
 
-def test_a_draw_is_rejection_one_vehicle_after_another() -> None:
-    """A twin that visits every pair and takes nothing but the same random numbers."""
+def test_a_draw_is_rejection_sampling_vehicle_by_vehicle() -> None:
+    """The twin visits every pair and uses nothing but the same random numbers."""
     scenario = draw(20, 5)
     rng, volume = np.random.default_rng(5), rho.flight_cube(4.0)
     for positions in (scenario.fleet.start_positions, scenario.fleet.goal_positions):
@@ -81,7 +81,7 @@ def test_a_thousand_vehicles_have_a_cubic_metre_each() -> None:
     assert scenario.grid.duration == 20.0
 
 
-def test_more_than_fit_is_an_error_that_says_how_many_do() -> None:
+def test_too_many_vehicles_are_an_error_that_says_how_many_fit() -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         draw(60)
     assert caught.value.field == "n"
@@ -105,7 +105,7 @@ def test_more_than_fit_is_an_error_that_says_how_many_do() -> None:
         (lambda: rho.circle_swap(3, radius=1.0, duration=1.0, step=0.3), "step"),
     ],
 )
-def test_arguments_that_make_no_sense_are_refused(make: Callable[[], object], field: str) -> None:
+def test_invalid_arguments_are_refused(make: Callable[[], object], field: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         make()
     assert caught.value.field.startswith(field)

@@ -1,4 +1,4 @@
-"""Rows of constraints: supporting half-spaces of convex sets, where a motion breaks them."""
+"""Rows of constraints: supporting half-spaces of convex sets where a motion violates them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SPHERE = rho.Sphere([1.0, 1.0, -1.0], 2.0)
 
 
 def _three(**options: Any) -> rho.Scenario:
-    """Three vehicles in boxes of all kinds, of which the second has its own."""
+    """Return three vehicles in boxes of all kinds, the second with its own."""
     limits = rho.Limits(
         position=rho.Box([-12, -8, -6], [11, 7, 5]),
         velocity=rho.Box([-2, -1, -3], [3, 2, 1]),
@@ -49,7 +49,7 @@ def _three(**options: Any) -> rho.Scenario:
 
 
 def _flown(scenario: rho.Scenario, seed: int, size: float = 1.0) -> Motion:
-    """Accelerations of about `size` on the way to the goals."""
+    """Return a motion of random accelerations of about `size`, on its way to the goals."""
     rng = np.random.default_rng(seed)
     free = dataclasses.replace(scenario, limits=rho.Limits(), obstacles=(), separation=None)
     vehicles = tuple(dataclasses.replace(each, limits=None) for each in scenario.vehicles)
@@ -66,7 +66,7 @@ def _places(rows: HalfSpaces) -> set[tuple[int, int, float]]:
 def _slow_box_rows(
     scenario: rho.Scenario, motion: Motion, kind: Any, vehicles: list[int]
 ) -> set[tuple[int, int, float]]:
-    """Sides beyond which a motion is at the knots, vehicle by vehicle, knot by knot."""
+    """Return the violated sides at the knots by loops over vehicles and knots."""
     found, h, knots = set(), scenario.grid.step, scenario.grid.knots
     inner = kind in ("position", "velocity")
     for vehicle in vehicles:
@@ -86,13 +86,13 @@ def _slow_box_rows(
 
 @given(seed=seeds)
 @settings(max_examples=6)
-def test_a_box_gives_a_row_for_every_side_and_knot_that_is_broken(seed: int) -> None:
+def test_a_box_gives_a_row_for_every_violated_side_and_knot(seed: int) -> None:
     scenario = _three()
     motion = _flown(scenario, seed)
     for constraint in boxes_of(scenario, margins_of(scenario)):
-        for asked in ([0, 1, 2], [1], [0, 2]):
-            rows = constraint.violated_rows(motion, np.array(asked))
-            slow = _slow_box_rows(scenario, motion, constraint.quantity, asked)
+        for vehicles in ([0, 1, 2], [1], [0, 2]):
+            rows = constraint.violated_rows(motion, np.array(vehicles))
+            slow = _slow_box_rows(scenario, motion, constraint.quantity, vehicles)
             assert _places(rows) == slow
             assert len(rows) == len(slow)
             assert np.all(rows.margins(motion) < 0.0)
@@ -100,7 +100,7 @@ def test_a_box_gives_a_row_for_every_side_and_knot_that_is_broken(seed: int) -> 
 
 @given(seed=seeds)
 @settings(max_examples=6)
-def test_neighbours_of_a_broken_row_are_the_same_side_at_the_next_knots(seed: int) -> None:
+def test_neighbours_of_a_violated_row_are_the_same_side_at_the_next_knots(seed: int) -> None:
     scenario = _three()
     motion, every = _flown(scenario, seed, 0.4), np.arange(3)
     for constraint in boxes_of(scenario, margins_of(scenario)):
@@ -156,8 +156,8 @@ def test_between_knots_a_box_gives_a_row_where_a_coordinate_turns_beyond_it(seed
 
 
 @pytest.mark.parametrize("coupling", [coupled, decoupled])
-def test_margins_answer_to_accelerations_as_the_responses_say(coupling: Coupling) -> None:
-    """Rows are affine: what a change of accelerations adds to their margins is M times it."""
+def test_margins_change_with_accelerations_by_the_responses(coupling: Coupling) -> None:
+    """Rows are affine: accelerations that change by da change their margins by M da."""
     scenario = _three()
     motion, every = _flown(scenario, 1, 0.1), np.arange(3)
     other = _flown(scenario, 2, 2.0)
@@ -194,7 +194,7 @@ def test_margins_answer_to_accelerations_as_the_responses_say(coupling: Coupling
 
 @given(seed=seeds)
 @settings(max_examples=6)
-def test_the_rows_of_an_obstacle_support_it_and_a_reference_outside_keeps_its_own(
+def test_rows_of_an_obstacle_support_it_and_hold_for_a_reference_outside(
     seed: int,
 ) -> None:
     scenario = _three()
@@ -202,7 +202,8 @@ def test_the_rows_of_an_obstacle_support_it_and_a_reference_outside_keeps_its_ow
     (constraint,) = Problem.of(scenario).obstacles_around(reference)
     rows = constraint.violated_rows(other, np.arange(3), reach=scenario.grid.knots)
     np.testing.assert_allclose(np.linalg.norm(rows.normals, axis=1), 1.0, rtol=ROUNDING)
-    depth = rows.bounds - rows.normals @ SPHERE.center  # of the centre below the tangent plane
+    # depth of the centre below the tangent plane
+    depth = rows.bounds - rows.normals @ SPHERE.center
     np.testing.assert_allclose(depth, SPHERE.radius, rtol=ROUNDING)
     q = reference.each_at("position", rows.vehicles, rows.times) - SPHERE.center
     clearance = np.linalg.norm(q, axis=1) - SPHERE.radius
@@ -211,7 +212,7 @@ def test_the_rows_of_an_obstacle_support_it_and_a_reference_outside_keeps_its_ow
 
 @given(seed=seeds)
 @settings(max_examples=6)
-def test_an_obstacle_gives_the_rows_that_are_broken_at_the_knots(seed: int) -> None:
+def test_an_obstacle_gives_the_rows_violated_at_the_knots(seed: int) -> None:
     scenario = _three()
     reference, other = _flown(scenario, seed, 0.5), _flown(scenario, seed + 1)
     (constraint,) = Problem.of(scenario).obstacles_around(reference)
@@ -234,7 +235,7 @@ def test_an_obstacle_gives_the_rows_that_are_broken_at_the_knots(seed: int) -> N
 def test_a_motion_through_an_obstacle_gives_a_row_at_its_worst_instant(
     between_knots: bool,
 ) -> None:
-    """Straight through beside the centre: at the closest approach, or at the knots inside."""
+    """Past the centre, rows are at the closest approach, or at the knots inside."""
     start, goal = rho.State([0, 0, 0], [1, 0, 0]), rho.State([10, 0, 0], [1, 0, 0])
     sphere = rho.Sphere([4.8, 0.5, 0.0], 1.0)
     scenario = single(
@@ -283,8 +284,8 @@ def test_rows_about_differences_support_the_ellipsoid(downwash: float) -> None:
 
 @given(seed=seeds)
 @settings(max_examples=6)
-def test_two_vehicles_share_what_the_reference_leaves_between_them(seed: int) -> None:
-    """Their two rows add up to the one about their difference, and both have half its room."""
+def test_two_vehicles_share_the_slack_of_the_reference(seed: int) -> None:
+    """Their two rows add up to the row about their difference, and each has half of its slack."""
     scenario = _three()
     reference, other = _flown(scenario, seed, 0.2), _flown(scenario, seed + 1)
     whole, halves = (
@@ -312,39 +313,39 @@ def test_two_vehicles_share_what_the_reference_leaves_between_them(seed: int) ->
 
 
 @pytest.mark.parametrize("coupling", [coupled, decoupled])
-@pytest.mark.parametrize("asked", [[0], [1], [2], [0, 2], [0, 1, 2]])
-def test_pairs_of_which_one_is_looked_at_give_their_broken_rows(
-    coupling: Coupling, asked: list[int]
+@pytest.mark.parametrize("of", [[0], [1], [2], [0, 2], [0, 1, 2]])
+def test_pairs_with_a_checked_vehicle_give_their_violated_rows(
+    coupling: Coupling, of: list[int]
 ) -> None:
     scenario = _three(between_knots=False)
     reference, other = _flown(scenario, 4, 0.2), _flown(scenario, 5, 0.3)
     pairs = Problem.of(scenario).pairs_around(reference, coupling)
     every = pairs.rows(pairs.places)
     broken = every.margins(other) < -1e-7
-    looked_at = np.isin(every.vehicles, asked)
+    looked_at = np.isin(every.vehicles, of)
     if coupling.together:
-        looked_at |= np.isin(every.partners, asked)
+        looked_at |= np.isin(every.partners, of)
     expected = every.select(broken & looked_at)
-    found = pairs.violated_rows(other, np.array(asked))
+    found = pairs.violated_rows(other, np.array(of))
     assert len(expected) > 0
     for name in ("vehicles", "partners", "times", "bounds"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
-def test_rows_of_pairs_are_asked_for_where_the_reference_is_near_and_not_at_the_ends() -> None:
-    """Side by side at 1.2 m all along: rows at every inner knot; at 1.4 m none."""
+def test_rows_of_pairs_are_given_at_near_inner_knots_of_the_reference() -> None:
+    """Side by side at 1.2 m there are rows at every inner knot, and at 1.4 m there are none."""
     for gap, count in ((1.2, 19), (1.4, 0)):
         ends = np.array([[0, 0, 0], [0, gap, 0]])
-        asked = fleet(ends, ends + np.array([10, 0, 0]))
-        motion = rho.plan_scp(asked.without_separation()).motion()
-        pairs = Problem.of(asked).pairs_around(motion, coupled)
+        scenario = fleet(ends, ends + np.array([10, 0, 0]))
+        motion = rho.plan_scp(scenario.without_separation()).motion()
+        pairs = Problem.of(scenario).pairs_around(motion, coupled)
         assert len(np.unique(pairs.rows(pairs.places).times)) == count
         assert len(pairs.violated_rows(motion, np.arange(2))) == 0
 
 
 @pytest.mark.parametrize("downwash", [0.5, 1.0, 2.0])
-def test_quadratics_are_what_the_rows_were_linearised_from(downwash: float) -> None:
-    """Around the reference, norm(scales (x - c))² - size² has the row as its tangent's cut."""
+def test_rows_are_linearisations_of_their_quadratics(downwash: float) -> None:
+    """Around the reference, norm(scales (x - c))² - size² has the row as its linearisation."""
     scenario = dataclasses.replace(_three(), separation=rho.Separation(2.5, downwash))
     reference = _flown(scenario, 6, 0.2)
     pairs = Problem.of(scenario).pairs_around(reference, coupled)
@@ -373,14 +374,14 @@ def test_quadratics_are_what_the_rows_were_linearised_from(downwash: float) -> N
 
 
 @given(seed=seeds)
-def test_a_side_is_a_unit_vector_across_the_way_on_the_side_of_the_offset(seed: int) -> None:
+def test_a_side_is_a_unit_vector_across_the_path_towards_the_offset(seed: int) -> None:
     rng = np.random.default_rng(seed)
     way, offset = 10 ** rng.uniform(-3, 3) * rng.normal(size=3), rng.normal(size=3)
     side, rounding = side_of(offset, way), float(ROUNDING * np.linalg.norm(way))
     assert np.linalg.norm(side) == pytest.approx(1.0)
     assert side @ way == pytest.approx(0.0, abs=rounding)
     if np.linalg.norm(np.cross(offset, way)) > 2e-3 * np.linalg.norm(offset) * np.linalg.norm(way):
-        assert side @ offset > 0.0  # one along the way, but for rounding, has no side
+        assert side @ offset > 0.0  # an offset along the path, except for rounding, has no side
     for along in (way, -way, np.zeros(3)):
         head_on = side_of(3.0 * along, along)
         assert np.linalg.norm(head_on) == pytest.approx(1.0)
@@ -416,17 +417,17 @@ def test_a_goal_gives_a_row_for_the_side_on_which_it_is_missed(size: float) -> N
         assert len(goal.violated_rows(reached, np.arange(3))) == 0
 
 
-def test_each_encounter_has_one_direction_all_along_where_that_is_asked_for() -> None:
-    """One that hovers is passed on its right on the way there, and on its left on the way back."""
+def test_each_encounter_has_one_normal_on_request() -> None:
+    """A hovering vehicle is passed on its right on the way out, and on its left on the way back."""
     there = single(start=rho.State([-5, 0.2, 0]), goal=rho.State([5, 0.2, 0]))
     back = single(start=rho.State([5, 0.2, 0]), goal=rho.State([-5, -0.6, 0]))
     legs = [rho.plan_convex(each).accelerations[0] for each in (there, back)]
     ends = np.array([[0, 0, 0], [-5, 0.2, 0]])
     goals = np.array([[0, 0, 0], [-5, -0.6, 0]])
-    asked = fleet(ends, goals, grid=rho.Grid(0.5, 33))
+    scenario = fleet(ends, goals, grid=rho.Grid(0.5, 33))
     flown = np.stack([np.zeros((32, 3)), np.concatenate(legs)])
-    reference = rho.Plan.from_accelerations(asked, flown).motion()
-    pairs = Problem.of(asked).pairs_around(reference, coupled, penalty=1.0, aside=True)
+    reference = rho.Plan.from_accelerations(scenario, flown).motion()
+    pairs = Problem.of(scenario).pairs_around(reference, coupled, penalty=1.0, aside=True)
     places = pairs.places
     close = np.linalg.norm(pairs.offsets(reference, places), axis=1) < 1.0
     for passing, y in ((places.times < 8.0, -1.0), (places.times > 8.0, 1.0)):
@@ -436,14 +437,14 @@ def test_each_encounter_has_one_direction_all_along_where_that_is_asked_for() ->
         assert directions[0] @ [0.0, y, 0.0] > 0.98
         way = pairs.ways(places)[close & passing]
         assert np.abs(way @ directions[0]).max() < 0.1 * np.linalg.norm(way, axis=1).max()
-    plain = Problem.of(asked).pairs_around(reference, coupled, penalty=1.0).directions(places)
+    plain = Problem.of(scenario).pairs_around(reference, coupled, penalty=1.0).directions(places)
     x = pairs.offsets(reference, places)
     along = x / np.linalg.norm(x, axis=1)[:, None]
     np.testing.assert_allclose(plain, along, atol=ROUNDING)
     np.testing.assert_allclose(pairs.directions(places)[~close], along[~close], atol=ROUNDING)
 
 
-def test_rows_that_may_be_broken_ask_for_a_little_more_than_the_separation() -> None:
+def test_soft_rows_require_a_little_more_than_the_separation() -> None:
     scenario = _three()
     reference = _flown(scenario, 4, 0.2)
     hard, soft = (
@@ -467,7 +468,7 @@ def test_rows_are_renewed_around_another_reference_at_the_same_places(coupling: 
     rows = old.rows(old.places).select(slice(None, None, 2))
     renewed = new.renewed(rows)
     assert renewed.constraint is new
-    wanted = {  # of one of a pair, and so of the other, if each has its own
+    wanted = {  # a row of one vehicle of a pair implies that of the other, if each has its own
         (*pair, round(t, 6))
         for i, j, t in zip(rows.vehicles.tolist(), rows.partners.tolist(), rows.times, strict=True)
         for pair in ((i, j), (j, i))
@@ -489,7 +490,7 @@ def test_rows_are_renewed_around_another_reference_at_the_same_places(coupling: 
     assert len(found) > 3
 
 
-def test_rows_in_words_are_the_constraint_its_axes_or_partners_and_its_times() -> None:
+def test_descriptions_of_rows_name_constraint_axes_or_partners_and_times() -> None:
     scenario = _three()
     names = ["v0", "v1", "v2"]
     _, velocity, *_ = boxes_of(scenario, margins_of(scenario))

@@ -1,4 +1,4 @@
-"""What `help` shows of a record: its fields with their units, and nothing of how it is made."""
+"""The `help` of a record shows its fields with units, and no internals."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_the_schema_describes_a_record_without_fields_and_examples() -> None:
         assert word not in json.dumps(rho.scenario_schema())
 
 
-def test_a_record_whose_source_is_not_at_hand_keeps_its_own_docstring() -> None:
+def test_a_record_without_source_code_keeps_its_own_docstring() -> None:
     made: dict[str, Any] = {"Described": Described}
     text = 'class R(metaclass=Described):\n    """Of a string."""\n    a: int = 0\n'
     exec(text, made)  # noqa: S102  # written above

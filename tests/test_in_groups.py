@@ -1,4 +1,4 @@
-"""Fleets in groups: partitions, the programs of groups, and plans around what they find."""
+"""Fleets in groups: partitions, programs of groups, and plans around their solutions."""
 
 from __future__ import annotations
 
@@ -37,27 +37,27 @@ from tests.scenarios import box, fleet, mapped, sampled_separation, through_the_
 from tests.tolerances import INDEX
 
 WITHIN = 1.03
-"""Times the index of the coupled plan that one in groups may have: the goal."""
+"""Goal for the cost of a plan in groups, over that of the coupled plan."""
 
 SMALL = rho.Options(max_group=3)
 
 
 def crowd(seed: int, vehicles: int = 8) -> rho.Scenario:
-    """A random transition in 4 m³ in which vehicles have to give way to each other."""
+    """Return a random transition in 4 m³ in which vehicles have to avoid each other."""
     rng = np.random.default_rng(seed)
     return rho.random_transitions(vehicles, rng, duration=4.6, step=0.2)
 
 
 @pytest.fixture(scope="module")
-def asked() -> rho.Scenario:
-    """Eight, whose coupled plan costs a twentieth less than each yielding half does."""
+def scenario() -> rho.Scenario:
+    """Return eight vehicles whose coupled plan costs 5 % less than the decoupled one."""
     return crowd(1)
 
 
 @pytest.fixture(scope="module")
-def first(asked: rho.Scenario) -> Plan:
-    """Their first plan, which is strict."""
-    return first_plan(Problem.of(asked))
+def first(scenario: rho.Scenario) -> Plan:
+    """Return their first plan, which satisfies all constraints."""
+    return first_plan(Problem.of(scenario))
 
 
 # Partitions
@@ -65,7 +65,7 @@ def first(asked: rho.Scenario) -> Plan:
 
 @given(data=st.data(), vehicles=st.integers(2, 12), most=st.integers(1, 6))
 @settings(max_examples=33)
-def test_groups_are_a_partition_and_within_their_bound(
+def test_groups_are_a_partition_of_bounded_groups(
     data: st.DataObject, vehicles: int, most: int
 ) -> None:
     numbers = st.integers(0, vehicles - 1)
@@ -78,18 +78,18 @@ def test_groups_are_a_partition_and_within_their_bound(
     sizes = np.bincount(groups, minlength=vehicles)
     assert sizes.sum() == vehicles
     assert sizes.max() <= most
-    for number in np.unique(groups):  # it is one of its vehicles'
+    for number in np.unique(groups):  # the number of a group is that of one of its vehicles
         assert groups[number] == number
-    for i, j in zip(one, other, strict=True):  # nobody is left apart from a group with room
+    for i, j in zip(one, other, strict=True):  # no vehicle is left out of a group with capacity
         assert groups[i] == groups[j] or sizes[groups[i]] + sizes[groups[j]] > most
     linked = {frozenset((i, j)) for i, j in pairs}
-    for number in np.unique(groups):  # and nobody is in one with whom no member has to do
+    for number in np.unique(groups):  # and every member of a group interacts with some other
         members = np.flatnonzero(groups == number)
         for member in members if len(members) > 1 else ():
             assert any(frozenset((member, each)) in linked for each in members)
 
 
-def test_those_that_press_most_are_together() -> None:
+def test_vehicles_with_the_largest_multiplier_sums_are_grouped() -> None:
     one, other = np.array([0, 1, 2]), np.array([1, 2, 3])
     groups = groups_that_press(5, one, other, np.array([1.0, 3.0, 2.0]), 2)
     assert groups[1] == groups[2]
@@ -97,7 +97,7 @@ def test_those_that_press_most_are_together() -> None:
     assert len(np.unique(groups_that_press(5, one, other, np.array([1.0, 3.0, 2.0]), 4))) == 2
 
 
-def test_rounding_does_not_decide_who_comes_first() -> None:
+def test_rounding_does_not_change_the_groups() -> None:
     one, other = np.array([0, 1, 2, 3]), np.array([1, 2, 3, 4])
     rng = np.random.default_rng(0)
     wanted = groups_that_press(5, one, other, np.ones(4), 2)
@@ -109,19 +109,19 @@ def test_rounding_does_not_decide_who_comes_first() -> None:
 # Programs of groups
 
 
-def _rows(asked: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
-    """Half-spaces that the motions of least cost break, those of a tighter box among them."""
-    effort, everyone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
+def _rows(scenario: rho.Scenario, reference: Plan) -> list[HalfSpaces]:
+    """Return half-spaces that the minimum-effort motions violate, with those of a tighter box."""
+    effort, everyone = MinimumEffort.of(scenario), np.arange(len(scenario.vehicles))
     tighter = box(0.9 * np.abs(effort.motion.accelerations).max())
-    asked = dataclasses.replace(asked, limits=rho.Limits(acceleration=tighter))
-    problem = Problem.of(asked)
+    scenario = dataclasses.replace(scenario, limits=rho.Limits(acceleration=tighter))
+    problem = Problem.of(scenario)
     constraints = [*problem.convex, problem.pairs_around(reference.motion(), coupled)]
     found = [constraint.violated_rows(effort.motion, everyone) for constraint in constraints]
     return [rows for rows in found if len(rows) > 0]
 
 
 def _by_drake(effort: MinimumEffort, everyone: IntArray, rows: list[HalfSpaces]) -> float:
-    """Cost of the same program, accelerations and goals written out, by Clarabel."""
+    """Return the cost of the same program, accelerations and goals written out, by Clarabel."""
     parts = [Rows.of(part, effort.motion) for part in rows]
     matrix, needed, penalties = rows_of(effort.changes, everyone, parts)
     program = MathematicalProgram()
@@ -137,12 +137,12 @@ def _by_drake(effort: MinimumEffort, everyone: IntArray, rows: list[HalfSpaces])
     return least + more
 
 
-def test_the_motion_of_least_norm_keeps_its_rows_at_the_cost_drake_finds(
-    asked: rho.Scenario, first: Plan
+def test_the_dual_qp_satisfies_its_rows_at_the_cost_of_drake(
+    scenario: rho.Scenario, first: Plan
 ) -> None:
-    rows, everyone = _rows(asked, first), np.arange(len(asked.vehicles))
+    rows, everyone = _rows(scenario, first), np.arange(len(scenario.vehicles))
     assert {part.constraint.coupled for part in rows} == {False, True}
-    effort = MinimumEffort.of(asked)
+    effort = MinimumEffort.of(scenario)
     program = GroupDuals(effort, np.zeros(len(everyone), dtype=int))
     for part in rows:
         program.add(part)
@@ -153,17 +153,17 @@ def test_the_motion_of_least_norm_keeps_its_rows_at_the_cost_drake_finds(
         assert part.margins(program.motion).min() > -1e-6
     cost = float(np.sum(program.motion.accelerations**2))
     assert cost == pytest.approx(_by_drake(effort, everyone, rows), rel=INDEX)
-    np.testing.assert_allclose(program.motion.positions[:, -1], asked.fleet.goal_positions)
-    for part, multipliers in program.pressing():  # which are of rows that cannot be spared
+    np.testing.assert_allclose(program.motion.positions[:, -1], scenario.fleet.goal_positions)
+    for part, multipliers in program.pressing():  # these rows are necessary
         assert np.abs(part.margins(program.motion)).max() < 1e-6
         assert multipliers.min() > 0.0
 
 
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40))
 @settings(max_examples=20)
-def test_multipliers_without_bounds_meet_the_conditions_of_an_optimum(seed: int, rows: int) -> None:
+def test_unbounded_multipliers_satisfy_the_optimality_conditions(seed: int, rows: int) -> None:
     rng = np.random.default_rng(seed)
-    matrix = rng.standard_normal((rows, 10)) + 3.0 * rng.standard_normal(10)  # much alike
+    matrix = rng.standard_normal((rows, 10)) + 3.0 * rng.standard_normal(10)  # nearly parallel rows
     gram = matrix @ matrix.T + 1e-6 * np.eye(rows)
     needed = rng.standard_normal(rows)
     begin = np.maximum(rng.standard_normal(rows), 0.0)
@@ -203,12 +203,10 @@ def test_a_gram_matrix_that_is_none_is_told(most: float, by_daqp: bool) -> None:
         multipliers_of(-np.eye(2), np.ones(2), np.full(2, most), by_daqp=by_daqp)
 
 
-def test_rows_with_a_penalty_are_broken_where_that_costs_less(
-    asked: rho.Scenario, first: Plan
-) -> None:
-    """The cost with slack is Drake's, for penalties at which some rows are broken and some not."""
-    effort, rows = MinimumEffort.of(asked), _rows(asked, first)
-    hard = GroupDuals(effort, np.zeros(len(asked.vehicles), dtype=int))
+def test_soft_rows_are_violated_where_that_costs_less(scenario: rho.Scenario, first: Plan) -> None:
+    """The cost with slack equals Drake's, for penalties at which only some rows are violated."""
+    effort, rows = MinimumEffort.of(scenario), _rows(scenario, first)
+    hard = GroupDuals(effort, np.zeros(len(scenario.vehicles), dtype=int))
     for part in rows:
         hard.add(part)
     hard.solve()
@@ -218,7 +216,7 @@ def test_rows_with_a_penalty_are_broken_where_that_costs_less(
         dataclasses.replace(part, constraint=dataclasses.replace(part.constraint, penalty=penalty))
         for part in rows
     ]
-    program = GroupDuals(effort, np.zeros(len(asked.vehicles), dtype=int))
+    program = GroupDuals(effort, np.zeros(len(scenario.vehicles), dtype=int))
     for part in soft:
         program.add(part)
     program.solve()
@@ -229,17 +227,17 @@ def test_rows_with_a_penalty_are_broken_where_that_costs_less(
     assert found < float(np.sum(hard.motion.accelerations**2))
 
 
-def test_what_the_goal_decides_is_left_out(asked: rho.Scenario, first: Plan) -> None:
-    """A row at the last knot says what the goal says: whatever it needs, nothing changes."""
-    effort, rows = MinimumEffort.of(asked), _rows(asked, first)
+def test_rows_fixed_by_the_goal_are_left_out(scenario: rho.Scenario, first: Plan) -> None:
+    """A row at the last knot restates the goal: whatever its bound, nothing changes."""
+    effort, rows = MinimumEffort.of(scenario), _rows(scenario, first)
     box_rows = rows[0]
     at_goal = dataclasses.replace(
         box_rows.select(slice(1)),
         constraint=dataclasses.replace(box_rows.constraint, quantity="position"),
-        times=np.array([asked.grid.duration]),
+        times=np.array([scenario.grid.duration]),
         bounds=np.array([1e3]),
     )
-    with_it, without = (GroupDuals(effort, np.arange(len(asked.vehicles))) for _ in range(2))
+    with_it, without = (GroupDuals(effort, np.arange(len(scenario.vehicles))) for _ in range(2))
     for program in (with_it, without):
         program.add(box_rows)
     with_it.add(at_goal)
@@ -251,25 +249,25 @@ def test_what_the_goal_decides_is_left_out(asked: rho.Scenario, first: Plan) -> 
 
 
 def test_programs_on_an_executor_are_the_same_to_the_last_digit(
-    asked: rho.Scenario, first: Plan, monkeypatch: pytest.MonkeyPatch
+    scenario: rho.Scenario, first: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(group_duals, "_BLOCK", 10)
-    effort, alone = MinimumEffort.of(asked), np.arange(len(asked.vehicles))
+    effort, alone = MinimumEffort.of(scenario), np.arange(len(scenario.vehicles))
     with ThreadPoolExecutor(2) as executor:
         workers = Backend(executor=executor)
         programs = [GroupDuals(effort, alone, backend=each) for each in (None, workers)]
         for program in programs:
-            program.add(_rows(asked, first)[0])
+            program.add(_rows(scenario, first)[0])
             program.solve()
     here, there = (program.motion.accelerations for program in programs)
     np.testing.assert_array_equal(here, there)
     assert np.abs(here - effort.motion.accelerations).max() > 0.0
 
 
-def test_rows_added_later_lead_to_the_same_motion(asked: rho.Scenario, first: Plan) -> None:
-    rows = _rows(asked, first)
-    together = np.zeros(len(asked.vehicles), dtype=int)
-    at_once, later = (GroupDuals(MinimumEffort.of(asked), together) for _ in range(2))
+def test_rows_added_later_lead_to_the_same_motion(scenario: rho.Scenario, first: Plan) -> None:
+    rows = _rows(scenario, first)
+    together = np.zeros(len(scenario.vehicles), dtype=int)
+    at_once, later = (GroupDuals(MinimumEffort.of(scenario), together) for _ in range(2))
     for part in rows:
         at_once.add(part)
         later.add(part)
@@ -278,10 +276,10 @@ def test_rows_added_later_lead_to_the_same_motion(asked: rho.Scenario, first: Pl
     np.testing.assert_allclose(later.motion.positions, at_once.motion.positions, atol=1e-6)
 
 
-def test_groups_without_new_rows_are_not_solved_again(asked: rho.Scenario, first: Plan) -> None:
-    boxes = _rows(asked, first)[0]
-    alone = np.arange(len(asked.vehicles))
-    program = GroupDuals(MinimumEffort.of(asked), alone)
+def test_groups_without_new_rows_are_not_solved_again(scenario: rho.Scenario, first: Plan) -> None:
+    boxes = _rows(scenario, first)[0]
+    alone = np.arange(len(scenario.vehicles))
+    program = GroupDuals(MinimumEffort.of(scenario), alone)
     program.add(boxes)
     program.solve()
     before, whose = program.motion, boxes.vehicles[0]
@@ -300,37 +298,41 @@ def test_groups_without_new_rows_are_not_solved_again(asked: rho.Scenario, first
 
 @pytest.mark.parametrize("solver", [None, rho.Daqp()])
 @pytest.mark.parametrize("seed", [1, 4])
-def test_in_groups_the_index_is_almost_that_of_the_coupled_plan(
+def test_the_index_of_a_grouped_plan_is_almost_that_of_the_coupled_plan(
     seed: int, solver: rho.Daqp | None
 ) -> None:
-    asked = crowd(seed)
-    least, halves = (rho.plan(asked, coupling=each).cost for each in (rho.coupled, rho.decoupled))
+    scenario = crowd(seed)
+    least, halves = (
+        rho.plan(scenario, coupling=each).cost for each in (rho.coupled, rho.decoupled)
+    )
     assert halves > 1.05 * least
-    plan = rho.plan(asked, coupling=rho.grouped, options=SMALL, solver=solver)
+    plan = rho.plan(scenario, coupling=rho.grouped, options=SMALL, solver=solver)
     assert plan.cost < WITHIN * least
     assert plan.statistics.converged
     assert rho.verify(plan).ok
     assert sampled_separation(plan) >= 0.35 - 1e-6
 
 
-def test_the_same_plan_every_time(asked: rho.Scenario) -> None:
-    one, other = (rho.plan(asked, coupling=rho.grouped, options=SMALL) for _ in range(2))
+def test_planning_in_groups_is_deterministic(scenario: rho.Scenario) -> None:
+    one, other = (rho.plan(scenario, coupling=rho.grouped, options=SMALL) for _ in range(2))
     np.testing.assert_array_equal(one.accelerations, other.accelerations)
 
 
-def test_relabelled_it_costs_the_same(asked: rho.Scenario) -> None:
-    plan = rho.plan(asked, coupling=rho.grouped, options=SMALL)
-    order = np.random.default_rng(2).permutation(len(asked.vehicles))
-    other = rho.plan(asked.of_vehicles(order.tolist()), coupling=rho.grouped, options=SMALL)
+def test_relabelled_vehicles_cost_the_same(scenario: rho.Scenario) -> None:
+    plan = rho.plan(scenario, coupling=rho.grouped, options=SMALL)
+    order = np.random.default_rng(2).permutation(len(scenario.vehicles))
+    other = rho.plan(scenario.of_vehicles(order.tolist()), coupling=rho.grouped, options=SMALL)
     assert other.cost == pytest.approx(plan.cost, rel=INDEX)
 
 
-def test_mirrored_the_references_are_mirror_images(asked: rho.Scenario, first: Plan) -> None:
+def test_references_of_a_mirrored_fleet_are_mirror_images(
+    scenario: rho.Scenario, first: Plan
+) -> None:
     mirror = np.diag([-1.0, 1.0, 1.0])
-    other = mapped(asked, mirror, np.array([0.3, -2.0, 1.0]))
+    other = mapped(scenario, mirror, np.array([0.3, -2.0, 1.0]))
     motion = first.motion()
     mirrored = Plan.from_accelerations(other, motion.accelerations @ mirror).motion()
-    one, two = (InGroups(Problem.of(each), 3) for each in (asked, other))
+    one, two = (InGroups(Problem.of(each), 3) for each in (scenario, other))
     for _ in range(3):
         motion, mirrored = one.around(motion)[0], two.around(mirrored)[0]
         largest = np.abs(motion.accelerations).max()
@@ -340,9 +342,11 @@ def test_mirrored_the_references_are_mirror_images(asked: rho.Scenario, first: P
         np.testing.assert_array_equal(one.groups, two.groups)
 
 
-def test_the_cost_never_rises_and_every_iterate_is_strict(asked: rho.Scenario, first: Plan) -> None:
-    improve = AroundReferences(Subproblem(Problem.of(asked), grouped), most=3)
-    everyone, plans = np.arange(len(asked.vehicles)), [first]
+def test_the_cost_never_increases_and_every_iterate_is_feasible(
+    scenario: rho.Scenario, first: Plan
+) -> None:
+    improve = AroundReferences(Subproblem(Problem.of(scenario), grouped), most=3)
+    everyone, plans = np.arange(len(scenario.vehicles)), [first]
     for _ in range(4):
         plans.append(improve(plans[-1], everyone, 1e-3)[0])
         assert rho.verify(plans[-1]).ok
@@ -352,9 +356,9 @@ def test_the_cost_never_rises_and_every_iterate_is_strict(asked: rho.Scenario, f
 
 
 def test_references_cost_no_more_than_the_plan_and_groups_change(
-    asked: rho.Scenario, first: Plan
+    scenario: rho.Scenario, first: Plan
 ) -> None:
-    in_groups = InGroups(Problem.of(asked), 3)
+    in_groups = InGroups(Problem.of(scenario), 3)
     assert in_groups.groups is None
     assert in_groups.reference(first, 1e-3).cost < first.cost
     motion, seen = first.motion(), set[tuple[int, ...]]()
@@ -377,22 +381,22 @@ def test_a_fleet_no_larger_than_two_groups_is_one() -> None:
 
 
 @pytest.mark.parametrize("useless", ["none", "far", "dear"])
-def test_where_groups_are_of_no_use_each_yields_half(
-    asked: rho.Scenario, first: Plan, useless: str, monkeypatch: pytest.MonkeyPatch
+def test_where_groups_are_useless_vehicles_yield_half_each(
+    scenario: rho.Scenario, first: Plan, useless: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    everyone = np.arange(len(asked.vehicles))
-    halves = Subproblem(Problem.of(asked), rho.decoupled).around(first)
+    everyone = np.arange(len(scenario.vehicles))
+    halves = Subproblem(Problem.of(scenario), rho.decoupled).around(first)
 
     def reference(self: InGroups, plan: Plan, tolerance: float) -> Plan:
         if useless == "none":
             raise SolverError("no multipliers")
-        accelerations = MinimumEffort.of(asked).motion.accelerations
-        if useless == "far":  # all in one place: directions of pairs are arbitrary
+        accelerations = MinimumEffort.of(scenario).motion.accelerations
+        if useless == "far":  # all vehicles in one place, so that directions of pairs are arbitrary
             accelerations = np.zeros_like(accelerations)
-        return Plan.from_accelerations(asked, accelerations)
+        return Plan.from_accelerations(scenario, accelerations)
 
     monkeypatch.setattr(InGroups, "reference", reference)
-    improve = AroundReferences(Subproblem(Problem.of(asked), grouped))
+    improve = AroundReferences(Subproblem(Problem.of(scenario), grouped))
     plan, _ = improve(first, everyone, 1e-3)
     assert rho.verify(plan).ok
     assert plan.cost <= first.cost
@@ -403,21 +407,21 @@ def test_where_groups_are_of_no_use_each_yields_half(
 def test_among_obstacles_and_limits_of_all_kinds_every_instant_holds() -> None:
     sphere = rho.Sphere([0.0, 0.0, 0.5], 1.5)
     limits = rho.Limits(acceleration=rho.Box([-2.0] * 3, [2.0] * 3), max_speed=3.0)
-    asked = through_the_middle(
+    scenario = through_the_middle(
         6, separation=rho.Separation(1.0, 2.0), limits=limits, obstacles=(sphere,)
     )
-    plan = rho.plan(asked, coupling=rho.grouped, options=SMALL)
+    plan = rho.plan(scenario, coupling=rho.grouped, options=SMALL)
     assert rho.verify(plan).ok
-    assert plan.cost <= rho.plan(asked, coupling=rho.decoupled).cost * (1 + INDEX)
+    assert plan.cost <= rho.plan(scenario, coupling=rho.decoupled).cost * (1 + INDEX)
 
 
-def test_vehicles_in_nobodys_way_fly_as_if_alone() -> None:
+def test_vehicles_without_encounters_fly_their_independent_plan() -> None:
     starts = np.array([[0.0, 5.0 * i, 0.0] for i in range(6)])
     starts[1] = [6.0, 0.0, 0.0]
     goals = starts + np.array([0.0, 0.0, 5.0])
     goals[[0, 1]] = starts[[1, 0]]
-    asked = fleet(starts, goals)
-    plan = rho.plan(asked, coupling=rho.grouped, options=rho.Options(max_group=2))
-    careless = rho.plan(asked.without_separation())
-    moved = np.any(np.abs(plan.accelerations - careless.accelerations) > 1e-9, axis=(1, 2))
+    scenario = fleet(starts, goals)
+    plan = rho.plan(scenario, coupling=rho.grouped, options=rho.Options(max_group=2))
+    independent = rho.plan(scenario.without_separation())
+    moved = np.any(np.abs(plan.accelerations - independent.accelerations) > 1e-9, axis=(1, 2))
     assert moved.tolist() == [True, True, False, False, False, False]

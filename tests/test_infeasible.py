@@ -1,4 +1,4 @@
-"""Why there is no plan: named, and true."""
+"""Reasons for infeasibility: constraints are named, and the reasons are true."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _conflict(scenario: rho.Scenario, solver: SolverInterface | None = None) -> 
 
 
 def _first_conflict(scenario: rho.Scenario) -> tuple[str, tuple[str, ...]]:
-    """A vehicle without a plan and its conflict; a scenario that has a plan is passed over."""
+    """Return a vehicle without a plan and its conflict; skip scenarios that have a plan."""
     try:
         rho.plan_convex(scenario)
     except rho.InfeasibleError as error:
@@ -49,21 +49,21 @@ ACCELERATION = "acceleration box x from 0 s to 7.5 s"
         ),
     ],
 )
-def test_the_constraints_in_the_way_are_named_and_no_others(
+def test_exactly_the_conflicting_constraints_are_named(
     limits: rho.Limits, expected: tuple[str, ...], solver: SolverInterface
 ) -> None:
     assert _conflict(single(limits=limits), solver) == expected
 
 
-def test_a_jerk_limit_in_the_way_is_named() -> None:
+def test_a_conflicting_jerk_limit_is_named() -> None:
     start = rho.State([0, 0, 0], acceleration=[0, 0, 0])
     names = _conflict(single(start=start, limits=rho.Limits(jerk=box(0.3))))
     assert names[0] == "goal x"
     assert names[1].startswith("jerk box x")
 
 
-def test_an_error_names_no_axis_of_the_goal_that_its_constraints_say_nothing_of() -> None:
-    """Where the jerk along x is what fails, before anything is narrowed down."""
+def test_an_error_names_no_axis_of_the_goal_without_conflict() -> None:
+    """The jerk along x is what fails, before the conflict is reduced."""
     start = rho.State([0.0, 0.0, 0.0], acceleration=[0.0, 0.0, 0.0])
     goal, limits = rho.State([30.0, 4.0, -2.0]), rho.Limits(jerk=box(0.06))
     grid = rho.Grid.lasting(20.0, step=20.0 / 99)
@@ -72,8 +72,8 @@ def test_an_error_names_no_axis_of_the_goal_that_its_constraints_say_nothing_of(
     assert caught.value.conflicts == {"solo": ("goal x", "jerk box x from 0 s to 19.798 s")}
 
 
-def test_an_obstacle_in_the_way_is_named_with_its_times() -> None:
-    # a corridor that the sphere fills
+def test_a_conflicting_obstacle_is_named_with_its_times() -> None:
+    # a corridor filled by the sphere
     walls = rho.Box([-1.0, -0.5, -0.5], [11.0, 0.5, 0.5])
     goal = rho.State([10.0, 0.0, 0.0])
     obstacle = rho.Sphere([5.0, 0.1, 0.0], 2.0)
@@ -109,7 +109,7 @@ def test_constraints_that_are_not_named_are_not_needed_for_the_conflict(
 
 
 def _reachable(scenario: rho.Scenario, vehicle: rho.Vehicle, most: float) -> bool:
-    """Whether accelerations of at most `most` lead to the goal: a linear program for each axis."""
+    """Return whether accelerations up to `most` reach the goal: a linear program for each axis."""
     h, n = scenario.grid.step, scenario.grid.knots - 1
     speed = np.full(n, h)
     place = h**2 * (n - 0.5 - np.arange(n))
@@ -127,9 +127,7 @@ def _reachable(scenario: rho.Scenario, vehicle: rho.Vehicle, most: float) -> boo
 
 
 @pytest.mark.parametrize("most", [6.0, 7.0, 8.0, 9.0])
-def test_every_vehicle_without_a_plan_is_named_and_no_other(
-    paper: rho.Scenario, most: float
-) -> None:
+def test_exactly_the_vehicles_without_a_plan_are_named(paper: rho.Scenario, most: float) -> None:
     scenario = dataclasses.replace(
         paper.without_obstacles(), limits=rho.Limits(acceleration=box(most))
     )
@@ -161,8 +159,8 @@ def test_vehicles_that_fail_in_different_rounds_are_all_named() -> None:
     assert set(caught.value.conflicts) == {"weak", "slow"}
 
 
-def test_no_named_constraint_can_be_spared() -> None:
-    """Goal and jerk are a conflict by themselves; the velocity box, broken too, is none of it."""
+def test_no_named_constraint_can_be_omitted() -> None:
+    """Goal and jerk alone are a conflict; the velocity box, violated too, is not part of it."""
     start, goal = rho.State([0, 0, 0], acceleration=[0, 0, 0]), rho.State([10, 0, 0])
     limits = rho.Limits(velocity=box(1.6), jerk=box(0.2))
     names = _conflict(single(start=start, goal=goal, limits=limits))
@@ -188,7 +186,7 @@ def test_without_any_one_of_the_named_boxes_there_is_a_plan_for_their_axes(
 
 
 def _only(axes: set[str], bounds: rho.Box) -> rho.Box:
-    """The box on these axes, wide open on the others."""
+    """Return the box on these axes, wide open on the others."""
     wide = 1e3 * np.abs([bounds.lower, bounds.upper]).max()
     taken = np.array([axis in axes for axis in "xyz"])
     return rho.Box(np.where(taken, bounds.lower, -wide), np.where(taken, bounds.upper, wide))
@@ -207,7 +205,7 @@ TIGHT = rho.Limits(acceleration=box(0.8))
 
 
 def test_another_step_is_tried_when_the_first_has_no_solution() -> None:
-    """Step 3 of the paper: two steps of 4 s cannot keep the velocity box, finer ones can."""
+    """Step 3 of the paper: two steps of 4 s violate the velocity box, finer ones need not."""
     limits = rho.Limits(velocity=box(1.9))
     scenario = single(grid=COARSE, limits=limits)
     with pytest.raises(rho.InfeasibleError, match=r"steps tried: 4 s"):
@@ -219,7 +217,7 @@ def test_another_step_is_tried_when_the_first_has_no_solution() -> None:
     assert rho.verify(plan).ok
 
 
-def test_a_step_that_works_is_kept() -> None:
+def test_a_step_that_has_a_plan_is_kept() -> None:
     plan = rho.plan_convex(single(), steps=[0.25])
     assert plan.scenario.grid.step == 0.5
     assert plan.statistics.steps_tried == (0.5,)
@@ -227,8 +225,8 @@ def test_a_step_that_works_is_kept() -> None:
 
 def test_another_step_begins_at_the_same_time_on_the_clock() -> None:
     coarse = dataclasses.replace(COARSE, start=30.0)
-    asked = single(grid=coarse, limits=rho.Limits(velocity=box(1.9)))
-    assert rho.plan_convex(asked, steps=[1.0]).scenario.grid == rho.Grid(1.0, 9, 30.0)
+    scenario = single(grid=coarse, limits=rho.Limits(velocity=box(1.9)))
+    assert rho.plan_convex(scenario, steps=[1.0]).scenario.grid == rho.Grid(1.0, 9, 30.0)
 
 
 def test_all_steps_without_a_solution_are_named() -> None:
@@ -267,12 +265,12 @@ def test_two_solvers_that_fail_are_an_error(
         rho.plan_convex(paper, solver=ClarabelSolver())
 
 
-def test_a_solver_that_is_not_here_is_refused(paper: rho.Scenario) -> None:
+def test_an_unavailable_solver_is_refused(paper: rho.Scenario) -> None:
     with pytest.raises(ValueError, match="solver: got Gurobi"):
         rho.plan_convex(paper, solver=GurobiSolver())
 
 
-def test_without_weights_of_a_solver_all_rows_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_multipliers_all_rows_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     multipliers = WorkingSet.multipliers
 
     def none(self: WorkingSet, vehicle: int) -> list[tuple[HalfSpaces, FloatArray]]:
@@ -289,8 +287,8 @@ def test_without_weights_of_a_solver_all_rows_are_named(monkeypatch: pytest.Monk
     assert weighed.value.conflicts["solo"][0] == "goal x"
 
 
-def test_a_limit_that_binds_on_another_axis_is_not_named_in_the_subset() -> None:
-    """Too slow along x; along y it is slowed down too, and gets there."""
+def test_a_limit_active_on_another_axis_is_not_named_in_the_subset() -> None:
+    """The flight is too slow along x; along y it is limited too, but reaches its goal."""
     slow = rho.Limits(velocity=rho.Box([-1.2, -0.6, -9.0], [1.2, 0.6, 9.0]))
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_convex(single(limits=slow))

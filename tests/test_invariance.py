@@ -1,4 +1,4 @@
-"""The same problem in other words has the same plan."""
+"""Equivalent problems have the same plan."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_the_order_of_obstacles_does_not_matter() -> None:
     assert plans[0].cost == pytest.approx(plans[1].cost, rel=INDEX)
 
 
-def test_a_far_obstacle_changes_nothing(paper: rho.Scenario) -> None:
+def test_a_distant_obstacle_changes_nothing(paper: rho.Scenario) -> None:
     far = rho.Sphere([1e5, 1e5, 1e5], 10.0)
     with_it = rho.plan_scp(dataclasses.replace(paper, obstacles=(*paper.obstacles, far)))
     assert with_it.cost == pytest.approx(rho.plan_scp(paper).cost, rel=INDEX)

@@ -1,4 +1,4 @@
-"""Fleets of hundreds: planned, judged, and the same in other words."""
+"""Fleets of hundreds: planned, verified, and invariant."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.tolerances import INDEX
 
 @pytest.fixture(scope="module")
 def many() -> rho.Scenario:
-    """520 vehicles two metres apart that rise by five; neighbours in five places change places."""
+    """Return 520 vehicles two metres apart that rise by 5 m; neighbours in five places swap."""
     rng = np.random.default_rng(0)
     starts = 2.0 * np.stack(np.meshgrid(np.arange(26), np.arange(20), [0.0]), -1).reshape(-1, 3)
     goals = starts + np.array([0.0, 0.0, 5.0]) + rng.uniform(-0.3, 0.3, starts.shape)
@@ -25,19 +25,19 @@ def many() -> rho.Scenario:
 
 @pytest.fixture(scope="module")
 def plan(many: rho.Scenario) -> rho.Plan:
-    """The best plan of all of them."""
+    """Return the best plan of all of them."""
     return rho.plan(many)
 
 
-def test_more_than_five_hundred_vehicles_are_planned_and_keep_apart(
+def test_more_than_five_hundred_vehicles_are_planned_and_separated(
     many: rho.Scenario, plan: rho.Plan
 ) -> None:
     assert rho.verify(plan).ok
-    careless = rho.plan(many.without_separation())
-    assert not rho.verify(dataclasses.replace(careless, scenario=many)).ok
-    assert careless.cost < plan.cost < 1.05 * careless.cost
-    moved = np.any(np.abs(plan.accelerations - careless.accelerations) > 1e-9, axis=(1, 2))
-    assert moved.sum() == 10  # those who change places, and nobody else
+    independent = rho.plan(many.without_separation())
+    assert not rho.verify(dataclasses.replace(independent, scenario=many)).ok
+    assert independent.cost < plan.cost < 1.05 * independent.cost
+    moved = np.any(np.abs(plan.accelerations - independent.accelerations) > 1e-9, axis=(1, 2))
+    assert moved.sum() == 10  # those that swap places, and no other
 
 
 def test_relabelling_more_than_five_hundred_vehicles_permutes_the_plan(
@@ -53,5 +53,5 @@ def test_shifting_more_than_five_hundred_vehicles_costs_the_same(
     many: rho.Scenario, plan: rho.Plan
 ) -> None:
     other = rho.plan(mapped(many, np.eye(3), np.array([7.0, -3.0, 2.0])))
-    # decoupled, pairs keep a little more room than they need, and how much depends on rounding
+    # decoupled pairs keep a little more distance than required; how much depends on rounding
     assert other.cost == pytest.approx(plan.cost, rel=1e-4)

@@ -1,4 +1,4 @@
-"""The moves of a lattice, against dense sampling."""
+"""The moves of a lattice, compared with dense sampling."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drake_rho.planning.path_search.swept_clearance import convex_lower_bound
 from drake_rho.scenario.fields import FloatArray
 
 DENSE = np.linspace(0.0, 1.0, 41)[:, None]
-"""Parts of a move."""
+"""Relative times within a move."""
 
 
 @given(
@@ -36,7 +36,7 @@ def test_the_bound_of_a_distance_is_below_all_of_it(
 
 
 def world() -> tuple[Lattice, list[rho.Obstacle]]:
-    """A lattice of about a thousand points, among three obstacles."""
+    """Return a lattice of about a thousand points among three obstacles."""
     obstacles = [
         rho.Obstacle(rho.Box([0.2, -1, -2], [0.8, 0.3, 2])),
         rho.Obstacle(rho.Sphere([-1, 0.5, 0], 0.6)),
@@ -46,7 +46,7 @@ def world() -> tuple[Lattice, list[rho.Obstacle]]:
     return Lattice(raster, obstacles, 0.1), obstacles
 
 
-def test_moves_are_clear_as_dense_sampling_says() -> None:
+def test_free_moves_agree_with_dense_sampling() -> None:
     lattice, obstacles = world()
     count = len(lattice.points)
     blocked = unsure = 0
@@ -67,10 +67,10 @@ def test_moves_are_clear_as_dense_sampling_says() -> None:
         unsure += int(np.sum(inside & ~known & (least > 0.1)))
         blocked += int(np.sum(inside & ~known))
     assert blocked > 1000
-    assert unsure < 0.02 * blocked  # some that touch are left out, for lack of certainty
+    assert unsure < 0.02 * blocked  # some moves that only touch are left out, for lack of certainty
 
 
-def test_a_move_leads_back() -> None:
+def test_moves_are_reversible() -> None:
     lattice, _ = world()
     count = len(lattice.points)
     assert np.array_equal(lattice.neighbors[STAY], np.arange(count))
@@ -81,7 +81,7 @@ def test_a_move_leads_back() -> None:
 
 
 def moving_things() -> list[tuple[Moving, object]]:
-    """An obstacle and a vehicle that move through the lattice in eight layers of 0.5 s."""
+    """Return an obstacle and a vehicle that move through the lattice in eight layers of 0.5 s."""
     times = np.linspace(0.0, 4.0, 9)
     obstacle = rho.Obstacle(rho.Box([-2, -0.4, -0.4], [-1.2, 0.4, 0.4]), velocity=[0.8, 0.1, 0.2])
     way = np.stack([np.linspace(2, -2, 9), 0.3 * np.cos(times), 0.2 * times - 0.5], axis=-1)
@@ -103,7 +103,7 @@ def moving_things() -> list[tuple[Moving, object]]:
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_blocked_moves_are_those_that_dense_sampling_finds(which: int) -> None:
+def test_blocked_moves_agree_with_dense_sampling(which: int) -> None:
     moving, distance = moving_things()[which]
     lattice, _ = world()
     count = len(lattice.points)
@@ -115,7 +115,8 @@ def test_blocked_moves_are_those_that_dense_sampling_finds(which: int) -> None:
         x = lattice.points[start] + DENSE[:, None] * (lattice.points[to] - lattice.points[start])
         least = distance(x[:, None], 0.5 * (t + DENSE[:, 0]))[:, 0].min(axis=0)  # type: ignore[operator]
         blocked = np.isin(u * count + to, layers.blocked[t])
-        # nothing gets to where an obstacle is, so that what leads on from there is not asked for
+        # moves that begin inside an obstacle, which nothing reaches, are not compared
+
         inside = moving.blocks & (distance(x[:1, None], np.array([0.5 * t]))[0, 0] < 0.0)  # type: ignore[operator]
         assert np.all(blocked[(least < -1e-4) & ~(inside & (t > 0))])
         assert not np.any(blocked[least > 0.05])

@@ -1,4 +1,4 @@
-"""The tube in plans: limits hold wherever in it a vehicle is, and margins cost what they should."""
+"""The tube in plans: limits hold throughout the tube, at the right cost."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.shapes import KINDS, random_shape
 
 
 def disturbed(scenario: rho.Scenario, seed: int, part: float = 0.1) -> rho.Scenario:
-    """The scenario with a wind of some part of what vehicles need to get to their goals."""
+    """Return the scenario with wind of a fraction of the accelerations that its goals require."""
     rng, grid = np.random.default_rng(seed), scenario.grid
     size = part * float(scenario.fleet.scale("acceleration").min()) * rng.uniform(0.2, 1.0)
     samples, errors = int(rng.integers(1, 6)), float(rng.integers(0, 2)) * 0.2
@@ -33,9 +33,9 @@ def disturbed(scenario: rho.Scenario, seed: int, part: float = 0.1) -> rho.Scena
 
 
 def least_margin(plan: rho.Plan, per_step: int = 100) -> float:
-    """The least room that any vehicle has left anywhere in its tube, over the constraint's scale.
+    """Return the least margin of any vehicle anywhere in its tube, over the constraint's scale.
 
-    Sampled, with the exact radii of each instant.
+    It is sampled, with the exact radius of each instant.
     """
     scenario, tube, motion = plan.scenario, tube_of(plan.scenario), plan.motion()
     fleet, grid = scenario.fleet, scenario.grid
@@ -70,14 +70,14 @@ def least_margin(plan: rho.Plan, per_step: int = 100) -> float:
 
 
 def _around(tube: rho.ErrorTube, times: FloatArray) -> FloatArray:
-    """The feedback's radius, at a sample the greater of both sides."""
+    """Return the feedback's radius, at a sample the larger of both sides."""
     before = np.maximum(times - 1e-3 * tube.sample, times[0])
     after = np.minimum(times + 1e-3 * tube.sample, times[-1])
     return np.maximum(tube.acceleration(before), tube.acceleration(after))
 
 
 def world(seed: int) -> rho.Scenario:
-    """One vehicle of some size among shapes of all kinds, some of which move."""
+    """Return one vehicle with a radius among shapes of all kinds, some of them moving."""
     rng = np.random.default_rng(seed)
     obstacles: list[rho.Obstacle] = []
     for _ in range(int(rng.integers(1, 7))):
@@ -97,15 +97,15 @@ def world(seed: int) -> rho.Scenario:
 
 
 @pytest.mark.parametrize("seed", [*range(8), *slow(*range(8, 25))])
-def test_every_limit_holds_wherever_in_the_tube(seed: int) -> None:
+def test_every_limit_holds_anywhere_in_the_tube(seed: int) -> None:
     plans = 0
-    for asked in (
+    for scenario in (
         world(seed),
         random_scenario(seed, between_knots=True),
         random_fleet(seed),
     ):
         try:
-            plan = rho.plan(disturbed(asked, seed))
+            plan = rho.plan(disturbed(scenario, seed))
         except (rho.InfeasibleError, rho.ScenarioError):
             continue
         assert margins_of(plan.scenario).steps.most > 0.0
@@ -114,8 +114,8 @@ def test_every_limit_holds_wherever_in_the_tube(seed: int) -> None:
     assert plans > 0
 
 
-def settled(scenario: rho.Scenario, disturbance: rho.Disturbance) -> rho.Scenario:
-    """The scenario in a tube that has long been what it stays: its radii are the same all along."""
+def in_constant_tube(scenario: rho.Scenario, disturbance: rho.Disturbance) -> rho.Scenario:
+    """Return the scenario in a converged tube: its radii are constant."""
     grid = scenario.grid
     gains = rho.error_tube(dataclasses.replace(scenario, disturbance=disturbance)).gains
     tracking = Tracking(grid.start - 400.0 * grid.step, gains)
@@ -123,13 +123,13 @@ def settled(scenario: rho.Scenario, disturbance: rho.Disturbance) -> rho.Scenari
     return dataclasses.replace(scenario, disturbance=around)
 
 
-def test_a_tube_that_stays_as_it_is_means_smaller_boxes_and_larger_things() -> None:
+def test_a_constant_tube_equals_smaller_boxes_and_larger_vehicles() -> None:
     limits = rho.Limits(
         position=box(11.0), velocity=box(2.1), acceleration=box(1.2), max_speed=2.5, jerk=box(4.0)
     )
     obstacles = [rho.Sphere([5.0, 2.2, -1.4], 1.5)]
-    asked = single(limits=limits, obstacles=obstacles, between_knots=True)
-    windy = settled(asked, rho.Disturbance(0.1, feedback_every=0.1, share=0.2))
+    scenario = single(limits=limits, obstacles=obstacles, between_knots=True)
+    windy = in_constant_tube(scenario, rho.Disturbance(0.1, feedback_every=0.1, share=0.2))
     margins = margins_of(windy).steps
     assert all(np.ptp(each) < 1e-12 for each in margins.steps.values())
     r, v, a = (float(margins.steps[q][0]) for q in ("position", "velocity", "acceleration"))
@@ -141,40 +141,40 @@ def test_a_tube_that_stays_as_it_is_means_smaller_boxes_and_larger_things() -> N
         max_speed=2.5 - v,
         jerk=box(4.0),
     )
-    vehicle = dataclasses.replace(asked.vehicles[0], radius=r)
-    twin = dataclasses.replace(asked, limits=smaller, vehicles=(vehicle,))
+    vehicle = dataclasses.replace(scenario.vehicles[0], radius=r)
+    twin = dataclasses.replace(scenario, limits=smaller, vehicles=(vehicle,))
     one, other = rho.plan(windy), rho.plan(twin)
-    assert one.cost > 1.0001 * rho.plan(asked).cost
+    assert one.cost > 1.0001 * rho.plan(scenario).cost
     assert one.cost == pytest.approx(other.cost, rel=1e-6)
 
 
-def test_a_fleet_in_a_tube_keeps_apart_as_a_larger_one() -> None:
-    asked = fleet([[0.0, 0, 0], [8, 0.1, 0]], [[8.0, 0, 0], [0, 0.1, 0]])
-    windy = settled(asked, rho.Disturbance(0.05, feedback_every=0.25))
+def test_the_separation_of_a_fleet_grows_by_the_tube() -> None:
+    scenario = fleet([[0.0, 0, 0], [8, 0.1, 0]], [[8.0, 0, 0], [0, 0.1, 0]])
+    windy = in_constant_tube(scenario, rho.Disturbance(0.05, feedback_every=0.25))
     r = margins_of(windy).steps.most
-    larger = dataclasses.replace(asked, separation=rho.Separation(1.0 + 2.0 * r))
+    larger = dataclasses.replace(scenario, separation=rho.Separation(1.0 + 2.0 * r))
     assert rho.plan(windy).cost == pytest.approx(rho.plan(larger).cost, rel=1e-6)
 
 
 def test_downwash_scales_no_margin() -> None:
     start, goal = [[0.0, 0, 0], [0, 0, 4.0]], [[0.0, 0, 4], [0.1, 0, 0]]
-    asked = fleet(start, goal, separation=rho.Separation(0.5, downwash=3.0))
-    plan = rho.plan(settled(asked, rho.Disturbance(0.2, feedback_every=0.1)))
+    scenario = fleet(start, goal, separation=rho.Separation(0.5, downwash=3.0))
+    plan = rho.plan(in_constant_tube(scenario, rho.Disturbance(0.2, feedback_every=0.1)))
     assert -1e-6 < least_margin(plan) < 1e-3
 
 
-def test_waypoints_are_smaller_by_the_radius_of_their_time() -> None:
+def test_tolerances_of_waypoints_shrink_by_the_radius_at_their_time() -> None:
     waypoint = rho.Waypoint(2.0, [4.0, 3.0, 0.0], within=0.5)
-    asked = single(waypoints=[waypoint])
-    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.3, feedback_every=0.25))
+    scenario = single(waypoints=[waypoint])
+    windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.3, feedback_every=0.25))
     plan = rho.plan(windy)
     away = np.linalg.norm(plan.motion().at("position", 2.0)[0, 0] - waypoint.position)
     assert away == pytest.approx(0.5 - float(rho.error_tube(windy).position(2.0)), abs=1e-6)
 
 
-def test_what_a_step_asks_is_the_greatest_radius_in_it() -> None:
-    asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
-    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.3, 0.01, 0.02, 0.1, 1))
+def test_the_margin_of_a_step_is_its_largest_radius() -> None:
+    scenario = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
+    windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.3, 0.01, 0.02, 0.1, 1))
     margins, tube, grid = margins_of(windy).steps, rho.error_tube(windy), windy.grid
     since = np.linspace(0.0, grid.duration, 16 * 400 + 1)
     radius = tube.position(np.minimum(since, grid.end)).reshape(-1)
@@ -189,8 +189,8 @@ def test_what_a_step_asks_is_the_greatest_radius_in_it() -> None:
 
 
 def test_the_rest_of_a_plan_has_the_rest_of_its_tube() -> None:
-    asked = single(limits=rho.Limits(acceleration=box(3.0)))
-    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.3, 0.01, 0.02, 0.1, 1))
+    scenario = single(limits=rho.Limits(acceleration=box(3.0)))
+    windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.3, 0.01, 0.02, 0.1, 1))
     plan = rho.plan(windy)
     whole, rest = tube_of(windy), tube_of(plan.tail(3).tail(2).scenario)
     times = np.linspace(5 * windy.grid.step, windy.grid.end, 77)
@@ -201,7 +201,7 @@ def test_the_rest_of_a_plan_has_the_rest_of_its_tube() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"),
+    ("changed", "expected"),
     [
         ({"limits": rho.Limits(velocity=box(1.6))}, "velocity box"),
         ({"limits": rho.Limits(max_speed=1.6)}, "maximum speed"),
@@ -210,35 +210,35 @@ def test_the_rest_of_a_plan_has_the_rest_of_its_tube() -> None:
         ({"waypoints": [rho.Waypoint(2.0, [4.0, 3.0, 0.0], 0.1)]}, "waypoint 1 (middle 0.1 m"),
     ],
 )
-def test_what_leaves_no_room_is_named_with_what_it_would_bear(
-    changed: dict[str, object], told: str
+def test_missing_slack_is_named_with_the_largest_tolerable_wind(
+    changed: dict[str, object], expected: str
 ) -> None:
-    asked = single(between_knots=True, **changed)  # type: ignore[arg-type]
+    scenario = single(between_knots=True, **changed)  # type: ignore[arg-type]
     disturbance = rho.Disturbance(2.0, feedback_every=0.5, share=1.0)
     for planner in (rho.plan, rho.plan_convex):
         with pytest.raises(rho.InfeasibleError) as caught:
-            planner(dataclasses.replace(asked, disturbance=disturbance))
-        assert told in str(caught.value)
+            planner(dataclasses.replace(scenario, disturbance=disturbance))
+        assert expected in str(caught.value)
         assert "no room for the errors" in str(caught.value)
     bearable = caught.value.bearable
     assert bearable is not None
-    gains = rho.error_tube(dataclasses.replace(asked, disturbance=disturbance)).gains
+    gains = rho.error_tube(dataclasses.replace(scenario, disturbance=disturbance)).gains
     tracking = Tracking(0.0, gains)
     for part, borne in ((0.98, True), (1.02, False)):
         around = dataclasses.replace(disturbance, acceleration=part * bearable, tracking=tracking)
-        weaker = dataclasses.replace(asked, disturbance=around)
+        weaker = dataclasses.replace(scenario, disturbance=around)
         assert (lacks(weaker, margins_of(weaker)) == {}) == borne
 
 
-def test_starts_and_goals_of_pairs_need_room_for_both_errors() -> None:
-    asked = fleet([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]], [[8.0, 0.0, 0.0], [8.0, 1.3, 0.0]])
-    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(2.0, feedback_every=0.5))
+def test_starts_and_goals_of_pairs_need_distance_for_both_errors() -> None:
+    scenario = fleet([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]], [[8.0, 0.0, 0.0], [8.0, 1.3, 0.0]])
+    windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(2.0, feedback_every=0.5))
     with pytest.raises(rho.InfeasibleError, match=r"separation \(goal 0.15 m inside, of 0."):
         rho.plan(windy)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_steps_cut_into_pieces_are_the_same_motion(seed: int) -> None:
+def test_subdivided_steps_are_the_same_motion(seed: int) -> None:
     motion = rho.plan_convex(random_scenario(seed)).motion()
     finer = motion.finer(7)
     times = np.linspace(0.0, motion.step * motion.accelerations.shape[1], 301)
@@ -264,11 +264,11 @@ SHORT_OF_ROOM: dict[str, rho.Scenario] = {
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_finer_margins_are_those_of_some_of_a_fleet_too(seed: int) -> None:
+def test_finer_margins_also_hold_for_part_of_a_fleet(seed: int) -> None:
     """Two start side by side and a third far away, which flies on as it does."""
     rng = np.random.default_rng(seed)
     side = float(rng.uniform(0.225, 0.26))
-    asked = fleet(
+    scenario = fleet(
         [[-3.0, -3.0, 1.0], [0.0, 0.0, 0.0], [side, 0.0, 0.0]],
         [[-3.0, 0.0, 1.0], [0.5, 1.0, float(rng.normal())], [-0.5, 1.0, float(rng.normal())]],
         grid=rho.Grid(0.5, 8),
@@ -277,7 +277,7 @@ def test_finer_margins_are_those_of_some_of_a_fleet_too(seed: int) -> None:
     )
     around = rho.Disturbance(0.0858, 0.0114, 0.0026, feedback_every=0.5 / 3)
     try:
-        plan = rho.plan(dataclasses.replace(asked, disturbance=around))
+        plan = rho.plan(dataclasses.replace(scenario, disturbance=around))
     except rho.InfeasibleError:
         return
     assert rho.verify(plan).ok
@@ -295,38 +295,38 @@ def test_finer_margins_are_tried_before_a_scenario_is_refused(
     assert rho.verify(plan).ok
     assert least_margin(plan) > -1e-6
     assert rho.certify(plan).gap >= -1e-6
-    monkeypatch.setattr("drake_rho.planning.problem._LESS", 1.0)  # no finer ones
+    monkeypatch.setattr("drake_rho.planning.problem._LESS", 1.0)  # no finer margins
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(windy)
     assert not caught.value.is_proved
     assert "tightened" in str(caught.value) or "room" in str(caught.value)
 
 
-def test_a_gap_narrower_than_the_tube_is_none() -> None:
+def test_a_gap_narrower_than_the_tube_is_closed() -> None:
     walls = [rho.Box([4, -9, -9], [5, -0.4, 9]), rho.Box([4, 0.4, -9], [5, 9, 9])]
     limits = rho.Limits(position=box(8.0))
-    asked = single(
+    scenario = single(
         obstacles=walls, limits=limits, goal=rho.State([7.0, 0.0, 0.0]), between_knots=True
     )
     calm = rho.Disturbance(0.2, feedback_every=0.25)
-    assert least_margin(rho.plan(dataclasses.replace(asked, disturbance=calm))) > -1e-6
-    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(2.0, feedback_every=0.5))
+    assert least_margin(rho.plan(dataclasses.replace(scenario, disturbance=calm))) > -1e-6
+    windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(2.0, feedback_every=0.5))
     assert 0.4 < margins_of(windy).steps.most < 1.0
     with pytest.raises(rho.InfeasibleError):
         rho.plan(windy)
 
 
-def test_ways_are_looked_for_with_room_for_errors() -> None:
-    asked = fleet(
+def test_path_search_accounts_for_the_tube() -> None:
+    scenario = fleet(
         [[0, 0, 0], [3, 0, 0]], [[8, 0, 0], [8, 3, 0]], obstacles=[rho.Sphere([5, 5, 5], 1)]
     )
-    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.5, feedback_every=0.5))
+    windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.5, feedback_every=0.5))
     larger, r = with_room(windy, margins_of(windy)), margins_of(windy).steps.most
     np.testing.assert_allclose(larger.fleet.radii, r)
     assert larger.separation is not None
     assert larger.separation.distance == pytest.approx(1.0 + 2.0 * r)
     assert larger.disturbance is None
-    assert with_room(asked, margins_of(asked)) is asked
+    assert with_room(scenario, margins_of(scenario)) is scenario
 
 
 def test_margins_cost_little(paper: rho.Scenario) -> None:
@@ -343,17 +343,17 @@ def test_margins_cost_little(paper: rho.Scenario) -> None:
         room = drawn.limits.position
         assert room is not None
         wider = rho.Box(room.lower - 2.0 * tube, room.upper + 2.0 * tube)
-        asked = dataclasses.replace(
+        scenario = dataclasses.replace(
             drawn,
             limits=dataclasses.replace(drawn.limits, position=wider),
             separation=rho.Separation(0.35, downwash=2.0),
             disturbance=rho.Disturbance(0.0, feedback_every=0.1, share=0.2),
         )
-        W = rho.largest_disturbance(asked, tube)
+        W = rho.largest_disturbance(scenario, tube)
         around = rho.Disturbance(W, feedback_every=0.1, share=0.2)
-        windy = dataclasses.replace(asked, disturbance=around)
+        windy = dataclasses.replace(scenario, disturbance=around)
         assert margins_of(windy).steps.most == pytest.approx(tube, rel=0.02)
         robust = rho.plan(windy)
         assert least_margin(robust) > -1e-6
-        ratios.append(robust.cost / rho.plan(dataclasses.replace(asked, disturbance=None)).cost)
+        ratios.append(robust.cost / rho.plan(dataclasses.replace(scenario, disturbance=None)).cost)
     assert np.mean(ratios) <= 1.10

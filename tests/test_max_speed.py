@@ -1,4 +1,4 @@
-"""The largest speed in any direction: a ball in velocity, kept by tangent planes."""
+"""The largest speed in any direction: velocities in a ball, by tangent planes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from tests.scenarios import box, fleet, mapped, random_scenario, single, through
 from tests.tolerances import INDEX, MOTION
 
 CURVE = rho.State([0.0, 0.0, 0.0], [-1.0, 1.0, 0.5])
-"""A start from which the way to the goal turns, so that the velocity runs along the ball."""
+"""Start from which the motion to the goal turns, so that its velocity runs along the ball."""
 
 
 def _speeds(plan: rho.Plan, per_step: int = 10) -> FloatArray:
-    """Norms of the velocity, sampled, flown from (1) and (2) alone; shape (N, S)."""
+    """Return sampled norms of the velocity, integrated by (1) and (2) alone; shape (N, S)."""
     h, v = plan.scenario.grid.step, plan.velocities[:, :-1, None]
     s = np.linspace(0.0, h, per_step + 1)[:, None]
     sampled = v + s * plan.accelerations[:, :, None]
@@ -39,7 +39,7 @@ def _speeds(plan: rho.Plan, per_step: int = 10) -> FloatArray:
 @pytest.mark.parametrize("knots", [5, 17, 60])
 @pytest.mark.parametrize("most", [1.5, 1.6, 1.9])
 @pytest.mark.parametrize("start", [rho.State([0, 0, 0]), CURVE], ids=["straight", "curve"])
-def test_it_costs_what_the_program_with_cones_costs(
+def test_the_cost_equals_that_of_the_program_with_cones(
     knots: int, most: float, start: rho.State
 ) -> None:
     grid = rho.Grid(8.0 / (knots - 1), knots)
@@ -57,7 +57,7 @@ def test_it_costs_what_the_program_with_cones_costs(
 
 
 def limited(seed: int, *, tight: bool = False) -> rho.Scenario | None:
-    """A random scenario whose vehicles would be faster, or None where they are at the ends."""
+    """Return a random scenario whose vehicles would be faster, or None if its ends are faster."""
     scenario = random_scenario(seed, tight=tight)
     free = dataclasses.replace(scenario, limits=rho.Limits()).without_obstacles()
     norms = np.linalg.norm(rho.plan_convex(free).velocities, axis=2)
@@ -70,8 +70,10 @@ def limited(seed: int, *, tight: bool = False) -> rho.Scenario | None:
 
 @given(seed=st.integers(0, 2**32 - 1), tight=st.booleans())
 @settings(max_examples=20)
-def test_random_scenarios_cost_what_the_programs_with_cones_cost(seed: int, tight: bool) -> None:
-    """With boxes, and obstacles linearised around the plan without them."""
+def test_costs_of_random_scenarios_equal_those_of_the_programs_with_cones(
+    seed: int, tight: bool
+) -> None:
+    """The scenarios have boxes, and obstacles linearised around the plan without them."""
     scenario = limited(seed, tight=tight)
     if scenario is None:
         return
@@ -84,7 +86,7 @@ def test_random_scenarios_cost_what_the_programs_with_cones_cost(seed: int, tigh
         np.linalg.norm(reference.positions - sphere.center, axis=2).min() < 1e-3 * sphere.radius
         for sphere in scenario.spheres
     ):
-        return  # through a centre, where the direction is the planner's own choice
+        return  # through a centre, where the planner chooses any direction
     known = twin_cost(scenario, reference)
     try:
         plan = rho.plan_convex(scenario, reference=reference)
@@ -112,7 +114,7 @@ def test_a_long_active_stretch_takes_few_rounds(knots: int, acceleration: rho.Bo
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=8)
 def test_programs_are_few(seed: int) -> None:
-    """Each round divides the excess by four: from all of it to the tolerance in about fifteen."""
+    """Each round divides the excess by four: about fifteen reach the tolerance."""
     scenario = limited(seed)
     if scenario is None:
         return
@@ -133,7 +135,7 @@ def test_programs_are_few(seed: int) -> None:
 def test_turning_by_any_rotation_turns_the_plan(
     seed: int, obstacle: bool, length: float, time: float
 ) -> None:
-    """A ball is one in any direction, as no box is."""
+    """A ball is invariant under any rotation, unlike a box."""
     turn = Rotation.random(random_state=seed % 2**31).as_matrix()
     spheres = (rho.Sphere([6.0, 2.0, -1.0], 0.8),) if obstacle else ()
     scenario = single(start=CURVE, limits=rho.Limits(max_speed=1.65), obstacles=spheres)
@@ -146,8 +148,8 @@ def test_turning_by_any_rotation_turns_the_plan(
     np.testing.assert_allclose(other.accelerations, expected, atol=100 * MOTION * largest)
 
 
-def test_a_box_is_no_ball() -> None:
-    """The bounds of each axis allow the corners; the ball does not, nor more than they along it."""
+def test_a_box_is_not_a_ball() -> None:
+    """The bounds of each axis allow the corners of a box; the ball does not."""
     ball = rho.plan_convex(single(limits=rho.Limits(max_speed=1.6)))
     cube = rho.plan_convex(single(limits=rho.Limits(velocity=box(1.6))))
     assert np.abs(ball.velocities).max() < 1.6
@@ -156,7 +158,7 @@ def test_a_box_is_no_ball() -> None:
     assert rho.verify(rho.plan_convex(single(limits=both))).ok
 
 
-def test_it_is_judged_with_value_limit_excess_and_time() -> None:
+def test_a_violation_is_reported_with_value_limit_excess_and_time() -> None:
     free = rho.plan_convex(single())
     norms = np.linalg.norm(free.velocities[0], axis=1)
     scenario = single(limits=rho.Limits(max_speed=1.5))
@@ -173,7 +175,7 @@ def test_it_is_judged_with_value_limit_excess_and_time() -> None:
 
 @pytest.mark.parametrize(("beyond", "holds"), [(0.9, True), (1.1, False)])
 def test_the_verifiers_tolerance_is_a_millionth(beyond: float, holds: bool) -> None:
-    """One step up to the speed and beyond, one back; the motion's scale is less than the limit."""
+    """One step reaches the speed, one loses it; the motion's scale is less than the limit."""
     goal = rho.State([1.0, 0.0, 0.0])
     scenario = single(goal=goal, grid=rho.Grid(1.0, 3), limits=rho.Limits(max_speed=1.0))
     scale = 0.5  # 1 m in 2 s
@@ -185,10 +187,10 @@ def test_the_verifiers_tolerance_is_a_millionth(beyond: float, holds: bool) -> N
     assert check.holds == holds
 
 
-def test_only_who_has_a_limit_is_judged_by_it() -> None:
-    asked = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
-    slow = dataclasses.replace(asked.vehicles[0], limits=rho.Limits(max_speed=1.1))
-    plan = rho.plan_convex(dataclasses.replace(asked, vehicles=(slow, asked.vehicles[1])))
+def test_only_vehicles_with_a_limit_are_checked_for_it() -> None:
+    scenario = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
+    slow = dataclasses.replace(scenario.vehicles[0], limits=rho.Limits(max_speed=1.1))
+    plan = rho.plan_convex(dataclasses.replace(scenario, vehicles=(slow, scenario.vehicles[1])))
     report = rho.verify(plan)
     assert report.ok
     (check,) = (check for check in report.checks if check.constraint == "maximum speed")
@@ -197,18 +199,18 @@ def test_only_who_has_a_limit_is_judged_by_it() -> None:
 
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
-def test_fleets_keep_to_it(coupling: object) -> None:
-    asked = through_the_middle(4, limits=rho.Limits(max_speed=1.3))
-    plan = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # a coupling
+def test_fleets_satisfy_the_limit(coupling: object) -> None:
+    scenario = through_the_middle(4, limits=rho.Limits(max_speed=1.3))
+    plan = rho.plan_scp(scenario, coupling=coupling)  # type: ignore[arg-type]  # a coupling
     assert rho.verify(plan).ok
-    free = rho.plan_scp(dataclasses.replace(asked, limits=rho.Limits()))
-    judged = rho.Plan.from_accelerations(asked, free.accelerations)
-    assert {each.constraint for each in rho.verify(judged).violations} == {"maximum speed"}
+    free = rho.plan_scp(dataclasses.replace(scenario, limits=rho.Limits()))
+    unlimited = rho.Plan.from_accelerations(scenario, free.accelerations)
+    assert {each.constraint for each in rho.verify(unlimited).violations} == {"maximum speed"}
 
 
 @pytest.mark.parametrize("replan_every", [1, 5])
-def test_windows_keep_to_it(replan_every: int) -> None:
-    """Also the state in which a window begins, which is at the limit."""
+def test_windows_satisfy_the_limit(replan_every: int) -> None:
+    """The limit holds in the state in which a window begins, too, which is at the limit."""
     sphere = rho.Sphere([6.0, 2.0, -1.0], 0.8)
     limits = rho.Limits(acceleration=box(3.0), max_speed=1.7)
     scenario = single(start=CURVE, limits=limits, obstacles=(sphere,), between_knots=True)
@@ -220,7 +222,7 @@ def test_windows_keep_to_it(replan_every: int) -> None:
     assert 1.7 * (1.0 - 1e-6) < norms.max() <= 1.7 * (1.0 + 1e-15)
 
 
-def test_past_an_obstacle_it_is_kept_at_every_instant() -> None:
+def test_the_limit_holds_at_every_instant_past_an_obstacle() -> None:
     sphere = rho.Sphere([5.0, 2.3, -1.0], 1.0)
     limits = rho.Limits(max_speed=1.7)
     plan = rho.plan_scp(single(limits=limits, obstacles=(sphere,), between_knots=True))
@@ -228,14 +230,14 @@ def test_past_an_obstacle_it_is_kept_at_every_instant() -> None:
     assert _speeds(plan, 100).max() == pytest.approx(1.7, rel=1e-6)
 
 
-def _lost(scenario: rho.Scenario) -> rho.InfeasibleError:
+def _infeasible(scenario: rho.Scenario) -> rho.InfeasibleError:
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_convex(scenario)
     return caught.value
 
 
-def test_a_speed_in_the_way_is_named() -> None:
-    error = _lost(single(limits=rho.Limits(max_speed=1.3)))
+def test_a_conflicting_speed_limit_is_named() -> None:
+    error = _infeasible(single(limits=rho.Limits(max_speed=1.3)))
     (names,) = error.conflicts.values()
     assert "maximum speed from 0.5 s to 7.5 s" in names
     (names,) = rho.infeasible_subset(error).values()
@@ -243,42 +245,43 @@ def test_a_speed_in_the_way_is_named() -> None:
     assert names == ("goal x", "maximum speed from 0.5 s to 7.5 s")
 
 
-def test_no_axis_alone_is_named_where_only_all_together_are_too_far() -> None:
-    error = _lost(single(limits=rho.Limits(max_speed=1.0), goal=rho.State([5.0, 5.0, 5.0])))
+def test_no_single_axis_is_named_where_only_the_total_distance_is_too_far() -> None:
+    error = _infeasible(single(limits=rho.Limits(max_speed=1.0), goal=rho.State([5.0, 5.0, 5.0])))
     (names,) = rho.infeasible_subset(error).values()
     assert names == ("goal x", "goal y", "goal z", "maximum speed from 0.5 s to 7.5 s")
 
 
-def test_what_a_weak_vehicle_and_a_slow_one_lack_is_told_apart() -> None:
-    limits = rho.Limits(acceleration=box(0.8), max_speed=1.5)  # each would do without the other
+def test_lack_of_acceleration_and_of_speed_are_distinguished() -> None:
+    # each would be infeasible without the other
+    limits = rho.Limits(acceleration=box(0.8), max_speed=1.5)
     for field in ("acceleration", "max_speed"):
         rho.plan_convex(single(limits=dataclasses.replace(limits, **{field: None})))
-    (names,) = rho.infeasible_subset(_lost(single(limits=limits))).values()
+    (names,) = rho.infeasible_subset(_infeasible(single(limits=limits))).values()
     kinds = [name.split(" from ")[0] for name in names]
     assert kinds == ["goal x", "acceleration box x", "maximum speed"]
 
 
 @pytest.mark.parametrize(("knots", "precision"), [(9, 0.01), (17, 0.02), (40, 0.15)])
 @pytest.mark.parametrize("most", [0.6, 1.2])
-def test_the_least_breach_is_about_that_of_the_program_with_cones(
+def test_the_least_violation_is_about_that_of_the_program_with_cones(
     knots: int, precision: float, most: float
 ) -> None:
-    """In total: an instant counts once, by how much too fast it is, whatever planes cut it.
+    """Each instant counts once, by its excess speed, whatever the number of planes that cut it.
 
-    The rounds are bounded, and many knots are not at the end by then.
+    The rounds are bounded, and many knots have not converged by then.
     """
     grid = rho.Grid(8.0 / (knots - 1), knots)
     scenario = single(limits=rho.Limits(max_speed=most), grid=grid, start=rho.State([0, 0, 0]))
-    least = _least_breach(scenario)
+    least = _least_violation(scenario)
     assert (
         least * (1.0 - 1e-6)
-        <= _breach(minimum_violation(Problem.of(scenario)))
+        <= _violation(minimum_violation(Problem.of(scenario)))
         <= least * (1.0 + precision)
     )
 
 
-def _breach(plan: rho.Plan) -> float:
-    """What a plan breaks of goals and speed, each in its scale."""
+def _violation(plan: rho.Plan) -> float:
+    """Return the violations of goals and speed by a plan, each over its scale."""
     (length,), T = plan.scenario.fleet.lengths, plan.scenario.grid.duration
     goal, most = plan.scenario.vehicles[0].goal, plan.scenario.limits.max_speed
     missed = np.abs(plan.positions[0, -1] - goal.position).sum() / length
@@ -287,7 +290,7 @@ def _breach(plan: rho.Plan) -> float:
     return float(missed + np.maximum(0.0, over).sum() * T / length)
 
 
-def _least_breach(scenario: rho.Scenario) -> float:
+def _least_violation(scenario: rho.Scenario) -> float:
     (length,), T = scenario.fleet.lengths, scenario.grid.duration
     goal, most, n = scenario.vehicles[0].goal, scenario.limits.max_speed, scenario.grid.knots - 1
     velocity, position = (length / T**2 * each for each in integrals(scenario))
@@ -319,7 +322,7 @@ def _least_breach(scenario: rho.Scenario) -> float:
 
 
 def test_the_shortest_duration_is_known() -> None:
-    """Up to speed in the first step, down in the last: D = (K - 2) h v."""
+    """Full speed after the first step, rest after the last: D = (K - 2) h v."""
     scenario = single(limits=rho.Limits(max_speed=1.3))
     assert is_monotone(scenario)
     far = float(np.linalg.norm([10.0, 4.0, -2.0]))
@@ -336,8 +339,8 @@ def test_the_shortest_duration_is_known() -> None:
     assert rho.shortest_plan(scenario).scenario.grid.duration == reason.shortest_duration
 
 
-def test_a_slower_flight_is_one_where_it_is_monotone() -> None:
-    """A plan that is flown slower keeps to the same speed."""
+def test_a_slower_flight_is_feasible_where_it_is_monotone() -> None:
+    """A slowed-down plan satisfies the same largest speed."""
     limits = rho.Limits(max_speed=1.6, acceleration=box(1.5))
     scenario = single(limits=limits)
     assert is_monotone(scenario)
@@ -353,7 +356,7 @@ def test_a_slower_flight_is_one_where_it_is_monotone() -> None:
 
 @pytest.mark.parametrize("most", [1.5, 1.65, 1.8])
 @pytest.mark.parametrize("start", [rho.State([0, 0, 0]), CURVE], ids=["straight", "curve"])
-def test_its_best_plan_is_proved_to_be_it(most: float, start: rho.State) -> None:
+def test_the_best_plan_is_certified_as_optimal(most: float, start: rho.State) -> None:
     scenario = single(limits=rho.Limits(max_speed=most), start=start)
     plan = rho.plan_convex(scenario)
     proof = rho.certify(plan)
@@ -365,7 +368,7 @@ def test_its_best_plan_is_proved_to_be_it(most: float, start: rho.State) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_no_plan_is_below_the_bound(seed: int) -> None:
-    """Plans around other references, and for lower speeds, which are plans too."""
+    """Plans around other references and for lower speeds are plans of the scenario too."""
     rng = np.random.default_rng(seed)
     spheres = (rho.Sphere(np.array([5.0, 2.0, -1.0]) + rng.uniform(-0.5, 0.5, 3), 0.9),)
     scenario = single(limits=rho.Limits(max_speed=1.75), obstacles=spheres, between_knots=True)
@@ -385,7 +388,7 @@ def test_no_plan_is_below_the_bound(seed: int) -> None:
 
 
 def side_by_side(count: int, *, knots: int, most: float) -> rho.Scenario:
-    """Vehicles that fly 10 m in 10 s, side by side and each in a direction of its own."""
+    """Return vehicles that fly 10 m in 10 s side by side, each in a direction of its own."""
     starts = np.stack([np.zeros(count), np.arange(count), np.zeros(count)], axis=1)
     angles = np.linspace(0.0, 1.0, count)
     ways = 10.0 * np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
@@ -398,8 +401,8 @@ def side_by_side(count: int, *, knots: int, most: float) -> rho.Scenario:
     return rho.Scenario("fast", rho.Grid(10.0 / (knots - 1), knots), vehicles, limits)
 
 
-def test_known_tangent_planes_take_memory_in_proportion() -> None:
-    """Looking rows up compares each with those of its own instant, not with all there are."""
+def test_lookup_of_tangent_planes_takes_memory_in_proportion() -> None:
+    """A row is compared with those of its own instant only, not with all rows."""
     scenario = side_by_side(100, knots=101, most=1.01)
     (ball,) = Problem.of(scenario).convex
     motion = MinimumEffort.of(scenario).motion

@@ -1,4 +1,4 @@
-"""The motions of least effort in closed form, and the space in which goals stay as they are."""
+"""The motions of least effort in closed form, and the subspace in which goals are preserved."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def _goal_rows(scenario: rho.Scenario) -> np.ndarray:
-    """What velocity and position at the last knot say of the accelerations, shape (2, K-1)."""
+    """Return the rows of velocity and position at the last knot in the accelerations, (2, K-1)."""
     grid = scenario.grid
     kinds = ("velocity", "position")
     rows = [response(kind, grid.step, grid.knots, [grid.duration])[0] for kind in kinds]  # type: ignore[arg-type]  # literals
@@ -26,7 +26,7 @@ def _goal_rows(scenario: rho.Scenario) -> np.ndarray:
 
 @given(seed=seeds)
 def test_the_motion_of_least_effort_is_the_least_norm_solution_of_the_goals(seed: int) -> None:
-    """By numpy's least squares, straight from (10) and (11)."""
+    """Numpy's least squares solve it, straight from (10) and (11)."""
     scenario = random_scenario(seed)
     effort, T = MinimumEffort.of(scenario), scenario.grid.duration
     grid = scenario.grid
@@ -43,7 +43,7 @@ def test_the_motion_of_least_effort_is_the_least_norm_solution_of_the_goals(seed
 
 
 @given(seed=seeds)
-def test_what_is_closed_of_the_goals_is_the_least_change(seed: int) -> None:
+def test_goals_are_closed_by_the_least_change(seed: int) -> None:
     scenario = random_scenario(seed)
     effort, rng = MinimumEffort.of(scenario), np.random.default_rng(seed)
     vehicles = np.flatnonzero(rng.integers(0, 2, len(scenario.vehicles)))
@@ -55,7 +55,7 @@ def test_what_is_closed_of_the_goals_is_the_least_change(seed: int) -> None:
     np.testing.assert_allclose(
         np.einsum("gj,pjx->pgx", rows, closed - free), 0.0, atol=1e-9 * scale
     )
-    change = closed - noisy  # orthogonal to all that leaves the goals alone
+    change = closed - noisy  # orthogonal to all changes that preserve the goals
     inside = np.linalg.svd(rows)[2][2:]
     np.testing.assert_allclose(np.einsum("cj,pjx->pcx", inside, change), 0.0, atol=1e-9 * scale)
     again = effort.goals.met_by(closed, vehicles)
@@ -73,7 +73,7 @@ def test_rows_without_the_goals_are_their_projection(seed: int) -> None:
     np.testing.assert_allclose(inside, rows @ taken.T @ taken, atol=ROUNDING)
 
 
-def test_without_its_goals_a_motion_starts_the_same_and_nothing_is_out_of_reach() -> None:
+def test_without_goals_a_motion_starts_the_same_and_everything_is_reachable() -> None:
     one_step = single(grid=rho.Grid(2.0, 2))
     effort = MinimumEffort.of(one_step)
     assert effort.unreachable.tolist() == [True]
@@ -87,8 +87,8 @@ def test_without_its_goals_a_motion_starts_the_same_and_nothing_is_out_of_reach(
 
 
 @pytest.mark.parametrize("off", [0.0, 0.5e-6, 2e-6])
-def test_a_single_step_reaches_what_is_within_the_tolerance(off: float) -> None:
-    """A way of 10 m, of which a millionth may be missed."""
+def test_a_single_step_reaches_goals_within_the_tolerance(off: float) -> None:
+    """The goal is 10 m away and may be missed by a millionth of that."""
     goal = rho.State([10.0 * (1 + off), 0, 0], [10.0, 0, 0])
     scenario = single(grid=rho.Grid(2.0, 2), goal=goal)
     assert MinimumEffort.of(scenario).unreachable.tolist() == [off > 1e-6]

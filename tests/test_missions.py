@@ -1,4 +1,4 @@
-"""Missions of the LSC planner are read as its own reader does, or refused by the file's names."""
+"""Missions of the LSC planner are read as its own reader does, or refused with the file's keys."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ BOX: dict[str, Any] = {"type": "static", "pose": [0, -2.5, 1], "dimensions": [0.
 
 
 def written(folder: Path, content: object) -> Path:
-    """The path of a file with `content`, as JSON unless it is text already."""
+    """Write `content`, as JSON unless it is text, and return the file's path."""
     path = folder / "mission.json"
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
 
 
 def changed(*changes: tuple[tuple[Any, ...], object]) -> dict[str, Any]:
-    """The mission with other values at some places, each given by the keys on the way to it."""
+    """Return the mission with other values at some places, each given by its keys."""
     mission = copy.deepcopy(MISSION)
     for (*way, last), value in changes:
         place: Any = mission
@@ -91,7 +91,7 @@ def test_the_order_of_fields_and_unused_types_change_nothing(tmp_path: Path) -> 
     assert rho.load_lsc_mission(written(tmp_path, other), grid=GRID) == plain
 
 
-def test_types_that_differ_have_their_own_limits_and_the_safe_separation(tmp_path: Path) -> None:
+def test_different_types_have_their_own_limits_and_the_safe_separation(tmp_path: Path) -> None:
     mission = changed((("agents", 1, "type"), "large"))
     scenario = rho.load_lsc_mission(written(tmp_path, mission), grid=GRID)
     small, large = (scenario.limits_of(vehicle) for vehicle in scenario.vehicles)
@@ -99,7 +99,7 @@ def test_types_that_differ_have_their_own_limits_and_the_safe_separation(tmp_pat
     assert large.acceleration == rho.Box([-4] * 3, [4] * 3)
     assert small.position == large.position == rho.Box([-2, -3, 0.5], [2, 3, 2.5])
     assert scenario.separation is not None
-    # no pair may come closer than the LSC planner lets it: radii r, extents above d r, each summed
+    # no pair may be closer than in the LSC planner: radii r, extents above d r, each summed
     for r, other in ((0.15, 0.25), (0.25, 0.25), (0.15, 0.15)):
         above = sum({0.15: 2.0, 0.25: 1.5}[radius] * radius for radius in (r, other))
         assert scenario.separation.distance >= r + other - 1e-12
@@ -159,7 +159,7 @@ def test_an_agent_may_have_its_own_downwash_and_no_number(tmp_path: Path) -> Non
         (("obstacles",), [BOX | {"pose": [1, -0.7, 1]}], "agents[1].start", "at least 0.15 m from"),
     ],
 )
-def test_what_is_unknown_or_malformed_is_refused_by_name(
+def test_unknown_or_malformed_fields_are_refused_by_name(
     way: tuple[Any, ...], value: object, field: str, words: str, tmp_path: Path
 ) -> None:
     path = written(tmp_path, changed((way, value)))
@@ -182,7 +182,7 @@ def test_what_is_unknown_or_malformed_is_refused_by_name(
         (lambda _: "{" + " " * 10 + "# a comment\n}", "malformed JSON"),
     ],
 )
-def test_what_is_no_json_is_refused(
+def test_files_that_are_no_json_are_refused(
     damage: Callable[[str], str], words: str, tmp_path: Path
 ) -> None:
     path = written(tmp_path, damage(json.dumps(MISSION)))
@@ -192,13 +192,13 @@ def test_what_is_no_json_is_refused(
 
 
 def world(folder: Path, text: str | bytes) -> Path:
-    """The path of a file with a world."""
+    """Write a file with a world, and return its path."""
     path = folder / "world.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
 
 
-def test_the_rows_of_a_world_are_boxes_by_middle_and_whole_sides(tmp_path: Path) -> None:
+def test_the_rows_of_a_world_are_boxes_by_centre_and_full_sides(tmp_path: Path) -> None:
     rows = world(tmp_path, "0,0,1.25,0.5,0.5,2.5\r\n1.5, 2.0, 1, 1, 0.5, 2\n\n")
     mission = written(tmp_path, changed((("obstacles",), [BOX])))
     scenario = rho.load_lsc_mission(mission, grid=GRID, world=rows)
@@ -206,7 +206,8 @@ def test_the_rows_of_a_world_are_boxes_by_middle_and_whole_sides(tmp_path: Path)
     assert scenario.obstacles == (
         rho.Box([-0.25, -0.25, 0.0], [0.25, 0.25, 2.5]),
         rho.Box([1.0, 1.75, 0.0], [2.0, 2.25, 2.0]),
-        rho.Box([-0.5, -2.75, 0.0], [0.5, -2.25, 2.0]),  # of the mission: half its sides are told
+        # of the mission, which gives half of its sides
+        rho.Box([-0.5, -2.75, 0.0], [0.5, -2.25, 2.0]),
     )
     assert [vehicle.radius for vehicle in scenario.vehicles] == [0.15, 0.15]
     plain = rho.load_lsc_mission(mission, grid=GRID)
@@ -217,7 +218,7 @@ def test_vehicles_keep_the_radius_of_their_type_from_a_world(tmp_path: Path) -> 
     mission = written(tmp_path, changed((("agents", 1, "type"), "large")))
     scenario = rho.load_lsc_mission(mission, grid=GRID)
     assert [vehicle.radius for vehicle in scenario.vehicles] == [0.15, 0.25]
-    # 0.2 m beside both starts: too close for the large one alone
+    # 0.2 m beside both starts: too close for the large vehicle only
     rows = world(tmp_path, "-1.3,0,1,1,1,1\n0.3,-1,1,1,1,1")
     with pytest.raises(rho.ScenarioError, match=r"at least 0\.25 m from obstacle 2") as caught:
         rho.load_lsc_mission(mission, grid=GRID, world=rows)
@@ -269,10 +270,11 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
         assert caught.value.field == str(path)
 
 
-def test_a_mission_is_known_by_its_content(tmp_path: Path, paper: rho.Scenario) -> None:
+def test_a_mission_is_recognised_by_its_content(tmp_path: Path, paper: rho.Scenario) -> None:
     path = written(tmp_path, MISSION)
     assert is_lsc_mission(path)
-    assert is_lsc_mission(written(tmp_path, json.dumps(MISSION)[:-1]))  # and then refused by name
+    # recognised as a mission, and later refused by name
+    assert is_lsc_mission(written(tmp_path, json.dumps(MISSION)[:-1]))
     other = tmp_path / "mission.yaml"
     other.write_text(path.read_text())
     assert not is_lsc_mission(other)

@@ -1,4 +1,4 @@
-"""Names are text: drawn as they are written, whatever they would mean as markup or as a path."""
+"""Names are text: drawn as written, whatever they would mean as markup or as a path."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NAMES = ("$x^$", "a", "a/b", "a%2Fb", "<b>&amp;</b>", "<object>", "_hidden", r"\
 
 
 def _shown(figure: Figure) -> list[str]:
-    """Texts of a legend as they are drawn: what was handed to the renderer."""
+    """Return the texts of a legend as handed to the renderer."""
     renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
     drawn: list[str] = []
     draw_text = renderer.draw_text
@@ -41,7 +41,7 @@ def _shown(figure: Figure) -> list[str]:
     return drawn
 
 
-def test_figures_show_names_as_they_are_written(tmp_path: Path) -> None:
+def test_figures_show_names_literally(tmp_path: Path) -> None:
     plan = straight(len(NAMES), NAMES)
     for figure in (rho.paths_figure(plan), rho.velocities_figure(plan)):
         assert _shown(figure) == [*NAMES[:-1], LONG[:40], LONG[40:]]
@@ -50,11 +50,11 @@ def test_figures_show_names_as_they_are_written(tmp_path: Path) -> None:
     write_figures(plan, tmp_path)
 
 
-def test_names_beside_starts_and_of_the_closest_two_are_text() -> None:
-    asked = dataclasses.replace(
+def test_names_beside_starts_and_of_the_closest_pair_are_text() -> None:
+    scenario = dataclasses.replace(
         straight(2, ["$x^$", LONG]).scenario, separation=rho.Separation(1e-3)
     )
-    plan = rho.plan_scp(asked)
+    plan = rho.plan_scp(scenario)
     figure = Figure()
     space.draw_paths(figure.add_subplot(121, projection="3d"), plan)
     _, ring = curves.draw_separation(figure.add_subplot(122), plan)
@@ -69,7 +69,7 @@ def test_names_beside_starts_and_of_the_closest_two_are_text() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [*slow(1, 6, 14), 36])
 @pytest.mark.parametrize("length", [*slow(3), 10, 80])
-def test_a_legend_is_whole_and_never_over_the_plot(count: int, length: int) -> None:
+def test_a_legend_is_complete_and_never_covers_the_plot(count: int, length: int) -> None:
     names = [f"{index:02}" + "W" * (length - 2) for index in range(count)]
     plan = straight(count, names)
     for figure in (rho.paths_figure(plan), rho.velocities_figure(plan)):
@@ -86,14 +86,14 @@ def test_a_legend_is_whole_and_never_over_the_plot(count: int, length: int) -> N
         assert all(ax.bbox.height / figure.dpi > 1.2 for ax in figure.axes)
 
 
-def test_long_names_keep_their_ends_where_there_is_little_room() -> None:
+def test_long_names_are_shortened_in_the_middle() -> None:
     assert brief("UAV-1") == "UAV-1"
     assert brief("x" * 24) == "x" * 24
     assert brief("first part, second part and last") == "first part, …rt and last"
     assert len(brief(LONG)) == 24
 
 
-def test_paths_are_one_part_each_and_no_two_the_same() -> None:
+def test_every_name_is_one_distinct_part_of_a_path() -> None:
     paths = [as_path(name) for name in (*NAMES, "constructor", "%63onstructor", "__proto__")]
     assert all("/" not in path and not path.startswith("<") for path in paths)
     assert all(one != other for one, other in combinations(paths, 2))
@@ -102,7 +102,7 @@ def test_paths_are_one_part_each_and_no_two_the_same() -> None:
 
 
 def _vehicles(page: Page) -> dict[str, list[str]]:
-    """Names under /flight/vehicles, with those of what is under each."""
+    """Return the names under /flight/vehicles, with those of their children."""
     found: dict[str, list[str]] = page.evaluate(
         """() => {
             const tree = viewer.scene_tree.find(["flight", "vehicles"]).children;
@@ -160,7 +160,7 @@ MANY = [*NAMES, " ", "constructor", *(f"v{number}" for number in range(20))]
 
 
 @pytest.mark.parametrize("names", [["a", "a/b"], ["$x^$", "<object>", LONG], MANY])
-def test_no_name_lies_under_another_in_the_scene(names: list[str]) -> None:
+def test_no_name_overlaps_another_in_the_scene(names: list[str]) -> None:
     meshcat = rho.animate(straight(len(names), names))
     assert not meshcat.HasPath("/flight/vehicles/a/b")
     assert all(meshcat.HasPath(f"/flight/vehicles/{as_path(name)}") for name in names)

@@ -1,4 +1,4 @@
-"""Limits on norms of accelerations, thrusts and tilts: convex sets, kept by tangent planes."""
+"""Limits on norms of accelerations, thrusts and tilts: convex sets, by tangent planes."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from tests.scenarios import box, fleet, mapped, random_scenario, single, through
 from tests.tolerances import INDEX, MOTION
 
 G = 9.81
-"""Gravity [m/s²], as a number of the tests' own."""
+"""Gravity [m/s²], independent of the package's constant."""
 
 TURNING = rho.State([0.0, 0.0, 0.0], [-1.0, 1.5, 1.0])
-"""A start from which the acceleration turns on the way."""
+"""Start from which the acceleration turns on the way."""
 
 CASES: dict[str, tuple[rho.Limits, str]] = {
     "maximum acceleration": (rho.Limits(max_acceleration=1.3), "m/s²"),
@@ -35,8 +35,8 @@ CASES: dict[str, tuple[rho.Limits, str]] = {
 }
 
 
-def _judged(accelerations: FloatArray) -> dict[str, FloatArray]:
-    """What is limited, of accelerations (..., 3), written without the package."""
+def _limited_values(accelerations: FloatArray) -> dict[str, FloatArray]:
+    """Return the limited values of accelerations (..., 3), without the package."""
     x, y, up = np.moveaxis(accelerations, -1, 0)
     up = up + G
     return {
@@ -47,18 +47,18 @@ def _judged(accelerations: FloatArray) -> dict[str, FloatArray]:
 
 
 @pytest.mark.parametrize("kind", CASES)
-def test_a_limit_holds_has_an_effect_and_is_judged(kind: str) -> None:
+def test_a_limit_holds_has_an_effect_and_is_verified(kind: str) -> None:
     limits, unit = CASES[kind]
     free, plan = rho.plan_convex(single(start=TURNING)), None
     scenario = single(start=TURNING, limits=limits)
     plan = rho.plan_convex(scenario)
     (most,) = (each for each in dataclasses.asdict(limits).values() if each is not None)
     assert rho.verify(plan).ok
-    assert _judged(plan.accelerations)[kind].max() == pytest.approx(most, rel=1e-6)
+    assert _limited_values(plan.accelerations)[kind].max() == pytest.approx(most, rel=1e-6)
     assert plan.cost > free.cost * 1.001
 
     (violation,) = rho.verify(rho.Plan.from_accelerations(scenario, free.accelerations)).violations
-    values = _judged(free.accelerations[0])[kind]
+    values = _limited_values(free.accelerations[0])[kind]
     assert (violation.constraint, violation.part, violation.unit) == (kind, "", unit)
     assert violation.limit == most
     assert violation.value == pytest.approx(values.max(), rel=1e-9)
@@ -69,7 +69,7 @@ def test_a_limit_holds_has_an_effect_and_is_judged(kind: str) -> None:
 @pytest.mark.parametrize("knots", [5, 17, 60])
 @pytest.mark.parametrize("part", [0.75, 0.9])
 @pytest.mark.parametrize("kind", [*NORMS, "all"])
-def test_it_costs_what_the_program_with_cones_costs(knots: int, part: float, kind: str) -> None:
+def test_the_cost_equals_that_of_the_program_with_cones(knots: int, part: float, kind: str) -> None:
     grid = rho.Grid(8.0 / (knots - 1), knots)
     free = single(start=TURNING, grid=grid)
     limits = _tightened(free, NORMS if kind == "all" else (kind,), part)
@@ -88,15 +88,17 @@ def test_it_costs_what_the_program_with_cones_costs(knots: int, part: float, kin
 
 
 def _tightened(scenario: rho.Scenario, kinds: Any, part: float) -> rho.Limits | None:
-    """Limits that are a part of what the free plan takes; None where the ends break them."""
+    """Return limits that are a fraction of the free plan's; None where the ends violate them."""
     free = dataclasses.replace(scenario, limits=rho.Limits(), obstacles=())
     plan = rho.plan_convex(free)
-    judged = {name: float(values.max()) for name, values in _judged(plan.accelerations).items()}
+    largest = {
+        name: float(values.max()) for name, values in _limited_values(plan.accelerations).items()
+    }
     most: dict[str, Any] = {
         "max_speed": part * float(np.linalg.norm(plan.velocities, axis=2).max()),
-        "max_acceleration": part * judged["maximum acceleration"],
-        "max_thrust": G + part * max(1e-3, judged["maximum thrust"] - G),
-        "max_tilt": min(1.5, part * judged["maximum tilt"]),
+        "max_acceleration": part * largest["maximum acceleration"],
+        "max_thrust": G + part * max(1e-3, largest["maximum thrust"] - G),
+        "max_tilt": min(1.5, part * largest["maximum tilt"]),
         "max_jerk": part * float(np.nanmax(np.linalg.norm(plan.motion().jerks(), axis=2))),
     }
     limits = dataclasses.replace(scenario.limits, **{kind: most[kind] for kind in kinds})
@@ -108,7 +110,7 @@ def _tightened(scenario: rho.Scenario, kinds: Any, part: float) -> rho.Limits | 
 
 
 def _of_gravitys_size(scenario: rho.Scenario, seed: int) -> rho.Scenario:
-    """The scenario made so large or small that gravity counts beside its accelerations."""
+    """Return the scenario scaled so that gravity is comparable to its accelerations."""
     size = G * 10 ** np.random.default_rng(seed).uniform(-1.5, 0.0)
     length = size / float(scenario.fleet.scale("acceleration").max())
     return mapped(scenario, np.eye(3), np.zeros(3), length)
@@ -121,10 +123,10 @@ def _of_gravitys_size(scenario: rho.Scenario, seed: int) -> rho.Scenario:
     part=st.floats(0.7, 0.95),
 )
 @settings(max_examples=20)
-def test_random_scenarios_cost_what_the_programs_with_cones_cost(
+def test_costs_of_random_scenarios_equal_those_of_the_programs_with_cones(
     seed: int, tight: bool, kinds: set[Norm], part: float
 ) -> None:
-    """With boxes, and spheres linearised around the plan without them."""
+    """The scenarios have boxes, and spheres linearised around the plan without them."""
     scenario = _of_gravitys_size(random_scenario(seed, tight=tight), seed)
     limits = _tightened(scenario, sorted(kinds), part)
     if limits is None:
@@ -139,7 +141,7 @@ def test_random_scenarios_cost_what_the_programs_with_cones_cost(
         np.linalg.norm(reference.positions - sphere.center, axis=2).min() < 1e-3 * sphere.radius
         for sphere in scenario.spheres
     ):
-        return  # through a centre, where the direction is the planner's own choice
+        return  # through a centre, where the planner chooses any direction
     known = twin_cost(scenario, reference)
     try:
         plan = rho.plan_convex(scenario, reference=reference)
@@ -152,8 +154,8 @@ def test_random_scenarios_cost_what_the_programs_with_cones_cost(
 
 @given(angle=st.floats(0.0, 2.0 * np.pi), boxes=st.booleans())
 @settings(max_examples=6)
-def test_turning_about_the_upright_turns_the_plan(angle: float, boxes: bool) -> None:
-    """By a quarter where there are boxes, else by any angle; gravity keeps its direction."""
+def test_turning_about_the_vertical_turns_the_plan(angle: float, boxes: bool) -> None:
+    """With boxes the angle is a quarter turn, else any; gravity keeps its direction."""
     limits = rho.Limits(max_speed=2.3, max_acceleration=1.4, max_thrust=9.97, max_tilt=0.13)
     if boxes:
         angle = np.pi / 2.0
@@ -170,7 +172,7 @@ def test_turning_about_the_upright_turns_the_plan(angle: float, boxes: bool) -> 
 
 
 def test_a_largest_acceleration_has_no_direction() -> None:
-    """It may be turned by any rotation."""
+    """Its ball may be turned by any rotation."""
     scenario = single(start=TURNING, limits=rho.Limits(max_acceleration=1.3))
     turn = Rotation.random(random_state=1).as_matrix()
     other = mapped(scenario, turn, np.zeros(3), 3.0, 0.5)
@@ -195,7 +197,7 @@ def test_many_knots_take_few_rounds(kind: str, knots: int) -> None:
         pytest.param(rho.Limits(max_tilt=0.03), "maximum tilt from", marks=pytest.mark.slow),
     ],
 )
-def test_a_limit_in_the_way_is_named_and_diagnosed(limits: rho.Limits, words: str) -> None:
+def test_a_conflicting_limit_is_named_and_diagnosed(limits: rho.Limits, words: str) -> None:
     scenario = single(limits=limits)
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_convex(scenario)
@@ -214,10 +216,10 @@ def test_a_limit_in_the_way_is_named_and_diagnosed(limits: rho.Limits, words: st
 
 
 def test_known_shortest_durations() -> None:
-    """Straight up, 16 steps, with twice the thrust it takes to hover.
+    """Straight up, 16 steps, with twice the thrust of hovering.
 
-    Up with g for twelve steps and, upside down, back with 3 g for four: D = 96 g h². Upright, with
-    g for eight steps and back with g: D = 64 g h².
+    Upward with g for twelve steps and, upside down, back with 3 g for four: D = 96 g h². Upright
+    throughout, upward with g for eight steps and back with g: D = 64 g h².
     """
     up = rho.State([0.0, 0.0, 100.0])
     for tilt, squares in ((None, 96.0), (0.3, 64.0)):
@@ -228,7 +230,7 @@ def test_known_shortest_durations() -> None:
 
 
 def test_the_acceleration_factor_widens_the_largest_acceleration() -> None:
-    """D = a T² / 4 along the way, in any direction."""
+    """The flight has D = a T² / 4 along its path, in any direction."""
     scenario = single(limits=rho.Limits(max_acceleration=0.5))
     reason = rho.diagnose(scenario)
     far = float(np.linalg.norm([10.0, 4.0, -2.0]))
@@ -240,7 +242,7 @@ def test_the_acceleration_factor_widens_the_largest_acceleration() -> None:
     assert reason.acceleration_factor == pytest.approx(known, rel=2 * PRECISION)
 
 
-def test_a_slower_flight_is_one_where_it_is_monotone() -> None:
+def test_a_slower_flight_is_feasible_where_it_is_monotone() -> None:
     limits = rho.Limits(max_speed=1.9, max_acceleration=0.9, max_thrust=10.0, max_tilt=0.095)
     scenario = single(limits=limits)
     assert is_monotone(scenario)
@@ -253,7 +255,7 @@ def test_a_slower_flight_is_one_where_it_is_monotone() -> None:
         assert rho.verify(slower).ok
 
 
-def test_the_least_violation_of_each_is_finite_and_told() -> None:
+def test_the_least_violation_of_each_limit_is_finite_and_reported() -> None:
     for limits, _ in CASES.values():
         tight: dict[str, Any] = {
             name: 9.811 if name == "max_thrust" else 0.2 * value
@@ -266,41 +268,42 @@ def test_the_least_violation_of_each_is_finite_and_told() -> None:
 
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
-def test_fleets_keep_to_them_each_vehicle_to_its_own(coupling: object) -> None:
+def test_every_vehicle_of_a_fleet_satisfies_its_own_limits(coupling: object) -> None:
     limits = rho.Limits(max_acceleration=0.55, max_thrust=9.84, max_tilt=0.056)
-    asked = through_the_middle(4, limits=limits)
-    weak = dataclasses.replace(asked.vehicles[0], limits=rho.Limits(max_tilt=0.05))
-    asked = dataclasses.replace(asked, vehicles=(weak, *asked.vehicles[1:]))
-    plan = rho.plan_scp(asked, coupling=coupling)  # type: ignore[arg-type]  # a coupling
+    scenario = through_the_middle(4, limits=limits)
+    weak = dataclasses.replace(scenario.vehicles[0], limits=rho.Limits(max_tilt=0.05))
+    scenario = dataclasses.replace(scenario, vehicles=(weak, *scenario.vehicles[1:]))
+    plan = rho.plan_scp(scenario, coupling=coupling)  # type: ignore[arg-type]  # a coupling
     report = rho.verify(plan)
     assert report.ok
     found = {each.vehicle: each.limit for each in report.checks if "tilt" in each.constraint}
     assert found == {"v0": 0.05, "v1": 0.056, "v2": 0.056, "v3": 0.056}
-    tilts = _judged(plan.accelerations)["maximum tilt"].max(axis=1)
+    tilts = _limited_values(plan.accelerations)["maximum tilt"].max(axis=1)
     assert tilts[0] <= 0.05 * (1.0 + 1e-6) < tilts[1:].min()
 
 
-def test_only_who_has_a_limit_is_judged_by_it() -> None:
-    asked = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
+def test_only_vehicles_with_a_limit_are_checked_for_it() -> None:
+    scenario = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
     for field, most in (("max_acceleration", 0.41), ("max_thrust", 9.8155), ("max_tilt", 0.042)):
         own = rho.Limits(**{field: most})  # type: ignore[arg-type]  # a field and its value
-        weak = dataclasses.replace(asked.vehicles[0], limits=own)
-        plan = rho.plan_convex(dataclasses.replace(asked, vehicles=(weak, asked.vehicles[1])))
+        weak = dataclasses.replace(scenario.vehicles[0], limits=own)
+        plan = rho.plan_convex(dataclasses.replace(scenario, vehicles=(weak, scenario.vehicles[1])))
         report = rho.verify(plan)
         assert report.ok
         (check,) = (check for check in report.checks if check.constraint.startswith("maximum"))
         assert (check.vehicle, check.limit) == ("v0", most)
-        free = rho.Plan.from_accelerations(plan.scenario, rho.plan_convex(asked).accelerations)
+        free = rho.Plan.from_accelerations(plan.scenario, rho.plan_convex(scenario).accelerations)
         (violation,) = rho.verify(free).violations
         assert (violation.vehicle, violation.constraint) == ("v0", check.constraint)
 
 
 @pytest.mark.parametrize("replan_every", [1, 5])
 @pytest.mark.parametrize("kind", CASES)
-def test_windows_keep_to_them(kind: str, replan_every: int) -> None:
+def test_windows_satisfy_the_limits(kind: str, replan_every: int) -> None:
     """Windows begin with an acceleration that is at the limit."""
     sphere, limits = rho.Sphere([6.0, 2.0, -1.0], 0.8), CASES[kind][0]
-    if limits.max_thrust is not None:  # with less, what is left to one window is left to no other
+    # with less, the capability left to one window is missing in a later one
+    if limits.max_thrust is not None:
         limits = rho.Limits(max_thrust=9.99)
     scenario = single(start=TURNING, limits=limits, obstacles=(sphere,), between_knots=True)
     flight = rho.plan_rho(scenario, replan_every=replan_every)
@@ -308,7 +311,7 @@ def test_windows_keep_to_them(kind: str, replan_every: int) -> None:
     assert not any(window.infeasible for window in flight.windows)
     (most,) = (v for v in dataclasses.asdict(scenario.limits).values() if v is not None)
     starts = [window.plan.scenario.vehicles[0].start.acceleration for window in flight.windows[1:]]
-    values = _judged(np.array(starts))[kind]
+    values = _limited_values(np.array(starts))[kind]
     assert values.max() <= most * (1.0 + 1e-14)
     if replan_every == 1:
         assert values.max() > most * (1.0 - 1e-6)
@@ -322,14 +325,14 @@ def test_windows_keep_to_them(kind: str, replan_every: int) -> None:
         (rho.Limits(max_tilt=0.05), "a tilt of at most 0.05, not 0.09224"),
     ],
 )
-def test_a_start_that_breaks_one_is_refused(limits: rho.Limits, expected: str) -> None:
+def test_a_start_that_violates_a_limit_is_refused(limits: rho.Limits, expected: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         single(limits=limits, start=rho.State([0, 0, 0], acceleration=[1.0, 0.0, 1.0]))
     assert caught.value.field == "scenario.vehicles[0].start.acceleration"
     assert expected in str(caught.value)
 
 
-def test_limits_that_mean_nothing_are_refused() -> None:
+def test_invalid_limits_are_refused() -> None:
     for field, value in (
         ("max_acceleration", 0.0),
         ("max_thrust", 9.8),
@@ -344,17 +347,17 @@ def test_limits_that_mean_nothing_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "told"),
+    ("degrees", "expected"),
     [
         (30, "radians, less than a right angle; 30° are 0.5236 rad"),
         (90.0, "radians, less than a right angle"),
         (np.inf, "radians, less than a right angle"),
     ],
 )
-def test_a_tilt_in_degrees_is_told_in_radians(degrees: float, told: str) -> None:
+def test_the_error_of_a_tilt_in_degrees_gives_it_in_radians(degrees: float, expected: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         rho.Limits(max_tilt=degrees)
-    assert str(caught.value) == f"limits.max_tilt: got {degrees}, expected an angle in {told}"
+    assert str(caught.value) == f"limits.max_tilt: got {degrees}, expected an angle in {expected}"
 
 
 @pytest.mark.parametrize(
@@ -366,12 +369,12 @@ def test_a_tilt_in_degrees_is_told_in_radians(degrees: float, told: str) -> None
         ("velocty", "velocity"),
     ],
 )
-def test_a_limit_by_another_name_is_told_the_field_that_it_is(name: str, meant: str) -> None:
+def test_the_error_of_a_limit_by_another_name_suggests_the_field(name: str, meant: str) -> None:
     with pytest.raises(rho.ScenarioError, match=f"no field of this name; did you mean {meant}\\?$"):
         rho.Limits(**{name: 3.0})  # type: ignore[arg-type]  # of another name
 
 
-def test_files_and_schema_hold_them() -> None:
+def test_files_and_schema_preserve_the_limits() -> None:
     limits = rho.Limits(max_speed=3.0, max_acceleration=4.0, max_thrust=15.0, max_tilt=0.6)
     own = rho.Vehicle("own", rho.State([0, 0, 0]), rho.State([1, 0, 0]), rho.Limits(max_tilt=0.2))
     scenario = dataclasses.replace(single(limits=limits), vehicles=(own,))
@@ -392,7 +395,7 @@ def test_every_constraint_has_a_key_of_its_own() -> None:
 
 
 def test_a_vehicle_upside_down_is_brought_upright() -> None:
-    """Values below the cone's apex: thrust that would pull down is not allowed."""
+    """The values are below the cone's apex: downward thrust is not allowed."""
     down = rho.State([0.0, 0.0, -60.0])
     grid = rho.Grid(0.25, 17)
     free = rho.plan_convex(single(goal=down, grid=grid))
@@ -402,6 +405,6 @@ def test_a_vehicle_upside_down_is_brought_upright() -> None:
     assert rho.verify(plan).ok
     assert plan.accelerations[..., 2].min() == pytest.approx(-G, rel=1e-6)
     assert plan.cost == pytest.approx(twin_cost(falling), rel=TWIN)
-    judged = rho.verify(rho.Plan.from_accelerations(falling, free.accelerations))
-    assert [each.constraint for each in judged.violations] == ["maximum tilt"]
-    assert judged.violations[0].value == pytest.approx(np.pi)
+    checked = rho.verify(rho.Plan.from_accelerations(falling, free.accelerations))
+    assert [each.constraint for each in checked.violations] == ["maximum tilt"]
+    assert checked.violations[0].value == pytest.approx(np.pi)

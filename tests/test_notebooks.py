@@ -1,4 +1,4 @@
-"""Notebooks stay thin; that they run is checked by nbmake, which collects them as tests."""
+"""Notebooks contain no code of their own; nbmake, which collects them as tests, runs them."""
 
 from __future__ import annotations
 

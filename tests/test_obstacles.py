@@ -1,4 +1,4 @@
-"""Obstacles and tracks: where they are, what is refused, and files that bring them back."""
+"""Obstacles and tracks: positions, refused input, and files that preserve them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SCHEMA = jsonschema.Draft202012Validator(rho.scenario_schema())
 
 
 def as_any(value: Any) -> Any:
-    """The value, of a type that mypy lets pass where it is wrong."""
+    """Return the value with a type that lets mypy pass where it is wrong."""
     return value
 
 
@@ -44,7 +44,7 @@ def test_a_track_is_straight_between_its_times_and_at_rest_outside() -> None:
 
 
 @given(seed=seeds)
-def test_the_velocity_of_a_track_is_the_derivative_of_its_place(seed: int) -> None:
+def test_the_velocity_of_a_track_is_the_derivative_of_its_position(seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners = np.cumsum(rng.uniform(0.1, 2.0, rng.integers(1, 6))) - 3.0
     track = rho.Track(corners, rng.normal(size=(len(corners), 3)))
@@ -54,7 +54,7 @@ def test_the_velocity_of_a_track_is_the_derivative_of_its_place(seed: int) -> No
     np.testing.assert_allclose(track.velocities(times), slopes, atol=1e-6)
 
 
-def test_a_track_that_goes_on_keeps_its_last_velocity() -> None:
+def test_a_track_that_continues_keeps_its_last_velocity() -> None:
     track = rho.Track([0, 1, 3], [[0, 0, 0], [1, 0, 0], [1, 4, 0]], after="goes_on")
     times = np.array([-1.0, 2.0, 3.0, 5.0])
     np.testing.assert_allclose(track.at(times), [[0, 0, 0], [1, 2, 0], [1, 4, 0], [1, 8, 0]])
@@ -64,14 +64,16 @@ def test_a_track_that_goes_on_keeps_its_last_velocity() -> None:
 
 
 @pytest.mark.parametrize("after", [None, "rests", "goes_on"])
-def test_a_report_tells_of_a_track_that_ends_in_motion(after: Any) -> None:
+def test_a_report_mentions_a_track_that_ends_in_motion(after: Any) -> None:
     track = rho.Track([0, 3], [[5, -9, 0], [5, -3, 0]], after=after)
     ball = rho.Obstacle(rho.Sphere([0, 0, 0], 1.0), track=track, name="bird")
     asked = single(obstacles=[ball], between_knots=True)
     report = rho.verify(rho.plan(asked))
-    told = [note for note in report.notes if "obstacle 1 (bird) is assumed to be at rest" in note]
-    assert len(told) == (after is None)
-    assert all("from 3 s on" in note and "at 8 s" in note for note in told)
+    reported = [
+        note for note in report.notes if "obstacle 1 (bird) is assumed to be at rest" in note
+    ]
+    assert len(reported) == (after is None)
+    assert all("from 3 s on" in note and "at 8 s" in note for note in reported)
     assert ("assumed to be at rest" in str(report)) == (after is None)
     if after == "goes_on":
         times = np.linspace(0.0, 8.0, 2001)
@@ -81,7 +83,7 @@ def test_a_report_tells_of_a_track_that_ends_in_motion(after: Any) -> None:
     assert scenario_from_yaml(scenario_to_yaml(asked)) == asked
 
 
-def test_a_track_of_one_time_is_a_place() -> None:
+def test_a_track_of_one_time_is_a_position() -> None:
     track = rho.Track([3.0], [[1, 2, 3]])
     times = np.array([0.0, 3.0, 9.0])
     np.testing.assert_array_equal(track.at(times), [[1, 2, 3]] * 3)
@@ -91,7 +93,7 @@ def test_a_track_of_one_time_is_a_place() -> None:
 
 
 def smooth(seed: int) -> tuple[Callable[[float], FloatArray], float]:
-    """A random sum of oscillations, and a bound of the norm of its acceleration."""
+    """Return a random sum of oscillations, and a bound of the norm of its acceleration."""
     rng = np.random.default_rng(seed)
     amplitudes = rng.normal(size=(4, 3)) * 10 ** rng.uniform(-1, 1)
     rates, phases = rng.uniform(0.1, 4.0, 4), rng.uniform(0.0, 2 * np.pi, (4, 3))
@@ -106,7 +108,7 @@ def smooth(seed: int) -> tuple[Callable[[float], FloatArray], float]:
 
 @given(seed=seeds)
 def test_a_function_is_within_the_deviation_of_its_track(seed: int) -> None:
-    """Between first and last sample: with a bound on its acceleration always, else nearly."""
+    """Between first and last sample it is, with a bound on its acceleration always, else nearly."""
     function, most = smooth(seed)
     rng = np.random.default_rng(seed)
     at = np.cumsum(rng.uniform(0.05, 0.8, 12))
@@ -131,7 +133,7 @@ def test_the_bound_of_a_deviation_is_attained_by_constant_acceleration() -> None
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_obstacle_is_where_its_motion_puts_it(kind: str) -> None:
+def test_the_position_of_an_obstacle_follows_its_motion(kind: str) -> None:
     rng = np.random.default_rng(7)
     shape = random_shape(rng, kind, np.array([1.0, 2.0, 3.0]), 1.0)
     times = np.array([-2.0, 0.0, 5.0])
@@ -247,14 +249,14 @@ def test_bad_input_names_field_value_and_expectation(
 
 
 def ends(obstacle: rho.Obstacle, radius: float = 0.0) -> rho.Scenario:
-    """A flight from the origin at 2 s to [10, 0, 0] at 4 s, with an obstacle."""
+    """Return a flight from the origin at 2 s to [10, 0, 0] at 4 s, with an obstacle."""
     vehicle = rho.Vehicle("a", rho.State([0, 0, 0]), rho.State([10, 0, 0]), radius=radius)
     return rho.Scenario("ends", rho.Grid(0.5, 5, 2.0), (vehicle,), obstacles=(obstacle,))
 
 
 @pytest.mark.parametrize("known_from", [0.0, 3.0, 4.0])
-def test_ends_are_outside_of_obstacles_where_these_are_then(known_from: float) -> None:
-    """At 2 s a start must be clear and at 4 s a goal, whenever the obstacle is known."""
+def test_starts_and_goals_are_outside_the_obstacles_of_their_times(known_from: float) -> None:
+    """At 2 s a start has to be clear and at 4 s a goal, whenever the obstacle is known."""
     ball = rho.Sphere([-2.0, 0.0, 0.0], 0.5)  # at time 0, clear of both
     through = rho.Obstacle(ball, velocity=[1, 0, 0], known_from=known_from)
     with pytest.raises(rho.ScenarioError, match=r"0\.5 m in it at 2 s") as caught:
@@ -262,7 +264,7 @@ def test_ends_are_outside_of_obstacles_where_these_are_then(known_from: float) -
     assert caught.value.field == "scenario.vehicles[0].start.position"
     ends(
         dataclasses.replace(through, velocity=np.array([2.0, 0, 0]))
-    )  # it is past the start, and goes on
+    )  # it has passed the start, and continues
     there = rho.Obstacle(ball, velocity=[3, 0, 0], known_from=known_from)
     with pytest.raises(rho.ScenarioError, match=r"outside obstacle 1, not 0\.5 m in it at 4 s"):
         ends(there)
@@ -294,7 +296,7 @@ def test_an_obstacle_is_known_from_its_time_on() -> None:
 
 
 def random_obstacle(rng: np.random.Generator) -> rho.Obstacle | Any:
-    """Any shape, moving or not, whose numbers have all their digits."""
+    """Return any shape, moving or not, with numbers of full precision."""
     shape = random_shape(rng, str(rng.choice(list(KINDS))), rng.normal(size=3), 1.0)
     times = np.cumsum(rng.uniform(0.1, 1.0, 3))
     track = rho.Track(times, rng.normal(size=(3, 3)), rng.uniform(), bool(rng.integers(2)))
@@ -309,7 +311,7 @@ def random_obstacle(rng: np.random.Generator) -> rho.Obstacle | Any:
 
 
 @given(seed=seeds)
-def test_files_bring_back_every_number_and_keep_to_the_schema(seed: int) -> None:
+def test_files_preserve_every_number_and_match_the_schema(seed: int) -> None:
     rng = np.random.default_rng(seed)
     obstacles = [random_obstacle(rng) for _ in range(4)]
     vehicle = rho.Vehicle(
@@ -324,7 +326,7 @@ def test_files_bring_back_every_number_and_keep_to_the_schema(seed: int) -> None
 
 
 def asked(obstacle: str = "{center: [5, 5, 5], radius: 1}", vehicle: str = "radius: 0.1") -> str:
-    """A scenario file."""
+    """Return a scenario file."""
     return f"""
 name: s
 grid: {{step: 0.5, knots: 5, start: 2}}
@@ -350,7 +352,7 @@ obstacles:
         ),
     ],
 )
-def test_keys_tell_which_shape_it_is(obstacle: str, shape: Any) -> None:
+def test_keys_identify_the_shape(obstacle: str, shape: Any) -> None:
     assert scenario_from_yaml(asked(obstacle)).obstacles == (shape,)
     late = f"{{shape: {obstacle}, known_from: 3, name: it}}"
     (found,) = scenario_from_yaml(asked(late)).obstacles
@@ -382,7 +384,7 @@ def test_keys_tell_which_shape_it_is(obstacle: str, shape: Any) -> None:
         ("{lower: [5, 5, 5], upper: [6, 6, 5]}", "", "no interior"),
     ],
 )
-def test_a_mistyped_obstacle_is_told_with_what_was_meant(
+def test_the_error_of_a_mistyped_obstacle_suggests_the_key(
     obstacle: str, field: str, words: str
 ) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
@@ -400,7 +402,7 @@ def test_a_mistyped_obstacle_is_told_with_what_was_meant(
         ("obstacles:", "obstacle:", "obstacle", "obstacles"),
     ],
 )
-def test_a_mistyped_key_at_any_level_is_told_with_what_was_meant(
+def test_the_error_of_a_mistyped_key_at_any_level_suggests_the_key(
     old: str, new: str, field: str, meant: str
 ) -> None:
     with pytest.raises(rho.ScenarioError, match=rf"did you mean {meant}\?") as caught:
@@ -408,7 +410,7 @@ def test_a_mistyped_key_at_any_level_is_told_with_what_was_meant(
     assert caught.value.field == field
 
 
-def test_the_schema_has_bounds_and_tells_shapes_apart() -> None:
+def test_the_schema_has_bounds_and_distinguishes_shapes() -> None:
     schema = rho.scenario_schema()
     content = json.loads(scenario_to_json(scenario_from_yaml(asked())))
     jsonschema.validate(content, schema)
@@ -424,5 +426,5 @@ def test_the_schema_has_bounds_and_tells_shapes_apart() -> None:
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate({**content, key: value}, schema)
     described = json.dumps(schema)
-    for bound in ("ge", "le", "gt", "lt"):  # pydantic's own names, which no editor knows
+    for bound in ("ge", "le", "gt", "lt"):  # pydantic's names, which no editor knows
         assert f'"{bound}":' not in described

@@ -1,4 +1,4 @@
-"""Obstacles of every shape, at rest and moving, are kept out of: at every instant, and alike."""
+"""Obstacles of every shape, at rest and moving, are avoided at every instant."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.shapes import KINDS, random_shape
 seeds = st.integers(0, 2**32 - 1)
 
 SAME = 1e-4
-"""Relative difference of costs that are found by iterations which stop at 1e-6."""
+"""Relative difference of costs found by iterations that stop at 1e-6."""
 
 SHAPES: dict[str, Shape] = {
     "sphere": rho.Sphere([5.0, 2.0, -1.0], 1.5),
@@ -39,14 +39,14 @@ SHAPES: dict[str, Shape] = {
 
 
 def flight(*obstacles: Shape | rho.Obstacle, radius: float = 0.2) -> rho.Scenario:
-    """One vehicle, whose straight way leads through (5, 2, -1) after 4 s."""
+    """Return one vehicle whose straight path passes (5, 2, -1) after 4 s."""
     vehicle = rho.Vehicle("solo", rho.State([0, 0, 0]), rho.State([10, 4, -2]), radius=radius)
     limits = rho.Limits(acceleration=rho.Box([-3] * 3, [3] * 3))
     return rho.Scenario("flight", rho.Grid(0.4, 21), (vehicle,), limits, obstacles)
 
 
 def clearance(plan: rho.Plan, per_step: int = 200) -> float:
-    """The least of all vehicles and obstacles, radius and deviation taken off, by samples."""
+    """Return the least sampled distance of any vehicle and obstacle, less radius and deviation."""
     grid, least = plan.scenario.grid, np.inf
     elapsed = np.linspace(0.0, grid.duration, per_step * (grid.knots - 1) + 1)
     positions = plan.motion().at("position", elapsed)
@@ -58,7 +58,7 @@ def clearance(plan: rho.Plan, per_step: int = 200) -> float:
 
 
 def moving(shape: Shape) -> list[rho.Obstacle]:
-    """The shape in motion: with a velocity, and along a polyline that leads across the way."""
+    """Return the shape with a velocity, and along a polyline that crosses the path."""
     at = shape.center
     offsets = np.array([[0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.3, 0.4, 0.0], [4.0, 0.0, 0.0]])
     track = rho.Track([0.0, 3.0, 4.5, 8.0], at + offsets)
@@ -69,7 +69,7 @@ def moving(shape: Shape) -> list[rho.Obstacle]:
 
 
 @pytest.mark.parametrize("kind", SHAPES)
-def test_every_shape_is_kept_out_of_and_has_an_effect(kind: str) -> None:
+def test_every_shape_is_avoided_and_has_an_effect(kind: str) -> None:
     shape = SHAPES[kind]
     obstacles: list[Shape | rho.Obstacle] = [shape, *moving(shape)]
     for obstacle in obstacles:
@@ -86,7 +86,7 @@ def test_every_shape_is_kept_out_of_and_has_an_effect(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", SHAPES)
-def test_one_that_does_not_move_is_one_at_rest(kind: str) -> None:
+def test_a_moving_obstacle_with_zero_velocity_equals_one_at_rest(kind: str) -> None:
     shape = SHAPES[kind]
     still = rho.plan(flight(shape))
     for obstacle in (
@@ -96,7 +96,7 @@ def test_one_that_does_not_move_is_one_at_rest(kind: str) -> None:
         np.testing.assert_allclose(rho.plan(flight(obstacle)).positions, still.positions, atol=1e-6)
 
 
-def test_a_box_as_polytope_is_the_box() -> None:
+def test_a_box_as_a_polytope_gives_the_same_plan() -> None:
     box = SHAPES["box"]
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
     corners = rho.Polytope(box.center + signs * box.extent)
@@ -104,7 +104,7 @@ def test_a_box_as_polytope_is_the_box() -> None:
     np.testing.assert_allclose(one.positions, other.positions, atol=1e-5)
 
 
-def test_a_sphere_as_ellipsoid_is_the_sphere() -> None:
+def test_a_sphere_as_an_ellipsoid_gives_the_same_plan() -> None:
     ball = SHAPES["sphere"]
     assert isinstance(ball, rho.Sphere)
     ellipsoid = rho.Ellipsoid(ball.center, [ball.radius] * 3)
@@ -113,7 +113,7 @@ def test_a_sphere_as_ellipsoid_is_the_sphere() -> None:
     assert rho.certify(other).lower_bound == pytest.approx(rho.certify(one).lower_bound, rel=SAME)
 
 
-def test_a_larger_radius_is_a_larger_sphere() -> None:
+def test_a_larger_vehicle_equals_a_larger_sphere() -> None:
     one = rho.plan(flight(rho.Sphere([5, 2, -1.2], 1.5), radius=0.3))
     other = rho.plan(flight(rho.Sphere([5, 2, -1.2], 1.8), radius=0.0))
     assert one.cost == pytest.approx(other.cost, rel=1e-7)
@@ -125,7 +125,7 @@ SHIFT = np.array([30.0, -20.0, 5.0])
 
 
 def turned(shape: Shape, scale: float) -> Shape:
-    """The shape turned by 90 degrees about z, shifted and scaled."""
+    """Return the shape turned by 90 degrees about z, shifted and scaled."""
 
     def at(x: FloatArray) -> FloatArray:
         moved: FloatArray = scale * (x @ QUARTER.T + SHIFT)
@@ -150,7 +150,7 @@ def turned(shape: Shape, scale: float) -> Shape:
 
 @pytest.mark.parametrize("kind", SHAPES)
 @pytest.mark.parametrize("scale", [1.0, 25.0])
-def test_turned_shifted_and_scaled_the_plan_is_the_same(kind: str, scale: float) -> None:
+def test_a_turned_shifted_and_scaled_scenario_has_the_same_plan(kind: str, scale: float) -> None:
     shape = SHAPES[kind]
     one = rho.plan(flight(shape))
     old = one.scenario.vehicles[0]
@@ -164,7 +164,7 @@ def test_turned_shifted_and_scaled_the_plan_is_the_same(kind: str, scale: float)
     assert other.cost == pytest.approx(scale**2 * one.cost, rel=SAME)
 
 
-def test_the_order_of_obstacles_is_of_no_consequence() -> None:
+def test_the_order_of_obstacles_does_not_matter() -> None:
     shapes = [rho.Box([2, -1, -2], [3, 0.9, 1]), rho.Cylinder([7, 3.5, 0], 0.5)]
     one, other = rho.plan(flight(*shapes)), rho.plan(flight(*reversed(shapes)))
     np.testing.assert_allclose(one.positions, other.positions, atol=1e-6)
@@ -172,9 +172,7 @@ def test_the_order_of_obstacles_is_of_no_consequence() -> None:
 
 @given(seed=seeds, kind=st.sampled_from(sorted(KINDS)), moves=st.booleans())
 @settings(max_examples=20)
-def test_the_deepest_instants_are_those_that_dense_samples_find(
-    seed: int, kind: str, moves: bool
-) -> None:
+def test_the_deepest_instants_agree_with_dense_samples(seed: int, kind: str, moves: bool) -> None:
     rng = np.random.default_rng(seed)
     shape = random_shape(rng, kind, rng.normal(size=3), 1.0)
     track = rho.Track(np.sort(rng.uniform(0, 6, 4)), rng.normal(size=(4, 3)))
@@ -198,33 +196,33 @@ def test_the_deepest_instants_are_those_that_dense_samples_find(
     edges = np.union1d(step * np.arange(9), cuts[(cuts > 0) & (cuts < 4.0)])
     for begin, end in pairwise(edges.tolist()):
         dense = float(distances(np.linspace(begin, end, 2001)).min())
-        told = [time for time in found.values() if begin - 1e-12 <= time <= end + 1e-12]
+        instants = [time for time in found.values() if begin - 1e-12 <= time <= end + 1e-12]
         if dense < below[0] - 1e-9:
-            assert told, "a piece that leads inside is found"
-            assert min(distances(np.array(told))) <= dense + 1e-8 * shape.size
-        for time in told:
+            assert instants, "a piece that penetrates is found"
+            assert min(distances(np.array(instants))) <= dense + 1e-8 * shape.size
+        for time in instants:
             assert distances(np.array([time]))[0] < below[0] + 1e-12 or dense < below[0]
 
 
 def late(known_from: float, **changes: object) -> rho.Scenario:
-    """A vehicle flies along x through something that is there all the time, but seen late."""
+    """Return a vehicle that flies along x through an obstacle that is seen late."""
     vehicle = rho.Vehicle("solo", rho.State([0, 0, 0]), rho.State([10, 0, 0]), radius=0.2)
     bird = rho.Obstacle(rho.Sphere([5, 0.1, 0], 0.8), known_from=known_from, name="bird")
     limits = rho.Limits(acceleration=rho.Box([-2] * 3, [2] * 3))
     return rho.Scenario("late", rho.Grid(0.2, 41), (vehicle,), limits, (bird,))
 
 
-def test_what_is_seen_in_time_is_avoided() -> None:
+def test_an_obstacle_seen_in_time_is_avoided() -> None:
     flown = rho.plan_rho(late(2.0))
     report = rho.verify(flown)
     assert report.ok
     (sighting,) = flown.sightings
     assert (sighting.time, sighting.avoided) == (2.0, True)
     assert "became known at 2 s and was avoided" in str(report)
-    assert not rho.verify(flown.windows[0].plan).ok  # nothing was known of it then
+    assert not rho.verify(flown.windows[0].plan).ok  # the obstacle was still unknown
 
 
-def test_what_is_seen_too_late_is_told_and_the_flight_goes_on(tmp_path: object) -> None:
+def test_an_obstacle_seen_too_late_is_reported_and_the_flight_continues(tmp_path: object) -> None:
     flown = rho.plan_rho(late(3.6))
     report = rho.verify(flown)
     assert not report.ok
@@ -243,27 +241,27 @@ def test_what_is_seen_too_late_is_told_and_the_flight_goes_on(tmp_path: object) 
 
 @pytest.mark.parametrize("planner", [rho.plan_rho, rho.simulate])
 @pytest.mark.parametrize(("x", "avoided"), [(5.0, True), (9.68, False)])
-def test_what_is_seen_after_the_last_window_began_is_told(
+def test_an_obstacle_seen_after_the_last_window_is_reported(
     x: float, avoided: bool, planner: Callable[[rho.Scenario], rho.Flight | rho.Simulation]
 ) -> None:
-    asked = late(7.1)
-    bird = dataclasses.replace(asked.bodies[0], shape=rho.Sphere([x, 0, 0], 0.1))
-    flown = planner(dataclasses.replace(asked, obstacles=(bird, late(2.0).bodies[0])))
+    scenario = late(7.1)
+    bird = dataclasses.replace(scenario.bodies[0], shape=rho.Sphere([x, 0, 0], 0.1))
+    flown = planner(dataclasses.replace(scenario, obstacles=(bird, late(2.0).bodies[0])))
     flight = flown.flight if isinstance(flown, rho.Simulation) else flown
     assert flight.windows[-1].plan.scenario.grid.start == 7.0
     first, last = flight.sightings
     assert (first.obstacle, first.time, first.planned_for) == ("obstacle 2 (bird)", 2.0, True)
     assert (last.obstacle, last.time, last.planned_for) == ("obstacle 1 (bird)", 7.1, False)
-    assert not last.avoided  # no plan knew of it
+    assert not last.avoided  # it was unknown to every plan
     report = rho.verify(flown)
     assert report.sightings[1].avoided == report.ok == avoided
     assert "known at 7.1 s, after the last window began, so that no plan takes it" in str(report)
 
 
-def test_a_flight_that_began_windows_inside_of_something_can_be_copied() -> None:
+def test_a_flight_with_windows_that_begin_inside_an_obstacle_can_be_copied() -> None:
     flown = rho.plan_rho(late(3.6))
     inside = next(window.plan.scenario for window in flown.windows if window.not_avoided)
-    with pytest.raises(rho.ScenarioError):  # to begin with such a state is no scenario
+    with pytest.raises(rho.ScenarioError):  # a scenario must not begin with such a state
         dataclasses.replace(inside, name="anew")
     sent = pickle.loads(pickle.dumps(flown))  # noqa: S301  # made here
     for other in (copy.copy(flown), copy.deepcopy(flown), sent):
@@ -276,8 +274,8 @@ def test_a_flight_that_began_windows_inside_of_something_can_be_copied() -> None
     assert str(rho.verify(sent)) == str(rho.verify(flown))
 
 
-def test_windows_that_begin_inside_of_what_is_seen_late_look_for_no_way_round_it() -> None:
-    """Neither the first of them, which learns of it, nor those that the ones before led inside."""
+def test_windows_that_begin_inside_an_obstacle_search_no_path_around_it() -> None:
+    """Such windows are the first that knows the obstacle, and later ones inside it."""
     asked = list[float]()
 
     def planner(
@@ -300,8 +298,8 @@ def test_windows_that_begin_inside_of_what_is_seen_late_look_for_no_way_round_it
     assert {plan.times[0] for plan in windows} - inside <= set(asked)
 
 
-def test_windows_see_an_obstacle_where_it_is_then() -> None:
-    """What crosses the way late is no obstacle to a clock that begins at each window."""
+def test_windows_use_the_position_of_an_obstacle_at_their_times() -> None:
+    """On a clock that restarts in each window, a late crossing would not be seen."""
     gate = rho.Obstacle(rho.Box([4.5, -3, -3], [5.5, 3, 3]), velocity=[0, 1.2, 0])
     scenario = dataclasses.replace(late(0.0), obstacles=(gate,))
     flown = rho.plan_rho(scenario, replan_every=4)
@@ -317,7 +315,7 @@ def test_windows_see_an_obstacle_where_it_is_then() -> None:
     assert rho.plan(shifted).cost == pytest.approx(rho.plan(scenario).cost, rel=1e-6)
 
 
-def test_the_bound_counts_balls_and_ellipsoids_and_says_what_it_leaves_out() -> None:
+def test_the_bound_includes_balls_and_ellipsoids_and_lists_the_rest() -> None:
     for kind in ("sphere", "ellipsoid"):
         for obstacle in moving(SHAPES[kind]):
             certificate = rho.certify(rho.plan(flight(obstacle)))

@@ -1,4 +1,4 @@
-"""Certificates: bounds that are bounds, tight where the plan is the best, and silent elsewhere."""
+"""Certificates: valid bounds, tight where the plan is optimal, and silent elsewhere."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_the_converged_plan_of_the_paper_is_globally_optimal(paper: rho.Scenario
     assert "globally optimal" in str(proof)
 
 
-def test_the_papers_examples_are_measured_against_it(paper: rho.Scenario) -> None:
+def test_gaps_of_the_papers_examples_are_known(paper: rho.Scenario) -> None:
     best = rho.plan_scp(paper).cost
     for flown in (rho.plan_convex(paper), rho.plan_rho(paper)):
         proof = rho.certify(flown)
@@ -39,12 +39,12 @@ def test_the_papers_examples_are_measured_against_it(paper: rho.Scenario) -> Non
         assert proof.gap == pytest.approx(1 - best / flown.cost, abs=1e-6)
 
 
-def test_the_plan_for_every_instant_is_the_best_of_those(paper: rho.Scenario) -> None:
+def test_the_plan_for_every_instant_is_certified_as_optimal(paper: rho.Scenario) -> None:
     careful = dataclasses.replace(paper, between_knots=True)
     assert rho.certify(rho.plan_scp(careful)).is_globally_optimal
 
 
-def test_without_obstacles_every_plan_of_a_convex_program_is_the_best() -> None:
+def test_without_obstacles_every_plan_is_certified_as_optimal() -> None:
     for limits in (
         rho.Limits(),
         rho.Limits(acceleration=box(0.8)),
@@ -60,9 +60,9 @@ def test_without_obstacles_every_plan_of_a_convex_program_is_the_best() -> None:
 
 
 def _on_the_other_side() -> tuple[rho.Scenario, rho.Plan, rho.Plan]:
-    """A scenario with two ways past a sphere, the best plan, and the worse local optimum."""
+    """Return a scenario with two paths past a sphere, its best plan, and a worse local optimum."""
     scenario = single(obstacles=(BESIDE,))
-    other = rho.Sphere([5.0, 1.2, -1.0], 2.4)  # pushes past the far side of the first
+    other = rho.Sphere([5.0, 1.2, -1.0], 2.4)  # extends beyond the far side of the first
     beyond = rho.plan_scp(single(obstacles=(other,)))
     worse = rho.plan_scp(scenario, reference=dataclasses.replace(beyond, scenario=scenario))
     return scenario, rho.plan_scp(scenario), worse
@@ -72,7 +72,7 @@ def test_a_worse_local_optimum_is_not_certified() -> None:
     _, best, worse = _on_the_other_side()
     assert rho.verify(worse).ok
     assert worse.statistics.converged
-    assert rho.scp_step(worse).cost == pytest.approx(worse.cost, rel=INDEX)  # it is one
+    assert rho.scp_step(worse).cost == pytest.approx(worse.cost, rel=INDEX)  # it is a local optimum
     assert worse.cost > 1.05 * best.cost
     proof = rho.certify(worse)
     assert not proof.is_globally_optimal
@@ -95,13 +95,13 @@ def test_no_feasible_plan_of_random_restarts_is_below_the_bound(scenario: rho.Sc
         start = rho.Plan.from_accelerations(scenario, plan.accelerations + noise)
         try:
             other = rho.plan_scp(scenario, reference=start)
-        except (rho.InfeasibleError, rho.SolverError):  # too wild a start to go on from
+        except (rho.InfeasibleError, rho.SolverError):  # too random a start to iterate from
             continue
         if rho.verify(other).ok:
             assert other.cost * (1 + INDEX) >= bound
 
 
-def test_any_multipliers_give_a_bound_and_too_large_ones_none() -> None:
+def test_any_multipliers_give_a_bound_unless_they_are_too_large() -> None:
     scenario, best, _ = _on_the_other_side()
     solved = CuttingPlanes(Problem.of(scenario))
     solved.keep_to(Problem.of(scenario).linearized(best))
@@ -117,7 +117,7 @@ def test_any_multipliers_give_a_bound_and_too_large_ones_none() -> None:
     assert huge.curvature < 0
 
 
-def test_the_closed_form_is_the_minimum_and_its_slopes_are_true() -> None:
+def test_the_closed_form_is_the_minimum_with_its_gradient() -> None:
     scenario, best, _ = _on_the_other_side()
     solved = CuttingPlanes(Problem.of(scenario))
     solved.keep_to(Problem.of(scenario).linearized(best))
@@ -139,14 +139,14 @@ def test_the_closed_form_is_the_minimum_and_its_slopes_are_true() -> None:
 
 
 @pytest.mark.parametrize("knots", [2, 3])
-def test_where_the_goal_leaves_no_choice_the_only_plan_is_the_best(knots: int) -> None:
+def test_the_only_plan_that_reaches_the_goal_is_optimal(knots: int) -> None:
     moving = rho.State([0, 0, 0], [1, 0, 0])
     goal = rho.State([knots - 1.0, 0, 0], [1, 0, 0]) if knots == 2 else rho.State([1, 2, 3])
     plan = rho.plan_convex(single(grid=rho.Grid(1.0, knots), start=moving, goal=goal))
     assert rho.certify(plan).is_globally_optimal
 
 
-def test_a_plan_that_breaks_its_constraints_is_not_certified() -> None:
+def test_a_plan_that_violates_its_constraints_is_not_certified() -> None:
     scenario = single(obstacles=(rho.Sphere([5.0, 2.1, -1.0], 2.0),))
     through = rho.plan_convex(scenario.without_obstacles()).accelerations
     for accelerations in (through, np.zeros_like(through)):

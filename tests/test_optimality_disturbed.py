@@ -1,4 +1,4 @@
-"""Certificates of disturbed plans bound every plan that the judge accepts."""
+"""Certificates of disturbed plans bound every plan that the verifier accepts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COARSE = rho.Disturbance(0.2, feedback_every=0.5)
 
 
 def past_a_ball() -> rho.Scenario:
-    """One vehicle whose best way touches the ball."""
+    """Return one vehicle whose best path touches the ball."""
     return single(obstacles=(rho.Sphere([5.0, 2.1, -1.0], 1.0),), between_knots=True)
 
 
@@ -35,7 +35,7 @@ CASES = {
 
 @pytest.mark.parametrize("disturbance", [NOISY, COARSE])
 @pytest.mark.parametrize("name", CASES)
-def test_a_disturbed_plan_is_the_best_one_but_for_what_margins_cost(
+def test_a_disturbed_plan_is_optimal_except_for_the_cost_of_margins(
     name: str, disturbance: rho.Disturbance
 ) -> None:
     plan = rho.plan_scp(dataclasses.replace(CASES[name], disturbance=disturbance))
@@ -44,7 +44,8 @@ def test_a_disturbed_plan_is_the_best_one_but_for_what_margins_cost(
     assert abs(certificate.planned_gap) <= GLOBAL_GAP
     assert certificate.planned_gap - GLOBAL_GAP <= certificate.gap <= 1e-3
     calm = rho.certify(rho.plan_scp(CASES[name]))
-    assert calm.lower_bound <= certificate.lower_bound * (1.0 + GLOBAL_GAP)  # margins cost
+    # margins cost something
+    assert calm.lower_bound <= certificate.lower_bound * (1.0 + GLOBAL_GAP)
     assert "with the margins that planners keep" in str(certificate)
     assert "margins" not in str(calm)
 
@@ -82,20 +83,20 @@ def test_no_plan_from_any_reference_is_below_the_bound(name: str) -> None:
     assert found >= 5
 
 
-def test_a_plan_with_less_than_margins_may_cost_less_but_not_less_than_the_bound() -> None:
-    """In a slightly thinner tube margins in steps are about this tube's radii at the instants."""
+def test_a_plan_with_smaller_margins_does_not_cost_less_than_the_bound() -> None:
+    """In a slightly thinner tube, margins in steps are about this tube's radii at the instants."""
     scenario = dataclasses.replace(past_a_ball(), disturbance=COARSE)
     (best,) = rho.certify(rho.plan_scp(scenario)).vehicles
     tracking = rho.error_tube(scenario).tracking
     thinner = dataclasses.replace(COARSE, acceleration=0.995 * 0.2, tracking=tracking)
     plan = rho.plan_scp(unchecked(scenario, disturbance=thinner))
-    judged = rho.Plan.from_accelerations(scenario, plan.accelerations)
-    assert rho.verify(judged).ok
+    checked = rho.Plan.from_accelerations(scenario, plan.accelerations)
+    assert rho.verify(checked).ok
     assert best.planned_bound is not None
-    assert best.lower_bound <= judged.cost < best.planned_bound * (1.0 - 1e-5)
+    assert best.lower_bound <= checked.cost < best.planned_bound * (1.0 - 1e-5)
 
 
-def test_what_has_no_quadratic_form_is_named() -> None:
+def test_constraints_without_a_quadratic_form_are_named() -> None:
     cuboid = rho.Box([4.0, 1.0, -2.0], [6.0, 2.5, 0.0])
     scenario = dataclasses.replace(
         single(obstacles=(cuboid,), between_knots=True), disturbance=NOISY

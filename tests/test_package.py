@@ -1,4 +1,4 @@
-"""The package as others get it: its metadata, what is in its wheel, and how it is cited."""
+"""The distributed package: its metadata, the contents of its wheel, and its citation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """The wheel as the build backend makes it."""
+    """Return the wheel made by the build backend."""
     folder = tmp_path_factory.mktemp("wheel")
     build = f"import hatchling.build as b; print(b.build_wheel({str(folder)!r}))"
     done = subprocess.run(
@@ -49,7 +49,7 @@ def test_the_installed_metadata_are_those_of_the_project() -> None:
     assert found["Requires-Python"] == PROJECT["requires-python"]
 
 
-def test_it_is_cited_by_the_version_that_it_has() -> None:
+def test_the_citation_has_the_version_of_the_package() -> None:
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert cited["cff-version"] == "1.2.0"
     assert cited["version"] == PROJECT["version"]
@@ -60,10 +60,12 @@ def test_it_is_cited_by_the_version_that_it_has() -> None:
     assert bibtex.count("{") == bibtex.count("}")
 
 
-def test_every_public_name_is_listed_and_is_what_type_checkers_take_it_for() -> None:
+def test_every_public_name_is_listed_with_its_static_type() -> None:
     code = "import drake_rho, json; print(json.dumps(dir(drake_rho)))"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    listed = json.loads(told.stdout)  # before anything was asked for
+    reported = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    listed = json.loads(reported.stdout)  # before any name was accessed
     assert {*rho.__all__, "__version__"} <= set(listed)
     assert [name for name in listed if not name.startswith("__")] == sorted(rho.__all__)
     source = ast.parse((ROOT / "drake_rho" / "__init__.py").read_text())
@@ -81,10 +83,12 @@ def test_every_public_name_is_listed_and_is_what_type_checkers_take_it_for() -> 
         rho.plann  # noqa: B018  # no such name
 
 
-def test_to_import_the_package_loads_nothing_else() -> None:
+def test_importing_the_package_loads_nothing_else() -> None:
     code = "import sys, drake_rho; print({'numpy', 'pydrake', 'pydantic'} & set(sys.modules))"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "set()"
+    reported = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert reported.stdout.strip() == "set()"
 
 
 @pytest.mark.parametrize(
@@ -101,5 +105,11 @@ def test_ctrl_c_while_the_command_loads_is_one_line(loading: str) -> None:
         "sys.argv = ['drake-rho', '--version']\n"
         "import drake_rho.__main__\n"
     )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (told.returncode, told.stdout, told.stderr) == (130, "", "drake-rho: interrupted\n")
+    reported = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert (reported.returncode, reported.stdout, reported.stderr) == (
+        130,
+        "",
+        "drake-rho: interrupted\n",
+    )

@@ -1,4 +1,4 @@
-"""Distances between vehicles: against dense sampling, and against a visit to every pair."""
+"""Distances between vehicles, compared with dense sampling and with a visit to every pair."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def _swarm(seed: int) -> tuple[Motion, rho.Separation]:
-    """Vehicles that fly about at random, some in the same place for a while."""
+    """Return vehicles with random motions, some in the same place for a while."""
     rng = np.random.default_rng(seed)
     count, steps = int(rng.integers(2, 9)), int(rng.integers(1, 9))
     size, h = 10 ** rng.uniform(-2, 4), 10 ** rng.uniform(-2, 2)
@@ -33,7 +33,7 @@ def _swarm(seed: int) -> tuple[Motion, rho.Separation]:
 
 
 def _sampled(motion: Motion, separation: rho.Separation, per_step: int) -> np.ndarray:
-    """Distances of all pairs, shape (N, N, K-1, S), at equal times in every step."""
+    """Return distances of all pairs, shape (N, N, K-1, S), at equal times in every step."""
     h, steps = motion.step, motion.accelerations.shape[1]
     s = np.linspace(0.0, h, per_step + 1)[:, None]
     p, v = motion.positions[:, :steps, None], motion.velocities[:, :steps, None]
@@ -60,7 +60,7 @@ def test_no_sample_is_closer_than_the_closest_approach(seed: int) -> None:
 
 
 @given(seed=seeds, within=st.floats(0.05, 5.0))
-def test_the_pairs_found_are_those_of_a_visit_to_every_pair(seed: int, within: float) -> None:
+def test_the_pairs_found_equal_a_visit_to_every_pair(seed: int, within: float) -> None:
     motion, separation = _swarm(seed)
     radius, steps = within * separation.distance, motion.accelerations.shape[1]
     every = close_pairs(motion, separation, 1e12)
@@ -84,17 +84,17 @@ def test_the_pairs_found_are_those_of_a_visit_to_every_pair(seed: int, within: f
 
 
 @pytest.mark.parametrize("find", [close_pairs, close_pairs_at_knots])
-@pytest.mark.parametrize("asked", [0, 5, 50])
-def test_pairs_are_those_of_a_visit_to_every_pair_however_they_are_looked_for(
-    find: Any, asked: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("count", [0, 5, 50])
+def test_pairs_equal_a_visit_to_every_pair_in_every_search_mode(
+    find: Any, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In trees or without, all instants in one go or a few at a time and side by side."""
-    rng = np.random.default_rng(asked)
+    """Trees or no trees, all instants at once or parallel batches: the pairs are the same."""
+    rng = np.random.default_rng(count)
     p, v = 3.0 * rng.normal(size=(80, 3)), rng.normal(size=(80, 3))
     a = rng.normal(size=(80, 25, 3))
     motion = Motion(0.3, *roll_out(p, v, a, 0.3), a, np.full((80, 3), np.nan))
     separation = rho.Separation(1.0, 2.0)
-    of = np.sort(rng.permutation(80)[:asked]) if asked else None
+    of = np.sort(rng.permutation(80)[:count]) if count else None
     found = list[CloseApproaches]()
     for name, value in (("_HANDFUL", 80), ("_HANDFUL", 32), ("_MANY", 1)):
         monkeypatch.setattr(clearance, name, value)
@@ -109,8 +109,8 @@ def test_pairs_are_those_of_a_visit_to_every_pair_however_they_are_looked_for(
         np.testing.assert_allclose(each.distances, every.distances, rtol=ROUNDING)
 
 
-def test_a_meeting_in_the_middle_of_a_step_is_known() -> None:
-    """Two pass each other at 3 m beside and 4 m above, which with a downwash of 2 is 2 m."""
+def test_an_encounter_in_the_middle_of_a_step_is_found() -> None:
+    """They pass at 3 m beside and 4 m above, which counts as 2 m with a downwash of 2."""
     p = np.array([[[-5.0, 0.0, 0.0]], [[5.0, 3.0, 4.0]]])
     v = np.array([[[2.0, 0.0, 0.0]], [[-2.0, 0.0, 0.0]]])
     a = np.zeros((2, 5, 3))

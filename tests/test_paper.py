@@ -1,4 +1,4 @@
-"""What is known of the paper's four examples, and what the paper says of them."""
+"""Known results of the paper's four examples, and the paper's claims."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import drake_rho as rho
 from drake_rho.paper.study import Study
 from tests.tolerances import INDEX, MOTION
 
-# Found with three implementations that have nothing in common with this one.
+# Found with three implementations that share nothing with this one.
 INDICES = {1: 13570.648, 2: 20920.353, 3: 13570.648, 4: 17027.239}
 
 
@@ -25,8 +25,8 @@ def test_the_known_index(number: int, paper: rho.Scenario, solver: SolverInterfa
         plan = rho.plan_rho(scenario, replan_every=5, solver=solver).plan
     assert plan.cost == pytest.approx(INDICES[number], rel=INDEX)
     assert rho.verify(plan).ok
-    asked = solver.solver_id().name() if scenario.obstacles else ""  # else no row was needed
-    assert plan.statistics.solver == asked
+    used = solver.solver_id().name() if scenario.obstacles else ""  # otherwise no row was needed
+    assert plan.statistics.solver == used
 
 
 def test_without_the_obstacle_the_receding_horizon_changes_nothing(study: Study) -> None:
@@ -36,7 +36,7 @@ def test_without_the_obstacle_the_receding_horizon_changes_nothing(study: Study)
     assert horizon.cost == pytest.approx(once.cost, rel=INDEX)
 
 
-def test_the_paper_claims_one_to_five_are_found(study: Study) -> None:
+def test_claims_one_to_five_of_the_paper_are_confirmed(study: Study) -> None:
     assert [claim.number for claim in study.claims] == [1, 2, 3, 4, 5, 6]
     for claim in study.claims[:5]:
         assert claim.found, claim
@@ -74,7 +74,7 @@ def test_example_4_has_ten_windows_the_last_of_four_steps(study: Study) -> None:
     assert [window.plan.scenario.grid.knots for window in windows] == list(range(50, 0, -5))
 
 
-def test_linearising_anew_is_what_makes_example_4_cheaper(paper: rho.Scenario) -> None:
+def test_repeated_linearisation_makes_example_4_cheaper(paper: rho.Scenario) -> None:
     converged, horizon = rho.plan_scp(paper), rho.plan_rho(paper).plan
     assert converged.statistics.converged
     assert converged.cost < horizon.cost < rho.plan_convex(paper).cost
@@ -85,4 +85,4 @@ def test_the_converged_plan_dips_into_the_obstacle_between_knots(paper: rho.Scen
     times = np.linspace(0.0, 49.0, 49 * 200 + 1)
     distances = np.linalg.norm(plan.motion().at("position", times) - sphere.center, axis=2)
     assert distances.min() == pytest.approx(996.5, abs=0.1)
-    assert rho.verify(plan).ok  # (8) is asked for at the knots only
+    assert rho.verify(plan).ok  # (8) is required at the knots only

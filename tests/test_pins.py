@@ -1,4 +1,4 @@
-"""Plans stay what they are: costs of every kind of plan, and verdicts, are kept in `pins.json`."""
+"""Costs and verdicts of plans of every kind do not change; `pins.json` holds them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from tests.pins import CASES, pin, read
 
 SAME = 1e-6
-"""Relative: what another order of additions, or another solver's last digits, may change."""
+"""Relative change by another order of additions, or another solver's last digits."""
 
 
 def test_every_case_is_pinned() -> None:
@@ -15,7 +15,7 @@ def test_every_case_is_pinned() -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_plan_costs_what_it_did_and_is_judged_as_it_was(name: str) -> None:
+def test_a_plan_has_its_pinned_cost_and_verdict(name: str) -> None:
     kept, found = read()[name], pin(CASES[name]())
     assert found["ok"] == kept["ok"]
     for costs in ("costs", "windows"):

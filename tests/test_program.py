@@ -1,4 +1,4 @@
-"""The quadratic program: its known answers, and twins of it written and solved in other ways."""
+"""The quadratic program: known answers, and twins written and solved in other ways."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tests.scenarios import box, scenarios, single
 from tests.tolerances import INDEX, MOTION
 
 
-@np.errstate(invalid="ignore")  # numpy says so of Drake's symbols, without a cause
+@np.errstate(invalid="ignore")  # numpy warns of Drake's symbols, without a cause
 def symbolic_twin(scenario: rho.Scenario, reference: rho.Plan) -> FloatArray | None:
-    """(16) written out: states and accelerations as variables, (1)-(7) and (15) at every knot."""
+    """Solve (16) with states and accelerations as variables, (1)-(7) and (15) at every knot."""
     h, K = scenario.grid.step, scenario.grid.knots
     answers = []
     for index, vehicle in enumerate(scenario.vehicles):
@@ -92,7 +92,7 @@ def test_the_symbolic_twin_of_random_scenarios_gives_the_same_index(
         reference = rho.plan_convex(free)
         plan = rho.plan_convex(scenario, reference=reference)
     except rho.InfeasibleError:
-        return  # tests/test_infeasible.py judges these
+        return  # tests/test_infeasible.py covers these
     twin = symbolic_twin(scenario, reference)
     assert twin is not None
     # the twin is in metres and seconds, so that an absolute tolerance of 1e-8 counts
@@ -100,7 +100,7 @@ def test_the_symbolic_twin_of_random_scenarios_gives_the_same_index(
 
 
 def test_scipy_finds_the_same_plan() -> None:
-    """A solver of another kind (SQP, dense), on the condensed form."""
+    """A dense SQP solver of another kind solves the condensed form."""
     scenario = single(limits=rho.Limits(velocity=box(1.8), acceleration=box(0.9)))
     plan = rho.plan_convex(scenario)
     h, steps = 0.5, 16
@@ -129,7 +129,7 @@ def test_scipy_finds_the_same_plan() -> None:
 
 @pytest.mark.parametrize("knots", [3, 4, 17, 200])
 def test_least_effort_from_rest_to_rest_is_known(knots: int) -> None:
-    """Two equalities an axis: a[j] falls linearly, and f = 12 d² / (h⁴ n (n² - 1)) for n steps."""
+    """With two equalities an axis a[j] is linear, and f = 12 d² / (h⁴ n (n² - 1)) for n steps."""
     h, n = 0.7, knots - 1
     plan = rho.plan_convex(single(grid=rho.Grid(h, knots)))
     d = np.array([10.0, 4.0, -2.0])
@@ -139,7 +139,7 @@ def test_least_effort_from_rest_to_rest_is_known(knots: int) -> None:
     assert plan.cost == pytest.approx(12 * (d @ d) / (h**4 * n * (n**2 - 1)), rel=1e-9)
 
 
-def test_one_step_reaches_only_what_one_acceleration_can() -> None:
+def test_one_step_reaches_only_goals_of_one_acceleration() -> None:
     grid = rho.Grid(2.0, 2)
     start, a = rho.State([0, 0, 0], [1, 0, 0]), np.array([0.5, -1.0, 0.25])
     goal = rho.State(2 * start.velocity + 2 * a, start.velocity + 2 * a)
@@ -149,7 +149,7 @@ def test_one_step_reaches_only_what_one_acceleration_can() -> None:
         rho.plan_convex(single(grid=grid, start=start, goal=rho.State([5, 0, 0])))
 
 
-def test_rows_enter_only_when_they_are_broken(paper: rho.Scenario) -> None:
+def test_rows_enter_only_when_they_are_violated(paper: rho.Scenario) -> None:
     free = rho.plan_convex(paper.without_obstacles())
     assert free.statistics.rows == 0
     assert free.statistics.programs == 0

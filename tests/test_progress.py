@@ -1,4 +1,4 @@
-"""What long work tells while it is done, in words of one form."""
+"""Progress reports of long work, in texts of one form."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ LINEARISED = r"linearised (once|\d+ times), cost [\d.e+-]+ m²/s⁴" + BREACH
 
 @pytest.fixture
 def swap() -> rho.Scenario:
-    """Six vehicles that meet in the middle."""
+    """Return six vehicles that meet in the middle."""
     apart = rho.Separation(0.4, downwash=2.0)
     return rho.circle_swap(6, radius=2.0, duration=8.0, step=0.2, separation=apart)
 
 
 @pytest.mark.parametrize("planner", [rho.plan, rho.plan_scp])
-def test_planners_tell_each_linearisation(
+def test_planners_report_each_linearisation(
     planner: Callable[..., rho.Plan], swap: rho.Scenario
 ) -> None:
-    told = list[str]()
-    plan = planner(swap, progress=told.append)
-    iterations = [each for each in told if re.fullmatch(LINEARISED, each)]
+    reported = list[str]()
+    plan = planner(swap, progress=reported.append)
+    iterations = [each for each in reported if re.fullmatch(LINEARISED, each)]
     assert iterations[0].startswith("linearised once, cost")
     assert f"linearised {plan.statistics.linearisations} times" in iterations[-1]
     assert "worst violation" in iterations[0]  # they meet in the middle
     assert "worst violation" not in iterations[-1]
     last = float(iterations[-1].split()[4])
-    assert last == pytest.approx(plan.cost, rel=0.03)  # it was given up as saving too little
+    assert last == pytest.approx(plan.cost, rel=0.03)  # it was stopped because it saves too little
 
 
-def test_the_worst_breach_is_what_pairs_lack_of_their_separation(swap: rho.Scenario) -> None:
-    careless = rho.plan_convex(swap.without_separation())
-    plan = rho.Plan.from_accelerations(swap, careless.accelerations)
+def test_the_worst_violation_of_pairs_is_their_missing_separation(swap: rho.Scenario) -> None:
+    independent = rho.plan_convex(swap.without_separation())
+    plan = rho.Plan.from_accelerations(swap, independent.accelerations)
     times = np.linspace(0.0, swap.grid.duration, 4001)
     assert swap.separation is not None
     paths = plan.motion().at("position", times) / [1.0, 1.0, swap.separation.downwash]
@@ -55,19 +55,19 @@ def test_the_worst_breach_is_what_pairs_lack_of_their_separation(swap: rho.Scena
     assert breach == pytest.approx(swap.separation.distance - apart, abs=1e-4)
 
 
-def test_the_worst_breach_of_an_obstacle_is_how_deep_a_plan_is_inside() -> None:
+def test_the_worst_violation_of_an_obstacle_is_the_depth_inside() -> None:
     plan = rho.plan_convex(single())  # straight through (5, 2, -1)
-    asked = single(obstacles=[rho.Sphere([5.0, 2.0, -1.0], 1.5)], between_knots=True)
-    inside = rho.Plan.from_accelerations(asked, plan.accelerations)
-    assert violations_of(Problem.of(asked), inside).worst == pytest.approx(1.5, abs=1e-6)
-    assert violations_of(Problem.of(asked), rho.plan(asked)).worst == 0.0
+    scenario = single(obstacles=[rho.Sphere([5.0, 2.0, -1.0], 1.5)], between_knots=True)
+    inside = rho.Plan.from_accelerations(scenario, plan.accelerations)
+    assert violations_of(Problem.of(scenario), inside).worst == pytest.approx(1.5, abs=1e-6)
+    assert violations_of(Problem.of(scenario), rho.plan(scenario)).worst == 0.0
 
 
-def test_a_receding_horizon_tells_each_window(paper: rho.Scenario) -> None:
-    told = list[str]()
-    flight = rho.plan_rho(paper, replan_every=7, progress=told.append)
+def test_a_receding_horizon_reports_each_window(paper: rho.Scenario) -> None:
+    reported = list[str]()
+    flight = rho.plan_rho(paper, replan_every=7, progress=reported.append)
     number = len(flight.windows)
-    assert told == [f"window {k} of {number}" for k in range(1, number + 1)]
+    assert reported == [f"window {k} of {number}" for k in range(1, number + 1)]
     within = list[str]()
     planner = partial(rho.plan, progress=within.append)
     rho.plan_rho(paper, replan_every=25, planner=planner)
@@ -75,40 +75,43 @@ def test_a_receding_horizon_tells_each_window(paper: rho.Scenario) -> None:
     assert within
 
 
-def test_a_simulation_tells_each_window(paper: rho.Scenario) -> None:
-    told = list[str]()
-    rho.simulate(paper, replan_every=25, progress=told.append)
-    assert told == ["window 1 of 2", "window 2 of 2"]
+def test_a_simulation_reports_each_window(paper: rho.Scenario) -> None:
+    reported = list[str]()
+    rho.simulate(paper, replan_every=25, progress=reported.append)
+    assert reported == ["window 1 of 2", "window 2 of 2"]
 
 
-def test_a_certificate_tells_iterations_and_vehicles(paper: rho.Scenario) -> None:
-    told = list[str]()
-    rho.certify(rho.plan_convex(paper), progress=told.append)
-    assert told[-4:] == [f"bounding the cost of UAV-{k} ({k} of 4)" for k in range(1, 5)]
-    assert all(re.fullmatch(LINEARISED, each) for each in told[:-4])
+def test_a_certificate_reports_iterations_and_vehicles(paper: rho.Scenario) -> None:
+    reported = list[str]()
+    rho.certify(rho.plan_convex(paper), progress=reported.append)
+    assert reported[-4:] == [f"bounding the cost of UAV-{k} ({k} of 4)" for k in range(1, 5)]
+    assert all(re.fullmatch(LINEARISED, each) for each in reported[:-4])
 
 
-def test_a_diagnosis_tells_its_trials() -> None:
-    told = list[str]()
-    asked = single(limits=rho.Limits(acceleration=box(0.3)))
-    diagnosis = rho.diagnose(asked, progress=told.append)
-    assert "looking for the least violation" in told
-    assert "trying a duration of 16 s" in told  # twice as long, the first that has a plan
-    assert "trying acceleration limits 4 times as wide" in told
-    durations = [float(each.split()[4]) for each in told if each.startswith("trying a duration")]
+def test_a_diagnosis_reports_its_trials() -> None:
+    reported = list[str]()
+    scenario = single(limits=rho.Limits(acceleration=box(0.3)))
+    diagnosis = rho.diagnose(scenario, progress=reported.append)
+    assert "looking for the least violation" in reported
+    assert "trying a duration of 16 s" in reported  # twice as long, the first that has a plan
+    assert "trying acceleration limits 4 times as wide" in reported
+    durations = [
+        float(each.split()[4]) for each in reported if each.startswith("trying a duration")
+    ]
     assert diagnosis.shortest_duration is not None
     assert min(abs(each - diagnosis.shortest_duration) for each in durations) < 1e-3
     again = list[str]()
-    rho.shortest_plan(asked, progress=again.append)
+    rho.shortest_plan(scenario, progress=again.append)
     assert [each for each in again if "duration" in each] == [
-        "trying a duration of 8 s",  # its own, of which the diagnosis knows
-        *(each for each in told if "duration" in each),
+        # the scenario's own duration, for which the diagnosis has the answer
+        "trying a duration of 8 s",
+        *(each for each in reported if "duration" in each),
     ]
 
 
-def test_a_campaign_tells_how_far_it_is(tmp_path: Path) -> None:
-    told = list[str]()
-    rho.campaign(small(1), tmp_path / "runs.sqlite", progress=lambda now: told.append(str(now)))
+def test_a_campaign_reports_its_progress(tmp_path: Path) -> None:
+    reported = list[str]()
+    rho.campaign(small(1), tmp_path / "runs.sqlite", progress=lambda now: reported.append(str(now)))
     total = len(small(1))
-    assert told[0] == f"0 of {total} runs done, 0 failed"
-    assert told[-1].startswith(f"{total} of {total} runs done, ")
+    assert reported[0] == f"0 of {total} runs done, 0 failed"
+    assert reported[-1].startswith(f"{total} of {total} runs done, ")

@@ -1,4 +1,4 @@
-"""`RecedingHorizon`: windows from measured states, which are never without a plan."""
+"""`RecedingHorizon`: windows from measured states always have a plan."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.test_margins import disturbed, least_margin
 
 
 def within(window: rho.Window, knot: int, rng: np.random.Generator) -> FloatArray:
-    """States anywhere in the tube of a window at one of its knots, as they are estimated."""
+    """Return estimated states anywhere in the tube of a window at one of its knots."""
     scenario = window.plan.scenario
     tube, time = tube_of(scenario), scenario.grid.times[knot]
     around, count = tube.disturbance, len(scenario.vehicles)
@@ -30,10 +30,10 @@ def within(window: rho.Window, knot: int, rng: np.random.Generator) -> FloatArra
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_no_window_is_without_a_plan_that_holds(seed: int) -> None:
+def test_every_window_has_a_plan_that_holds(seed: int) -> None:
     rng, windows, kept = np.random.default_rng(seed), 0, 0
-    for asked in (random_scenario(seed, between_knots=True), random_fleet(seed, most=4)):
-        windy = disturbed(asked, seed)
+    for scenario in (random_scenario(seed, between_knots=True), random_fleet(seed, most=4)):
+        windy = disturbed(scenario, seed)
         horizon = rho.RecedingHorizon(windy, replan_every=int(rng.integers(1, 6)))
         states = windy.fleet.start_states
         try:
@@ -51,10 +51,10 @@ def test_no_window_is_without_a_plan_that_holds(seed: int) -> None:
     assert kept < windows or windows == 0
 
 
-def test_a_new_plan_begins_where_the_vehicle_is_and_its_tube_begins_anew() -> None:
-    asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
+def test_a_new_plan_begins_at_the_measured_state_with_a_new_tube() -> None:
+    scenario = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
     around = rho.Disturbance(0.2, 0.01, 0.02, feedback_every=0.1, delay=2)
-    windy = dataclasses.replace(asked, disturbance=around)
+    windy = dataclasses.replace(scenario, disturbance=around)
     horizon = rho.RecedingHorizon(windy)
     first = horizon.step(windy.fleet.start_states, 0.0)
     assert tube_of(first.plan.scenario).initial == (0.0, 0.0)
@@ -68,16 +68,16 @@ def test_a_new_plan_begins_where_the_vehicle_is_and_its_tube_begins_anew() -> No
     np.testing.assert_allclose(window.plan.positions[:, -1], windy.fleet.goal_positions, atol=1e-9)
 
 
-def test_the_previous_plan_is_kept_where_the_start_has_no_room() -> None:
+def test_the_previous_plan_is_kept_where_the_start_has_no_slack() -> None:
     wall = rho.Box([2.0, -0.6, -5.0], [8.0, -0.05, 5.0])
-    asked = single(obstacles=[wall], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
+    scenario = single(obstacles=[wall], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
     around = rho.Disturbance(0.5, position_error=0.05, feedback_every=0.5)
-    windy = dataclasses.replace(asked, disturbance=around)
+    windy = dataclasses.replace(scenario, disturbance=around)
     horizon = rho.RecedingHorizon(windy)
     first = horizon.step(windy.fleet.start_states, 0.0)
     states = first.plan.states(8)
     tube = tube_of(first.plan.scenario)
-    states[0, 1] = -0.05 + 0.03  # nearer to the wall than estimates err
+    states[0, 1] = -0.05 + 0.03  # nearer to the wall than the error of estimates
     kept = horizon.step(states, 4.0)
     assert kept.kept
     assert "obstacle 1" in kept.infeasible
@@ -86,9 +86,9 @@ def test_the_previous_plan_is_kept_where_the_start_has_no_room() -> None:
     assert horizon.step(kept.plan.states(5), 6.5).infeasible == ""
 
 
-def test_a_state_off_the_tube_is_told_and_planned_from() -> None:
-    asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
-    windy = dataclasses.replace(asked, disturbance=rho.Disturbance(0.2, feedback_every=0.1))
+def test_a_state_off_the_tube_is_reported_and_planned_from() -> None:
+    scenario = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
+    windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.2, feedback_every=0.1))
     horizon = rho.RecedingHorizon(windy)
     first = horizon.step(windy.fleet.start_states, 0.0)
     window = horizon.step(first.plan.states(5) + 0.5, 2.5)
@@ -99,10 +99,10 @@ def test_a_state_off_the_tube_is_told_and_planned_from() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, *slow(*range(3, 8))])
-def test_whatever_the_states_are_there_is_a_window(seed: int) -> None:
+def test_every_measured_state_gives_a_window(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    for asked in (random_scenario(seed), random_fleet(seed, most=4)):
-        for windy in (asked, disturbed(asked, seed)):
+    for scenario in (random_scenario(seed), random_fleet(seed, most=4)):
+        for windy in (scenario, disturbed(scenario, seed)):
             horizon = rho.RecedingHorizon(windy, fallback=None)
             try:
                 window = horizon.step(windy.fleet.start_states, windy.grid.start)
@@ -119,36 +119,42 @@ def test_whatever_the_states_are_there_is_a_window(seed: int) -> None:
             assert np.isfinite(horizon.flight.cost)
 
 
-def test_inside_an_obstacle_a_window_comes_out_of_it() -> None:
-    asked = single(obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True)
-    horizon = rho.RecedingHorizon(asked)
-    horizon.step(asked.fleet.start_states, 0.0)
+def test_a_window_that_begins_inside_an_obstacle_leaves_it() -> None:
+    scenario = single(obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True)
+    horizon = rho.RecedingHorizon(scenario)
+    horizon.step(scenario.fleet.start_states, 0.0)
     inside = np.array([[5.3, 2.2, 0.4, 1.0, 0.5, 0.0]])
     window = horizon.step(inside, 4.0)
     assert not window.kept
     assert "obstacle 1 (start" in window.infeasible
-    clearances = asked.bodies[0].distances(window.plan.positions[0], window.plan.times)
+    clearances = scenario.bodies[0].distances(window.plan.positions[0], window.plan.times)
     assert clearances[0] < 0.0
     assert clearances[3:].min() > 0.0
-    np.testing.assert_allclose(window.plan.positions[:, -1], asked.fleet.goal_positions, atol=1e-6)
+    np.testing.assert_allclose(
+        window.plan.positions[:, -1], scenario.fleet.goal_positions, atol=1e-6
+    )
     assert horizon.step(window.plan.states(5), 6.5).infeasible == ""
 
 
-def test_outside_its_box_a_window_comes_back() -> None:
-    asked = single(limits=rho.Limits(position=box(10.5)), between_knots=True)
-    horizon = rho.RecedingHorizon(asked)
-    horizon.step(asked.fleet.start_states, 0.0)
+def test_a_window_that_begins_outside_its_box_returns() -> None:
+    scenario = single(limits=rho.Limits(position=box(10.5)), between_knots=True)
+    horizon = rho.RecedingHorizon(scenario)
+    horizon.step(scenario.fleet.start_states, 0.0)
     window = horizon.step(np.array([[5.0, 10.9, 0.0, 1.0, -0.2, 0.0]]), 2.5)
     assert "position box (start 0.4 m beyond)" in window.infeasible
     assert np.abs(window.plan.positions[0, 3:]).max() < 10.5 + 1e-6
-    np.testing.assert_allclose(window.plan.positions[:, -1], asked.fleet.goal_positions, atol=1e-6)
+    np.testing.assert_allclose(
+        window.plan.positions[:, -1], scenario.fleet.goal_positions, atol=1e-6
+    )
 
 
-def test_a_goal_out_of_reach_is_missed_and_limits_are_kept() -> None:
+def test_an_unreachable_goal_is_missed_and_limits_hold() -> None:
     limits = rho.Limits(acceleration=box(1.2), jerk=box(4.0))
-    asked = single(limits=limits, obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True)
-    horizon = rho.RecedingHorizon(asked)
-    first = horizon.step(asked.fleet.start_states, 0.0)
+    scenario = single(
+        limits=limits, obstacles=[rho.Sphere([5.0, 2.0, 0.5], 1.0)], between_knots=True
+    )
+    horizon = rho.RecedingHorizon(scenario)
+    first = horizon.step(scenario.fleet.start_states, 0.0)
     window = horizon.step(first.plan.states(13) + 0.5, 6.5)
     assert not window.kept
     assert "goal" in window.infeasible
@@ -171,38 +177,40 @@ def test_the_first_window_is_exact_at_the_starts_and_nowhere_else() -> None:
 
 @pytest.mark.parametrize("windy", [False, True])
 @pytest.mark.parametrize("inside", [0.1, 0.3])
-def test_a_first_window_without_room_says_so_and_flies_out(windy: bool, inside: float) -> None:
+def test_a_first_window_without_slack_says_so_and_flies_out(windy: bool, inside: float) -> None:
     around = rho.Disturbance(0.1, 0.05, 0.05, 0.25) if windy else None
-    asked = single(obstacles=[rho.Sphere([-1.6, 0, 0], 1.4)], between_knots=True)
-    asked = dataclasses.replace(asked, disturbance=around)
+    scenario = single(obstacles=[rho.Sphere([-1.6, 0, 0], 1.4)], between_knots=True)
+    scenario = dataclasses.replace(scenario, disturbance=around)
     states = np.array([[-0.2 - inside, 0.0, 0.0, 0.0, 0.0, 0.0]])
-    window = rho.RecedingHorizon(asked).step(states, 0.0)
+    window = rho.RecedingHorizon(scenario).step(states, 0.0)
     assert "obstacle 1" in window.infeasible
     assert not window.kept
     np.testing.assert_allclose(window.plan.states(0), states, atol=1e-12)
     distances = window.plan.scenario.bodies[0].distances(window.plan.positions, np.zeros(1))
     assert np.all(np.diff(distances[0, :3]) > 0.0)
-    np.testing.assert_allclose(window.plan.positions[:, -1], asked.fleet.goal_positions, atol=1e-6)
+    np.testing.assert_allclose(
+        window.plan.positions[:, -1], scenario.fleet.goal_positions, atol=1e-6
+    )
 
 
 def test_the_first_window_raises_only_where_the_scenario_has_no_plan_itself() -> None:
     wall = rho.Obstacle(rho.Box([2.0, -99.0, -99.0], [3.0, 99.0, 99.0]))
-    asked = single(
+    scenario = single(
         obstacles=[wall],
         between_knots=True,
         limits=rho.Limits(position=rho.Box([-1.0, -5.0, -5.0], [11.0, 5.0, 5.0])),
     )
-    for states in (asked.fleet.start_states, asked.fleet.start_states + 0.1):
+    for states in (scenario.fleet.start_states, scenario.fleet.start_states + 0.1):
         with pytest.raises(rho.InfeasibleError):
-            rho.RecedingHorizon(asked).step(states, 0.0)
+            rho.RecedingHorizon(scenario).step(states, 0.0)
 
 
-def test_a_vehicle_that_was_not_seen_is_predicted_and_its_tube_goes_on() -> None:
+def test_a_vehicle_without_a_measurement_is_predicted_and_its_tube_continues() -> None:
     around = rho.Disturbance(0.2, 0.01, 0.02, feedback_every=0.25)
-    asked = dataclasses.replace(through_the_middle(2), disturbance=around)
-    horizon = rho.RecedingHorizon(asked)
-    first = horizon.step(asked.fleet.start_states, asked.grid.start)
-    states, now = first.plan.states(5), float(asked.grid.times[5])
+    scenario = dataclasses.replace(through_the_middle(2), disturbance=around)
+    horizon = rho.RecedingHorizon(scenario)
+    first = horizon.step(scenario.fleet.start_states, scenario.grid.start)
+    states, now = first.plan.states(5), float(scenario.grid.times[5])
     states[0] += 0.003
     states[1] = np.nan
     window, tube = horizon.step(states, now), tube_of(first.plan.scenario)
@@ -213,7 +221,7 @@ def test_a_vehicle_that_was_not_seen_is_predicted_and_its_tube_goes_on() -> None
     expected = float(tube.position(now)), float(tube.velocity(now))
     assert tube_of(window.plan.scenario).initial == pytest.approx(expected)
     assert expected[0] > around.position_error
-    seen = horizon.step(window.plan.states(2), float(asked.grid.times[7]))
+    seen = horizon.step(window.plan.states(2), float(scenario.grid.times[7]))
     assert tube_of(seen.plan.scenario).initial == pytest.approx((0.01, 0.02))
 
 
@@ -221,13 +229,13 @@ def test_a_vehicle_that_was_not_seen_is_predicted_and_its_tube_goes_on() -> None
 @pytest.mark.parametrize("windy", [False, True])
 def test_no_finite_state_ends_a_flight(far: float, windy: bool) -> None:
     around = rho.Disturbance(0.1, 0.01, 0.01, 0.25) if windy else None
-    asked = single(obstacles=[rho.Sphere([5.0, 0.1, 0.0], 1.0)], between_knots=True)
-    horizon = rho.RecedingHorizon(dataclasses.replace(asked, disturbance=around))
-    states = asked.fleet.start_states
+    scenario = single(obstacles=[rho.Sphere([5.0, 0.1, 0.0], 1.0)], between_knots=True)
+    horizon = rho.RecedingHorizon(dataclasses.replace(scenario, disturbance=around))
+    states = scenario.fleet.start_states
     for knot in (0, 5, 10):
-        window = horizon.step(states + far * (knot > 0), float(asked.grid.times[knot]))
+        window = horizon.step(states + far * (knot > 0), float(scenario.grid.times[knot]))
         assert np.isfinite(window.plan.accelerations).all()
-    assert horizon.step(states - far, float(asked.grid.times[15])).plan.states(0).shape == (1, 6)
+    assert horizon.step(states - far, float(scenario.grid.times[15])).plan.states(0).shape == (1, 6)
 
 
 def test_plan_rho_is_the_loop_with_perfect_measurements() -> None:
@@ -243,13 +251,13 @@ def test_plan_rho_is_the_loop_with_perfect_measurements() -> None:
     np.testing.assert_array_equal(horizon.flight.plan.accelerations, flight.plan.accelerations)
 
 
-def test_what_makes_no_sense_is_refused_by_name() -> None:
-    asked = single()
-    states = asked.fleet.start_states
+def test_invalid_arguments_are_refused_by_name() -> None:
+    scenario = single()
+    states = scenario.fleet.start_states
     for every in (0, 1.5, True):
         with pytest.raises(ValueError, match="replan_every: got"):
-            rho.RecedingHorizon(asked, replan_every=every)  # type: ignore[arg-type]
-    horizon = rho.RecedingHorizon(asked)
+            rho.RecedingHorizon(scenario, replan_every=every)  # type: ignore[arg-type]
+    horizon = rho.RecedingHorizon(scenario)
     with pytest.raises(ValueError, match="windows: got none"):
         _ = horizon.flight
     with pytest.raises(ValueError, match=r"states: got shape \(1, 3\), expected \(1, 6\)"):

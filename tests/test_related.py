@@ -38,7 +38,7 @@ RELATED = {
 
 
 @pytest.mark.parametrize("name", RELATED)
-def test_a_known_plan_is_a_plan_of_every_scenario_that_asks_less(
+def test_a_known_plan_is_a_plan_of_every_relaxed_scenario(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def around(*_: object) -> rho.Plan:
@@ -51,30 +51,30 @@ def test_a_known_plan_is_a_plan_of_every_scenario_that_asks_less(
 
 
 @pytest.mark.parametrize("name", RELATED)
-def test_it_is_improved(name: str) -> None:
+def test_a_known_plan_is_improved(name: str) -> None:
     plan = rho.plan(RELATED[name], reference=DOOR.known)
     assert rho.verify(plan).ok
     assert plan.cost < 0.9 * fitted(DOOR.known, RELATED[name]).cost
 
 
-def test_one_vehicle_keeps_a_known_plan_that_its_linearisation_has_not() -> None:
-    """The plan without obstacles is no reference, and the way round it is what was known."""
-    asked = dataclasses.replace(ASKED, vehicles=ASKED.vehicles[:1], separation=None)
-    plan = rho.plan(asked, reference=DOOR.known)
+def test_a_vehicle_keeps_a_known_plan_where_its_linearisation_has_none() -> None:
+    """The obstacle-free plan is no feasible reference; the path around it was known."""
+    scenario = dataclasses.replace(ASKED, vehicles=ASKED.vehicles[:1], separation=None)
+    plan = rho.plan(scenario, reference=DOOR.known)
     assert rho.verify(plan).ok
 
 
-def test_what_moves_or_begins_elsewhere_is_not_stretched() -> None:
+def test_plans_are_not_stretched_if_obstacles_move_or_starts_differ() -> None:
     tail = rho.plan(rescaled(ASKED, 2.0), reference=DOOR.known).tail(3)
     assert fitted(tail, ASKED) is tail
     faster = rescaled(ASKED, 0.5)
     assert fitted(DOOR.known, faster) is DOOR.known
 
 
-def test_a_longer_flight_without_a_plan_of_its_own_is_a_shorter_one_flown_slower(
+def test_a_longer_flight_without_a_plan_is_a_shorter_one_slowed_down(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    first, asked, told = FirstPlan.of, rescaled(ASKED, 2.0), list[str]()
+    first, asked, reported = FirstPlan.of, rescaled(ASKED, 2.0), list[str]()
 
     def missed(self: FirstPlan, problem: Problem, reference: rho.Plan | None = None) -> rho.Plan:
         scenario = problem.scenario
@@ -86,9 +86,9 @@ def test_a_longer_flight_without_a_plan_of_its_own_is_a_shorter_one_flown_slower
 
     monkeypatch.setattr(FirstPlan, "of", missed)
     assert can_be_slower(asked)
-    plan = rho.plan(asked, progress=told.append)
+    plan = rho.plan(asked, progress=reported.append)
     assert rho.verify(plan).ok
-    assert any("trying a duration" in words for words in told)
+    assert any("trying a duration" in words for words in reported)
     ball = rho.Obstacle(rho.Sphere([0, 0, 99], 1), velocity=[0, 0, 1])
     moving = dataclasses.replace(asked, obstacles=(*asked.obstacles, ball))
     with pytest.raises(rho.InfeasibleError):
@@ -108,18 +108,18 @@ def test_fleets_through_a_gap_are_planned(kind: str, seed: int) -> None:
 @pytest.mark.parametrize("longer", [1.3, 2.0, 5.0])
 @pytest.mark.parametrize("kind", [KINDS[0], *slow(*KINDS[1:])])
 def test_more_time_never_hurts(kind: str, longer: float) -> None:
-    """The known motion of a scene, flown slower or held at the goals, is one of each of these."""
-    asked = gap_scene(kind, 4, np.random.default_rng(1)).scenario
-    knots = 1 + round(longer * (asked.grid.knots - 1))
+    """The known motion of a scene, slowed down or held at the goals, is one of each of these."""
+    scenario = gap_scene(kind, 4, np.random.default_rng(1)).scenario
+    knots = 1 + round(longer * (scenario.grid.knots - 1))
     for grid in (
-        rho.Grid(longer * asked.grid.step, asked.grid.knots),
-        rho.Grid(asked.grid.step, knots),
+        rho.Grid(longer * scenario.grid.step, scenario.grid.knots),
+        rho.Grid(scenario.grid.step, knots),
     ):
-        assert rho.verify(rho.plan(asked.on_grid(grid))).ok
+        assert rho.verify(rho.plan(scenario.on_grid(grid))).ok
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_gap_scenes_have_the_plan_that_they_are_built_around(kind: str) -> None:
+def test_gap_scenes_have_the_plan_they_are_built_around(kind: str) -> None:
     scene: GapScene = gap_scene(kind, 6, np.random.default_rng(7))
     assert rho.verify(scene.known).ok
     through = np.abs(np.diff(np.sign(scene.known.positions[:, :, 0]), axis=1)).sum(axis=1)

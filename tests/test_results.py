@@ -1,4 +1,4 @@
-"""Results: intervals that are known, summaries that rows bear out, files, figures."""
+"""Results: known intervals, summaries consistent with the rows, files, figures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tests.studies import small, table
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> rho.Results:
-    """Of a small study, of which some runs have no plan."""
+    """Return the results of a small study, some of whose runs have no plan."""
     return rho.campaign(small(5, plans=True), tmp_path_factory.mktemp("store") / "runs.sqlite")
 
 
@@ -70,13 +70,13 @@ def test_the_sign_tests_probability_is_that_of_counting(one: int, other: int) ->
     assert sign_test(one, other) == pytest.approx(sum(comb(n, k) for k in uneven) / 2**n)
 
 
-def test_quantiles_leave_out_what_is_not_known() -> None:
+def test_quantiles_leave_out_unknown_values() -> None:
     values = np.array([math.nan, *range(11), math.nan], dtype=float)
     assert Quantiles.of(values) == Quantiles(0.0, 1.0, 5.0, 9.0, 10.0)
     assert math.isnan(Quantiles.of(np.array([math.nan])).median)
 
 
-def test_the_summary_is_what_the_rows_say(results: rho.Results) -> None:
+def test_the_summary_agrees_with_the_rows(results: rho.Results) -> None:
     pytest.importorskip("pandas")
     frame = results.frame()
     assert len(frame) == len(results) == len(small(5))
@@ -135,7 +135,7 @@ def test_rows_are_records(results: rho.Results) -> None:
     assert {type(row.verified) for row in results.rows()} == {bool}
 
 
-def test_plans_come_back(results: rho.Results) -> None:
+def test_plans_are_read_back(results: rho.Results) -> None:
     for key, status, cost in table(results.path, ("key", "status", "cost")):
         if status == "solved":
             plan = results.plan(key)
@@ -146,30 +146,30 @@ def test_plans_come_back(results: rho.Results) -> None:
                 results.plan(key)
 
 
-def test_the_summary_is_json_without_anything_lost(results: rho.Results) -> None:
+def test_the_summary_is_lossless_json(results: rho.Results) -> None:
     text = json.dumps(results.to_json(), allow_nan=False)
     content = json.loads(text)
     assert content["runs"] == len(results)
-    for told, group in zip(content["groups"], results.groups, strict=True):
-        assert told["success"] == {
+    for reported, group in zip(content["groups"], results.groups, strict=True):
+        assert reported["success"] == {
             "successes": group.success.successes,
             "runs": group.success.runs,
         }
-        assert told["interval_95"] == list(group.success.interval)
+        assert reported["interval_95"] == list(group.success.interval)
 
 
-def test_tables_name_what_there_is(results: rho.Results) -> None:
+def test_tables_name_sources_and_methods(results: rho.Results) -> None:
     text = str(results)
     for word in ("pair", "past", "best", "convex", "infeasible", "convex / best"):
         assert word in text
     assert all(line == line.rstrip() for line in text.splitlines())
 
 
-def test_reasons_are_told_in_full() -> None:
+def test_reasons_are_given_in_full() -> None:
     reason = " ".join(f"vehicle-{number} and all of its neighbours;" for number in range(40))
     failures = [Failure("best", "infeasible", reason, 3), Failure("other", "error", "", 12)]
-    *_, told = tables("runs", (), failures, ()).split("\n\n")
-    head, *lines = told.splitlines()
+    *_, reported = tables("runs", (), failures, ()).split("\n\n")
+    head, *lines = reported.splitlines()
     place = head.index("most often because")
     assert " ".join(line[place:] for line in lines[:-1]) == reason
     assert lines[0][:place].split() == ["best", "infeasible", "3"]

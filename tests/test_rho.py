@@ -1,4 +1,4 @@
-"""The receding horizon: its windows, what is flown of them, and what happens when one fails."""
+"""The receding horizon: its windows, the part of them that is flown, and failing windows."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.tolerances import INDEX, ROUNDING
 
 
 @pytest.mark.parametrize("replan_every", [1, 5, 7, 48, 49, 100])
-def test_what_is_flown_is_the_beginning_of_every_window(
+def test_the_flight_is_the_beginning_of_every_window(
     paper: rho.Scenario, replan_every: int
 ) -> None:
     flight = rho.plan_rho(paper, replan_every=replan_every)
@@ -46,7 +46,7 @@ def test_one_window_is_the_convex_method(paper: rho.Scenario) -> None:
     np.testing.assert_array_equal(flight.plan.accelerations, rho.plan_convex(paper).accelerations)
 
 
-def test_the_reference_of_a_window_is_its_own_way_through(paper: rho.Scenario) -> None:
+def test_the_reference_of_a_window_is_its_obstacle_free_motion(paper: rho.Scenario) -> None:
     flight = rho.plan_rho(paper)
     for window in flight.windows[:-1]:
         free = rho.plan_convex(window.plan.scenario.without_obstacles())
@@ -90,7 +90,7 @@ def _failing_after(windows: int) -> Planner:
     return planner
 
 
-def test_a_window_without_a_plan_flies_on_along_the_previous_one(paper: rho.Scenario) -> None:
+def test_a_window_without_a_plan_continues_the_previous_one(paper: rho.Scenario) -> None:
     planner = _failing_after(2)
     flight = rho.plan_rho(paper, planner=planner, fallback=None)
     assert rho.verify(flight.plan).ok
@@ -101,8 +101,8 @@ def test_a_window_without_a_plan_flies_on_along_the_previous_one(paper: rho.Scen
     )
 
 
-class Asked:
-    """A planner that fails in some windows, and the references it was asked with."""
+class RecordingPlanner:
+    """Planner that fails in some windows and records the references it is given."""
 
     def __init__(self, planner: Planner, failing: frozenset[int], error: Exception) -> None:
         self.planner, self.failing, self.error = planner, failing, error
@@ -115,7 +115,7 @@ class Asked:
         reference: rho.Plan | None,
         solver: SolverInterface | None = None,
     ) -> rho.Plan:
-        """A plan, or the error."""
+        """Return a plan, or raise the error."""
         self.references.append(reference)
         if len(self.references) - 1 in self.failing:
             raise self.error
@@ -133,8 +133,8 @@ NO_PLAN = [
 def test_where_the_planner_fails_the_fallback_plans_from_the_tail(
     paper: rho.Scenario, error: Exception
 ) -> None:
-    planner = Asked(rho.plan_convex, frozenset([0, 3]), error)
-    fallback = Asked(rho.plan, frozenset(), error)
+    planner = RecordingPlanner(rho.plan_convex, frozenset([0, 3]), error)
+    fallback = RecordingPlanner(rho.plan, frozenset(), error)
     flight = rho.plan_rho(paper, planner=planner, fallback=fallback)
     assert rho.verify(flight.plan).ok
     assert len(planner.references) == len(flight.windows) == 10
@@ -153,8 +153,8 @@ def test_where_the_planner_fails_the_fallback_plans_from_the_tail(
     assert flight.statistics.programs > 2000
 
 
-def test_the_fallback_is_asked_by_itself_where_the_convex_method_has_no_plan() -> None:
-    """A free way through the centre of an obstacle, which no one linearisation leads round."""
+def test_the_fallback_is_used_by_default_where_the_convex_method_has_no_plan() -> None:
+    """The obstacle-free motion passes an obstacle's centre: one linearisation has no plan."""
     scenario = single(
         start=rho.State([0, 1, 2]),
         goal=rho.State([20, 1, 2]),
@@ -172,31 +172,31 @@ def test_the_fallback_is_asked_by_itself_where_the_convex_method_has_no_plan() -
 
 
 @pytest.mark.parametrize("error", NO_PLAN)
-def test_where_both_fail_the_tail_is_flown_and_it_is_said_why(
+def test_where_planner_and_fallback_fail_the_tail_is_flown_with_a_reason(
     paper: rho.Scenario, error: Exception
 ) -> None:
     last = rho.InfeasibleError({"UAV-2": ("obstacle 1 at 9 s",)}, statistics=SPENT)
-    planner = Asked(rho.plan_convex, frozenset([2]), error)
-    fallback = Asked(rho.plan, frozenset([0]), last)
+    planner = RecordingPlanner(rho.plan_convex, frozenset([2]), error)
+    fallback = RecordingPlanner(rho.plan, frozenset([0]), last)
     flight = rho.plan_rho(paper, planner=planner, fallback=fallback)
     assert rho.verify(flight.plan).ok
     assert [window.infeasible for window in flight.windows] == [""] * 2 + [str(last)] + [""] * 7
     window, before = flight.windows[2], flight.windows[1]
     tail = before.plan.tail(5)
     np.testing.assert_array_equal(window.plan.accelerations, tail.accelerations)
-    assert window.plan.statistics.programs == 2000  # what both have spent
+    assert window.plan.statistics.programs == 2000  # the sum of both
     with pytest.raises(rho.InfeasibleError, match="UAV-2"):
         rho.plan_rho(
             paper,
-            planner=Asked(rho.plan_convex, frozenset([0]), error),
-            fallback=Asked(rho.plan, frozenset([0]), last),
+            planner=RecordingPlanner(rho.plan_convex, frozenset([0]), error),
+            fallback=RecordingPlanner(rho.plan, frozenset([0]), last),
         )
 
 
 def test_a_window_that_fails_is_not_explained(
     paper: rho.Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No program in which constraints may be broken is written unless an explanation is asked."""
+    """No program with soft constraints is built unless an explanation is requested."""
     written: list[bool] = []
 
     def counted(changes: Changes, *args: Any, **options: Any) -> Iterator[Any]:
@@ -246,7 +246,7 @@ def test_replan_every_is_a_whole_number_of_at_least_one(
             rho.plan_rho(paper, replan_every=word)  # type: ignore[arg-type]  # the same
 
 
-def test_jerk_is_kept_where_windows_meet() -> None:
+def test_the_jerk_limit_holds_where_windows_meet() -> None:
     limits = rho.Limits(jerk=rho.Box([-1.0] * 3, [1.0] * 3))
     obstacles = (rho.Sphere([5.0, 2.3, -1.0], 2.2),)
     scenario = single(limits=limits, obstacles=obstacles)
@@ -254,12 +254,12 @@ def test_jerk_is_kept_where_windows_meet() -> None:
     assert rho.verify(flight.plan).ok
     free = rho.plan_rho(single(obstacles=obstacles), replan_every=3)
     jerks = np.abs(np.diff(free.plan.accelerations, axis=1)).max() / scenario.grid.step
-    assert jerks > 1.5  # without the limit, some joint or step breaks it
+    assert jerks > 1.5  # without the limit, some joint or step violates it
 
 
 @given(scenario=scenarios(), replan_every=st.integers(1, 9), tail=st.booleans())
 @settings(max_examples=13)
-def test_a_flight_that_begins_ends_at_its_goal(
+def test_a_flight_whose_first_window_has_a_plan_ends_at_its_goal(
     scenario: rho.Scenario, replan_every: int, tail: bool
 ) -> None:
     reference = rho.tail_reference if tail else rho.free_reference

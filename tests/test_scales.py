@@ -1,4 +1,4 @@
-"""Scales and tolerances: what a vehicle has to do, and not where it is."""
+"""Scales and tolerances depend on the task of a vehicle, and not on its position."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from drake_rho.scenario.shapes.base import TOLERANCE
 from tests.scenarios import random_fleet, random_scenario
 
 FAR = (0.1, 1e3, 1e6)
-"""How far scenes are moved [m]."""
+"""Distances by which scenes are moved [m]."""
 
 
 def moved(scenario: rho.Scenario, by: np.ndarray) -> rho.Scenario:
-    """The scenario somewhere else."""
+    """Return the scenario shifted."""
 
     def state(old: rho.State) -> rho.State:
         return dataclasses.replace(old, position=old.position + by)
@@ -58,7 +58,7 @@ def moved(scenario: rho.Scenario, by: np.ndarray) -> rho.Scenario:
 
 
 def hovering(hop: float = 0.0, aside: float = 0.1, **options: object) -> rho.Scenario:
-    """A vehicle that stays where it is, and a ball that passes it."""
+    """Return a vehicle that hovers, and a ball that passes it."""
     at, beside = np.array([0.1, 0.0, 0.0]), 0.1 + aside
     track = rho.Track([0, 4], [[beside, -3, 0], [beside, 3, 0]])
     return rho.Scenario(
@@ -91,7 +91,7 @@ SCENES = {
 
 
 def outcome(scenario: rho.Scenario) -> float | None:
-    """The cost of its plan, which holds; None if there is none."""
+    """Return the cost of the plan, which holds; None if there is none."""
     try:
         plan = rho.plan_convex(scenario) if len(scenario.vehicles) > 3 else rho.plan(scenario)
     except rho.InfeasibleError:
@@ -102,14 +102,14 @@ def outcome(scenario: rho.Scenario) -> float | None:
 
 @given(kind=st.sampled_from(sorted(SCENES)), seed=st.integers(0, 200), far=st.sampled_from(FAR))
 @settings(max_examples=20)
-def test_a_scene_has_the_same_plan_somewhere_else(kind: str, seed: int, far: float) -> None:
+def test_a_shifted_scene_has_the_same_plan(kind: str, seed: int, far: float) -> None:
     scenario = SCENES[kind](seed)
     by = far * np.array([1.0, -1.0, 0.3])
     here, there = outcome(scenario), outcome(moved(scenario, by))
     assert (here is None) == (there is None)
     if here is not None:
         size = float(scenario.fleet.lengths.min())
-        rounding = 1e-10 * far / size  # of coordinates, in parts of what is flown
+        rounding = 1e-10 * far / size  # rounding of coordinates, relative to the distance flown
         assert there == pytest.approx(here, rel=1e-5 + rounding, abs=1e-9)
 
 
@@ -120,12 +120,13 @@ def test_lengths_do_not_depend_on_coordinates(far: float) -> None:
         np.testing.assert_allclose(there.fleet.lengths, scenario.fleet.lengths, rtol=1e-6)
 
 
-def test_what_a_vehicle_has_to_do_is_its_length() -> None:
+def test_the_length_of_a_vehicle_is_the_distance_of_its_task() -> None:
     free = dataclasses.replace(hovering(), obstacles=())
-    assert free.fleet.lengths == pytest.approx([1.0])  # nothing
-    assert hovering().fleet.lengths == pytest.approx([0.3])  # as far aside as the ball is large
+    assert free.fleet.lengths == pytest.approx([1.0])  # nothing else defines a length
+    # the vehicle moves aside by the size of the ball
+    assert hovering().fleet.lengths == pytest.approx([0.3])
     past = dataclasses.replace(hovering(aside=0.7), obstacles=hovering(aside=0.7).obstacles)
-    assert past.fleet.lengths == pytest.approx([1.0])  # it comes by
+    assert past.fleet.lengths == pytest.approx([1.0])  # the ball passes at a distance
     assert hovering(hop=2.0).fleet.lengths == pytest.approx([2.0])
     hop = dataclasses.replace(hovering(hop=1e-12), obstacles=())
     at = moved(hop, np.full(3, 1e6))
@@ -133,7 +134,7 @@ def test_what_a_vehicle_has_to_do_is_its_length() -> None:
 
 
 @pytest.mark.parametrize("half", [10.0, 1e3, 1e5])
-def test_a_wide_ground_lets_nobody_in(half: float) -> None:
+def test_a_wide_ground_is_impenetrable(half: float) -> None:
     ground = rho.Box([-half, -half, -2.5e-4 * half - 1.0], [half, half, -0.02])
 
     def at(height: float) -> rho.Plan:
@@ -157,8 +158,8 @@ def test_a_wide_ground_lets_nobody_in(half: float) -> None:
     assert rho.verify(plan).ok
 
 
-def test_what_moves_aside_moves_no_further_than_the_obstacle() -> None:
-    """A ground that sinks slowly lets nobody in either."""
+def test_a_slowly_moving_ground_is_impenetrable() -> None:
+    """An obstacle that moves along its surface does not enlarge the scale or the tolerance."""
     deep = rho.Box([-1e5, -1e5, -2e5], [1e5, 1e5, 0.0])
     for speed in (1e-9, 1e-2):
         ground = rho.Obstacle(deep, velocity=[speed, 0, 0])
@@ -173,7 +174,7 @@ def test_what_moves_aside_moves_no_further_than_the_obstacle() -> None:
             )
 
 
-def test_what_is_not_known_yet_is_no_scale() -> None:
+def test_unknown_obstacles_define_no_scale() -> None:
     late = dataclasses.replace(hovering().bodies[0], known_from=2.0)
     scenario = dataclasses.replace(hovering(), obstacles=(late,))
     assert scenario.fleet.lengths == pytest.approx([1.0])

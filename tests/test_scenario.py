@@ -1,4 +1,4 @@
-"""Records are complete, checked when made, and come back from YAML as they went."""
+"""Records are complete, validated when created, and preserved by YAML."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.scenarios import fleet, scenarios, single
 
 
 def as_any(value: Any) -> Any:
-    """The value, of a type that mypy lets pass where it is wrong."""
+    """Return the value with a type that lets mypy pass where it is wrong."""
     return value
 
 
@@ -154,7 +154,7 @@ def test_bad_yaml_is_refused_by_name(old: str, new: str, field: str, paper: rho.
         *("a: !!timestamp x", "a: " + "9" * 5000, "? [1]\n: 2", "? {a: 1}\n: 2", "\0"),
     ],
 )
-def test_what_is_no_scenario_is_refused(text: str) -> None:
+def test_text_that_is_no_scenario_is_refused(text: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         scenario_from_yaml(text)
     assert "\n" not in str(caught.value)
@@ -162,7 +162,7 @@ def test_what_is_no_scenario_is_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize("brackets", ["[", "{", "{? ", "- "])
-def test_yaml_too_deep_is_refused_in_words(brackets: str) -> None:
+def test_yaml_nested_too_deeply_is_refused_with_a_message(brackets: str) -> None:
     with pytest.raises(rho.ScenarioError, match="expected YAML that is less deeply nested"):
         scenario_from_yaml(brackets * 20_000)
 
@@ -175,7 +175,7 @@ def test_a_number_too_long_to_be_written_is_refused(paper: rho.Scenario) -> None
         scenario_from_yaml(text)
 
 
-def test_a_name_given_twice_is_told_with_its_place() -> None:
+def test_the_error_of_a_duplicate_name_gives_its_place() -> None:
     names = [f"key{number}: {number}" for number in range(1000)]
     with pytest.raises(rho.ScenarioError, match=r"the key 'key7' once, not again .* line 1001"):
         scenario_from_yaml("\n".join([*names, "key7: 0"]))
@@ -192,11 +192,11 @@ def test_a_missing_file_and_a_wrong_name_are_named(tmp_path: Path) -> None:
 
 
 @given(scenario=scenarios())
-def test_yaml_brings_back_the_same_scenario(scenario: rho.Scenario) -> None:
+def test_yaml_preserves_a_scenario(scenario: rho.Scenario) -> None:
     assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
 
 
-def test_files_bring_back_the_same_scenario(paper: rho.Scenario, tmp_path: Path) -> None:
+def test_files_preserve_a_scenario(paper: rho.Scenario, tmp_path: Path) -> None:
     own = dataclasses.replace(paper.vehicles[0], limits=rho.Limits(jerk=rho.Box([-1] * 3, [1] * 3)))
     changed = dataclasses.replace(paper, vehicles=(own, *paper.vehicles[1:]))
     rho.save_scenario(changed, tmp_path / "s.yaml")
@@ -230,7 +230,7 @@ def test_records_cannot_be_changed(paper: rho.Scenario) -> None:
     assert state.position[0] == 0.0
 
 
-def test_own_limits_stand_in_for_the_scenarios() -> None:
+def test_own_limits_replace_those_of_the_scenario() -> None:
     common = rho.Limits(velocity=rho.Box([-1] * 3, [1] * 3), jerk=rho.Box([-5] * 3, [5] * 3))
     own = rho.Limits(velocity=rho.Box([-2] * 3, [2] * 3))
     vehicle = dataclasses.replace(VEHICLE, limits=own)
@@ -241,8 +241,8 @@ def test_own_limits_stand_in_for_the_scenarios() -> None:
     assert merged.acceleration is None
 
 
-def test_an_own_largest_speed_stands_in_for_the_scenarios() -> None:
-    """A faster vehicle, a slower one, and one with a box of its own only."""
+def test_an_own_largest_speed_replaces_that_of_the_scenario() -> None:
+    """The vehicles are a faster one, a slower one, and one that has only a box of its own."""
     owns = (2.0, 0.5, None)
     box = rho.Box([-1] * 3, [1] * 3)
     vehicles = [
@@ -269,7 +269,7 @@ def test_a_start_on_the_surface_is_allowed() -> None:
     assert single(obstacles=(touching,)).obstacles == (touching,)
 
 
-def test_copies_and_pickles_are_the_same_and_locked_too(paper: rho.Scenario) -> None:
+def test_copies_and_pickles_are_equal_and_read_only(paper: rho.Scenario) -> None:
     for other in (copy.deepcopy(paper), pickle.loads(pickle.dumps(paper))):  # noqa: S301  # own
         assert other == paper
         with pytest.raises(ValueError, match="read-only"):
@@ -297,7 +297,7 @@ def test_yaml_merge_keys_work_and_alias_bombs_are_refused_at_once(paper: rho.Sce
             scenario_from_yaml(bomb)
 
 
-def test_names_of_a_merge_within_a_merge_are_not_given_twice() -> None:
+def test_names_of_nested_merges_are_no_duplicates() -> None:
     text = """
 name: two
 grid: {step: 1, knots: 20}
@@ -316,8 +316,8 @@ limits: {<<: *other}
     assert scenario.limits == scenario.vehicles[1].limits != scenario.vehicles[0].limits
 
 
-def _kept_apart() -> rho.Scenario:
-    """A scenario in which every field says something."""
+def _every_field_set() -> rho.Scenario:
+    """Return a scenario in which every field has a meaningful value."""
     bird = rho.Obstacle(rho.Sphere([5, 0, 9], 0.5), velocity=[0, 0.5, 0], known_from=2.0)
     return dataclasses.replace(
         fleet([[0, 0, 0], [3, 3, 3]], [[9, 9, 9], [12, 12, 12]]),
@@ -341,7 +341,7 @@ CHANGES: dict[str, Any] = {
 
 
 def _computed(scenario: rho.Scenario) -> list[object]:
-    """What a scenario computes of itself."""
+    """Return the values that a scenario computes and caches."""
     arrays = [
         scenario.fleet.start_positions,
         scenario.fleet.radii,
@@ -349,12 +349,12 @@ def _computed(scenario: rho.Scenario) -> list[object]:
         *(scenario.fleet.scale(quantity) for quantity in ("position", "jerk")),
         *(limit.most for limit in scenario.fleet.norms.values()),
     ]
-    told = [scenario.bodies, scenario.bodies_in_flight, scenario.known, scenario.spheres]
-    return [*told, *(array.tolist() for array in arrays)]
+    reported = [scenario.bodies, scenario.bodies_in_flight, scenario.known, scenario.spheres]
+    return [*reported, *(array.tolist() for array in arrays)]
 
 
-def test_no_copy_of_a_scenario_keeps_what_another_has_computed_of_itself() -> None:
-    scenario = _kept_apart()
+def test_no_copy_of_a_scenario_keeps_cached_values_of_another() -> None:
+    scenario = _every_field_set()
     assert CHANGES.keys() == {field.name for field in dataclasses.fields(scenario)}
     before = _computed(scenario)
     for field, value in CHANGES.items():
@@ -375,8 +375,8 @@ def test_no_copy_of_a_scenario_keeps_what_another_has_computed_of_itself() -> No
     assert _computed(copy.copy(scenario)) == before
 
 
-def test_copies_of_records_begin_with_their_fields_alone() -> None:
-    scenario = _kept_apart()
+def test_copies_of_records_begin_without_cached_values() -> None:
+    scenario = _every_field_set()
     records: list[Any] = [scenario, scenario.grid, rho.Box([0, 0, 0], [1, 1, 1])]
     records += [rho.Polytope([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), scenario.bodies[1]]
     for each in records:

@@ -1,4 +1,4 @@
-"""Sequential convex programming: feasible at every iterate, and never dearer."""
+"""Sequential convex programming: every iterate is feasible, and the cost never increases."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drake_rho.planning.scp.restoration import SoftRows, restore_feasibility
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
-from tests.scenarios import careless, fleet, scenarios, through_the_middle
+from tests.scenarios import fleet, independent, scenarios, through_the_middle
 from tests.tolerances import INDEX
 
 
@@ -30,7 +30,7 @@ def _iterate(plan: rho.Plan, steps: int, solver: SolverInterface | None = None) 
     return plans
 
 
-def test_every_iterate_is_feasible_and_the_cost_does_not_rise(
+def test_every_iterate_is_feasible_and_the_cost_does_not_increase(
     paper: rho.Scenario, solver: SolverInterface
 ) -> None:
     plans = _iterate(rho.plan_convex(paper, solver=solver), 12, solver)
@@ -42,7 +42,7 @@ def test_every_iterate_is_feasible_and_the_cost_does_not_rise(
 
 @given(scenario=scenarios())
 @settings(max_examples=13)
-def test_the_same_on_random_scenarios(scenario: rho.Scenario) -> None:
+def test_iterates_of_random_scenarios_are_feasible_and_cost_no_more(scenario: rho.Scenario) -> None:
     assume(scenario.obstacles)
     try:
         plans = _iterate(rho.plan_convex(scenario), 6)
@@ -50,11 +50,11 @@ def test_the_same_on_random_scenarios(scenario: rho.Scenario) -> None:
         assume(False)
     assert all(rho.verify(plan).ok for plan in plans)
     for before, after in pairwise(plans):
-        # the rows are kept to a tenth of the verifier's slack, so the cost to as much
+        # rows are satisfied to a tenth of the verifier's tolerance, and so is the cost
         assert after.cost <= before.cost * (1 + INDEX)
 
 
-def test_a_converged_plan_is_its_own_linearisations_best(paper: rho.Scenario) -> None:
+def test_a_converged_plan_is_optimal_for_its_own_linearisation(paper: rho.Scenario) -> None:
     plan = rho.plan_scp(paper)
     assert plan.statistics.converged
     again = rho.scp_step(plan)
@@ -80,11 +80,11 @@ def test_a_reference_on_another_grid_is_refused(paper: rho.Scenario) -> None:
         rho.plan_scp(paper, reference=tail)
 
 
-class Scripted:
-    """Iterations whose plans are known: accelerations of so many m/s² of each vehicle.
+class ScriptedIterations:
+    """Iterations with given plans: constant accelerations [m/s²] of each vehicle.
 
     Args:
-        scenario: of some vehicles.
+        scenario: the vehicles.
         script: for each iteration a number for each vehicle, or an error.
     """
 
@@ -105,8 +105,8 @@ class Scripted:
         return flown(self.scenario, after), False
 
 
-class Steps:
-    """Steps of a restoration whose plans are known.
+class ScriptedSteps:
+    """Steps of a restoration with given plans.
 
     Args:
         script: the plan of each step.
@@ -125,14 +125,14 @@ class Steps:
 
 
 def iterated(
-    improve: Scripted,
+    improve: ScriptedIterations,
     start: rho.Plan,
     tolerance: float,
     *,
     together: bool = False,
     most: int = DEFAULTS.max_iterations,
 ) -> rho.Plan:
-    """Return the plan that known iterations end with, whose vehicles may all stop together."""
+    """Return the last plan of scripted iterations, whose vehicles may all stop together."""
     subproblem = Subproblem(Problem.of(start.scenario))
     labels = np.zeros(len(start.accelerations), dtype=int) if together else None
     return sequential_convex(
@@ -141,7 +141,7 @@ def iterated(
 
 
 def flown(scenario: rho.Scenario, each: Sequence[float]) -> rho.Plan:
-    """Vehicles that fly constant accelerations along x; one linearisation was needed for it."""
+    """Return vehicles with constant accelerations along x, found with one linearisation."""
     accelerations = np.zeros((len(each), scenario.grid.knots - 1, 3))
     accelerations[:, :, 0] = np.array(each)[:, None]
     return rho.Plan.from_accelerations(scenario, accelerations, rho.Statistics(linearisations=1))
@@ -149,15 +149,15 @@ def flown(scenario: rho.Scenario, each: Sequence[float]) -> rho.Plan:
 
 @pytest.fixture
 def two() -> rho.Scenario:
-    """Two vehicles, ten steps."""
+    """Return two vehicles with ten steps."""
     ends = np.array([[0.0, 0, 0], [0, 50, 0]])
     return fleet(ends, ends + 5.0, grid=rho.Grid(1.0, 11)).without_separation()
 
 
-def test_vehicles_stop_by_themselves_and_keep_their_better_plan(two: rho.Scenario) -> None:
-    """The second rises at first, so it stops where it was; the first goes on until it is level."""
+def test_vehicles_stop_independently_and_keep_their_better_plan(two: rho.Scenario) -> None:
+    """The second rises at first and stops where it was; the first continues until it is level."""
     script = [[3.0, 5.0], [2.0, 1.0], [2.0, 1.0]]
-    improve = Scripted(two, script)
+    improve = ScriptedIterations(two, script)
     plan = iterated(improve, flown(two, [4.0, 4.0]), 1e-6)
     assert improve.planned == [[0, 1], [0], [0]]
     assert plan.statistics.converged
@@ -166,28 +166,28 @@ def test_vehicles_stop_by_themselves_and_keep_their_better_plan(two: rho.Scenari
     assert plan.statistics.tolerance == 1e-6
 
 
-def test_a_rise_of_one_vehicle_is_not_taken_over_where_nothing_couples_it(
+def test_an_increase_of_one_uncoupled_vehicle_is_not_adopted(
     two: rho.Scenario,
 ) -> None:
-    plan = iterated(Scripted(two, [[3.0, 5.0]]), flown(two, [4.0, 4.0]), 1e-6, most=1)
+    plan = iterated(ScriptedIterations(two, [[3.0, 5.0]]), flown(two, [4.0, 4.0]), 1e-6, most=1)
     assert plan.accelerations[:, 0, 0].tolist() == [3.0, 4.0]
     assert not plan.statistics.converged
 
 
-def test_vehicles_that_pairs_couple_take_the_plan_that_costs_less_in_total(
+def test_coupled_vehicles_take_the_plan_that_costs_less_in_total(
     two: rho.Scenario,
 ) -> None:
-    improve = Scripted(two, [[3.0, 4.5], [4.0, 4.0]])
+    improve = ScriptedIterations(two, [[3.0, 4.5], [4.0, 4.0]])
     plan = iterated(improve, flown(two, [4.0, 4.0]), 1e-6, together=True)
     assert plan.accelerations[:, 0, 0].tolist() == [3.0, 4.5]  # 29.25 is less than 32
     assert improve.planned == [[0, 1], [0, 1]]
     assert plan.statistics.converged
 
 
-def test_a_cost_that_rises_is_left_and_counts_as_converged(two: rho.Scenario) -> None:
+def test_an_increasing_cost_is_rejected_and_counts_as_converged(two: rho.Scenario) -> None:
     for together in (True, False):
         start = flown(two, [4.0, 4.0])
-        plan = iterated(Scripted(two, [[4.1, 4.1]]), start, 1e-6, together=together)
+        plan = iterated(ScriptedIterations(two, [[4.1, 4.1]]), start, 1e-6, together=together)
         np.testing.assert_array_equal(plan.accelerations, start.accelerations)
         assert plan.statistics.converged
 
@@ -196,34 +196,34 @@ def test_a_cost_that_rises_is_left_and_counts_as_converged(two: rho.Scenario) ->
 def test_the_tolerance_is_relative_to_the_whole_cost(
     two: rho.Scenario, tolerance: float, count: int
 ) -> None:
-    """The cost falls by 36 %, by 9.8 %, by 4 % and by nothing."""
+    """The cost decreases by 36 %, by 9.8 %, by 4 % and by nothing."""
     script = [[3.2, 3.2], [3.04, 3.04], [2.98, 2.98], [2.98, 2.98]]
-    improve = Scripted(two, script)
+    improve = ScriptedIterations(two, script)
     plan = iterated(improve, flown(two, [4.0, 4.0]), tolerance, together=True)
     assert len(improve.planned) == count
     assert plan.statistics.converged
 
 
 @pytest.mark.parametrize("error", [rho.InfeasibleError({}), rho.SolverError("by rounding")])
-def test_a_linearisation_that_fails_by_rounding_ends_with_the_plan_before_it(
+def test_a_linearisation_that_fails_by_rounding_returns_the_plan_before_it(
     two: rho.Scenario, error: Exception
 ) -> None:
-    plan = iterated(Scripted(two, [[3.0, 3.0], error]), flown(two, [4.0, 4.0]), 1e-6)
+    plan = iterated(ScriptedIterations(two, [[3.0, 3.0], error]), flown(two, [4.0, 4.0]), 1e-6)
     assert plan.accelerations[:, 0, 0].tolist() == [3.0, 3.0]
     assert not plan.statistics.converged
 
 
-def _apart_or_not() -> tuple[rho.Plan, rho.Plan]:
-    """Return a motion of two that meet, and their plan; each was linearised once."""
-    asked, once = through_the_middle(2), rho.Statistics(linearisations=1)
-    return careless(asked).with_statistics(once), rho.plan(asked).with_statistics(once)
+def _colliding_and_separated() -> tuple[rho.Plan, rho.Plan]:
+    """Return a motion of two vehicles that collide, and their plan; each was linearised once."""
+    scenario, once = through_the_middle(2), rho.Statistics(linearisations=1)
+    return independent(scenario).with_statistics(once), rho.plan(scenario).with_statistics(once)
 
 
-def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart() -> None:
+def test_a_restoration_raises_penalties_until_the_pairs_are_separated() -> None:
     said: list[str] = []
-    start, apart = _apart_or_not()
+    start, apart = _colliding_and_separated()
     subproblem = Subproblem(Problem.of(start.scenario), decoupled)
-    step = Steps([start, apart, start])
+    step = ScriptedSteps([start, apart, start])
     plan = restore_feasibility(subproblem, start, step=step, progress=said.append)
     first = step.penalties[0][0]
     assert step.penalties == [(first, 0), (3.0 * first, 1)]
@@ -236,16 +236,16 @@ def test_a_restoration_goes_through_the_penalties_until_the_pairs_keep_apart() -
         "worst violation 1 m, 2 vehicles violating",
         f"linearised 3 times, cost {apart.cost:.6g} m²/s⁴",
     ]
-    step = Steps([start, start, apart])
+    step = ScriptedSteps([start, start, apart])
     with pytest.raises(rho.InfeasibleError) as caught:
         restore_feasibility(subproblem, start, step=step, most=2)
     assert caught.value.statistics.linearisations == 3
 
 
 def test_steps_may_count_as_taken_before_the_first() -> None:
-    start, apart = _apart_or_not()
+    start, apart = _colliding_and_separated()
     subproblem = Subproblem(Problem.of(start.scenario), decoupled)
-    step, later = Steps([apart]), Steps([start, apart])
+    step, later = ScriptedSteps([apart]), ScriptedSteps([start, apart])
     restore_feasibility(subproblem, start, step=step)
     restore_feasibility(subproblem, start, step=later, offset=2)
     first = step.penalties[0][0]
@@ -253,41 +253,42 @@ def test_steps_may_count_as_taken_before_the_first() -> None:
 
 
 def test_penalties_of_a_restoration_triple_up_to_a_bound_until_patience_ends() -> None:
-    start = careless(through_the_middle(2))
-    step = Steps(repeat(start))
+    start = independent(through_the_middle(2))
+    step = ScriptedSteps(repeat(start))
     subproblem = Subproblem(Problem.of(start.scenario), decoupled)
     with pytest.raises(rho.InfeasibleError, match="separation from v1 at 5 s") as caught:
         restore_feasibility(subproblem, start, step=step)
     assert set(caught.value.conflicts) == {"v0", "v1"}
     penalties = np.array([penalty for penalty, _ in step.penalties])
     numbers = [number for _, number in step.penalties]
-    assert numbers == list(range(1 + PATIENCE))  # nobody is out of trouble
+    # both vehicles stay in violation
+    assert numbers == list(range(1 + PATIENCE))
     np.testing.assert_allclose(penalties[1:11] / penalties[:10], 3.0)
     np.testing.assert_allclose(penalties[11:], 1e5 * penalties[0])
-    # a plan's cost for each vehicle, and that of a metre aside and back at 4 d / T² all along
+    # the plan's cost per vehicle, and that of 1 m sideways and back at constant 4 d / T²
     known = start.cost / 2 + 21 * (4.0 * 1.0 / 10.0**2) ** 2
     assert penalties[0] == pytest.approx(known)
 
 
-def test_a_restoration_that_comes_no_further_is_given_up() -> None:
-    """Through a sphere that is too wide to get round in time, from both sides of it."""
-    asked = rho.Scenario(
+def test_a_restoration_without_progress_is_given_up() -> None:
+    """The sphere is too wide to be passed in time, on both of its sides."""
+    scenario = rho.Scenario(
         "late",
         rho.Grid.lasting(5.0, step=0.25),
         [rho.Vehicle("a", rho.State([0, 0, 0]), rho.State([10, 0, 0]))],
         limits=rho.Limits(max_acceleration=1.65),
         obstacles=[rho.Sphere([5, 0.1, 0], 2.0)],
     )
-    start, ends = rho.plan(asked.without_obstacles()), DeadEnds(asked)
+    start, ends = rho.plan(scenario.without_obstacles()), DeadEnds(scenario)
     for _ in range(2):
         with pytest.raises(rho.InfeasibleError) as caught:
-            restore_feasibility(Subproblem(Problem.of(asked), decoupled), start, dead_ends=ends)
+            restore_feasibility(Subproblem(Problem.of(scenario), decoupled), start, dead_ends=ends)
         assert caught.value.statistics.linearisations < PATIENCE
-    assert len(ends) == 1  # the second time, a place that is known
+    assert len(ends) == 1  # the second time the dead end is known
     assert not ends.is_near(start)
 
 
-def test_vehicles_that_cost_nothing_have_converged(two: rho.Scenario) -> None:
-    improve = Scripted(two, [[0.0, 0.0]])
+def test_vehicles_of_zero_cost_have_converged(two: rho.Scenario) -> None:
+    improve = ScriptedIterations(two, [[0.0, 0.0]])
     assert iterated(improve, flown(two, [0.0, 0.0]), 1e-6).statistics.converged
     assert len(improve.planned) == 1

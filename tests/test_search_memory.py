@@ -1,4 +1,4 @@
-"""What searches for ways take: grids that fit speeds, and a bound in bytes."""
+"""Memory of path searches: grids that fit the speeds, and a bound in bytes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CASES = Path(__file__).parent / "cases"
 def door(
     velocity: rho.Box, *, speed: float = 0.0, moving: bool = True, span: float = 20.0
 ) -> rho.Scenario:
-    """A flight of ten seconds past two walls and, if asked, a box that moves."""
+    """Return a flight of ten seconds past two walls and, by default, a moving box."""
     obstacles: list[rho.Obstacle] = [
         rho.Obstacle(rho.Box([6, -8, -5], [7, 2, 15])),
         rho.Obstacle(rho.Box([12, -2, -5], [13, 8, 15])),
@@ -53,9 +53,9 @@ FORWARD = rho.Box([0.5, -5, -5], [5, 5, 5])
 @pytest.mark.parametrize(
     ("case", "most"), [("slow_climb", 1e7), ("forward_only", 1e8), ("fast_descent", 1e7)]
 )
-def test_a_search_takes_no_more_than_it_may(case: str, most: float) -> None:
+def test_a_search_respects_its_memory_limit(case: str, most: float) -> None:
     scenario = load_scenario(CASES / f"{case}.yaml")
-    find_paths(scenario, max_memory=most)  # what is loaded and kept once
+    find_paths(scenario, max_memory=most)  # loads and caches what is used once
     tracemalloc.start()
     try:
         found = find_paths(scenario, max_memory=most)
@@ -63,10 +63,10 @@ def test_a_search_takes_no_more_than_it_may(case: str, most: float) -> None:
     finally:
         tracemalloc.stop()
     assert found.searched.points > 0
-    assert peak < most + 2e7  # what is looked at at once
+    assert peak < most + 2e7  # arrays in use at the same time
 
 
-def test_a_lattice_takes_what_is_said_beforehand() -> None:
+def test_a_lattice_takes_the_memory_predicted_for_it() -> None:
     scenario = door(rho.Box([-5] * 3, [5] * 3))
     for size, fleet in ((space_size, FleetSpaceSearch), (space_time_size, FleetSpaceTimeSearch)):
         *_, finest = resolutions(scenario, 5e3, partial(size, scenario), 1e8)
@@ -80,8 +80,8 @@ def test_a_lattice_takes_what_is_said_beforehand() -> None:
             _, peak = tracemalloc.get_traced_memory()
         finally:
             tracemalloc.stop()
-        told = size(scenario, finest).bytes
-        assert 0.2 * told < peak < told
+        reported = size(scenario, finest).bytes
+        assert 0.2 * reported < peak < reported
 
 
 def test_grids_are_coarser_with_less_memory() -> None:
@@ -95,13 +95,13 @@ def test_grids_are_coarser_with_less_memory() -> None:
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_where_no_grid_is_small_enough_it_is_said(moving: bool) -> None:
+def test_an_error_says_that_no_grid_is_small_enough(moving: bool) -> None:
     scenario = door(SLOW_CLIMB, moving=moving)
     found = find_paths(scenario, max_memory=1.0)
     assert found.references == ()
     assert "max_memory" in str(found.searched)
     options = rho.Options()
-    object.__setattr__(options, "max_memory", 1.0)  # less than anyone may ask for
+    object.__setattr__(options, "max_memory", 1.0)  # less than users may request
     along = plan_along_ways(Problem.of(scenario), options=options)
     assert along.plan is None
     assert "max_memory" in str(along.spent.searched)
@@ -118,7 +118,7 @@ def test_too_many_blocked_moves_are_too_large() -> None:
         TimeExpandedGraph(lattice, 8, [moving], most=taken - 1)
 
 
-def test_memory_that_the_machine_does_not_have_ends_no_planner(
+def test_a_memory_error_does_not_end_a_planner(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def without(*_: object) -> None:
@@ -142,8 +142,8 @@ def test_moves_are_as_long_as_speeds_allow_along_each_axis() -> None:
         assert np.allclose(first.spacing[0] / first.spacing[0].max(), ratio)
 
 
-def test_no_way_leads_where_a_vehicle_cannot_be_in_time() -> None:
-    """Over a wall that it could climb in twice the time, and round one that leaves it behind."""
+def test_no_path_leads_where_a_vehicle_cannot_be_in_time() -> None:
+    """Over one wall it could climb in twice the time; the other leaves no time for the goal."""
     scenario = door(rho.Box([-5, -5, -0.5], [5, 5, 0.5]), moving=False)
     high = rho.Box([12, -10, 0], [13, 10, 7.3])
     blocked = dataclasses.replace(
@@ -165,23 +165,24 @@ def test_plans_stay_within_reach() -> None:
         lower, upper = reach.of(0, times)
         x = plan.motion().at("position", times)[0]
         assert np.all((x >= lower - 1e-3) & (x <= upper + 1e-3))  # straight between samples
-    assert reach.upper[0, :, 0].max() == pytest.approx(20.0)  # nobody gets there and back
+    # no motion goes further and comes back in time
+    assert reach.upper[0, :, 0].max() == pytest.approx(20.0)
 
 
-def test_reach_is_what_speeds_and_accelerations_leave() -> None:
+def test_reach_follows_from_speeds_and_accelerations() -> None:
     scenario = door(rho.Box([-5, -5, -0.1], [5, 5, 0.2]))
     reach = reach_of(scenario)
     lower, upper = reach.of(0, np.array([0.0, 5.0, 10.0]))
     assert np.allclose(lower[[0, 2]], [[0, 0, 5], [20, 0, 5]])
     assert np.allclose(upper[[0, 2]], [[0, 0, 5], [20, 0, 5]])
-    # up at 0.2 m/s and down at 0.1 m/s: at 5 s no higher than what is left to come down from
+    # up at 0.2 m/s and down at 0.1 m/s: the height at 5 s leaves time to come down
     assert upper[1, 2] == pytest.approx(5.5, abs=0.02)
     assert lower[1, 2] == pytest.approx(4.5, abs=0.02)
     assert np.all(reach.speeds <= [5.0, 5.0, 0.2])
 
 
-def test_a_vehicle_with_no_time_to_lose_has_a_way() -> None:
-    """At 2 m/s all along, neither faster nor slower by more than a hundredth."""
+def test_a_vehicle_without_spare_time_has_a_path() -> None:
+    """It flies at 2 m/s throughout; its speed may vary by a hundredth."""
     scenario = door(rho.Box([1.98, -5, -5], [2.02, 5, 5]), speed=2.0)
     plan = rho.plan(scenario, options=rho.Options(max_iterations=1))
     assert rho.verify(plan).ok

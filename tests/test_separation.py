@@ -1,4 +1,4 @@
-"""Separation is a record of its own, and starts and goals that are too close are named."""
+"""Separation is a record, and starts and goals that are too close are named."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GRID = rho.Grid(1.0, 5)
 
 
 def swarm(starts: np.ndarray, goals: np.ndarray, separation: rho.Separation | None) -> rho.Scenario:
-    """Vehicles `a0`, `a1`, ... between starts and goals, shape (N, 3) each."""
+    """Return vehicles `a0`, `a1`, ... between starts and goals, shape (N, 3) each."""
     vehicles = [
         rho.Vehicle(f"a{index}", rho.State(start), rho.State(goal))
         for index, (start, goal) in enumerate(zip(starts, goals, strict=True))
@@ -33,7 +33,7 @@ def swarm(starts: np.ndarray, goals: np.ndarray, separation: rho.Separation | No
 
 
 def apart(count: int) -> np.ndarray:
-    """Positions ten metres apart on a line, shape (count, 3)."""
+    """Return positions ten metres apart on a line, shape (count, 3)."""
     return np.outer(np.arange(count), [10.0, 0.0, 0.0])
 
 
@@ -50,7 +50,7 @@ def apart(count: int) -> np.ndarray:
         ((1.0, float("inf")), "separation.downwash", "inf"),
     ],
 )
-def test_a_separation_that_makes_no_sense_is_refused(
+def test_an_invalid_separation_is_refused(
     values: tuple[float, ...], field: str, words: str
 ) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
@@ -75,7 +75,7 @@ def test_scaled_positions_have_the_distances_of_the_ellipsoid() -> None:
 
 
 @pytest.mark.parametrize("end", ["start", "goal"])
-def test_two_that_are_too_close_are_named_with_their_distance(end: str) -> None:
+def test_two_vehicles_that_are_too_close_are_named_with_their_distance(end: str) -> None:
     close = apart(5)
     close[3] = close[1] + [0.0, 0.0, 1.0]
     ends = {"start": apart(5), "goal": apart(5), end: close}
@@ -90,12 +90,12 @@ def test_two_that_are_too_close_are_named_with_their_distance(end: str) -> None:
     assert swarm(ends["start"], ends["goal"], None)
 
 
-def test_the_paper_cannot_be_asked_to_keep_apart(paper: rho.Scenario) -> None:
+def test_the_papers_scenario_refuses_a_separation(paper: rho.Scenario) -> None:
     with pytest.raises(rho.ScenarioError, match="UAV-2 at least 1 m from UAV-1, not 0 m"):
         dataclasses.replace(paper, separation=rho.Separation(1.0))
 
 
-def test_touching_counts_as_apart_to_the_tolerance() -> None:
+def test_touching_counts_as_separated_within_the_tolerance() -> None:
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     for factor, good in ((1.0, True), (1.0 + 0.9e-6, True), (1.0 + 1.1e-6, False)):
         separation = rho.Separation(factor)
@@ -107,9 +107,7 @@ def test_touching_counts_as_apart_to_the_tolerance() -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 12), same=st.booleans())
-def test_what_is_refused_is_what_a_visit_to_every_pair_finds(
-    seed: int, count: int, same: bool
-) -> None:
+def test_refused_pairs_equal_a_visit_to_every_pair(seed: int, count: int, same: bool) -> None:
     rng = np.random.default_rng(seed)
     points = rng.uniform(-1.0, 1.0, (count, 3))
     if same:  # where points coincide, neighbours have no order
@@ -136,7 +134,7 @@ def test_what_is_refused_is_what_a_visit_to_every_pair_finds(
     assert [pairs[pair] for pair in named] == pytest.approx([closest], abs=ROUNDING)
 
 
-def test_files_bring_back_the_same_separation() -> None:
+def test_files_preserve_the_separation() -> None:
     scenario = swarm(apart(3), apart(3)[::-1], rho.Separation(0.1 + 0.2, downwash=2.0))
     assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
     assert scenario_from_json(scenario_to_json(scenario)) == scenario
@@ -148,7 +146,7 @@ def test_files_bring_back_the_same_separation() -> None:
         scenario_from_yaml(scenario_to_yaml(scenario).replace("downwash:", "gap:"))
 
 
-def test_states_that_a_plan_has_reached_are_not_judged_again() -> None:
+def test_states_reached_by_a_plan_are_not_checked_again() -> None:
     scenario = swarm(apart(2), apart(2)[::-1], rho.Separation(5.0))
     middle = np.full((2, 3), 5.0)
     still = np.zeros((2, 3))
@@ -158,7 +156,7 @@ def test_states_that_a_plan_has_reached_are_not_judged_again() -> None:
         begun.check_ends()
 
 
-def test_the_schema_tells_units_of_the_separation() -> None:
+def test_the_schema_has_units_of_the_separation() -> None:
     fields = rho.scenario_schema()["$defs"]["Separation"]["properties"]
     assert "[m]" in fields["distance"]["description"]
     assert fields["downwash"]["default"] == 1.0
@@ -167,7 +165,7 @@ def test_the_schema_tells_units_of_the_separation() -> None:
 @pytest.mark.parametrize(
     ("duration", "step", "knots"), [(10.0, 0.2, 51), (9.8, 0.2, 50), (1.0, 1.0, 2), (0.3, 0.1, 4)]
 )
-def test_a_grid_of_a_duration_has_it(duration: float, step: float, knots: int) -> None:
+def test_a_grid_for_a_duration_has_that_duration(duration: float, step: float, knots: int) -> None:
     grid = rho.Grid.lasting(duration, step=step)
     assert grid.knots == knots
     assert grid.step == pytest.approx(step, rel=ROUNDING)
@@ -186,7 +184,7 @@ def test_a_grid_of_a_duration_has_it(duration: float, step: float, knots: int) -
         (1e6, 1e-3, "grid.knots"),
     ],
 )
-def test_a_grid_that_cannot_be_is_refused(duration: float, step: float, field: str) -> None:
+def test_an_impossible_grid_is_refused(duration: float, step: float, field: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         rho.Grid.lasting(duration, step=step)
     assert caught.value.field == field

@@ -1,4 +1,4 @@
-"""Shapes by support, signed distance and outward direction, against brute force."""
+"""Support, signed distance and outward direction of shapes, compared with brute force."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ named = pytest.mark.parametrize("shape", SHAPES, ids=str)
 
 
 def semi_axes_of(shape: Quadric) -> FloatArray:
-    """Half the extents, by the definition of a quadric."""
+    """Return half the extents, by the definition of a quadric."""
     return shape.radius / shape.scales
 
 
 def directions(count: int, seed: int = 0) -> FloatArray:
-    """Random unit vectors, shape (count, 3)."""
+    """Return random unit vectors, shape (count, 3)."""
     n = np.random.default_rng(seed).normal(size=(count, 3))
     normed: FloatArray = n / np.linalg.norm(n, axis=1, keepdims=True)
     return normed
 
 
 def special_points(shape: Quadric) -> FloatArray:
-    """On the axes and the planes of coordinates, inside and outside, and the centre."""
+    """Return points on the axes and the coordinate planes, inside and outside, and the centre."""
     parts = np.array([-1.5, -1.0, -0.7, -0.1, -1e-9, 0.0, 1e-9, 0.1, 0.7, 1.0, 1.5])
     grid = np.stack(np.meshgrid(parts, parts, parts, indexing="ij"), axis=-1).reshape(-1, 3)
     on_planes = grid[np.count_nonzero(grid, axis=1) <= 2]
@@ -46,19 +46,19 @@ def special_points(shape: Quadric) -> FloatArray:
 
 
 def random_points(shape: Quadric, seed: int = 1) -> FloatArray:
-    """Inside and outside."""
+    """Return random points inside and outside."""
     return np.random.default_rng(seed).uniform(-2.0, 2.0, (300, 3)) * semi_axes_of(shape)
 
 
 @named
-def test_the_support_is_the_most_of_any_point_of_the_surface(shape: Quadric) -> None:
+def test_the_support_is_the_maximum_over_the_surface(shape: Quadric) -> None:
     surface = directions(20_000) * semi_axes_of(shape)
     n = directions(50, seed=2)
     most = np.max(surface @ n.T, axis=0)
     support = shape.support(n)
     assert np.all(most <= support * (1.0 + ROUNDING))
     np.testing.assert_allclose(most, support, rtol=0.02)
-    at = n * semi_axes_of(shape) ** 2 / support[:, None]  # where it is attained
+    at = n * semi_axes_of(shape) ** 2 / support[:, None]  # where the support is attained
     np.testing.assert_allclose(np.einsum("ri,ri->r", n, at), support, rtol=ROUNDING)
     np.testing.assert_allclose(np.linalg.norm(at / semi_axes_of(shape), axis=1), 1.0)
 
@@ -68,13 +68,13 @@ def test_the_half_space_beyond_the_support_is_outside(shape: Quadric) -> None:
     n, x = directions(40, seed=3), random_points(shape)
     beyond = x @ n.T >= shape.support(n)
     assert np.all(shape.signed_distance(x)[np.any(beyond, axis=1)] >= 0.0)
-    depth = np.max(x @ n.T - shape.support(n), axis=1)  # of a convex set it is the distance
+    depth = np.max(x @ n.T - shape.support(n), axis=1)  # for a convex set, this is the distance
     assert np.all(depth <= shape.signed_distance(x) + ROUNDING * shape.size)
 
 
 @named
 @pytest.mark.parametrize("points", [special_points, random_points])
-def test_a_reference_outside_keeps_its_own_row_with_its_distance_to_spare(
+def test_a_reference_outside_satisfies_its_own_row_by_its_distance(
     shape: Quadric, points: object
 ) -> None:
     x = points(shape)  # type: ignore[operator]  # one of the two
@@ -109,7 +109,7 @@ def test_the_nearest_point_is_on_the_surface_and_none_is_nearer(
 
 
 def brute_distance(shape: Quadric, x: FloatArray) -> float:
-    """From the surface, by the best of local searches in angles from many starts."""
+    """Return the distance from the surface, by local searches in angles from many starts."""
     a = semi_axes_of(shape)
 
     def gap(angles: FloatArray) -> float:
@@ -125,7 +125,7 @@ def brute_distance(shape: Quadric, x: FloatArray) -> float:
 
 
 @named
-def test_the_distance_is_what_a_search_over_the_surface_finds(shape: Quadric) -> None:
+def test_the_distance_equals_a_search_over_the_surface(shape: Quadric) -> None:
     rng = np.random.default_rng(5)
     some = rng.choice(special_points(shape), 6), random_points(shape)[:6], np.zeros((1, 3))
     for x in np.concatenate(some):
@@ -139,7 +139,7 @@ def test_outward_is_the_gradient_of_the_distance(shape: Quadric) -> None:
     x = random_points(shape)
     x = x[np.linalg.norm(x / a, axis=1) > 0.05]
     step = 1e-5 * a.min()
-    if len(set(a.tolist())) > 1:  # where two points are equally near it has an edge
+    if len(set(a.tolist())) > 1:  # an edge where two points are equally near
         shortest = a == a.min()
         x = x[np.linalg.norm(x[:, shortest], axis=1) > 10 * step]
     gradient = np.stack(
@@ -153,8 +153,8 @@ def test_outward_is_the_gradient_of_the_distance(shape: Quadric) -> None:
 
 
 @named
-def test_the_distance_changes_by_no_more_than_the_way(shape: Quadric) -> None:
-    """Also across the plane where two points are equally near, however close to it."""
+def test_the_distance_is_lipschitz_continuous(shape: Quadric) -> None:
+    """The bound holds across the plane where two points are equally near, however close to it."""
     x, way = special_points(shape), 1e-7 * semi_axes_of(shape).min() * directions(1)[0]
     change = shape.signed_distance(x + way) - shape.signed_distance(x - way)
     assert np.all(np.abs(change) <= 2.0 * np.linalg.norm(way) * (1.0 + 1e-6))
@@ -174,13 +174,14 @@ def test_an_ellipsoid_of_equal_axes_is_a_sphere() -> None:
 
 @pytest.mark.parametrize("order", list(permutations(range(3))), ids=str)
 @pytest.mark.parametrize("points", [special_points, random_points])
-def test_turning_the_axes_turns_all(order: tuple[int, ...], points: object) -> None:
+def test_permuting_the_axes_permutes_all_results(order: tuple[int, ...], points: object) -> None:
     turned = list(order)
     for semi_axes in SEMI_AXES:
         one = Ellipsoid([0, 0, 0], semi_axes)
         other = Ellipsoid([0, 0, 0], np.array(semi_axes)[turned])
         x = points(one)  # type: ignore[operator]  # one of the two
-        x = x[np.all(np.abs(x) > 0.0, axis=1)]  # else which of two is the nearest may turn too
+        # else either of two nearest points may be found after turning
+        x = x[np.all(np.abs(x) > 0.0, axis=1)]
         n = directions(10)
         np.testing.assert_allclose(one.support(n), other.support(n[:, turned]), rtol=1e-12)
         distance = other.signed_distance(x[:, turned])
@@ -206,7 +207,7 @@ def test_arrays_of_any_leading_shape(shape: Quadric, leading: tuple[int, ...]) -
 @pytest.mark.parametrize("above", [0.0, 1e-300, 1e-40, 1e-20, 1e-9, 1e-3])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_deep_inside_near_the_plane_of_the_shortest_axis(above: float, sign: float) -> None:
-    """There y lies above x: by x = (1 - (m / a)²) y the point and the distance are known."""
+    """There y lies above x: x = (1 - (m / a)²) y gives the nearest point y and the distance."""
     shape, known = Ellipsoid([0, 0, 0], [3.0, 2.0, 1.0]), np.array([0.5, 0.3, 0.0])
     x = known * (1.0 - 1.0 / np.array([9.0, 4.0, 1.0]))
     height = np.sqrt(1.0 - np.sum((known / [3.0, 2.0, 1.0]) ** 2))
@@ -214,7 +215,7 @@ def test_deep_inside_near_the_plane_of_the_shortest_axis(above: float, sign: flo
     x[2], y[2] = sign * above, sign * height
     n = shape.outward(x)
     wanted = y / np.array([9.0, 4.0, 1.0])
-    side = sign if above > 0.0 else n[2]  # on the plane itself either will do
+    side = sign if above > 0.0 else n[2]  # on the plane itself either side is correct
     wanted[2] = abs(wanted[2]) * np.sign(side)
     np.testing.assert_allclose(n, wanted / np.linalg.norm(wanted), atol=max(1e-12, 2 * above))
     distance = float(np.linalg.norm(y - x))
@@ -230,7 +231,7 @@ def test_at_the_centre_the_surface_is_as_near_as_the_shortest_axis(semi_axes: li
     assert semi_axes[int(np.argmax(n))] == min(semi_axes)
 
 
-def test_at_the_centre_of_a_sphere_one_direction_is_as_good_as_any() -> None:
+def test_at_the_centre_of_a_sphere_any_direction_is_valid() -> None:
     sphere = rho.Sphere([0, 0, 0], 2.0)
     assert sphere.signed_distance(np.zeros(3)) == -2.0
     assert np.linalg.norm(sphere.outward(np.zeros(3))) == 1.0
@@ -241,8 +242,8 @@ def test_at_the_centre_of_a_sphere_one_direction_is_as_good_as_any() -> None:
     logs=st.tuples(*[st.floats(-6.0, 6.0)] * 3),
     place=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
 )
-def test_flat_and_long_ones(logs: tuple[float, ...], place: tuple[float, ...]) -> None:
-    """Semi-axes that differ by up to twelve powers of ten."""
+def test_flat_and_long_ellipsoids(logs: tuple[float, ...], place: tuple[float, ...]) -> None:
+    """Semi-axes differ by up to twelve orders of magnitude."""
     a = 10.0 ** np.array(logs)
     shape = Ellipsoid([0, 0, 0], a)
     x = a * np.array(place)

@@ -1,4 +1,4 @@
-"""Every shape against Drake's geometry engine, and by what is true of all convex sets."""
+"""Every shape compared with Drake's geometry engine, and properties of all convex sets."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ every_kind = pytest.mark.parametrize("kind", KINDS)
 seeds = st.integers(0, 2**32 - 1)
 
 LONG = 1e4
-"""How many radii long Drake's cylinder is that stands for an endless one."""
+"""Length of Drake's cylinder that stands for an infinite one, in radii."""
 
 
 def engine(shape: Shape, turn: RotationMatrix | None = None) -> tuple[SceneGraph, Any]:
-    """A scene with the shape around the origin, turned, and its context."""
+    """Return a scene with the shape around the origin, turned, and its context."""
     solid: Any
     match shape:
         case rho.Sphere():
@@ -57,14 +57,14 @@ def engine(shape: Shape, turn: RotationMatrix | None = None) -> tuple[SceneGraph
     placed.set_proximity_properties(ProximityProperties())
     graph = SceneGraph()
     graph.RegisterAnchoredGeometry(graph.RegisterSource("test"), placed)
-    return graph, graph.CreateDefaultContext()  # which answers need as long as they are asked for
+    return graph, graph.CreateDefaultContext()  # the scene has to outlive the context
 
 
 def by_drake(
-    asked: tuple[SceneGraph, Any], x: FloatArray
+    scene: tuple[SceneGraph, Any], x: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Signed distances, their gradients, and nearest points of the surface."""
-    graph, context = asked
+    """Return signed distances, their gradients, and nearest points of the surface."""
+    graph, context = scene
     query = graph.get_query_output_port().Eval(context)
     found = [query.ComputeSignedDistanceToPoint(point)[0] for point in x]
     distances = np.array([each.distance for each in found])
@@ -73,7 +73,7 @@ def by_drake(
 
 
 def around(rng: np.random.Generator, shape: Shape, count: int) -> FloatArray:
-    """Positions inside, near and outside; near the middle of what is endless."""
+    """Return positions inside, near and outside; near the middle of infinite shapes."""
     extent = np.where(np.isfinite(shape.extent), shape.extent, shape.size)
     reach = 10 ** rng.uniform(-1.0, 1.0, (count, 1))
     points: FloatArray = rng.uniform(-1.0, 1.0, (count, 3)) * extent * np.minimum(reach, 3.0)
@@ -115,7 +115,8 @@ def test_the_support_is_reached_at_the_point_nearest_to_one_far_away(kind: str, 
     n[:, np.isinf(shape.extent)] = 0.0
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     if kind == "ellipsoid":
-        nearest = shape.size * n  # Drake's is not precise enough: any point of its surface
+        # Drake's distance is not precise enough there: any point of its surface
+        nearest = shape.size * n
         nearest /= np.linalg.norm(nearest / shape.extent, axis=1, keepdims=True)
         assert np.all(nearest @ n.T <= shape.support(n) * (1.0 + ROUNDING))
         return
@@ -127,8 +128,8 @@ def test_the_support_is_reached_at_the_point_nearest_to_one_far_away(kind: str, 
 
 @every_kind
 @given(seed=seeds)
-def test_the_half_space_of_a_position_is_as_far_from_it_as_the_shape(kind: str, seed: int) -> None:
-    """By duality n · x - h(n) is at most the signed distance, which it is for n = outward(x)."""
+def test_a_position_is_as_far_from_its_half_space_as_from_the_shape(kind: str, seed: int) -> None:
+    """By duality n · x - h(n) is at most the signed distance, with equality at n = outward(x)."""
     rng, shape = seeded(kind, seed)
     x = np.concatenate([around(rng, shape, 60), special_points(shape)])
     n, distances = shape.outward(x), shape.signed_distance(x)
@@ -140,7 +141,7 @@ def test_the_half_space_of_a_position_is_as_far_from_it_as_the_shape(kind: str, 
 
 
 def special_points(shape: Shape) -> FloatArray:
-    """The centre, and points on axes, planes, faces, edges, corners and beyond."""
+    """Return the centre, and points on axes, planes, faces, edges, corners and beyond."""
     extent = np.where(np.isfinite(shape.extent), shape.extent, shape.size)
     parts = np.array(list(product([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0], repeat=3)))
     points = [parts * extent]
@@ -152,10 +153,8 @@ def special_points(shape: Shape) -> FloatArray:
 
 @every_kind
 @given(seed=seeds)
-def test_the_signed_distance_is_convex_and_changes_by_no_more_than_the_way(
-    kind: str, seed: int
-) -> None:
-    """What the judge of the time between the knots builds on."""
+def test_the_signed_distance_is_convex_and_lipschitz_continuous(kind: str, seed: int) -> None:
+    """The verifier's bound between samples relies on both."""
     rng, shape = seeded(kind, seed)
     x, y = around(rng, shape, 200), around(rng, shape, 200)
     one, other = shape.signed_distance(x), shape.signed_distance(y)
@@ -167,7 +166,7 @@ def test_the_signed_distance_is_convex_and_changes_by_no_more_than_the_way(
 
 
 def mapped(shape: Shape, order: list[int], signs: FloatArray, scale: float) -> Shape:
-    """The shape with its axes in another order, mirrored, and larger."""
+    """Return the shape with its axes permuted, mirrored, and scaled."""
     center = scale * (signs * shape.center)[order]
     match shape:
         case rho.Sphere():
@@ -193,7 +192,7 @@ def mapped(shape: Shape, order: list[int], signs: FloatArray, scale: float) -> S
     signs=st.tuples(*[st.sampled_from([-1.0, 1.0])] * 3),
     scale=st.floats(1e-3, 1e3),
 )
-def test_other_axes_and_units_change_nothing_else(
+def test_other_axes_and_units_change_results_accordingly(
     kind: str, seed: int, order: list[int], signs: tuple[float, ...], scale: float
 ) -> None:
     rng, shape = seeded(kind, seed)
@@ -223,7 +222,8 @@ def test_a_polytope_can_be_turned_any_way(seed: int) -> None:
     turn = _turn(rng)
     turned = rho.Polytope(shape.vertices @ turn.matrix().T)
     x = around(rng, shape, 40)
-    middle = turned.center - turn.matrix() @ shape.center  # bounding boxes do not turn along
+    # bounding boxes do not turn with the shape
+    middle = turned.center - turn.matrix() @ shape.center
     distances = turned.signed_distance(x @ turn.matrix().T - middle)
     np.testing.assert_allclose(distances, shape.signed_distance(x), atol=1e-9 * shape.size)
     found, _, _ = by_drake(engine(shape, turn), x @ turn.matrix().T)
@@ -237,7 +237,7 @@ def _turn(rng: np.random.Generator) -> RotationMatrix:
 
 
 def same(one: Shape, other: Shape, x: FloatArray) -> None:
-    """Two ways to say the same shape."""
+    """Check that two descriptions give the same shape."""
     np.testing.assert_allclose(one.center, other.center, atol=1e-12 * one.size)
     rounding = 1e-10 * one.size
     n = one.outward(x)
@@ -248,7 +248,7 @@ def same(one: Shape, other: Shape, x: FloatArray) -> None:
 
 
 @given(seed=seeds)
-def test_a_box_told_by_its_corners_is_the_same(seed: int) -> None:
+def test_a_box_given_by_its_corners_is_the_same(seed: int) -> None:
     rng, shape = seeded("box", seed)
     assert isinstance(shape, rho.Box)
     corners = np.array(list(product(*zip(shape.lower, shape.upper, strict=True))))
@@ -265,7 +265,7 @@ def test_a_sphere_is_an_ellipsoid_of_equal_axes(seed: int) -> None:
 
 
 @given(seed=seeds)
-def test_an_endless_cylinder_is_a_long_one_in_its_middle(seed: int) -> None:
+def test_an_infinite_cylinder_is_a_long_one_near_its_middle(seed: int) -> None:
     rng, shape = seeded("endless cylinder", seed)
     assert isinstance(shape, rho.Cylinder)
     long = rho.Cylinder(shape.center, shape.radius, 1e3 * shape.radius, shape.axis)
@@ -299,7 +299,7 @@ def test_shapes_are_measured_in_arrays_of_any_leading_shape(kind: str) -> None:
 
 @pytest.mark.parametrize("thickness", [1e-9, 1e-6, 2e-5])
 @pytest.mark.parametrize("turned", [False, True])
-def test_a_sheet_is_no_polytope_however_it_lies(thickness: float, turned: bool) -> None:
+def test_a_flat_sheet_is_no_polytope_in_any_orientation(thickness: float, turned: bool) -> None:
     corners = np.array(list(product([-1.0, 1.0], [-1.0, 1.0], [-thickness, thickness])))
     turn = _turn(np.random.default_rng(2)).matrix() if turned else np.eye(3)
     with pytest.raises(rho.ScenarioError, match=r"flat|plane") as caught:
@@ -308,7 +308,7 @@ def test_a_sheet_is_no_polytope_however_it_lies(thickness: float, turned: bool) 
 
 
 def test_a_thin_wedge_is_measured_at_its_sharp_edge() -> None:
-    """Beyond the edge of two planes that are almost one, no height above them tells how far."""
+    """Beyond the edge of two almost equal planes, no height above a plane is the distance."""
     low, high = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[-1.0, 0.0, 1e-3], [-1.0, 1.0, 1e-3]]
     wedge = rho.Polytope([*low, *high, [-1.0, 0.0, 0.0], [-1.0, 1.0, 0.0]])
     for far in 10.0 ** np.arange(-9.0, 1.0):

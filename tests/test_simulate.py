@@ -1,4 +1,4 @@
-"""Flying in Drake's simulator: the same flight as without it, quadrotors, and own diagrams."""
+"""Simulation in Drake: flights equal those without Drake; quadrotors; custom diagrams."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ARRAYS = ("times", "positions", "velocities", "wind", "commands")
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(3))
-def test_the_simulator_flies_what_the_loop_flies(kind: str, seed: int) -> None:
+def test_the_simulator_and_the_loop_give_the_same_flight(kind: str, seed: int) -> None:
     scenario = disturbed(20 + seed)
     wind = winds_for(scenario, seed)[kind]
     one, other = (
@@ -41,7 +41,7 @@ def test_the_simulator_flies_what_the_loop_flies(kind: str, seed: int) -> None:
         np.testing.assert_allclose(window.plan.accelerations, twin.plan.accelerations, atol=1e-6)
 
 
-def test_a_simulation_replays_bit_by_bit_and_its_windows_are_those_of_plan_rho() -> None:
+def test_a_simulation_is_reproduced_bit_by_bit_with_the_windows_of_plan_rho() -> None:
     scenario = disturbed(3)
     one, again = (
         rho.simulate(
@@ -58,15 +58,15 @@ def test_a_simulation_replays_bit_by_bit_and_its_windows_are_those_of_plan_rho()
         np.testing.assert_allclose(window.plan.accelerations, twin.plan.accelerations, atol=1e-9)
 
 
-def test_a_scenario_without_a_disturbance_flies_too() -> None:
+def test_a_scenario_without_a_disturbance_can_be_simulated() -> None:
     simulation = rho.simulate(single())
     assert simulation.errors().max() <= 1e-9
     np.testing.assert_allclose(simulation.positions[-1], [[10.0, 4.0, -2.0]], atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_rotors_give_the_thrust_and_moments_that_the_plant_takes(seed: int) -> None:
-    """In the attitude that an acceleration asks for, the plant flies it, and turns no further."""
+def test_rotors_produce_the_commanded_thrust_and_moments(seed: int) -> None:
+    """In the attitude of an acceleration, the plant has that acceleration and no angular one."""
     rng = np.random.default_rng(seed)
     inertia = np.diag(rng.uniform(1e-3, 4e-3, 3))
     plant = QuadrotorPlant(*rng.uniform([0.3, 0.1], [2.0, 0.4]), inertia, 1.7, 0.03)
@@ -84,14 +84,14 @@ def test_rotors_give_the_thrust_and_moments_that_the_plant_takes(seed: int) -> N
     np.testing.assert_allclose(derivative[6:9], acceleration, atol=1e-9)
     np.testing.assert_allclose(derivative[9:], 0.0, atol=1e-6)
 
-    state[3:6] += rng.uniform(-0.3, 0.3, 3)  # tilted otherwise: it turns back
+    state[3:6] += rng.uniform(-0.3, 0.3, 3)  # from another attitude it turns back
     context.SetContinuousState(state)
     plant.get_input_port(0).FixValue(context, controller.rotors(state, acceleration))
     turning = plant.EvalTimeDerivatives(context).CopyToVector()[9:]
     assert turning @ (state[3:6] - [roll, pitch, 0.0]) < 0.0
 
 
-def test_quadrotors_follow_and_the_difference_is_told() -> None:
+def test_quadrotors_follow_and_the_difference_is_reported() -> None:
     scenario = disturbed(12, delay=0, errors=False)
     wind = rho.winds.constant(scenario, [1, -1, 0.3])
     simulation = rho.simulate(scenario, plant="quadrotor", wind=wind)
@@ -99,17 +99,17 @@ def test_quadrotors_follow_and_the_difference_is_told() -> None:
     assert np.diff(simulation.times).max() <= 1e-3 * (1.0 + 1e-9)
     left = np.diff(simulation.velocities, axis=0) / np.diff(simulation.times)[:, None, None]
     left -= simulation.commands[:-1] + simulation.wind[:-1]
-    told = simulation.tracking_difference
-    np.testing.assert_allclose(told, np.linalg.norm(left, axis=2).max(axis=0), rtol=1e-12)
-    assert np.all(told > 1e-3)  # attitudes do not jump as accelerations do
+    reported = simulation.tracking_difference
+    np.testing.assert_allclose(reported, np.linalg.norm(left, axis=2).max(axis=0), rtol=1e-12)
+    assert np.all(reported > 1e-3)  # attitudes do not jump like accelerations
     lasting = np.linalg.norm(left, axis=2)
-    assert np.median(lasting) < 0.05 * told.max()  # only while they turn
+    assert np.median(lasting) < 0.05 * reported.max()  # only while they turn
     goals = simulation.scenario.fleet.goal_positions
     assert np.linalg.norm(simulation.positions[-1] - goals, axis=1).max() < 0.1
 
 
-def test_a_quadrotor_with_no_command_but_hovering_is_carried_by_the_wind() -> None:
-    """With a constant command the plant settles, and moves as a point mass but for turning."""
+def test_a_hovering_quadrotor_is_carried_by_the_wind() -> None:
+    """With a constant command the plant settles, and moves like a point mass except for turning."""
     scenario = single(start=rho.State([1.0, 2.0, 3.0], [0.3, 0.2, 0.1]))
     builder = DiagramBuilder()
     plant = builder.AddSystem(quadrotors(scenario))
@@ -142,7 +142,7 @@ def _diagram(
     return Simulator(builder.Build()), controller, plant
 
 
-def test_a_diagram_of_ones_own_flies_as_simulate_does() -> None:
+def test_a_custom_diagram_flies_like_simulate() -> None:
     scenario = disturbed(12)
     wind = rho.winds.constant(scenario, [1, 2, 0])
     simulator, controller, plant = _diagram(scenario, wind)
@@ -163,7 +163,7 @@ def test_a_controller_of_a_scenario_has_a_horizon_of_its_own() -> None:
     np.testing.assert_array_equal(ours, theirs)
 
 
-def test_nominal_is_the_plan_of_the_window_in_force_at_every_time() -> None:
+def test_the_nominal_motion_is_the_plan_of_the_window_in_force() -> None:
     scenario = disturbed(12)
     horizon = rho.RecedingHorizon(scenario, replan_every=3)
     builder = DiagramBuilder()
@@ -179,7 +179,7 @@ def test_nominal_is_the_plan_of_the_window_in_force_at_every_time() -> None:
     assert len(horizon.windows) == len(horizon.knots)
     for elapsed, values in zip(logged.sample_times(), logged.data().T, strict=True):
         planned = values.reshape(-1, 3, 3)
-        if elapsed > grid.duration:  # on with the last velocity, here none
+        if elapsed > grid.duration:  # with the last velocity, here zero
             goals = scenario.fleet.goal_positions
             np.testing.assert_allclose(planned[:, 0], goals, atol=1e-5)
             np.testing.assert_array_equal(planned[:, 2], 0.0)
@@ -193,7 +193,7 @@ def test_nominal_is_the_plan_of_the_window_in_force_at_every_time() -> None:
 
 
 def test_a_controller_never_raises_in_flight_but_refuses_a_second_one() -> None:
-    """Whatever the states are: far off, or no numbers at all."""
+    """States may be anything, far off or not even numbers."""
     scenario = disturbed(12)
     for states in (1e3, np.nan, np.inf):
         builder = DiagramBuilder()
@@ -210,7 +210,7 @@ def test_a_controller_never_raises_in_flight_but_refuses_a_second_one() -> None:
             again.Initialize()
 
 
-def test_a_first_window_without_a_plan_is_told_when_the_controller_is_made() -> None:
+def test_a_first_window_without_a_plan_raises_at_construction() -> None:
     scenario = single(limits=rho.Limits(max_speed=0.5))
     with pytest.raises(rho.InfeasibleError):
         rho.RecedingHorizonController(rho.RecedingHorizon(scenario))
@@ -218,7 +218,7 @@ def test_a_first_window_without_a_plan_is_told_when_the_controller_is_made() -> 
         rho.simulate(scenario)
 
 
-def test_contexts_keep_a_plan_each_as_state() -> None:
+def test_every_context_has_a_plan_as_its_state() -> None:
     scenario = disturbed(12)
     simulator, controller, _ = _diagram(scenario, rho.winds.constant(scenario, [0, 1, 0]))
     simulator.AdvanceTo(1.0)
@@ -234,7 +234,7 @@ def test_contexts_keep_a_plan_each_as_state() -> None:
         assert not np.allclose(now, expected)
 
 
-def test_bad_arguments_are_refused_by_name() -> None:
+def test_invalid_arguments_of_simulate_are_refused_by_name() -> None:
     scenario = disturbed(12)
     with pytest.raises(ValueError, match=r"^plant: got 'rocket', expected 'quadrotor' or None"):
         rho.simulate(scenario, plant="rocket")  # type: ignore[arg-type]
@@ -248,5 +248,7 @@ def test_bad_arguments_are_refused_by_name() -> None:
 
 def test_drakes_systems_are_loaded_only_to_fly() -> None:
     code = "import sys, drake_rho; print('pydrake.systems.framework' in sys.modules)"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "False"
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert printed.stdout.strip() == "False"

@@ -1,4 +1,4 @@
-"""Simulations come back from their files as they went, and damaged ones are refused."""
+"""Simulations are read back unchanged, and damaged files are refused."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ ARRAYS = ("times", "positions", "velocities", "wind", "commands")
 
 
 def _flown(seed: int) -> rho.Simulation:
-    """With errors, so that windows begin where no one would have planned."""
+    """Return a flight with errors, so that windows begin off the plan."""
     scenario = disturbed(seed)
     wind = winds_for(scenario, seed)["noise"]
     return fly(scenario, wind=wind, rng=np.random.default_rng(seed), replan_every=3)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_simulation_comes_back_as_it_went(seed: int, tmp_path: Path) -> None:
+def test_a_simulation_is_read_back_unchanged(seed: int, tmp_path: Path) -> None:
     simulation = _flown(seed)
     rho.save(simulation, tmp_path / "flight.npz")
     loaded = rho.load(tmp_path / "flight.npz")
@@ -45,17 +45,17 @@ def test_a_simulation_comes_back_as_it_went(seed: int, tmp_path: Path) -> None:
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "flight.npz").read_bytes()
 
 
-def test_what_is_told_of_windows_comes_back(tmp_path: Path) -> None:
+def test_records_of_windows_are_read_back(tmp_path: Path) -> None:
     flown = _flown(1)
     first, *others = flown.flight.windows
     off = {"off_tube": ("v0", "v1"), "learned": (1, 2), "not_avoided": (2,)}
-    told = (first, *(dataclasses.replace(each, kept=True, **off) for each in others))  # type: ignore[arg-type]
-    told = (*told[:-1], dataclasses.replace(told[-1], infeasible="no room", kept=False))
-    flight = dataclasses.replace(flown.flight, windows=told)
+    reported = (first, *(dataclasses.replace(each, kept=True, **off) for each in others))  # type: ignore[arg-type]
+    reported = (*reported[:-1], dataclasses.replace(reported[-1], infeasible="no room", kept=False))
+    flight = dataclasses.replace(flown.flight, windows=reported)
     rho.save(dataclasses.replace(flown, flight=flight), tmp_path / "storm.npz")
     loaded = rho.load(tmp_path / "storm.npz")
     assert isinstance(loaded, rho.Simulation)
-    for one, other in zip(loaded.flight.windows, told, strict=True):
+    for one, other in zip(loaded.flight.windows, reported, strict=True):
         for name in ("infeasible", "learned", "not_avoided", "kept", "off_tube"):
             assert getattr(one, name) == getattr(other, name)
 
@@ -86,7 +86,7 @@ def test_a_damaged_simulation_is_refused(tmp_path: Path, changes: dict[str, Any]
 
 
 def test_flights_of_earlier_versions_are_read(tmp_path: Path) -> None:
-    """Which tell nothing but why a window had no plan."""
+    """They contain nothing of a window but the reason why it had no plan."""
     flight = rho.plan_rho(disturbed(0))
     rho.save(flight, tmp_path / "flight.npz")
     with np.load(tmp_path / "flight.npz") as content:

@@ -1,4 +1,4 @@
-"""The documentation site: what it says is run, names everything, and its links lead somewhere."""
+"""The documentation site: its code runs, its API is complete, and its links work."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DOCS = ROOT / "docs"
 BUILDS = "what builds the site is installed by make docs and make lint"
 GUIDES = sorted([DOCS / "quick_start.md", *(DOCS / "guides").glob("*.md")])
 TASKS = 10
-"""What a newcomer may want to do, each with code to copy."""
+"""Tasks of a newcomer, each with code to copy."""
 
 
 @pytest.mark.parametrize("page", GUIDES, ids=lambda page: page.stem)
@@ -47,7 +47,7 @@ def test_the_gallery_has_scenes_of_every_kind() -> None:
 @pytest.mark.parametrize("name", scenes(DOCS / "gallery.md"))
 def test_a_scene_of_the_gallery_is_planned_and_drawn(name: str) -> None:
     found: dict[str, object] = {}
-    exec(scenes(DOCS / "gallery.md")[name], found)  # noqa: S102  # the page's own
+    exec(scenes(DOCS / "gallery.md")[name], found)  # noqa: S102  # of the page
     figure = found["figure"]
     assert figure.axes  # type: ignore[attr-defined]  # matplotlib's
 
@@ -68,7 +68,7 @@ def test_every_page_is_in_the_navigation() -> None:
     assert listed == pages | notebooks | {"changelog.md"}
 
 
-def test_links_to_the_repository_lead_to_where_it_is_in_the_site() -> None:
+def test_links_to_the_repository_become_links_of_the_site() -> None:
     class File:
         src_uri = "guides/fleet.md"
 
@@ -119,18 +119,17 @@ def test_formulas_are_mathml() -> None:
         ('<iframe src="about:srcdoc" srcdoc="&lt;a href=b.html&gt;">', None),
     ],
 )
-def test_what_is_wrong_with_a_page_is_told(
-    page: str, complaint: str | None, tmp_path: Path
-) -> None:
+def test_faults_of_a_page_are_reported(page: str, complaint: str | None, tmp_path: Path) -> None:
     (tmp_path / "a.html").write_text(page)
     assert broken_links(tmp_path) == ([] if complaint is None else [complaint])
 
 
-def test_the_site_asks_nobody_for_fonts_or_scripts() -> None:
+def test_the_site_requests_no_external_fonts_or_scripts() -> None:
     class Loader(yaml.SafeLoader):
         pass
 
-    config = yaml.load((ROOT / "mkdocs.yml").read_text(), Loader)  # noqa: S506  # a safe one
+    # a safe loader
+    config = yaml.load((ROOT / "mkdocs.yml").read_text(), Loader)  # noqa: S506
     assert config["theme"]["font"] is False
     assert config["use_directory_urls"] is False
     assert config["extra"]["polyfills"] == ["assets/iframe-worker.js"]

@@ -1,4 +1,4 @@
-"""The call of a solver: what it answers, who takes over, and what is not believed."""
+"""Calls of solvers: answers, fallbacks, and answers that are rejected."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ SLOW = rho.Limits(velocity=box(1.5))
 
 @pytest.fixture(autouse=True)
 def _clarabel_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the suite runs with, this is about who follows whom after the usual default."""
+    """Set the usual default solver, on which the order of the fallbacks depends."""
     monkeypatch.setattr(backend, "DEFAULT", ClarabelSolver)
 
 
 def nearest(value: float) -> DenseProgram:
-    """Return the least x² with x at least a value above 0, in one variable: x is the value."""
+    """Return a program with one variable: least x² with x at least a value above 0."""
     return _hard([[1.0]], [value])
 
 
@@ -45,7 +45,7 @@ def _hard(matrix: list[list[float]], needed: list[float]) -> DenseProgram:
 
 
 def value_of(solution: Solution) -> float:
-    """X."""
+    """Return the variable x."""
     return float(solution.x[0])
 
 
@@ -53,15 +53,15 @@ def value_of(solution: Solution) -> float:
 def test_solutions_come_in_the_order_of_the_programs(
     chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whether they are solved here or, in chunks, on threads."""
+    """The programs are solved here or, in chunks, on threads."""
     monkeypatch.setattr(solve, "_CHUNK", chunk)
     batches = [[1.0, 2.0, 3.0], [], [4.0], [5.0, 6.0, 7.0, 8.0, 9.0]]
-    asked = ([nearest(value) for value in batch] for batch in batches)
-    found = solve_side_by_side(asked)
+    programs = ([nearest(value) for value in batch] for batch in batches)
+    found = solve_side_by_side(programs)
     assert [[round(value_of(each), 6) for each in batch] for batch in found] == batches
 
 
-def test_a_program_without_a_solution_is_told_from_those_that_have_one(
+def test_a_program_without_a_solution_is_distinguished_from_the_others(
     solver: SolverInterface,
 ) -> None:
     found = solve.solve([nearest(2.0), empty(), nearest(3.0)], Backend(solver))
@@ -78,8 +78,8 @@ Attempt = Callable[
 
 
 def _spoiled(spoil: Callable[[str, int, Solution], Solution | None]) -> tuple[Attempt, list[str]]:
-    """Attempts of which each answer goes through `spoil`, and the names of who was asked."""
-    asked: list[str] = []
+    """Return an attempt that passes answers through `spoil`, and the names of solvers used."""
+    used: list[str] = []
     solve_with = solve._solve_with
 
     def attempt(
@@ -88,14 +88,14 @@ def _spoiled(spoil: Callable[[str, int, Solution], Solution | None]) -> tuple[At
         programs: Sequence[Program],
     ) -> list[Solution | None]:
         name = str(solver.solver_id().name()) + ("" if values else " as it is")
-        asked.append(name)
+        used.append(name)
         answers = solve_with(solver, values, programs)
         return [
             None if answer is None else spoil(name, index, answer)
             for index, answer in enumerate(answers)
         ]
 
-    return attempt, asked
+    return attempt, used
 
 
 def test_only_programs_on_which_a_solver_fails_go_to_the_next(
@@ -104,15 +104,15 @@ def test_only_programs_on_which_a_solver_fails_go_to_the_next(
     def fail(name: str, index: int, answer: Solution) -> Solution | None:
         return None if name == "Clarabel" and index == 1 else answer
 
-    attempt, asked = _spoiled(fail)
+    attempt, used = _spoiled(fail)
     monkeypatch.setattr(solve, "_solve_with", attempt)
     found = solve.solve([nearest(2.0), nearest(3.0), nearest(4.0)])
     assert [value_of(each) for each in found] == pytest.approx([2.0, 3.0, 4.0])
-    assert asked == ["Clarabel", "Clarabel as it is"]
+    assert used == ["Clarabel", "Clarabel as it is"]
 
 
-def _off(answer: Solution) -> Solution:
-    """A solution on the wrong side of its rows."""
+def _violating(answer: Solution) -> Solution:
+    """Return the solution on the wrong side of its rows."""
     return dataclasses.replace(answer, x=0.5 * answer.x)
 
 
@@ -123,31 +123,33 @@ def _off(answer: Solution) -> Solution:
         (("Clarabel",), "OSQP"),
     ],
 )
-def test_rows_that_are_in_and_not_kept_are_solved_again_by_another(
+def test_programs_with_unsatisfied_rows_are_solved_again_by_another_solver(
     wrong: tuple[str, ...], solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     known = rho.plan_convex(single(limits=SLOW))
-    attempt, asked = _spoiled(lambda name, _, answer: _off(answer) if name in wrong else answer)
+    attempt, used = _spoiled(
+        lambda name, _, answer: _violating(answer) if name in wrong else answer
+    )
     monkeypatch.setattr(solve, "_solve_with", attempt)
     plan = rho.plan_convex(single(limits=SLOW))
     assert plan.cost == pytest.approx(known.cost, rel=INDEX)
     assert rho.verify(plan).ok
     assert plan.statistics.solver == solver
-    assert set(wrong) < set(asked)
+    assert set(wrong) < set(used)
 
 
-def test_rows_that_no_solver_keeps_are_an_error_that_names_them(
+def test_rows_that_no_solver_satisfies_are_named_in_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    attempt, asked = _spoiled(lambda name, index, answer: _off(answer))
+    attempt, used = _spoiled(lambda name, index, answer: _violating(answer))
     monkeypatch.setattr(solve, "_solve_with", attempt)
     with pytest.raises(rho.SolverError, match="do not keep the velocity box of solo") as caught:
         rho.plan_convex(single(limits=SLOW))
-    assert asked == ["Clarabel", "OSQP"]
+    assert used == ["Clarabel", "OSQP"]
     assert caught.value.statistics.programs == 2
 
 
-def test_what_is_almost_a_solution_comes_last_and_only_where_all_fail(
+def test_an_almost_solution_is_used_only_where_all_solvers_fail(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def almost(name: str, index: int, answer: Solution) -> Solution | None:
@@ -155,18 +157,18 @@ def test_what_is_almost_a_solution_comes_last_and_only_where_all_fail(
             return None if index == 1 else answer
         return dataclasses.replace(answer, exact=False)
 
-    attempt, asked = _spoiled(almost)
+    attempt, used = _spoiled(almost)
     monkeypatch.setattr(solve, "_solve_with", attempt)
     found = solve.solve([nearest(2.0), nearest(3.0)])
     assert [(each.solver, each.exact) for each in found] == [("OSQP", True), ("Clarabel", False)]
-    assert asked == ["Clarabel", "Clarabel as it is", "OSQP"]
+    assert used == ["Clarabel", "Clarabel as it is", "OSQP"]
 
 
 @pytest.mark.parametrize("inexact", [3, 100])
-def test_almost_a_solution_shows_missing_rows_but_is_no_answer(
+def test_an_almost_solution_reveals_missing_rows_but_is_no_answer(
     inexact: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Up to three rounds in a row go on from one; then all solvers have failed."""
+    """At most three rounds in a row continue from one; then all solvers have failed."""
     limits = rho.Limits(max_thrust=9.9)
     known, left = rho.plan_convex(single(limits=limits)), [inexact]
 
@@ -188,33 +190,35 @@ def test_almost_a_solution_shows_missing_rows_but_is_no_answer(
     assert rho.verify(plan).ok
 
 
-def test_almost_a_solution_that_breaks_no_row_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_almost_solution_that_violates_no_row_is_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     attempt, _ = _spoiled(lambda name, _, answer: dataclasses.replace(answer, exact=False))
     monkeypatch.setattr(solve, "_solve_with", attempt)
     with pytest.raises(rho.SolverError, match="all solvers failed"):
         rho.plan_convex(single(limits=SLOW))
 
 
-def test_one_attempt_that_is_off_is_not_held_against_the_next_program(
+def test_the_next_program_begins_with_the_first_solver_after_a_failure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Each retry begins with the first solver again, once rows are kept."""
+    """Each retry begins with the first solver again, once rows are satisfied."""
     spoiled = [False]
 
     def first_only(name: str, index: int, answer: Solution) -> Solution:
         if spoiled[0]:
             return answer
         spoiled[0] = True
-        return _off(answer)
+        return _violating(answer)
 
-    attempt, asked = _spoiled(first_only)
+    attempt, used = _spoiled(first_only)
     monkeypatch.setattr(solve, "_solve_with", attempt)
     start = rho.State([0, 0, 0], acceleration=[0, 0, 0])
     limits = rho.Limits(velocity=box(1.8), jerk=box(1.0))
     plan = rho.plan_convex(single(limits=limits, start=start, grid=rho.Grid(0.1, 81)))
     assert rho.verify(plan).ok
-    assert asked[:2] == ["Clarabel", "OSQP"]
-    assert set(asked[2:]) == {"Clarabel"}
+    assert used[:2] == ["Clarabel", "OSQP"]
+    assert set(used[2:]) == {"Clarabel"}
 
 
 def test_retries_go_to_another_solver(solver: SolverInterface) -> None:

@@ -1,4 +1,4 @@
-"""Both forms of a program's rows say what the half-spaces say of a motion."""
+"""Both forms of a program's rows agree with the half-spaces evaluated on a motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ GROUP = np.array([0, 2])
 
 @pytest.fixture
 def scenario() -> rho.Scenario:
-    """Three vehicles with limits of every kind, at every instant."""
+    """Return three vehicles with limits of every kind, at every instant."""
     return fleet(
         np.array([[-5, 0.3, 0], [0, -5, 0], [4, 4, 0.5]]),
         np.array([[5, 0, 0], [0, 5, 0.2], [-4, -4, 0]]),
@@ -44,7 +44,7 @@ def _flown(scenario: rho.Scenario, seed: int, size: float) -> Motion:
 
 
 def _rows(scenario: rho.Scenario, kinds: set[str]) -> list[HalfSpaces]:
-    """Rows of the group that a wild motion breaks, at knots and between them."""
+    """Return rows of the group that a random motion violates, at knots and between them."""
     reference, wild = _flown(scenario, 1, 0.1), _flown(scenario, 2, 5.0)
     constraints = [
         *boxes_of(scenario, margins_of(scenario)),
@@ -69,7 +69,7 @@ KINDS = [ALL, {"velocity"}, {"velocity", "jerk"}, {"acceleration"}, {"position"}
 
 
 @pytest.mark.parametrize("kinds", KINDS, ids=lambda kinds: "-".join(sorted(kinds)))
-def test_sparse_rows_are_the_margins_of_the_motion_that_the_dynamics_allow(
+def test_sparse_rows_are_the_margins_of_the_only_motion_of_the_dynamics(
     scenario: rho.Scenario, kinds: set[str]
 ) -> None:
     rows, effort = _rows(scenario, kinds), MinimumEffort.of(scenario)
@@ -89,11 +89,11 @@ def test_sparse_rows_are_the_margins_of_the_motion_that_the_dynamics_allow(
     for each in equations:
         np.testing.assert_allclose(each @ x, 0.0, atol=ROUNDING * np.abs(x).max())
         moved = x + np.random.default_rng(0).normal(size=len(x))
-        assert np.abs(each @ moved).max() > 0.1  # and nothing else
+        assert np.abs(each @ moved).max() > 0.1  # and no other motion
     matrix, needed, penalties, lengths = sparse.matrix()
     margins = np.concatenate([part.margins(motion) for part in rows])
     worth = np.repeat([part.constraint.penalty for part in rows], [len(part) for part in rows])
-    scaled = penalties / worth * unit  # the unit of each row, over that of the accelerations
+    scaled = penalties / worth * unit  # the unit of each row, relative to that of the accelerations
     found = (matrix @ x - needed) * scaled
     np.testing.assert_allclose(found * unit, margins, atol=1e-8 * np.abs(margins).max())
     dense, _, _ = rows_of(effort.changes, GROUP, about(effort.motion, rows))
@@ -119,7 +119,7 @@ def test_dense_rows_have_length_one_and_are_the_margins(scenario: rho.Scenario) 
     u = (motion.accelerations - effort.motion.accelerations)[GROUP].reshape(-1) / unit
     margins = np.concatenate([part.margins(motion) for part in rows])
     worth = np.repeat([part.constraint.penalty for part in rows], [len(part) for part in rows])
-    # a row that is broken by one is worth its penalty: margins are rows times penalties over it
+    # a violation of one unit costs the penalty: margins are rows times penalties over it
     found = (matrix @ u - needed) * penalties / worth
     np.testing.assert_allclose(found * unit**2, margins, atol=1e-8 * np.abs(margins).max())
 
@@ -134,7 +134,7 @@ def test_sparse_rows_hold_at_any_time_from_the_first_step_to_the_last(
     assert isinstance(constraint, KeepInBox)
     h, steps = scenario.grid.step, scenario.grid.knots - 1
     times = h * np.array([0.3, 0.5, 1.0, 1.5, 7.25, steps - 0.25, steps])
-    if quantity in ("acceleration", "jerk"):  # in the steps, and of a jerk not in the first
+    if quantity in ("acceleration", "jerk"):  # in the steps, for a jerk not in the first
         times = times[2:-1]
     every = [np.repeat(each, 6 * len(times)) for each in GROUP]
     sides = np.tile(np.repeat(np.arange(6), len(times)), len(GROUP))

@@ -1,4 +1,4 @@
-"""Studies: what they draw, what their runs depend on, and what is refused."""
+"""Studies: distributions, dependences of runs, and refused input."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from tests.studies import small
         ({"choice": [1.0, 5.0]}, 3.0, 2.0),
     ],
 )
-def test_what_is_drawn_has_the_distributions_moments(
+def test_draws_have_the_moments_of_their_distribution(
     described: dict[str, Any], mean: Any, deviation: Any
 ) -> None:
     rng, kind = np.random.default_rng(0), TypeAdapter(AnyDistribution)
@@ -53,7 +53,7 @@ def test_what_is_drawn_has_the_distributions_moments(
     np.testing.assert_allclose(drawn.std(axis=0), deviation, atol=0.03)
 
 
-def test_a_field_is_drawn_and_nothing_else_is_changed() -> None:
+def test_only_the_drawn_field_is_changed() -> None:
     base = single(obstacles=[rho.Sphere([5.0, 2.0, -1.0], 0.5)])
     source = Given(
         "shaken",
@@ -79,7 +79,7 @@ def test_a_field_is_drawn_and_nothing_else_is_changed() -> None:
         assert back == base
 
 
-def test_an_offset_is_added_to_what_stands_there() -> None:
+def test_an_offset_is_added_to_the_given_value() -> None:
     base = single(obstacles=[rho.Sphere([5.0, 2.0, -1.0], 0.5)])
     center = "obstacles[0].center"
     shifted = Given(
@@ -94,7 +94,7 @@ def test_an_offset_is_added_to_what_stands_there() -> None:
     )
     drawn = [shifted.drawn(np.random.default_rng(seed)) for seed in range(20)]
     centers = np.array([each.spheres[0].center for each in drawn])
-    away = centers - [6.0, 2.0, -0.75]  # `vary` first, then offsets, one after the other
+    away = centers - [6.0, 2.0, -0.75]  # `vary` first, then the offsets in order
     assert np.all(np.abs(away) <= [1.0, 2.0, 1e-12])
     assert np.all(np.ptp(away[:, :2], axis=0) > 0.5)
     assert {each.grid.knots - base.grid.knots for each in drawn} == {1, 2}
@@ -102,7 +102,7 @@ def test_an_offset_is_added_to_what_stands_there() -> None:
         assert dataclasses.replace(each, grid=base.grid, obstacles=base.obstacles) == base
 
 
-def test_a_generators_parameters_may_be_drawn_and_records() -> None:
+def test_parameters_of_generators_and_records_may_be_drawn() -> None:
     source = Generated(
         "some",
         "random_transitions",
@@ -121,7 +121,7 @@ def test_seeds_are_those_of_spawning() -> None:
         np.testing.assert_array_equal(made.random(4), expected)
 
 
-def test_a_run_depends_on_its_key_alone() -> None:
+def test_a_run_depends_only_on_its_key() -> None:
     runs = list(small(2).runs())
     forwards = [do(run).row for run in runs]
     backwards = [do(run).row for run in reversed(runs)][::-1]
@@ -146,7 +146,7 @@ def test_methods_are_given_the_same_scenarios() -> None:
 
 
 @given(st.integers(0, 3), st.booleans(), st.booleans())
-def test_a_grown_study_has_all_runs_of_the_one_before(
+def test_an_extended_study_has_all_runs_of_the_original(
     more: int, scenario: bool, method: bool
 ) -> None:
     before = small(2)
@@ -171,7 +171,7 @@ _CIRCLE = {"n": 3, "radius": 2.0, "duration": 4.0, "step": 0.5}
 
 
 @pytest.mark.parametrize("other", [small(2, seed=8), small(2, plans=True), small(1)])
-def test_another_study_does_not_continue(other: rho.Study) -> None:
+def test_a_different_study_does_not_resume_a_campaign(other: rho.Study) -> None:
     assert not continues(study_to_json(other), study_to_json(small(2)))
 
 
@@ -181,7 +181,7 @@ def test_the_example_is_a_study_that_its_schema_accepts() -> None:
     jsonschema.validate(yaml.safe_load(example_study()), study_schema())
 
 
-def test_a_file_is_looked_for_beside_the_study(tmp_path: Path) -> None:
+def test_files_of_a_study_are_relative_to_it(tmp_path: Path) -> None:
     save_scenario(single(), tmp_path / "own.yaml")
     text = (
         "name: s\nscenarios: [{name: a, file: own.yaml}, {name: b, file: paper}]\n"
@@ -317,7 +317,7 @@ def _function(name: str, **arguments: Any) -> dict[str, Any]:
         ),
     ],
 )
-def test_what_makes_no_sense_is_refused_by_name(change: dict[str, Any], words: str) -> None:
+def test_invalid_arguments_are_refused_by_name(change: dict[str, Any], words: str) -> None:
     content = {
         "name": "s",
         "scenarios": [{"name": "a", "file": "paper"}],
@@ -329,7 +329,7 @@ def test_what_makes_no_sense_is_refused_by_name(change: dict[str, Any], words: s
     assert "\n" not in str(refused.value)
 
 
-def test_a_mission_has_no_grid_of_its_own(tmp_path: Path) -> None:
+def test_a_mission_needs_a_grid_in_the_study(tmp_path: Path) -> None:
     (tmp_path / "m.json").write_text('{"agents": []}')
     with pytest.raises(rho.ScenarioError, match=re.escape("a duration and a step")):
         FromFile("a", "m.json").given(tmp_path)

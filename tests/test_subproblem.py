@@ -1,4 +1,4 @@
-"""The convex problem around one reference after the other."""
+"""The convex subproblem around a reference."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ from drake_rho.planning.scp.restoration import SoftRows
 from drake_rho.planning.scp.subproblem import Subproblem, plan_around
 from drake_rho.planning.scp.violations import violations_of
 from drake_rho.scenario.fields import IntArray
-from tests.scenarios import box, careless, fleet, single, through_the_middle
+from tests.scenarios import box, fleet, independent, single, through_the_middle
 from tests.tolerances import INDEX, MOTION
 
 
 def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
-    asked = single(
+    scenario = single(
         start=rho.State([0, 0, 0], acceleration=[0, 0, 0]),
         limits=rho.Limits(velocity=box(1.7), jerk=box(1.2)),
         grid=rho.Grid(0.1, 81),
         obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),),
     )
-    reference = rho.plan_convex(asked)
-    warm = Subproblem(Problem.of(asked), coupled)
+    reference = rho.plan_convex(scenario)
+    warm = Subproblem(Problem.of(scenario), coupled)
     first, second = warm.around(reference), warm.around(reference)
-    cold = Subproblem(Problem.of(asked), coupled).around(reference)
+    cold = Subproblem(Problem.of(scenario), coupled).around(reference)
     largest = np.abs(cold.accelerations).max()
     for each in (first, second):
         np.testing.assert_allclose(each.accelerations, cold.accelerations, atol=MOTION * largest)
@@ -52,41 +52,43 @@ def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
     np.testing.assert_array_equal(second.reference.accelerations, reference.accelerations)
 
 
-def test_who_is_not_planned_flies_the_reference() -> None:
+def test_vehicles_that_are_not_planned_fly_the_reference() -> None:
     spheres = (rho.Sphere([5, 0.5, 0], 1.0), rho.Sphere([5, 10.5, 0], 1.0))
     ends = np.array([[0, 0, 0], [0, 10, 0]])
-    asked = fleet(ends, ends + np.array([10, 0, 0]), obstacles=spheres).without_separation()
-    reference = rho.plan_convex(asked)
-    after = Subproblem(Problem.of(asked)).around(reference, np.array([1]))
+    scenario = fleet(ends, ends + np.array([10, 0, 0]), obstacles=spheres).without_separation()
+    reference = rho.plan_convex(scenario)
+    after = Subproblem(Problem.of(scenario)).around(reference, np.array([1]))
     np.testing.assert_array_equal(after.accelerations[0], reference.accelerations[0])
-    both = Subproblem(Problem.of(asked)).around(reference)
+    both = Subproblem(Problem.of(scenario)).around(reference)
     np.testing.assert_allclose(after.accelerations[1], both.accelerations[1], atol=1e-6)
     assert not np.array_equal(both.accelerations[0], reference.accelerations[0])
 
 
-def test_vehicles_in_nobodys_way_fly_the_reference_while_others_are_brought_apart() -> None:
+def test_vehicles_without_violation_fly_the_reference_while_others_are_separated() -> None:
     starts = np.array([[-5, 0, 0], [0, 30, 0], [5, 0, 0]])
-    asked = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
-    start = careless(asked)
-    subproblem = Subproblem(Problem.of(asked), decoupled)
+    scenario = fleet(starts, np.array([[5, 0, 0], [9, 30, 0], [-5, 0, 0]]))
+    start = independent(scenario)
+    subproblem = Subproblem(Problem.of(scenario), decoupled)
     assert not subproblem.holds(start)
     after = SoftRows(subproblem)(start, 1e3, 0)
     np.testing.assert_array_equal(after.accelerations[1], start.accelerations[1])
-    assert asked.separation is not None
+    assert scenario.separation is not None
     close = [
-        too_close(asked.separation, plan.motion(), Problem.of(asked).margins.inner, between=True)
+        too_close(
+            scenario.separation, plan.motion(), Problem.of(scenario).margins.inner, between=True
+        )
         for plan in (start, after)
     ]
     gaps = [found.distances.min(initial=1.0) for found in close]
     assert gaps[0] < 0.1 < gaps[1]
 
 
-def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -> None:
-    """Three in a row through one point: each at the time of its closest approach."""
+def test_pairs_left_too_close_are_named_for_both_vehicles_in_order_of_distance() -> None:
+    """Three vehicles in a row pass one point; each reason has the time of its closest approach."""
     starts = np.array([[-5, 0, 0], [5, 0, 0], [0.0, -5, 0]])
-    asked = fleet(starts, np.array([[5, 0, 0], [-5, 0, 0], [0.8, 5, 0]]))
-    alone = rho.plan(asked.without_separation())
-    error = Subproblem(Problem.of(asked)).violations(alone).error(rho.Statistics(programs=7))
+    scenario = fleet(starts, np.array([[5, 0, 0], [-5, 0, 0], [0.8, 5, 0]]))
+    alone = rho.plan(scenario.without_separation())
+    error = Subproblem(Problem.of(scenario)).violations(alone).error(rho.Statistics(programs=7))
     assert isinstance(error, rho.InfeasibleError)
     times = np.linspace(0.0, 10.0, 100_001)
     x = alone.motion().at("position", times)
@@ -99,63 +101,66 @@ def test_pairs_that_are_left_too_close_are_named_both_ways_the_closest_first() -
         "separation from v1",
     }
     assert error.statistics.programs == 7
-    assert error.scenario == asked
+    assert error.scenario == scenario
     assert error.about_linearisation
     assert set(error.obstacles.values()) == {frozenset([0])}
-    assert Subproblem(Problem.of(asked)).violations(rho.plan(asked)).none
+    assert Subproblem(Problem.of(scenario)).violations(rho.plan(scenario)).none
 
 
-def test_a_coupled_fleet_without_a_solution_says_the_reasons_of_each_vehicle() -> None:
-    asked = through_the_middle(2, grid=rho.Grid(5.0, 3))
-    alone = rho.plan(asked.without_separation())
+def test_a_coupled_fleet_without_a_solution_has_reasons_for_each_vehicle() -> None:
+    scenario = through_the_middle(2, grid=rho.Grid(5.0, 3))
+    alone = rho.plan(scenario.without_separation())
     with pytest.raises(rho.InfeasibleError) as caught:
-        Subproblem(Problem.of(asked), coupled).around(dataclasses.replace(alone, scenario=asked))
+        Subproblem(Problem.of(scenario), coupled).around(
+            dataclasses.replace(alone, scenario=scenario)
+        )
     for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
         assert f"separation from {partner} at 5 s" in caught.value.conflicts[vehicle]
         assert caught.value.obstacles[vehicle] == frozenset([0])
 
 
-def test_a_fleet_iterates_together_where_it_keeps_apart_and_alone_elsewhere() -> None:
-    asked = through_the_middle(3)
-    assert len(set(Subproblem(Problem.of(asked)).stopping_together.tolist())) == 1
+def test_vehicles_with_a_separation_iterate_together_and_others_independently() -> None:
+    scenario = through_the_middle(3)
+    assert len(set(Subproblem(Problem.of(scenario)).stopping_together.tolist())) == 1
     assert (
-        len(set(Subproblem(Problem.of(asked).without_separation()).stopping_together.tolist())) == 3
+        len(set(Subproblem(Problem.of(scenario).without_separation()).stopping_together.tolist()))
+        == 3
     )
 
 
 @pytest.mark.parametrize("wrong", ["vehicles", "knots", "step"])
 def test_a_reference_that_does_not_fit_is_refused(wrong: str) -> None:
-    asked = single(obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),))
+    scenario = single(obstacles=(rho.Sphere([5.0, 2.6, -1.0], 1.2),))
     others = {
-        "vehicles": through_the_middle(2, grid=asked.grid).without_separation(),
+        "vehicles": through_the_middle(2, grid=scenario.grid).without_separation(),
         "knots": single(grid=rho.Grid(0.5, 18)),
         "step": single(grid=rho.Grid(0.51, 17)),
     }
     reference = rho.plan_convex(others[wrong])
     with pytest.raises(ValueError, match=r"reference: got . vehicles on .* expected 1 vehicles on"):
-        plan_around(Problem.of(asked), reference)
+        plan_around(Problem.of(scenario), reference)
 
 
-def test_obstacles_that_are_in_the_way_are_numbered_as_in_the_scenario() -> None:
+def test_violated_obstacles_are_numbered_as_in_the_scenario() -> None:
     far, near = rho.Sphere([5.0, 30.0, 0.0], 1.0), rho.Sphere([5, 0.1, 0], 2.0)
     walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5))
     for spheres, number in (((far, near), 2), ((near, far), 1), ((far, far, near), 3)):
-        asked = single(goal=rho.State([10, 0, 0]), limits=walls, obstacles=spheres)
+        scenario = single(goal=rho.State([10, 0, 0]), limits=walls, obstacles=spheres)
         with pytest.raises(rho.InfeasibleError) as caught:
-            rho.plan_convex(asked)
+            rho.plan_convex(scenario)
         assert caught.value.obstacles == {"solo": frozenset([number])}
         assert any(f"obstacle {number} " in name for name in caught.value.conflicts["solo"])
 
 
-def test_the_plan_of_minimum_violation_minds_obstacles_and_accelerations() -> None:
-    """A corridor that a sphere fills: what is broken is shared out, strength is kept."""
+def test_the_minimum_violation_plan_considers_obstacles_and_accelerations() -> None:
+    """A sphere fills a corridor: the violation is shared, and acceleration limits hold."""
     walls = rho.Limits(rho.Box([-1, -1, -1], [11, 1, 1]), acceleration=box(5))
-    asked = single(
+    scenario = single(
         goal=rho.State([10, 0, 0]), limits=walls, obstacles=(rho.Sphere([5, 0.1, 0], 2),)
     )
-    plan = minimum_violation(Problem.of(asked))
+    plan = minimum_violation(Problem.of(scenario))
     assert np.abs(plan.accelerations).max() <= 5.0 * (1 + INDEX)
-    free = minimum_violation(Problem.of(asked).without_obstacles())
+    free = minimum_violation(Problem.of(scenario).without_obstacles())
     assert rho.verify(free).ok
     depth = [
         2.0 - np.linalg.norm(each.positions[0] - [5, 0.1, 0], axis=1).min() for each in (plan, free)
@@ -166,11 +171,11 @@ def test_the_plan_of_minimum_violation_minds_obstacles_and_accelerations() -> No
     assert "acceleration box" not in {each.constraint for each in violations}
 
 
-def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones_look_longer(
+def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_search_longer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = through_the_middle(2)
-    start = careless(asked)
+    scenario = through_the_middle(2)
+    start = independent(scenario)
     made: list[KeepApart] = []
 
     solved = Subproblem.solved
@@ -186,17 +191,17 @@ def test_the_first_restoration_gives_each_encounter_one_direction_and_later_ones
 
     monkeypatch.setattr(Subproblem, "solved", noted)
     for number in range(4):
-        SoftRows(Subproblem(Problem.of(asked), decoupled))(start, 7.0, number)
+        SoftRows(Subproblem(Problem.of(scenario), decoupled))(start, 7.0, number)
     assert [each.aside for each in made] == [True, False, False, False]
     assert [each.rounds for each in made] == [1, 1, 2, 2]
     assert {each.penalty for each in made} == {7.0}
 
 
-def test_pairs_are_brought_apart_by_references_which_hold_nothing(
+def test_pairs_are_separated_by_references_that_guarantee_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = through_the_middle(3)
-    plan = careless(asked)
+    scenario = through_the_middle(3)
+    plan = independent(scenario)
     made: list[dict[str, Any]] = []
     around = InGroups.around
 
@@ -205,16 +210,16 @@ def test_pairs_are_brought_apart_by_references_which_hold_nothing(
         return around(self, reference, **options)
 
     monkeypatch.setattr(InGroups, "around", noted)
-    subproblem = Subproblem(Problem.of(asked), decoupled)
+    subproblem = Subproblem(Problem.of(scenario), decoupled)
     step = FleetSteps(subproblem)
-    breaches = [subproblem.violations(plan).worst]
+    violations = [subproblem.violations(plan).worst]
     for number in range(20):
         if subproblem.violations(plan).is_small:
             break
         plan = step(plan, 10.0 * 3.0**number, number)
-        breaches.append(subproblem.violations(plan).worst)
-        assert not subproblem.holds(plan)  # whatever it looks like
-    assert breaches[-1] < 0.05 < breaches[0]
+        violations.append(subproblem.violations(plan).worst)
+        assert not subproblem.holds(plan)  # although the references are separated
+    assert violations[-1] < 0.05 < violations[0]
     assert [each["aside"] for each in made] == [True] + [False] * (len(made) - 1)
     assert [each["rounds"] for each in made] == [min(k + 1, 4) for k in range(len(made))]
     assert [each["penalty"] for each in made] == [10.0 * 3.0**k for k in range(len(made))]
@@ -223,27 +228,27 @@ def test_pairs_are_brought_apart_by_references_which_hold_nothing(
     assert rho.verify(plan).ok
 
 
-def test_what_keeps_every_constraint_is_a_plan_however_it_was_found(
+def test_a_reference_that_satisfies_every_constraint_is_a_plan(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """References that are far enough apart need no program with hard rows."""
-    asked = through_the_middle(3)
+    scenario = through_the_middle(3)
 
     def refused(*args: object) -> rho.Plan:
-        raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=asked)
+        raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=scenario)
 
-    start = careless(asked)
+    start = independent(scenario)
     monkeypatch.setattr(Subproblem, "around", refused)
-    plan = brought_apart(Problem.of(asked), start, Backend())
+    plan = brought_apart(Problem.of(scenario), start, Backend())
     assert plan.statistics.linearisations > 1
     assert rho.verify(plan).ok
 
 
-def test_only_those_in_trouble_have_programs_at_the_end_of_a_restoration(
+def test_only_violating_vehicles_have_programs_at_the_end_of_a_restoration(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """And the others go on flying what keeps every constraint, with which the plan is strict."""
-    asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
+    """The other vehicles keep their feasible motions, and the plan as a whole is feasible."""
+    scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
     kept, planned = Subproblem.around, list[int]()
 
     def noted(self: Subproblem, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
@@ -256,16 +261,16 @@ def test_only_those_in_trouble_have_programs_at_the_end_of_a_restoration(
         return plan
 
     monkeypatch.setattr(Subproblem, "around", noted)
-    plan = brought_apart(Problem.of(asked), careless(asked), Backend())
+    plan = brought_apart(Problem.of(scenario), independent(scenario), Backend())
     assert 0 < planned[-1] < 12
     assert rho.verify(plan).ok
 
 
-def test_who_is_stuck_is_planned_in_a_group_with_those_next_to_it(
+def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """They would stay where they are else, as they are in nobody's way."""
-    asked = rho.random_transitions(40, np.random.default_rng(5), duration=5.0)
+    """Its neighbours would otherwise keep their motions, as they violate nothing."""
+    scenario = rho.random_transitions(40, np.random.default_rng(5), duration=5.0)
     hard, in_groups, stuck = Subproblem.around, InGroups.around, list[int]()
     beside, seen = np.zeros(40, dtype=bool), list[int]()
 
@@ -276,12 +281,12 @@ def test_who_is_stuck_is_planned_in_a_group_with_those_next_to_it(
             return hard(self, reference, vehicles)
         stuck.append(int(self.violations(reference).vehicles[0]))
         x = reference.motion().at("position", np.linspace(0.1, 4.9, 2000))
-        x /= np.array([1.0, 1.0, separation_of(asked).downwash])
+        x /= np.array([1.0, 1.0, separation_of(scenario).downwash])
         distances = np.linalg.norm(x - x[stuck[0]], axis=2).min(axis=1)
-        beside[:] = distances < 1.05 * separation_of(asked).distance
+        beside[:] = distances < 1.05 * separation_of(scenario).distance
         beside[self.violations(reference).vehicles] = False
-        names = [asked.vehicles[each].name for each in stuck]
-        raise rho.InfeasibleError({names[0]: ("separation",)}, scenario=asked)
+        names = [scenario.vehicles[each].name for each in stuck]
+        raise rho.InfeasibleError({names[0]: ("separation",)}, scenario=scenario)
 
     def noted(self: InGroups, reference: Motion, **options: Any) -> tuple[Motion, Statistics]:
         if stuck and beside.any():
@@ -296,13 +301,13 @@ def test_who_is_stuck_is_planned_in_a_group_with_those_next_to_it(
 
     monkeypatch.setattr(Subproblem, "around", refused_once)
     monkeypatch.setattr(InGroups, "around", noted)
-    plan = brought_apart(Problem.of(asked), careless(asked), Backend())
-    assert seen  # and somebody was next to it who was in nobody's way
+    plan = brought_apart(Problem.of(scenario), independent(scenario), Backend())
+    assert seen  # a neighbour was without violation
     assert rho.verify(plan).ok
 
 
-def test_where_groups_fail_slack_takes_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
+def test_where_groups_fail_soft_rows_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
     around, fails = InGroups.around, [False, True]
 
     def at_times(self: InGroups, *args: Any, **options: Any) -> tuple[Motion, Statistics]:
@@ -311,15 +316,15 @@ def test_where_groups_fail_slack_takes_over(monkeypatch: pytest.MonkeyPatch) -> 
         return around(self, *args, **options)
 
     monkeypatch.setattr(InGroups, "around", at_times)
-    plan = brought_apart(Problem.of(asked), careless(asked), Backend())
+    plan = brought_apart(Problem.of(scenario), independent(scenario), Backend())
     assert not fails
     assert rho.verify(plan).ok
 
 
-def test_everyone_has_a_program_with_hard_rows_even_where_no_reference_is_better(
+def test_all_vehicles_have_hard_rows_even_where_no_reference_is_better(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
+    scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
     kept, planned = Subproblem.around, list[IntArray | None]()
 
     def noted(self: Subproblem, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
@@ -331,33 +336,33 @@ def test_everyone_has_a_program_with_hard_rows_even_where_no_reference_is_better
 
     monkeypatch.setattr(Subproblem, "around", noted)
     monkeypatch.setattr(InGroups, "reference", none_better)
-    plan = rho.plan(asked, coupling=rho.grouped)
+    plan = rho.plan(scenario, coupling=rho.grouped)
     assert planned[-1] is None
     assert plan.statistics.converged
     assert rho.verify(plan).ok
 
 
-def test_who_leaves_a_box_between_the_knots_only_breaks_it() -> None:
-    """At 0 m at the first two knots, at 0.25 m between them."""
+def test_leaving_a_box_between_knots_counts_if_every_instant_is_required() -> None:
+    """The vehicle is at 0 m at the first two knots, and at 0.25 m between them."""
     start, goal = rho.State([0, 0, 0], [1, 0, 0]), rho.State([-1, 0, 0], [-1, 0, 0])
     accelerations = np.array([[[-2.0, 0, 0], [0, 0, 0]]])
     for upper, beyond in ((0.3, []), (0.2, [0])):
         room = rho.Box([-9.0] * 3, [upper, 9.0, 9.0])
-        asked = single(start=start, goal=goal, limits=rho.Limits(room), grid=rho.Grid(1.0, 3))
+        scenario = single(start=start, goal=goal, limits=rho.Limits(room), grid=rho.Grid(1.0, 3))
         for strict in (True, False):
-            each = dataclasses.replace(asked, between_knots=strict)
+            each = dataclasses.replace(scenario, between_knots=strict)
             found = violations_of(
                 Problem.of(each), rho.Plan.from_accelerations(each, accelerations)
             )
             assert found.beyond.tolist() == (beyond if strict else [])
 
 
-def test_what_did_not_move_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaches are the same as of a look at everyone."""
+def test_vehicles_that_did_not_move_are_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The violations are the same as after checking all vehicles."""
     rng = np.random.default_rng(5)
-    asked = rho.random_transitions(12, rng, duration=5.0)
-    plan = careless(asked)
-    found, looked = violations_of(Problem.of(asked), plan), list[int]()
+    scenario = rho.random_transitions(12, rng, duration=5.0)
+    plan = independent(scenario)
+    found, looked = violations_of(Problem.of(scenario), plan), list[int]()
 
     def noted(*args: Any, **options: Any) -> CloseApproaches:
         looked.append(len(options["of"]))
@@ -367,11 +372,11 @@ def test_what_did_not_move_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatc
         accelerations = np.array(plan.accelerations)
         some = rng.permutation(12)[:3]
         accelerations[some] += rng.normal(size=accelerations[some].shape)
-        after = rho.Plan.from_accelerations(asked, accelerations)
+        after = rho.Plan.from_accelerations(scenario, accelerations)
         with monkeypatch.context() as patched:
             patched.setattr(violations, "too_close", noted)
-            again = violations_of(Problem.of(asked), after, (plan, found))
-        plan, found = after, violations_of(Problem.of(asked), after)
+            again = violations_of(Problem.of(scenario), after, (plan, found))
+        plan, found = after, violations_of(Problem.of(scenario), after)
         assert len(found.pairs) > 0
         for name in ("one", "other", "times", "distances"):
             one, other = getattr(again.pairs, name), getattr(found.pairs, name)

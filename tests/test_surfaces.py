@@ -1,4 +1,4 @@
-"""What is drawn of a shape has the shape's own size, and lies on its surface."""
+"""The drawn surface of a shape has the shape's own size, and its corners are on the shape."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHAPES = [
 
 
 def _volume(drawn: Surface) -> float:
-    """By cones from the centre to the faces; negative if they are inside out."""
+    """Return the volume, by cones from the centre to the faces; negative if faces look inwards."""
     fans = [
         np.linalg.det(np.stack([face[0], one, other]))
         for face in drawn.faces
@@ -42,7 +42,7 @@ def test_corners_lie_on_the_surface_and_faces_look_outwards(shape: Shape) -> Non
     for face in drawn.faces:
         middle, around = face.mean(axis=0), np.roll(face, -1, axis=0)
         area = np.cross(face - middle, around - middle).sum(axis=0) / 2.0
-        # what is round is cut by its faces, whose middles lie inside it
+        # faces cut curved surfaces, so their middles lie inside
         assert np.abs(shape.signed_distance(middle[None])[0]) <= 0.02 * shape.size
         assert area @ middle > 0.0
 
@@ -65,7 +65,7 @@ def test_volumes_are_those_of_closed_forms(shape: Shape, volume: float) -> None:
     assert _volume(surface(shape)) == pytest.approx(volume, rel=0.02)
 
 
-def test_flat_faces_and_edges_are_whole() -> None:
+def test_flat_faces_and_edges_are_complete() -> None:
     for shape in (SHAPES[2], SHAPES[6]):
         drawn = surface(shape)
         assert [len(face) for face in drawn.faces] == [4] * 6
@@ -77,6 +77,6 @@ def test_flat_faces_and_edges_are_whole() -> None:
     assert surface(SHAPES[0]).edges == []
 
 
-def test_an_endless_cylinder_is_cut_first() -> None:
+def test_an_infinite_cylinder_is_cut_first() -> None:
     with pytest.raises(ValueError, match="infinite cylinder"):
         surface(rho.Cylinder([0, 0, 0], 1.0))

@@ -1,4 +1,4 @@
-"""Time limits: the best there is, or one error that says how far it came."""
+"""Time limits: the best result so far, or one error that describes the progress."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ HURRY = rho.Scenario(
 
 @pytest.fixture
 def ends(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
-    """Time that is over once it has been looked at so many times, however fast the machine is."""
+    """Let time run out after a number of checks of the clock, whatever the speed of the machine."""
 
     def after(looks: int) -> None:
         left = [looks]
@@ -62,7 +62,7 @@ def test_limits_nest_and_end_with_their_blocks() -> None:
 
 
 @pytest.mark.parametrize("looks", [1, 20, 50, 70, 90])
-def test_a_plan_that_is_cut_holds_and_says_so(ends: Callable[[int], None], looks: int) -> None:
+def test_a_plan_cut_short_holds_and_says_so(ends: Callable[[int], None], looks: int) -> None:
     ends(looks)
     try:
         plan = rho.plan(HURRY)
@@ -77,7 +77,7 @@ def test_a_plan_that_is_cut_holds_and_says_so(ends: Callable[[int], None], looks
         assert statistics.last_fall is None or statistics.last_fall > 1e-9
 
 
-def test_the_longer_the_better_and_without_end_as_without_limit(
+def test_more_time_is_no_worse_and_an_infinite_limit_is_none(
     ends: Callable[[int], None],
 ) -> None:
     whole, costs = rho.plan(HURRY), []
@@ -92,7 +92,7 @@ def test_the_longer_the_better_and_without_end_as_without_limit(
     assert whole.statistics.last_fall < 1e-6
 
 
-def test_where_there_is_nothing_yet_an_error_says_what_was_being_done() -> None:
+def test_the_error_without_a_result_names_the_interrupted_step() -> None:
     said: list[str] = []
     with pytest.raises(rho.OutOfTimeError) as caught:
         rho.plan(HURRY, options=rho.Options(time_limit=1e-9), progress=said.append)
@@ -110,7 +110,7 @@ def test_where_there_is_nothing_yet_an_error_says_what_was_being_done() -> None:
         rho.plan_convex(HURRY, options=rho.Options(time_limit=1e-9))
 
 
-def test_a_flight_that_is_cut_keeps_its_plan(ends: Callable[[int], None]) -> None:
+def test_a_flight_cut_short_keeps_its_plan(ends: Callable[[int], None]) -> None:
     ends(80)
     flight = rho.plan_rho(HURRY, replan_every=4)
     assert rho.verify(flight).ok
@@ -122,7 +122,7 @@ def test_a_flight_that_is_cut_keeps_its_plan(ends: Callable[[int], None]) -> Non
     assert "before there was an answer" in flight.windows[-1].infeasible
 
 
-def test_a_certificate_that_is_cut_has_the_bound_of_minimum_effort_at_least() -> None:
+def test_a_certificate_cut_short_has_at_least_the_bound_of_minimum_effort() -> None:
     plan = rho.plan(HURRY)
     certificate = rho.certify(plan, time_limit=1e-9)
     effort = float(np.sum(MinimumEffort.of(HURRY).motion.accelerations ** 2))
@@ -135,7 +135,7 @@ def test_a_certificate_that_is_cut_has_the_bound_of_minimum_effort_at_least() ->
     assert effort < whole.lower_bound <= plan.cost * (1.0 + 1e-9)
 
 
-def test_a_diagnosis_that_is_cut_tells_what_is_known(ends: Callable[[int], None]) -> None:
+def test_a_diagnosis_cut_short_reports_what_is_known(ends: Callable[[int], None]) -> None:
     impossible = dataclasses.replace(HURRY, limits=rho.Limits(max_acceleration=0.5))
     ends(1000)
     cut = rho.diagnose(impossible)
@@ -157,7 +157,7 @@ def test_the_shortest_plan_so_far_holds(ends: Callable[[int], None]) -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
-def test_a_limit_is_more_than_nothing(value: float) -> None:
+def test_a_limit_is_positive(value: float) -> None:
     with pytest.raises(ValueError, match="time_limit: got"):
         rho.Options(time_limit=value)
     plan = rho.plan(rho.load_scenario("courier"))

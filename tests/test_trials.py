@@ -1,4 +1,4 @@
-"""Fleets of the benchmarks: planned as campaigns, judged, and gone on with."""
+"""Fleets of the benchmarks: planned as campaigns, verified, and resumed."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from tests.studies import own
 FOUR = [partial(scenario, 4, seed) for seed in range(3)]
 
 
-def test_a_campaign_of_fleets_finds_what_planning_each_does() -> None:
+def test_a_campaign_of_fleets_gives_the_same_plans_as_single_calls() -> None:
     if backend.DEFAULT is not ClarabelSolver:
-        pytest.skip("other processes do not know of another default")
+        pytest.skip("other processes use the usual default solver")
 
     def twice(plan: rho.Plan) -> float:
         return 2.0 * plan.cost
@@ -37,10 +37,10 @@ def test_a_campaign_of_fleets_finds_what_planning_each_does() -> None:
 
 
 @pytest.mark.slow
-def test_an_interrupted_one_goes_on(tmp_path: Path) -> None:
+def test_an_interrupted_campaign_of_fleets_resumes(tmp_path: Path) -> None:
     first = fleets.attempts(FOUR[:2], "four", stores=tmp_path)
     again = fleets.attempts(FOUR, "four", stores=tmp_path)
-    assert list(map(str, again[:2])) == list(map(str, first))  # a bound that is none equals nothing
+    assert list(map(str, again[:2])) == list(map(str, first))  # NaN equals nothing
     assert len(list(tmp_path.glob("four, *.sqlite"))) == 1
 
 
@@ -48,13 +48,13 @@ def test_an_interrupted_one_goes_on(tmp_path: Path) -> None:
     ("wrong", "words"),
     [("late", "error: TimeoutError: not done in 0 s"), ("separation", "separation of v")],
 )
-def test_what_does_not_hold_does_not_count(wrong: str, words: str) -> None:
+def test_plans_that_do_not_hold_do_not_count(wrong: str, words: str) -> None:
     (trial,) = fleets.attempts(FOUR[1:2], "wrong", partial(own, wrong=wrong))
     assert not trial.counts
     assert trial.fault.startswith(words)
     assert (trial.sampled is None) == np.isnan(trial.index) == (wrong == "late")
 
 
-def test_arguments_have_names() -> None:
+def test_positional_arguments_of_planners_are_refused() -> None:
     with pytest.raises(ValueError, match="expected one whose arguments have names"):
         fleets.attempts(FOUR, "four", partial(rho.plan_scp, FOUR[0]()))

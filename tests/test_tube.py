@@ -1,4 +1,4 @@
-"""The tube is exact: against brute force, known answers, and what it must not depend on."""
+"""The tube is exact: brute force, known answers, and invariances."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.tolerances import ROUNDING
 seeds = st.integers(0, 2**32 - 1)
 SECONDS = 0.1
 DEADBEAT = (1.0 / SECONDS**2, 1.5 / SECONDS)
-"""Gains for samples of SECONDS that take any error to zero in two samples."""
+"""Gains that take any error to zero in two samples of SECONDS."""
 
 
 def scenario_of(
@@ -31,7 +31,7 @@ def scenario_of(
 
 
 def random_tube(seed: int) -> tuple[rho.ErrorTube, Loop]:
-    """A tube with every cause of errors and random stable gains, and its loop."""
+    """Return a tube with every cause of errors and random stable gains, and its loop."""
     rng = np.random.default_rng(seed)
     sample, delay = 10 ** rng.uniform(-2, 1), int(rng.integers(0, 4))
     knots, parts = int(rng.integers(3, 9)), int(rng.integers(1, 5))
@@ -57,8 +57,8 @@ def sizes_of(tube: rho.ErrorTube) -> tuple[float, float, float, float, float]:
 
 @given(seed=seeds)
 @settings(max_examples=13)
-def test_radii_are_what_brute_force_adds_up(seed: int) -> None:
-    """Sums over parts of a sample are below the integrals, short by the square of their length."""
+def test_radii_equal_sums_by_brute_force(seed: int) -> None:
+    """Sums over fractions of a sample are below the integrals, by the square of the fraction."""
     tube, loop = random_tube(seed)
     for parts in (4, 8, 32):
         times = tube.grid.start + fine_times(loop, parts)
@@ -70,7 +70,7 @@ def test_radii_are_what_brute_force_adds_up(seed: int) -> None:
                 np.testing.assert_allclose(known, found, rtol=0.01, atol=1e-9 * found.max())
 
 
-def test_without_feedback_wind_drives_w_t_squared_half() -> None:
+def test_without_feedback_wind_drives_half_w_t_squared() -> None:
     tube = rho.error_tube(scenario_of(rho.Disturbance(0.7)), gains=(0.0, 0.0))
     t = np.linspace(0.0, 8.0, 101)
     np.testing.assert_allclose(tube.position(t), 0.7 * t**2 / 2, rtol=ROUNDING, atol=1e-12)
@@ -78,7 +78,7 @@ def test_without_feedback_wind_drives_w_t_squared_half() -> None:
     assert not tube.acceleration(t).any()
 
 
-def test_without_feedback_first_errors_grow_by_themselves() -> None:
+def test_without_feedback_initial_errors_propagate() -> None:
     tube = rho.error_tube(scenario_of(rho.Disturbance(0.0)), (0.3, 0.2), gains=(0.0, 0.0))
     t = np.linspace(0.0, 8.0, 101)
     np.testing.assert_allclose(tube.position(t), 0.3 + 0.2 * t, rtol=ROUNDING)
@@ -98,7 +98,7 @@ def test_until_the_first_measurement_arrives_nothing_acts(delay: int) -> None:
         assert tube.acceleration(0.0) == pytest.approx(first)
 
 
-def test_the_deadbeat_gains_are_a_known_answer() -> None:
+def test_radii_of_deadbeat_gains_are_known() -> None:
     tube = rho.error_tube(scenario_of(rho.Disturbance(1.0, feedback_every=SECONDS)), gains=DEADBEAT)
     later = SECONDS * np.arange(2, 80)
     np.testing.assert_allclose(tube.position(later), SECONDS**2, rtol=ROUNDING)
@@ -112,7 +112,7 @@ def test_the_deadbeat_gains_are_a_known_answer() -> None:
 
 @given(seed=seeds)
 @settings(max_examples=13)
-def test_radii_are_linear_in_sizes_and_change_with_units(seed: int) -> None:
+def test_radii_are_linear_in_the_bounds_and_scale_with_units(seed: int) -> None:
     tube, _ = random_tube(seed)
     grid, around, (r_p, r_v) = tube.grid, tube.disturbance, tube.initial
     times = np.linspace(grid.start, grid.end, 57)
@@ -140,7 +140,7 @@ def test_radii_are_linear_in_sizes_and_change_with_units(seed: int) -> None:
 
 @given(seed=seeds, field=st.sampled_from(["acceleration", "position_error", "velocity_error"]))
 @settings(max_examples=13)
-def test_more_of_anything_makes_no_radius_smaller(seed: int, field: str) -> None:
+def test_larger_bounds_make_no_radius_smaller(seed: int, field: str) -> None:
     tube, _ = random_tube(seed)
     around = dataclasses.replace(
         tube.disturbance, **{field: 0.1 + 2.0 * getattr(tube.disturbance, field)}
@@ -150,7 +150,8 @@ def test_more_of_anything_makes_no_radius_smaller(seed: int, field: str) -> None
     for quantity in ("position", "velocity", "acceleration"):
         was, now = getattr(tube, quantity)(times), getattr(more, quantity)(times)
         assert np.all(now >= was * (1.0 - ROUNDING))
-        if quantity != "acceleration" or tube.samples > around.delay + 1:  # else none acts in time
+        # otherwise no feedback acts in time
+        if quantity != "acceleration" or tube.samples > around.delay + 1:
             assert now.max() > was.max()
 
 
@@ -162,7 +163,7 @@ def test_bounds_over_time_are_never_too_small_and_at_most_a_hundredth_too_large(
     start, end, sample = tube.grid.start, tube.grid.end, tube.sample
     begins = rng.uniform(start, end, 40)
     lengths = 10 ** rng.uniform(-6, 1, 40) * sample
-    begins[:10] = start + sample * rng.integers(0, tube.samples, 10)  # as planners ask
+    begins[:10] = start + sample * rng.integers(0, tube.samples, 10)  # as planners do
     lengths[:5] = sample * rng.integers(0, 3, 5)
     begins[10:13] = start
     ends = np.minimum(begins + lengths, end)
@@ -173,20 +174,20 @@ def test_bounds_over_time_are_never_too_small_and_at_most_a_hundredth_too_large(
             samples = start + sample * np.arange(tube.samples + 1)
             within = samples[(samples > begin) & (samples < stop - 1e-9 * sample)]
             true = getattr(tube, quantity)(np.concatenate([inside, within])).max()
-            room = 1e-6 if quantity == "position" else 1e-8  # what 600 instants may miss
+            room = 1e-6 if quantity == "position" else 1e-8  # error of 600 instants
             assert true * (1.0 - 1e-9) <= bound <= true * (most + room) + 1e-15
 
 
 @given(seed=seeds)
 @settings(max_examples=10)
-def test_nothing_random_leaves_the_tube(seed: int) -> None:
+def test_random_errors_stay_in_the_tube(seed: int) -> None:
     tube, loop = random_tube(seed)
     rng = np.random.default_rng(seed)
     flights, parts = 60, 5
     times = fine_times(loop, parts)
 
     def ball(count: int, radius: float) -> np.ndarray:
-        """Vectors of any length up to the radius, most of them of all of it; some keep on."""
+        """Return vectors up to a length, most of the full length, some constant in time."""
         x = rng.normal(size=(count, flights, 3))
         x[:, : flights // 2] = x[:1, : flights // 2]
         norms = np.linalg.norm(x, axis=-1, keepdims=True)
@@ -202,7 +203,7 @@ def test_nothing_random_leaves_the_tube(seed: int) -> None:
     assert np.all(u <= tube.acceleration(clock[:-1:parts]) * (1.0 + ROUNDING) + 1e-12)
 
 
-def test_a_long_flight_settles_and_a_scenario_without_disturbance_has_no_tube() -> None:
+def test_radii_of_a_long_flight_converge_and_need_a_disturbance() -> None:
     grid = rho.Grid(0.5, 2001)
     tube = rho.error_tube(
         scenario_of(rho.Disturbance(1.0, feedback_every=SECONDS), grid), gains=DEADBEAT
@@ -230,7 +231,7 @@ def test_times_have_any_shape_and_lie_in_the_flight() -> None:
             rho.error_tube(scenario_of(None), initial)  # type: ignore[arg-type]  # tested
 
 
-def test_gains_that_make_no_sense_are_refused() -> None:
+def test_invalid_gains_are_refused() -> None:
     scenario = scenario_of(rho.Disturbance(1.0), rho.Grid(0.5, 2000))
     with pytest.raises(ValueError, match="gains: got"):
         rho.error_tube(scenario, gains=(np.nan, 0.0))

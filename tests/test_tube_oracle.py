@@ -1,11 +1,10 @@
-"""The tube against an independent computation: supports of reachable sets by adjoint matrices.
+"""The tube compared with an independent computation: supports of reachable sets by adjoints.
 
-The vehicle, the feedback in force and those on their way are one linear system, moved through short
-pieces of time by matrix exponentials. From a quantity at a time, the row of what each cause adds to
-it is carried back to the beginning; the sum of the sizes of all of it is the support of the
-reachable set. Wind that is constant in each piece can do no more than any wind, and less by the
-square of the length of a piece where it should change its sign within one: so the sums are at most
-the radii, and nearly as large.
+The vehicle, the feedback in force and the feedback on its way are one linear system, moved through
+short pieces of time by matrix exponentials. The row that maps causes to a quantity at a time is
+carried back to the beginning; the sum of the norms of all its parts is the reachable set's support.
+Wind that is constant in each piece is weaker than arbitrary wind, by the square of the length of a
+piece where the worst wind switches within one: so the sums are at most the radii, and nearly equal.
 """
 
 from __future__ import annotations
@@ -25,18 +24,18 @@ from tests.tolerances import ROUNDING
 Array = NDArray[np.float64]
 
 PIECES = 20
-"""Of a sample."""
+"""Pieces of a sample."""
 
 AGREES = 0.01
-"""Relative, of the oracle with so many pieces and the tube."""
+"""Relative difference of the tube and the oracle with this number of pieces."""
 
 POSITION, VELOCITY, FEEDBACK = 0, 1, 2
-"""Of a state: error of the position and of the velocity, feedback in force; then those to come."""
+"""Components of a state: errors of position and velocity, feedback in force, queued feedback."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Oracle:
-    """The system of one axis in pieces of a sample, and the sizes of what disturbs it, SI."""
+    """System of one axis in pieces of a sample, and the bounds of its disturbances, SI."""
 
     gains: tuple[float, float]
     sample: float
@@ -45,7 +44,7 @@ class Oracle:
     pieces: int
 
     def supports(self, sample: int, piece: int) -> Array:
-        """The largest position, velocity and feedback after so many pieces of a sample, (3,)."""
+        """Return the largest position, velocity and feedback after pieces of a sample, (3,)."""
         W, E_p, E_v, r_p, r_v = self.sizes
         through, wind = self._through_a_piece
         at_sample, n_p, n_v = self._at_a_sample
@@ -61,7 +60,7 @@ class Oracle:
 
     @cached_property
     def _through_a_piece(self) -> tuple[Array, Array]:
-        """What a piece of a sample makes of a state, and what a wind of 1 in it adds."""
+        """Return the transition of a state through a piece, and the effect of a wind of 1 in it."""
         size = 3 + self.delay
         rate = np.zeros((size + 1, size + 1))  # the last state is a constant wind
         rate[POSITION, VELOCITY] = rate[VELOCITY, FEEDBACK] = rate[VELOCITY, size] = 1.0
@@ -70,21 +69,21 @@ class Oracle:
 
     @cached_property
     def _at_a_sample(self) -> tuple[Array, Array, Array]:
-        """What a sample makes of a state, and what the errors of the estimate then add.
+        """Return the transition of a state at a sample, and the effects of the errors of estimates.
 
-        The feedback just decided on is the last in the queue, or with no delay in force at once.
+        The new feedback is the last in the queue or, without delay, in force at once.
         """
         size = 3 + self.delay
         jump, newest = np.eye(size), size - 1
         jump[FEEDBACK:] = 0.0
-        jump[FEEDBACK : size - 1, FEEDBACK + 1 :] = np.eye(self.delay)  # all move up
+        jump[FEEDBACK : size - 1, FEEDBACK + 1 :] = np.eye(self.delay)  # the queue moves up
         jump[newest, [POSITION, VELOCITY]] = -self.gains[0], -self.gains[1]
         unit = np.eye(size)[newest]
         return jump, -self.gains[0] * unit, -self.gains[1] * unit
 
 
 def _drawn(seed: int) -> tuple[rho.ErrorTube, Oracle]:
-    """A tube of random gains, sample, delay, errors and first errors, and its oracle."""
+    """Return a tube of random gains, sample, delay, errors and initial errors, and its oracle."""
     rng = np.random.default_rng(seed)
     sample, delay = 10 ** rng.uniform(-2.0, 0.5), seed % 6
     knots, parts = int(rng.integers(3, 6)), int(rng.integers(1, 9))
@@ -116,15 +115,15 @@ def test_radii_agree_with_supports_of_the_reachable_sets(seed: int) -> None:
             time = tube.grid.start + (sample + piece / PIECES) * tube.sample
             radii = np.array([tube.position(time), tube.velocity(time), tube.acceleration(time)])
             found = oracle.supports(sample, piece)
-            if piece == PIECES:  # at that time the next sample's feedback begins
+            if piece == PIECES:  # the next sample's feedback begins at that time
                 radii[FEEDBACK], found[FEEDBACK] = 0.0, 0.0
             assert np.all((1.0 - AGREES) * radii <= found + rounded)
             assert np.all(found <= (1.0 + ROUNDING) * radii + rounded)
 
 
 @pytest.mark.parametrize("pieces", [8, 32, 128])
-def test_finer_pieces_come_nearer_by_the_square_of_their_length(pieces: int) -> None:
-    """And so the oracle's rest is that of its pieces, and no difference of the two models."""
+def test_finer_pieces_converge_with_the_square_of_their_length(pieces: int) -> None:
+    """The remaining difference is therefore that of the pieces, and not one of the two models."""
     for seed in range(12):
         tube, oracle = _drawn(seed)
         finer = dataclasses.replace(oracle, pieces=pieces)
@@ -133,8 +132,8 @@ def test_finer_pieces_come_nearer_by_the_square_of_their_length(pieces: int) -> 
         assert np.all(np.abs(1.0 - found / radii) <= 1.0 / pieces**2)
 
 
-def test_a_wrong_delay_or_gain_is_seen() -> None:
-    """The comparison has an effect: models that are a little different do not agree."""
+def test_a_wrong_delay_or_gain_is_detected() -> None:
+    """The comparison has an effect: slightly different models do not agree."""
     for seed in range(12):
         tube, oracle = _drawn(seed)
         last, radius = tube.samples - 1, float(tube.position(tube.grid.end))

@@ -1,4 +1,4 @@
-"""The verifier finds what is broken, says by how much, and believes nobody."""
+"""The verifier finds violations, quantifies them, and relies on no one else's computation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.scenarios import box, scenarios, single
 
 @pytest.fixture(scope="module")
 def plan() -> rho.Plan:
-    """A plan under limits of every kind, past an obstacle."""
+    """Return a plan under limits of every kind, past an obstacle."""
     limits = rho.Limits(box(30), box(3), box(2), box(2), max_speed=2.5)
     return rho.plan_scp(single(limits=limits, obstacles=(rho.Sphere([5.0, 2.3, -1.0], 1.0),)))
 
@@ -38,7 +38,7 @@ def test_a_good_plan_passes_every_check(plan: rho.Plan) -> None:
 
 
 @pytest.mark.parametrize("quantity", ["positions", "velocities"])
-def test_states_that_were_not_flown_are_found(plan: rho.Plan, quantity: str) -> None:
+def test_inconsistent_states_are_found(plan: rho.Plan, quantity: str) -> None:
     states = np.array(getattr(plan, quantity))
     states[0, 7, 1] += 0.01
     changed: dict[str, Any] = {quantity: states}
@@ -58,7 +58,7 @@ def test_states_that_were_not_flown_are_found(plan: rho.Plan, quantity: str) -> 
         ("jerk box", rho.Limits(jerk=box(0.2)), 0.2),
     ],
 )
-def test_a_broken_box_is_named_with_value_limit_and_excess(
+def test_a_violated_box_is_named_with_value_limit_and_excess(
     kind: str, limits: rho.Limits, limit: float
 ) -> None:
     goal = rho.State([10.0, 4.0, -2.0], [0.0, 0.0, 0.0])
@@ -81,7 +81,7 @@ def test_a_dip_is_named_with_obstacle_time_and_depth() -> None:
     (violation,) = rho.verify(dataclasses.replace(through, scenario=scenario)).violations
     assert violation.constraint == "obstacle 2"
     assert violation.time == 4.0
-    assert violation.value == pytest.approx(-1.0, abs=1e-9)  # in its middle
+    assert violation.value == pytest.approx(-1.0, abs=1e-9)  # in its centre
     assert violation.limit == 0.0
     assert violation.excess == pytest.approx(1.0)
     assert "obstacle 2" in str(rho.verify(dataclasses.replace(through, scenario=scenario)))
@@ -100,8 +100,8 @@ def test_the_smallest_excess_over_the_tolerance_is_found() -> None:
         assert check.holds == ok
 
 
-def test_a_side_made_wide_does_not_loosen_another() -> None:
-    """A ceiling of 3 m counts, whatever stands for "no limit" on the other axes."""
+def test_a_wide_side_does_not_loosen_another() -> None:
+    """A ceiling of 3 m counts, whatever number stands for "no limit" on the other axes."""
     start, goal = rho.State([0, 0, 1], [0, 0, 2]), rho.State([20, 0, 1])
     wide = rho.Limits(
         position=rho.Box([-1e9, -1e9, -1e9], [1e9, 1e9, 3.0]),
@@ -115,12 +115,12 @@ def test_a_side_made_wide_does_not_loosen_another() -> None:
     assert not rho.verify(through).ok
 
 
-def test_a_flight_can_be_judged_as_it_is(paper: rho.Scenario) -> None:
+def test_a_flight_can_be_verified_directly(paper: rho.Scenario) -> None:
     flight = rho.plan_rho(paper)
     assert rho.verify(flight) == rho.verify(flight.plan)
 
 
-def test_numbers_that_are_none_never_pass(plan: rho.Plan) -> None:
+def test_nan_never_passes(plan: rho.Plan) -> None:
     a = np.array(plan.accelerations)
     a[0, 3, 2] = np.nan
     with pytest.raises(ValueError, match=r"accelerations: got nan for .* at knot 3"):
@@ -140,8 +140,9 @@ def test_a_long_list_of_violations_is_cut(paper: rho.Scenario) -> None:
 
 
 def test_the_vehicle_named_as_closest_is_the_closest() -> None:
-    """Tolerances differ from vehicle to vehicle; the excess alone says which is closest."""
-    own = rho.Limits(acceleration=box(0.5))  # the short way takes 0.2 m/s², the long one 1.2 of 2
+    """Tolerances differ from vehicle to vehicle; the excess alone determines the closest."""
+    # the short flight takes 0.2 m/s², the long one 1.2 of 2
+    own = rho.Limits(acceleration=box(0.5))
     vehicles = (
         rho.Vehicle("long", rho.State([0, 0, 0]), rho.State([500, 0, 0])),
         rho.Vehicle("short", rho.State([0, 9, 0]), rho.State([78, 9, 0]), own),
@@ -157,7 +158,7 @@ def test_the_vehicle_named_as_closest_is_the_closest() -> None:
     assert row.startswith("short")
 
 
-def test_what_is_measured_in_two_units_is_told_in_two_rows(plan: rho.Plan) -> None:
+def test_each_unit_has_a_row_of_the_report(plan: rho.Plan) -> None:
     rows = str(rho.verify(plan)).splitlines()
     for what in ("dynamics position", "dynamics velocity", "goal position", "goal velocity"):
         assert sum(what in row for row in rows) == 1
@@ -173,7 +174,7 @@ def test_every_row_says_whether_it_holds(plan: rho.Plan) -> None:
     assert all(row.endswith("VIOLATED") for row in rows)
 
 
-def test_a_side_that_is_broken_is_named_before_a_larger_excess_that_is_rounding() -> None:
+def test_a_violated_side_is_named_before_a_larger_excess_within_tolerance() -> None:
     """The tolerance of a narrow side is a thousandth of a wide one's."""
     limits = rho.Limits(acceleration=rho.Box([-1.0, -1.0, -1e-6], [1.0, 1.0, 1e-6]))
     goal = rho.State([10.0, 0.0, 0.0])
@@ -188,7 +189,7 @@ def test_a_side_that_is_broken_is_named_before_a_larger_excess_that_is_rounding(
 
 
 @pytest.mark.parametrize("huge", [1e100, 1e160, 1e300])
-def test_huge_numbers_are_judged_in_silence(plan: rho.Plan, huge: float) -> None:
+def test_huge_numbers_are_verified_without_warnings(plan: rho.Plan, huge: float) -> None:
     far = rho.Vehicle("other", rho.State([0, 50, 0]), rho.State([0, 60, 0]))
     scenario = dataclasses.replace(
         plan.scenario,
@@ -208,7 +209,7 @@ def test_huge_numbers_are_judged_in_silence(plan: rho.Plan, huge: float) -> None
 
 @given(scenario=scenarios())
 @settings(max_examples=33)
-def test_what_is_planned_holds_by_other_means_too(scenario: rho.Scenario) -> None:
+def test_random_plans_hold_in_an_independent_check(scenario: rho.Scenario) -> None:
     """Random scenarios are solved and verified, here by plain loops, or raise."""
     try:
         plan = rho.plan_scp(scenario)
@@ -241,13 +242,13 @@ def test_what_is_planned_holds_by_other_means_too(scenario: rho.Scenario) -> Non
         assert np.linalg.norm(v - vehicle.goal.velocity) <= 1e-6 * way / scenario.grid.duration
 
 
-def test_of_many_obstacles_the_closest_are_told() -> None:
+def test_the_closest_of_many_obstacles_are_reported() -> None:
     spheres = [rho.Sphere([5.0, 5.0 + 3.0 * number, 0.0], 1.0) for number in range(30)]
-    asked = single(obstacles=spheres[::-1], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
-    free = rho.plan_convex(asked.without_obstacles())
-    report = rho.verify(dataclasses.replace(free, scenario=asked))
+    scenario = single(obstacles=spheres[::-1], goal=rho.State([10.0, 0.0, 0.0]), between_knots=True)
+    free = rho.plan_convex(scenario.without_obstacles())
+    report = rho.verify(dataclasses.replace(free, scenario=scenario))
     assert len([check for check in report.checks if "obstacle" in check.constraint]) == 60
     rows = str(report).splitlines()
-    told = [row.split()[2] for row in rows if row.startswith("solo") and "obstacle" in row]
-    assert told == [str(number) for number in range(19, 31) for _ in range(2)]
+    reported = [row.split()[2] for row in rows if row.startswith("solo") and "obstacle" in row]
+    assert reported == [str(number) for number in range(19, 31) for _ in range(2)]
     assert rows[-2] == "… and 18 more obstacles, further away"

@@ -1,4 +1,4 @@
-"""The page over the scene, seen by a real browser: it says what the plan says, in any view."""
+"""The page over the scene in a real browser: it shows the plan's values in every view."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from tests.test_display_flight import in_noise
 
 SCREENSHOTS = Path(__file__).parent / "screenshots"
 TIMES = (0.0, 10.5, 24.5, 31.25, 49.0)
-"""Of frames [s]: 32 in a second."""
+"""Interval of frames [s]: 32 a second."""
 NAMES = ('<img src=x onerror="document.title=1">', "</script>'&amp;\"", "third")
 """Markup and quotes, which are text wherever a name is shown."""
 
 
 @contextmanager
 def _opened(html: str, folder: Path) -> Iterator[Page]:
-    """A page opened from disk without a network; it asks for nothing and its console is empty."""
+    """Open a page from disk offline; check that it requests nothing and its console stays empty."""
     file = folder / "page.html"
     file.write_text(html)
-    asked: list[str] = []
+    requested: list[str] = []
     with open_page(offline=True) as (page, said):
-        page.on("request", lambda request: asked.append(request.url))
+        page.on("request", lambda request: requested.append(request.url))
         page.goto(file.as_uri())
         page.wait_for_function("window.drakeRho", timeout=60_000)
         page.evaluate("drakeRho.play(false)")
         yield page
-        assert [url for url in asked if not url.startswith("data:")] == [file.as_uri()]
+        assert [url for url in requested if not url.startswith("data:")] == [file.as_uri()]
         assert said == []
 
 
@@ -63,7 +63,7 @@ def _keep(page: Page, picture: str) -> None:
 
 
 def _on_screen(page: Page) -> np.ndarray:
-    """Where the vehicles are in the window [px], by three.js from their objects, shape (N, 2)."""
+    """Return the window positions of the vehicles [px], by three.js from their objects, (N, 2)."""
     places = page.evaluate(
         """() => {
             viewer.render();
@@ -81,7 +81,7 @@ def _on_screen(page: Page) -> np.ndarray:
 
 
 def _yard() -> rho.Plan:
-    """Three vehicles of a radius that keep apart between boxes; one box moves."""
+    """Return three separated vehicles with a radius between boxes, one of which moves."""
     vehicles = [
         rho.Vehicle(name, rho.State([0, 1.5 * i, 1.5]), rho.State([12, 3 - 1.5 * i, 2]), radius=0.2)
         for i, name in enumerate(NAMES)
@@ -100,11 +100,11 @@ def _yard() -> rho.Plan:
 
 @pytest.fixture(scope="module")
 def paper() -> rho.Flight:
-    """Example 4."""
+    """Return Example 4."""
     return rho.plan_rho(rho.load_scenario("paper"))
 
 
-def test_the_papers_page_says_what_the_plan_says(paper: rho.Flight, tmp_path: Path) -> None:
+def test_the_papers_page_shows_the_values_of_the_plan(paper: rho.Flight, tmp_path: Path) -> None:
     html = rho.viewer_page(paper)
     assert len(html.encode()) < 6e6
     (sphere,), motion = paper.scenario.spheres, paper.plan.motion()
@@ -149,12 +149,12 @@ def test_colours_are_by_vehicle_speed_or_clearance(paper: rho.Flight, tmp_path: 
         for time in TIMES:
             page.evaluate("time => drakeRho.seek(time)", time)
             green.append([int(page.evaluate(colour, f"UAV-{i}")[3:5], 16) for i in (1, 2, 3, 4)])
-        order = np.argsort(speeds.T.ravel())  # viridis has the more green, the higher it is
+        order = np.argsort(speeds.T.ravel())  # viridis has more green for higher values
         assert np.all(np.diff(np.array(green).ravel()[order]) >= -1)
         _keep(page, "paper_speed")
         page.evaluate("drakeRho.theme(true); drakeRho.colourBy('clearance'); drakeRho.seek(31.6)")
         red, *_ = (int(page.evaluate(colour, "UAV-1")[i : i + 2], 16) for i in (1, 3, 5))
-        assert page.evaluate(colour, "UAV-1") == "#c4161c"  # nothing is left
+        assert page.evaluate(colour, "UAV-1") == "#c4161c"  # no clearance is left
         assert red > 0
         _keep(page, "paper_clearance_dark")
         page.evaluate("drakeRho.theme(false); drakeRho.colourBy('vehicle')")
@@ -162,7 +162,7 @@ def test_colours_are_by_vehicle_speed_or_clearance(paper: rho.Flight, tmp_path: 
 
 
 @pytest.mark.slow
-def test_numbers_of_a_fleet_with_radii_in_a_yard_and_names_that_are_text(tmp_path: Path) -> None:
+def test_the_page_of_a_fleet_shows_clearances_and_escapes_names(tmp_path: Path) -> None:
     plan = _yard()
     motion, bodies = plan.motion(), plan.scenario.bodies
     with _opened(rho.viewer_page(plan), tmp_path) as page:
@@ -184,7 +184,8 @@ def test_numbers_of_a_fleet_with_radii_in_a_yard_and_names_that_are_text(tmp_pat
             assert name in texts
             assert name in labels
             assert name in options
-        assert any(each.startswith("<img src=x o") for each in texts)  # long: without its middle
+        # long, so shortened in the middle
+        assert any(each.startswith("<img src=x o") for each in texts)
         assert page.locator(f'tr[title^="{NAMES[2]}"]').count() == 1
         assert "<cart>" in labels
         assert page.locator("#overlay img").count() == 0
@@ -193,7 +194,7 @@ def test_numbers_of_a_fleet_with_radii_in_a_yard_and_names_that_are_text(tmp_pat
 
 
 @pytest.mark.slow
-def test_what_is_shown_can_be_chosen_and_the_table_sorted(tmp_path: Path) -> None:
+def test_layers_can_be_selected_and_the_table_sorted(tmp_path: Path) -> None:
     plan = _yard()
     with _opened(rho.viewer_page(plan), tmp_path) as page:
         seen = """path => viewer.scene_tree.find(["flight", ...path]).object.visible"""
@@ -250,7 +251,7 @@ def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) ->
                 names = page.locator(".label:not(.thing)")
                 for i, label in enumerate(names.all()):
                     box = label.bounding_box()
-                    if box is None:  # behind the camera, or outside of the window
+                    if box is None:  # behind the camera, or outside the window
                         continue
                     turned = label.evaluate("each => getComputedStyle(each).transform")
                     assert turned.startswith("matrix(1, 0, 0, 1, ")  # upright, and not mirrored
@@ -261,7 +262,7 @@ def test_the_camera_follows_and_names_face_it_from_four_sides(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_a_folded_fleet_opens_and_a_single_one_is_named(tmp_path: Path) -> None:
+def test_a_collapsed_fleet_expands_and_a_single_vehicle_is_named(tmp_path: Path) -> None:
     plan = crossing(40, separation=rho.Separation(0.1))
     with _opened(rho.viewer_page(plan), tmp_path) as page:
         page.evaluate("drakeRho.seek(5)")
@@ -299,7 +300,7 @@ def test_the_page_of_a_simulation_has_its_wind_and_tubes(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_time_runs_stops_and_begins_again(tmp_path: Path) -> None:
+def test_time_runs_stops_and_restarts(tmp_path: Path) -> None:
     plan = crossing(3)
     with _opened(rho.viewer_page(plan), tmp_path) as page:
         page.evaluate("drakeRho.seek(9.5); drakeRho.play(true)")
@@ -360,7 +361,7 @@ def test_show_serves_on_this_machine_alone_and_ends_on_interrupt() -> None:
 
 
 def _addresses(port: int) -> list[str]:
-    """Local addresses that listen on a port, as the kernel has them."""
+    """Return the local addresses that listen on a port, from the kernel's table."""
     rows = [
         line.split()[1:4]
         for table in ("/proc/net/tcp", "/proc/net/tcp6")

@@ -1,4 +1,4 @@
-"""`Statistics.seconds`: wall time from a planner's call to its return, told wherever times are."""
+"""`Statistics.seconds`: wall time from a planner's call to its return, in all reports of times."""
 
 import itertools
 import pickle
@@ -32,24 +32,24 @@ PLANNERS = [
 
 
 class Clock:
-    """A clock on which every look takes a second."""
+    """Clock that advances by a second with every reading."""
 
     def __init__(self) -> None:
         self.seconds = itertools.count()
 
     def __call__(self) -> float:
-        """Return a second more than at the last look."""
+        """Return a second more than at the last reading."""
         return float(next(self.seconds))
 
     @property
     def last(self) -> float:
-        """What it told last; nobody may look afterwards."""
+        """Last reading; the clock must not be read afterwards."""
         return float(next(self.seconds)) - 1.0
 
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[Clock]:
-    """The clock of everything under test; who looks first began at 0."""
+    """Set the clock of all code under test; its first reading is 0."""
     made = Clock()
     with monkeypatch.context() as patched:
         patched.setattr(time, "perf_counter", made)
@@ -70,10 +70,12 @@ def test_seconds_are_from_the_call_to_the_return(
         rho.plan,
         rho.plan_convex,
         rho.plan_rho,
-        lambda asked: rho.scp_step(rho.Plan.from_accelerations(asked, STRAIGHT.accelerations)),
+        lambda scenario: rho.scp_step(
+            rho.Plan.from_accelerations(scenario, STRAIGHT.accelerations)
+        ),
     ],
 )
-def test_an_error_tells_the_seconds_until_it_was_raised_in_another_process_too(
+def test_an_error_has_the_seconds_until_it_was_raised_even_in_another_process(
     planner: Callable[[rho.Scenario], object], clock: Clock
 ) -> None:
     with pytest.raises(rho.InfeasibleError) as caught:
@@ -84,7 +86,7 @@ def test_an_error_tells_the_seconds_until_it_was_raised_in_another_process_too(
     assert sent.statistics.seconds == seconds
 
 
-def test_a_window_takes_the_whole_step_with_its_reference_and_a_flight_their_sum(
+def test_seconds_of_a_window_include_its_reference_and_those_of_a_flight_are_the_sum(
     clock: Clock,
 ) -> None:
     def planned(scenario: rho.Scenario, tail: object, solver: object) -> rho.Plan:
@@ -96,13 +98,13 @@ def test_a_window_takes_the_whole_step_with_its_reference_and_a_flight_their_sum
         window = horizon.step(horizon.planned(knot), ASKED.grid.times[knot])
         ended = clock.last
         assert window.statistics.seconds == ended - began - 1.0
-        assert window.statistics.linearisations == 2  # the reference's own among them
+        assert window.statistics.linearisations == 2  # including that of the reference
         took, began = took + window.statistics.seconds, ended + 1.0
     assert len(horizon.windows) > 1
     assert horizon.flight.statistics.seconds == took
 
 
-def test_the_seconds_of_a_window_without_a_plan_are_told_once() -> None:
+def test_the_seconds_of_a_window_without_a_plan_count_once() -> None:
     flight = rho.plan_rho(single(), planner=_failing, fallback=rho.plan_convex, replan_every=8)
     window = flight.windows[-1]
     assert window.lasting(7.0).statistics.seconds == 7.0
@@ -124,7 +126,7 @@ def _failing(scenario: rho.Scenario, **options: object) -> rho.Plan:
         ByPlanRho(name="in windows", planner="plan_rho"),
     ],
 )
-def test_campaigns_tell_these_seconds(method: Method) -> None:
+def test_campaigns_record_the_seconds_of_planners(method: Method) -> None:
     found = method.run(ASKED, np.random.default_rng(0))
     assert isinstance(found.planned, rho.Plan | rho.Flight)
     assert found.seconds == found.planned.statistics.seconds > 0.0

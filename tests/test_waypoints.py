@@ -1,4 +1,4 @@
-"""Waypoints: places that vehicles pass at times of their own, exactly or within a distance."""
+"""Waypoints: positions that vehicles pass at given times, exactly or within a distance."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from tests.scenarios import (
 from tests.tolerances import INDEX, MOTION
 
 HALF_WAY = rho.Waypoint(3.3, [4.0, 4.0, 1.0])
-"""Between two knots, and off the way."""
+"""Waypoint between two knots, off the path."""
 
 
 def _position(plan: rho.Plan, vehicle: int, time: float) -> FloatArray:
-    """Where a vehicle is, flown from the start by hand, step by step and a part of a step."""
+    """Return a vehicle's position, integrated by hand, step by step and a part of a step."""
     grid, state = plan.scenario.grid, plan.scenario.vehicles[vehicle].start
     p, v, left = state.position, state.velocity, time - grid.start
     for a in plan.accelerations[vehicle]:
@@ -44,7 +44,7 @@ def _position(plan: rho.Plan, vehicle: int, time: float) -> FloatArray:
 
 
 def _missed(plan: rho.Plan) -> list[float]:
-    """Distances of all vehicles from their waypoints."""
+    """Return the distances of all vehicles from their waypoints."""
     return [
         float(np.linalg.norm(_position(plan, index, each.time) - each.position))
         for index, vehicle in enumerate(plan.scenario.vehicles)
@@ -53,7 +53,7 @@ def _missed(plan: rho.Plan) -> list[float]:
 
 
 def _one_axis(knots: int, h: float, times: list[float], places: list[float]) -> FloatArray:
-    """Accelerations of least norm from rest at 0 to rest at the last place, by pseudo-inverse."""
+    """Return the accelerations of least norm from rest at 0 to rest at the last place."""
     begins, T = h * np.arange(knots - 1), h * (knots - 1)
     acted = np.clip(np.array([*times, T])[:, None] - begins, 0.0, h)
     after = np.maximum(np.array([*times, T])[:, None] - begins - h, 0.0)
@@ -65,7 +65,7 @@ def _one_axis(knots: int, h: float, times: list[float], places: list[float]) -> 
 
 @pytest.mark.parametrize("times", [[2.0], [3.3], [0.1], [7.9], [1.25, 4.0], [1.3, 1.4, 6.0]])
 @pytest.mark.parametrize("start", [0.0, -3.0])
-def test_rest_to_rest_in_one_dimension_is_the_least_norm(times: list[float], start: float) -> None:
+def test_rest_to_rest_in_one_dimension_has_least_norm(times: list[float], start: float) -> None:
     places = [3.0 + 2.0 * number for number in range(len(times))]
     known = _one_axis(17, 0.5, times, [*places, 10.0])
     waypoints = [
@@ -82,17 +82,17 @@ def test_rest_to_rest_in_one_dimension_is_the_least_norm(times: list[float], sta
 
 
 @pytest.mark.parametrize("within", [0.0, 0.5])
-def test_a_waypoint_holds_has_an_effect_and_is_judged(within: float) -> None:
+def test_a_waypoint_holds_has_an_effect_and_is_verified(within: float) -> None:
     scenario = single(waypoints=[dataclasses.replace(HALF_WAY, within=within)])
     free, plan = rho.plan_convex(single()), rho.plan_convex(scenario)
     assert rho.verify(plan).ok
     assert _missed(plan) == pytest.approx([within], abs=1e-7)
     assert plan.cost > free.cost * 1.001
 
-    judged = rho.Plan.from_accelerations(scenario, free.accelerations)
-    (missed,), (violation,) = _missed(judged), rho.verify(judged).violations
-    told = (violation.constraint, violation.part, violation.unit, violation.time)
-    assert told == ("waypoint 1", "", "m", 3.3)
+    unlimited = rho.Plan.from_accelerations(scenario, free.accelerations)
+    (missed,), (violation,) = _missed(unlimited), rho.verify(unlimited).violations
+    reported = (violation.constraint, violation.part, violation.unit, violation.time)
+    assert reported == ("waypoint 1", "", "m", 3.3)
     assert violation.value == pytest.approx(missed)
     assert violation.limit == within
     assert violation.excess == pytest.approx(missed - within)
@@ -109,7 +109,7 @@ def test_a_waypoint_holds_has_an_effect_and_is_judged(within: float) -> None:
         rho.Limits(position=box(10.2), max_acceleration=2.2),
     ],
 )
-def test_it_costs_what_the_program_with_cones_costs(
+def test_the_cost_equals_that_of_the_program_with_cones(
     knots: int, within: float, limits: rho.Limits
 ) -> None:
     waypoints = [
@@ -130,7 +130,7 @@ def test_it_costs_what_the_program_with_cones_costs(
 
 
 def _with_waypoints(scenario: rho.Scenario, seed: int) -> rho.Scenario:
-    """Up to three for each vehicle, more or less far from its way."""
+    """Return the scenario with up to three waypoints a vehicle, more or less far from its path."""
     rng, grid = np.random.default_rng(seed), scenario.grid
     motion = rho.plan_convex(dataclasses.replace(scenario, limits=rho.Limits())).motion()
     vehicles = []
@@ -148,7 +148,9 @@ def _with_waypoints(scenario: rho.Scenario, seed: int) -> rho.Scenario:
 
 @given(seed=st.integers(0, 2**32 - 1), tight=st.booleans())
 @settings(max_examples=20)
-def test_random_scenarios_cost_what_the_programs_with_cones_cost(seed: int, tight: bool) -> None:
+def test_costs_of_random_scenarios_equal_those_of_the_programs_with_cones(
+    seed: int, tight: bool
+) -> None:
     scenario = random_scenario(seed, tight=tight).without_obstacles()
     try:
         scenario = _with_waypoints(scenario, seed)
@@ -179,7 +181,7 @@ def test_other_coordinates_have_the_same_plan(seed: int, length: float, time: fl
     np.testing.assert_allclose(other.accelerations, expected, atol=atol)
 
 
-def test_the_order_in_which_they_are_given_means_nothing() -> None:
+def test_the_order_of_waypoints_does_not_matter() -> None:
     waypoints = [HALF_WAY, rho.Waypoint(6.1, [9.0, 5.0, -1.0], 0.2)]
     one, other = (rho.plan_convex(single(waypoints=each)) for each in (waypoints, waypoints[::-1]))
     assert other.cost == pytest.approx(one.cost, rel=INDEX)
@@ -191,7 +193,7 @@ def test_the_order_in_which_they_are_given_means_nothing() -> None:
 
 
 def test_there_and_back_again() -> None:
-    """From rest to rest at one place, by way of another: the way to it is the motion's scale."""
+    """From rest to rest at one place via another: the distance to it is the motion's scale."""
     here = rho.State([1.0, 2.0, 3.0])
     scenario = single(start=here, goal=here, waypoints=[rho.Waypoint(4.0, [11.0, 2.0, 3.0])])
     assert scenario.fleet.lengths == pytest.approx([10.0])
@@ -204,7 +206,7 @@ def test_there_and_back_again() -> None:
 @pytest.mark.parametrize("replan_every", [1, 3, 5])
 @pytest.mark.parametrize("within", [0.0, 0.3])
 @pytest.mark.parametrize("time", [3.3, 4.0, 0.51])
-def test_windows_keep_to_it_until_it_has_passed(
+def test_windows_include_a_waypoint_until_it_has_passed(
     replan_every: int, within: float, time: float
 ) -> None:
     waypoints = [rho.Waypoint(time, [time, 2.0, 1.0], within), rho.Waypoint(6.1, [9, 5, -1], 0.2)]
@@ -215,14 +217,15 @@ def test_windows_keep_to_it_until_it_has_passed(
     assert not any(window.infeasible for window in flight.windows)
     for window in flight.windows:
         asked = window.plan.scenario
-        left = [each for each in waypoints if each.time > asked.grid.start]  # at a knot: passed
+        # a waypoint at a knot has been passed
+        left = [each for each in waypoints if each.time > asked.grid.start]
         assert list(asked.vehicles[0].waypoints) == left
         assert scenario_from_yaml(scenario_to_yaml(asked)) == asked
 
 
 @pytest.mark.parametrize("coupling", [rho.coupled, rho.decoupled])
-def test_fleets_keep_to_them_each_vehicle_to_its_own(coupling: object) -> None:
-    """Different numbers of them, at different times, and past each other."""
+def test_every_vehicle_of_a_fleet_passes_its_own_waypoints(coupling: object) -> None:
+    """They have different numbers of waypoints at different times, and pass each other."""
     asked = through_the_middle(4)
     own = [
         [rho.Waypoint(5.2, [0.0, 0.0, 0.0])],
@@ -246,11 +249,11 @@ def test_fleets_keep_to_them_each_vehicle_to_its_own(coupling: object) -> None:
         ("v3", "waypoint 1"),
     ]
     assert max(_missed(plan)) < 0.2 + 1e-6
-    judged = rho.Plan.from_accelerations(scenario, rho.plan_scp(asked).accelerations)
-    assert "waypoint 1" in {each.constraint for each in rho.verify(judged).violations}
+    unlimited = rho.Plan.from_accelerations(scenario, rho.plan_scp(asked).accelerations)
+    assert "waypoint 1" in {each.constraint for each in rho.verify(unlimited).violations}
 
 
-def test_past_obstacles_at_rest_and_moving() -> None:
+def test_waypoints_hold_past_obstacles_at_rest_and_moving() -> None:
     sphere = rho.Sphere([4.0, 2.2, 0.0], 1.0)
     moving = rho.Obstacle(rho.Box([6.5, 8.5, -2.0], [7.5, 9.5, 0.0]), velocity=[0.0, -1.0, 0.0])
     waypoints = [rho.Waypoint(3.3, [4.0, 3.3, 0.5]), rho.Waypoint(6.1, [7.5, 4.5, -1.0], 0.2)]
@@ -273,7 +276,7 @@ _CROSSING = rho.Obstacle(rho.Sphere([0.0, -9.0, 1.0], 0.3), velocity=[0.5, 0.0, 
         *slow((rho.Waypoint(9.0, [9.0, 3.0, 2.0], 0.3), rho.Waypoint(6.0, [9.0, 0.0, 1.0]))),
     ],
 )
-def test_ways_lead_through_them(
+def test_paths_lead_through_waypoints(
     obstacles: tuple[rho.Box | rho.Obstacle, ...], waypoints: tuple[rho.Waypoint, ...]
 ) -> None:
     """Start and goal are on one side of a wall, the waypoints on the other."""
@@ -292,7 +295,7 @@ def test_ways_lead_through_them(
     assert rho.verify(plan).ok
 
 
-def test_one_that_cannot_be_reached_is_named_and_diagnosed() -> None:
+def test_an_unreachable_waypoint_is_named_and_diagnosed() -> None:
     limits = rho.Limits(max_speed=2.5)
     waypoints = [rho.Waypoint(1.0, [1.0, 0.5, 0.0]), rho.Waypoint(2.0, [5.0, 2.0, 0.0])]
     scenario = single(limits=limits, waypoints=waypoints)
@@ -312,13 +315,13 @@ def test_one_that_cannot_be_reached_is_named_and_diagnosed() -> None:
     assert max(_missed(least)) < 2.0
 
 
-def test_without_waypoints_it_is_monotone_and_with_them_not() -> None:
+def test_only_scenarios_without_waypoints_are_monotone() -> None:
     assert is_monotone(single())
     assert not is_monotone(single(waypoints=[HALF_WAY]))
 
 
-def test_many_of_them_have_constraints_of_their_own() -> None:
-    """As many as there are."""
+def test_each_of_many_waypoints_has_a_constraint_of_its_own() -> None:
+    """There are as many constraints as waypoints."""
     times = np.linspace(0.3, 7.7, 30)
     way = np.stack([times, np.sin(times), np.cos(times)], axis=1)
     waypoints = [rho.Waypoint(t, p, 0.3) for t, p in zip(times.tolist(), way, strict=True)]
@@ -360,7 +363,7 @@ _MOVING = rho.Obstacle(rho.Sphere([0.0, 5.0, 0.0], 0.5), velocity=[1.0, 0.0, 0.0
         ),
     ],
 )
-def test_what_makes_no_sense_is_refused(
+def test_invalid_waypoints_are_refused(
     waypoints: list[rho.Waypoint], options: dict[str, object], field: str, words: str
 ) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
@@ -369,7 +372,7 @@ def test_what_makes_no_sense_is_refused(
     assert words in str(caught.value)
 
 
-def test_the_radius_counts_at_a_waypoint() -> None:
+def test_the_radius_of_a_vehicle_counts_at_a_waypoint() -> None:
     scenario = single(
         waypoints=[rho.Waypoint(5.0, [3, 2, 0])], obstacles=(rho.Sphere([3, 3, 0], 0.6),)
     )
@@ -381,19 +384,20 @@ def test_the_radius_counts_at_a_waypoint() -> None:
     assert caught.value.field == "scenario.vehicles[0].waypoints[0].position"
 
 
-def test_two_at_one_time_are_refused() -> None:
+def test_two_waypoints_at_one_time_are_refused() -> None:
     twice = [rho.Waypoint(3.0, [1, 0, 0]), rho.Waypoint(3.0, [1, 0, 0])]
     with pytest.raises(rho.ScenarioError) as caught:
         single(waypoints=twice)
     assert caught.value.field == "vehicle.waypoints[1].time"
     assert caught.value.value == 3.0
     assert "no other waypoint" in str(caught.value)
-    asked = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])  # of two vehicles they may
+    # different vehicles may have one time
+    scenario = fleet([[0, 0, 0], [0, 5, 0]], [[9, 0, 0], [9, 5, 0]])
     vehicles = tuple(
         dataclasses.replace(each, waypoints=(rho.Waypoint(3.0, [1, y, 0]),))
-        for each, y in zip(asked.vehicles, (0, 5), strict=True)
+        for each, y in zip(scenario.vehicles, (0, 5), strict=True)
     )
-    assert rho.verify(rho.plan(dataclasses.replace(asked, vehicles=vehicles))).ok
+    assert rho.verify(rho.plan(dataclasses.replace(scenario, vehicles=vehicles))).ok
 
 
 @pytest.mark.parametrize(
@@ -405,15 +409,13 @@ def test_two_at_one_time_are_refused() -> None:
         ((1.0, [1, 0, 0], np.inf), "within"),
     ],
 )
-def test_numbers_that_make_no_sense_are_refused(
-    values: tuple[float, list[float], float], field: str
-) -> None:
+def test_invalid_numbers_are_refused(values: tuple[float, list[float], float], field: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         rho.Waypoint(*values)
     assert caught.value.field == f"waypoint.{field}"
 
 
-def test_files_and_schema_hold_them() -> None:
+def test_files_and_schema_preserve_the_waypoints() -> None:
     text = scenario_to_yaml(single())
     added = text.replace(
         "waypoints: []", "waypoints: [{time: 5, position: [5, 2, 1.5], within: 0.2}]"

@@ -1,4 +1,4 @@
-"""Which rows are in: the same row has one key, and no two rows share one."""
+"""The working set of rows: equal rows have one key, and different rows have different keys."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ COUNT = 7
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class OnVelocities(Constraint):
-    """A constraint of which nothing but its rows matters."""
+    """Constraint with irrelevant geometry."""
 
     def violated_rows(self, motion: Motion, vehicles: Any, **options: Any) -> HalfSpaces:
-        """None."""
+        """Return no rows."""
         return self.none
 
 
 def constraint(number: int = 3, *, curved: bool = False) -> Constraint:
-    """One on velocities."""
+    """Return a constraint on velocities."""
     return OnVelocities(
         kind="velocity", key=number, name=f"constraint {number}", quantity="velocity", curved=curved
     )
@@ -54,7 +54,7 @@ def rows(
     normals: Any = ((1.0, 0.0, 0.0),),
     bounds: Any = (-1.0,),
 ) -> HalfSpaces:
-    """Rows of a constraint; what is given once is that of all."""
+    """Return rows of a constraint; a single value holds for all rows."""
     own = np.asarray(vehicles)
     given = own if partners is None else np.asarray(partners)
     arrays = np.broadcast_arrays(own, given, np.asarray(sides), np.asarray(times, float))
@@ -72,7 +72,7 @@ def rows(
 
 
 def moving(velocity: tuple[float, float, float]) -> Motion:
-    """The motion of seven vehicles without thrust."""
+    """Return the motion of seven vehicles with constant velocity."""
     grid = rho.Grid(0.5, 17)
     alone = single(start=rho.State([0, 0, 0], velocity), grid=grid)
     coasting = rho.Plan.from_accelerations(alone, np.zeros((1, 16, 3))).motion()
@@ -83,7 +83,7 @@ MOTION = moving((0.0, 0.0, 0.0))
 
 
 def working_set() -> WorkingSet:
-    """An empty one, for seven vehicles."""
+    """Return an empty working set for seven vehicles."""
     return WorkingSet(RowKeys(COUNT, GRID))
 
 
@@ -96,7 +96,7 @@ whose = st.tuples(
 
 
 def key(parts: tuple[int, int, int, int], count: int = COUNT, grid: rho.Grid = GRID) -> int:
-    """Return the key of one row: its vehicle, partner, side, and time in 1/1000 steps."""
+    """Return the key of one row: vehicle, partner, side, and time in 1/1000 steps."""
     vehicle, partner, side, moment = parts
     part = rows(
         constraint(),
@@ -149,7 +149,7 @@ def test_a_time_that_differs_by_rounding_is_the_same_instant() -> None:
     assert one == other
 
 
-def test_what_was_added_is_known_and_nothing_else_is() -> None:
+def test_exactly_the_added_rows_are_known() -> None:
     working = working_set()
     every = rows(constraint(), vehicles=[5, 0, 3, 3, 2], times=[1.0, 2.0, 0.5, 4.0, 7.5])
     assert not working.known(every, MOTION).any()
@@ -158,13 +158,13 @@ def test_what_was_added_is_known_and_nothing_else_is() -> None:
     working.add(every.select(np.array([1])))
     np.testing.assert_array_equal(working.known(every, MOTION), [True, True, False, True, False])
     assert len(working) == 3
-    for number, known in ((3, True), (4, False)):  # another constraint's are others
+    for number, known in ((3, True), (4, False)):  # rows of another constraint differ
         part = rows(constraint(number), vehicles=[5])
         working.add(rows(constraint(4), vehicles=[6]))
         assert working.known(part, MOTION).tolist() == [known]
 
 
-def test_no_rows_are_as_if_nothing_was_added() -> None:
+def test_adding_no_rows_changes_nothing() -> None:
     working, own = working_set(), constraint()
     working.add(own.none)
     assert not working.known(rows(own), MOTION).any()
@@ -172,7 +172,7 @@ def test_no_rows_are_as_if_nothing_was_added() -> None:
 
 
 def test_a_curved_set_may_have_several_normals_at_one_instant() -> None:
-    """A vehicle is twice as fast as its cuts allow: another cut is known if broken no more."""
+    """At twice the speed its cuts allow, another cut counts as known if it is violated no more."""
     curved, working = constraint(curved=True), working_set()
     motion = moving((-2.0, 0.0, 0.0))
     turned = [np.cos(1.0), np.sin(1.0), 0.0]
@@ -192,7 +192,7 @@ def test_a_curved_set_may_have_several_normals_at_one_instant() -> None:
     assert len(set(RowKeys(COUNT, GRID).of(kept).tolist())) == 2
 
 
-def test_the_rows_of_some_vehicles_are_theirs_and_in_order() -> None:
+def test_selected_rows_belong_to_the_vehicles_and_keep_their_order() -> None:
     working = working_set()
     working.add(rows(constraint(2), vehicles=[4, 1, 4], times=[1.0, 2.0, 3.0]))
     working.add(rows(constraint(1), vehicles=[0]))
@@ -203,8 +203,8 @@ def test_the_rows_of_some_vehicles_are_theirs_and_in_order() -> None:
     assert [part.constraint.key for part in working.of(np.array([0, 1]), COUNT)] == [2, 1]
 
 
-def test_active_rows_are_those_without_room() -> None:
-    """A vehicle at 1 m/s in x: rows v_x >= bound with room 0, a hundredth, and below the bound."""
+def test_active_rows_are_those_without_slack() -> None:
+    """Rows v_x >= bound of a vehicle at 1 m/s have slack 0, slack 0.01, and a violation."""
     start = rho.State([0, 0, 0], [1, 0, 0])
     motion = rho.Plan.from_accelerations(single(start=start), np.zeros((1, 16, 3))).motion()
     working = working_set()
@@ -214,20 +214,20 @@ def test_active_rows_are_those_without_room() -> None:
     np.testing.assert_allclose(active.margins(motion), [0.0, -0.5], atol=ROUNDING)
 
 
-def _pull(planes: CuttingPlanes, vehicle: int) -> tuple[np.ndarray, np.ndarray]:
-    """2 u and M' y of the program of a vehicle's group, which (KKT) are the same."""
+def _dual_gradient(planes: CuttingPlanes, vehicle: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return 2 u and M' y of the program of a vehicle's group, which are equal by KKT."""
     effort, group = planes.problem.effort, planes.working.group(vehicle)
     parts = planes.working.multipliers(vehicle)
     matrix, _, _ = rows_of(effort.changes, group, about(effort.motion, [part for part, _ in parts]))
-    pull = matrix.T @ np.concatenate([y for _, y in parts])
-    inside = pull.reshape(len(group), -1, 3)
+    gradient = matrix.T @ np.concatenate([y for _, y in parts])
+    inside = gradient.reshape(len(group), -1, 3)
     inside = np.stack([effort.changes.inside(each.T).T for each in inside])
     moved = planes.motion.accelerations[group] - effort.motion.accelerations[group]
     return 2.0 * moved / effort.units[group].max(), inside
 
 
 def test_multipliers_balance_the_cost() -> None:
-    """Stationarity: twice the change of accelerations is what the rows push, goals aside."""
+    """By stationarity twice the change of accelerations is M' y, apart from the goals."""
     scenario = fleet(
         [[0, 0, 0], [0, 9, 0], [0, 18, 0]],
         [[10, 4, -2], [5, 9, 0], [9, 18, 3]],
@@ -240,24 +240,24 @@ def test_multipliers_balance_the_cost() -> None:
         assert bool(planes.working.multipliers(vehicle)) == binding
         assert planes.working.group(vehicle).tolist() == [vehicle]
         if binding:
-            changed, pull = _pull(planes, vehicle)
-            np.testing.assert_allclose(changed, pull, atol=1e-6 * np.abs(changed).max())
+            changed, gradient = _dual_gradient(planes, vehicle)
+            np.testing.assert_allclose(changed, gradient, atol=1e-6 * np.abs(changed).max())
             assert np.abs(changed).max() > 1e-3
 
 
 def test_multipliers_of_a_coupled_group_balance_the_cost_of_all_of_it() -> None:
-    """Two that cross share a program; a third far off has none."""
+    """Two crossing vehicles share a program; a distant third one has none."""
     starts = np.array([[-5, 0.3, 0], [0, 50, 0], [0, -5, 0]])
-    asked = fleet(starts, np.array([[5, 0, 0], [9, 50, 0], [0, 5, 0.2]]))
-    subproblem = Subproblem(Problem.of(asked), coupled)
-    subproblem.around(rho.plan_scp(asked))
+    scenario = fleet(starts, np.array([[5, 0, 0], [9, 50, 0], [0, 5, 0.2]]))
+    subproblem = Subproblem(Problem.of(scenario), coupled)
+    subproblem.around(rho.plan_scp(scenario))
     planes = subproblem.planes
     assert planes is not None
     assert planes.working.group(0).tolist() == planes.working.group(2).tolist() == [0, 2]
     assert planes.working.group(1).tolist() == [1]
-    changed, pull = _pull(planes, 2)
+    changed, gradient = _dual_gradient(planes, 2)
     assert np.abs(changed).max() > 1e-3
-    np.testing.assert_allclose(changed, pull, atol=1e-5 * np.abs(changed).max())
-    assert MinimumEffort.of(asked).motion.accelerations[1] == pytest.approx(
+    np.testing.assert_allclose(changed, gradient, atol=1e-5 * np.abs(changed).max())
+    assert MinimumEffort.of(scenario).motion.accelerations[1] == pytest.approx(
         planes.motion.accelerations[1]
     )

@@ -1,4 +1,4 @@
-"""Random worlds: distributed as they say, repeatable, with starts and goals that are free."""
+"""Random worlds: documented distributions, reproducible, with free starts and goals."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from tests.tolerances import ROUNDING
 
 
 def swap(boxes: int, seed: int = 0, **options: float) -> rho.Scenario:
-    """A trefoil swap from a seed."""
+    """Return a trefoil swap of a seed."""
     return rho.trefoil_swap(boxes, np.random.default_rng(seed), **options)  # type: ignore[arg-type]
 
 
 def field(obstacles: int, seed: int = 0, **options: float) -> rho.Scenario:
-    """A random field from a seed."""
+    """Return a random field of a seed."""
     rng = np.random.default_rng(seed)
     return rho.random_field(obstacles, rng, **options)  # type: ignore[arg-type]
 
 
 def tracks(scenario: rho.Scenario) -> list[rho.Track]:
-    """Those of the obstacles, all of which have one."""
+    """Return the tracks of the obstacles, all of which have one."""
     return [obstacle.track for obstacle in scenario.bodies if obstacle.track is not None]
 
 
 def knot(middle: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Points of a trefoil around `middle` [m], shape (M, 3), at parameters t, shape (M,)."""
+    """Return points of a trefoil around `middle` [m], shape (M, 3), at parameters t, shape (M,)."""
     x, y, z = middle
     return np.stack(
         [x + np.sin(t) + 2 * np.sin(2 * t), y + np.cos(t) - 2 * np.cos(2 * t), z - np.sin(3 * t)],
@@ -40,7 +40,7 @@ def knot(middle: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def drawn(seed: int) -> tuple[np.ndarray, float]:
-    """Middle [m] and phase of the first box that a seed draws, if no end was in its way."""
+    """Return the centre [m] and phase of a seed's first box, if it is not drawn again."""
     x, y, phase = np.random.default_rng(seed).uniform(size=3)
     return np.array([11 * x - 5.5, 11 * y - 5.5, 1.0]), 4 * np.pi * phase - 2 * np.pi
 
@@ -63,7 +63,7 @@ def test_the_swap_is_that_of_the_benchmark() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_a_box_moves_on_its_trefoil_and_never_further_from_its_track_than_told(seed: int) -> None:
+def test_a_box_stays_within_the_deviation_of_its_track_on_a_trefoil(seed: int) -> None:
     track = tracks(swap(1, seed, step=0.5))[0]
     middle, phase = drawn(seed)
     np.testing.assert_allclose(track.positions, knot(middle, track.times / 5.2 + phase), atol=1e-12)
@@ -73,15 +73,15 @@ def test_a_box_moves_on_its_trefoil_and_never_further_from_its_track_than_told(s
     assert not track.deviation_is_estimated
 
 
-def test_the_deviation_is_no_larger_than_the_sharpest_turn_asks_for() -> None:
+def test_the_deviation_is_no_larger_than_the_sharpest_turn_requires() -> None:
     t, h = np.linspace(0.0, 2.0 * np.pi, 200_001), 1e-3
     bend = (knot(np.zeros(3), t + h) - 2 * knot(np.zeros(3), t) + knot(np.zeros(3), t - h)) / h**2
     sharpest = np.linalg.norm(bend, axis=1).max() / 5.2**2
     assert tracks(swap(1, step=0.5))[0].deviation == pytest.approx(sharpest * 0.5**2 / 8, rel=1e-5)
 
 
-def test_middles_and_phases_fill_their_ranges_evenly() -> None:
-    """Of few vehicles, so that few boxes are drawn again; middles are means over a whole turn."""
+def test_centres_and_phases_are_uniform() -> None:
+    """With few vehicles, few boxes are drawn again; centres are means over a whole turn."""
     scenario = swap(400, vehicles=1, duration=5.2 * 2 * np.pi, step=5.2 * 2 * np.pi / 12)
     middles = np.array([track.positions[:-1].mean(axis=0) for track in tracks(scenario)])
     assert np.all(np.abs(middles[:, :2]) <= 5.5)
@@ -89,13 +89,13 @@ def test_middles_and_phases_fill_their_ranges_evenly() -> None:
     np.testing.assert_allclose(middles[:, :2].mean(axis=0), 0.0, atol=5 * 5.5 / np.sqrt(3 * 400))
     np.testing.assert_allclose(middles[:, :2].var(axis=0), 5.5**2 / 3, rtol=0.25)
     first = np.array([track.positions[0] for track in tracks(scenario)]) - middles
-    assert abs(first[:, 2].mean()) < 5 * np.sqrt(0.5 / 400)  # of - sin 3 φ, φ uniform
+    assert abs(first[:, 2].mean()) < 5 * np.sqrt(0.5 / 400)  # mean of - sin 3 φ, φ uniform
 
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 2**32 - 1), boxes=st.integers(0, 60))
 def test_starts_and_goals_of_a_swap_are_free(seed: int, boxes: int) -> None:
-    scenario = swap(boxes, seed)  # a scenario whose ends are taken is refused; here, with deviation
+    scenario = swap(boxes, seed)  # a scenario with blocked ends is refused; deviations count
     ends = ((scenario.fleet.start_positions, 0), (scenario.fleet.goal_positions, -1))
     for track in tracks(scenario):
         for positions, at in ends:
@@ -105,8 +105,8 @@ def test_starts_and_goals_of_a_swap_are_free(seed: int, boxes: int) -> None:
 
 
 @pytest.mark.parametrize(("seed", "taken"), [(363, True), (1067, True), (0, False), (1, False)])
-def test_a_box_in_the_way_of_an_end_is_drawn_again(seed: int, taken: bool) -> None:
-    """Two of the few seeds whose first draw is in the way, and two others."""
+def test_a_box_that_blocks_an_end_is_drawn_again(seed: int, taken: bool) -> None:
+    """Two of the few seeds whose first draw blocks an end, and two others."""
     scenario = swap(1, seed, vehicles=80)
     middle, phase = drawn(seed)
     first, last = knot(middle, np.array([phase, 5.0 / 5.2 + phase]))
@@ -128,14 +128,14 @@ def test_a_field_is_that_of_the_benchmark() -> None:
     (vehicle,) = scenario.vehicles
     assert vehicle.radius == 0.15
     assert (vehicle.start.position[0], vehicle.goal.position[0]) == (0.0, 10.0)
-    # 10 m at 3 m/s, and one second more to get to that speed and from it
+    # 10 m at 3 m/s, and one second more to reach that speed and to stop
     assert scenario.grid.duration == pytest.approx(2.0 * (10.0 / 3.0 + 1.0))
     assert 0.19 < scenario.grid.step <= 0.2
     assert len(scenario.obstacles) == 40
 
 
 def test_the_time_of_a_field_is_twice_the_least() -> None:
-    """Bang-bang without reaching the speed limit: half the way at full acceleration."""
+    """The flight is bang-bang below the speed limit: full acceleration for half of the distance."""
     scenario = field(0, max_velocity=100.0, max_acceleration=0.4)
     assert scenario.grid.duration == pytest.approx(2.0 * 2.0 * np.sqrt(10.0 / 0.4))
     twice = rho.random_field(0, np.random.default_rng(0), room=rho.Box([0, 0, 0], [2, 30, 1]))
@@ -144,7 +144,7 @@ def test_the_time_of_a_field_is_twice_the_least() -> None:
     assert twice.grid.duration == pytest.approx(2.0 * (across / 3.0 + 1.0))
 
 
-def test_obstacles_of_a_field_fill_room_and_sizes_evenly() -> None:
+def test_positions_and_sizes_of_obstacles_of_a_field_are_uniform() -> None:
     shapes = field(2000).obstacles
     spheres = [each for each in shapes if isinstance(each, rho.Sphere)]
     boxes = [each for each in shapes if isinstance(each, rho.Box)]
@@ -153,7 +153,7 @@ def test_obstacles_of_a_field_fill_room_and_sizes_evenly() -> None:
     sides = np.array([each.upper - each.lower for each in boxes])
     for values, least, most in ((radii, 0.4, 1.2), (sides, 0.4, 2.0)):
         assert np.all((least - 1e-12 <= values) & (values <= most + 1e-12))
-        # those in the way of an end are drawn again: the large ones a little more often
+        # obstacles at an end are drawn again: large ones a little more often
         np.testing.assert_allclose(values.mean(axis=0), (least + most) / 2, rtol=0.05)
         np.testing.assert_allclose(values.var(axis=0), (most - least) ** 2 / 12, rtol=0.15)
     middles = np.array([each.center for each in (*spheres, *boxes)])
@@ -179,7 +179,7 @@ def test_start_and_goal_of_a_field_are_free(seed: int, obstacles: int) -> None:
 
 
 @pytest.mark.parametrize("make", [swap, field])
-def test_the_same_seed_draws_the_same_and_more_obstacles_join_the_first(
+def test_the_same_seed_draws_the_same_and_more_obstacles_extend_it(
     make: Callable[..., rho.Scenario],
 ) -> None:
     assert make(12, 3) == make(12, 3) != make(12, 4)
@@ -207,7 +207,7 @@ def test_the_same_seed_draws_the_same_and_more_obstacles_join_the_first(
         (lambda: field(1, radius=20.0), "obstacles"),
     ],
 )
-def test_arguments_that_make_no_sense_are_refused(make: Callable[[], object], name: str) -> None:
+def test_invalid_arguments_are_refused(make: Callable[[], object], name: str) -> None:
     with pytest.raises(rho.ScenarioError) as caught:
         make()
     assert caught.value.field.startswith(name)

@@ -1,4 +1,4 @@
-"""The worst case reaches the tube, in a flight that knows nothing of the tube."""
+"""The worst case reaches the tube, in a simulation without code of the tube."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ QUANTITIES = ("position", "velocity", "acceleration")
 
 
 def _flown(tube: rho.ErrorTube, loop: Loop, case: rho.WorstCase, time: float) -> dict[str, Any]:
-    """Errors at `time` and at all others on the way, with the wind asked as a simulator would."""
+    """Return errors at `time` and before, with the wind evaluated as by a simulator."""
     samples = loop.sample * np.arange(loop.samples + 1)
     others = np.concatenate([case.switching_times, [time]]) - tube.grid.start
     times = np.sort(np.concatenate([samples, others]))
@@ -50,7 +50,7 @@ def _flown(tube: rho.ErrorTube, loop: Loop, case: rho.WorstCase, time: float) ->
 
 
 @pytest.mark.parametrize("seed", range(50))
-def test_the_radius_is_attained_and_nothing_is_above_it(seed: int) -> None:
+def test_the_radius_is_attained_and_never_exceeded(seed: int) -> None:
     tube, loop = random_tube(1000 + seed)
     rng = np.random.default_rng(seed)
     quantity = QUANTITIES[seed % 3]
@@ -79,7 +79,7 @@ def test_the_radius_is_attained_and_nothing_is_above_it(seed: int) -> None:
         assert np.linalg.norm(values, axis=-1).max() <= most * (1.0 + 1e-12)
 
 
-def test_one_wind_blows_on_every_vehicle_until_its_time() -> None:
+def test_the_worst_wind_acts_on_every_vehicle_until_its_time() -> None:
     scenario = scenario_of(rho.Disturbance(0.5))
     case = rho.worst_case(scenario, [0, 0, 2], 4.3)
     np.testing.assert_allclose(case(1.0, np.zeros((3, 3)), np.zeros((3, 3)))[:, 2], 0.5)
@@ -87,7 +87,7 @@ def test_one_wind_blows_on_every_vehicle_until_its_time() -> None:
     assert not case(-1.0, np.zeros((3, 3)), np.zeros((3, 3))).any()
 
 
-def test_a_worst_case_that_makes_no_sense_is_refused() -> None:
+def test_invalid_worst_cases_are_refused() -> None:
     scenario = scenario_of(rho.Disturbance(0.5))
     for direction in ([0, 0, 0], [1, 0], [np.nan, 0, 0]):
         with pytest.raises(ValueError, match="direction: got"):
@@ -109,7 +109,7 @@ def _winds(scenario: rho.Scenario) -> list[Any]:
     ]
 
 
-def test_no_wind_is_above_the_strongest_and_each_is_for_every_vehicle() -> None:
+def test_no_wind_exceeds_the_strongest_and_each_acts_on_every_vehicle() -> None:
     scenario = scenario_of(rho.Disturbance(0.7))
     still = np.zeros((1, 3))
     for wind in _winds(scenario):
@@ -127,8 +127,8 @@ def test_a_gust_is_one_minus_a_cosine() -> None:
         np.testing.assert_allclose(wind(time, still, still), expected, atol=1e-15)
 
 
-def test_coloured_noise_forgets_as_told_and_comes_again_from_its_seed() -> None:
-    """Correlation of a Gauss-Markov process over a time s: exp(-s / τ)."""
+def test_coloured_noise_has_its_correlation_and_is_reproducible() -> None:
+    """The correlation of a Gauss-Markov process over a time s is exp(-s / τ)."""
     scenario = scenario_of(rho.Disturbance(1.0), rho.Grid(0.5, 8001))
     still = np.zeros((1, 3))
     values = []
@@ -145,7 +145,7 @@ def test_coloured_noise_forgets_as_told_and_comes_again_from_its_seed() -> None:
         assert found == pytest.approx(np.exp(-seconds / 2.0), abs=0.08)
 
 
-def test_winds_that_make_no_sense_are_refused() -> None:
+def test_invalid_winds_are_refused() -> None:
     scenario = scenario_of(rho.Disturbance(1.0))
     with pytest.raises(ValueError, match=r"scenario\.disturbance: got None"):
         rho.winds.constant(single(), [1, 0, 0])

@@ -1,11 +1,11 @@
-"""One tolerance for each kind of comparison, and where it comes from."""
+"""Tolerances, one for each kind of comparison, and their origin."""
 
 INDEX = 1e-6
-"""Relative, for the index: what the published figures and two solvers must agree to."""
+"""Relative, for the index: agreement required of the published figures and of two solvers."""
 
 ROUNDING = 1e-9
 """Relative, for two ways of computing the same thing in double precision."""
 
 MOTION = 1e-5
-"""Relative to the largest acceleration, between two solvers' answers: an index of relative error
-1e-10, the solvers' own tolerance, leaves the accelerations an error of its square root."""
+"""Relative to the largest acceleration, between the answers of two solvers: the solvers' relative
+tolerance of the index, 1e-10, leaves accelerations an error of its square root."""

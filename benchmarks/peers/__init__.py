@@ -1,1 +1,1 @@
-"""The same work done with other tools, each as a competent user of that tool would write it."""
+"""Implementations of the benchmarks with other tools, each used as by an experienced user."""

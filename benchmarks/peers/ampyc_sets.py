@@ -1,8 +1,8 @@
 """`python ampyc_sets.py CASES SUPPORTS`: disturbance reachable sets of a sampled loop by ampyc.
 
-This runs in an environment of its own that has ampyc and not this package, and so imports neither
-the package nor its benchmarks. Time is in samples and acceleration in that of the wind, since
-ampyc's tolerances are absolute. Both files are JSON:
+It runs in an environment that has ampyc and not this package, and so imports neither the package
+nor its benchmarks. Time is in samples and acceleration in units of the wind, since ampyc's
+tolerances are absolute. Both files are JSON:
 
 - CASES: a list of records with `alpha` and `beta` (the gains k_p δ² and k_v δ), `delay` (0 or 1),
   `position_error` and `velocity_error` (in the units of the loop, W = 1), and `samples`.
@@ -21,11 +21,11 @@ from ampyc.utils import Polytope
 from ampyc.utils.set_computation import compute_drs
 
 PIECES = 4
-"""Of a sample, in which a wind is constant."""
+"""Pieces of a sample, in each of which a wind is constant."""
 
 
 def supports(case: dict[str, Any]) -> list[float]:
-    """The largest errors at the end of the flight of one case."""
+    """Return the largest errors at the end of the flight of one case."""
     gains = np.array([case["alpha"], case["beta"]])
     errors = float(gains @ [case["position_error"], case["velocity_error"]])
     free, acts = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([0.5, 1.0])
@@ -45,13 +45,14 @@ def supports(case: dict[str, Any]) -> list[float]:
 
 
 def _wind() -> np.ndarray:
-    """What winds of at most 1 add to (e_p, e_v) in a sample: vertices of a zonotope, shape (V, 2).
+    """Return the effects on (e_p, e_v) of winds of at most 1 in a sample: vertices (V, 2).
 
-    Its sides are the effects of a wind in each piece, which are in the order of their slopes.
+    They form a zonotope. Its sides are the effects of a wind in each piece, in the order of their
+    slopes.
     """
     left = 1.0 - (np.arange(PIECES) + 0.5) / PIECES
     effects = np.column_stack([left, np.ones(PIECES)]) / PIECES
-    signs = np.where(np.tri(PIECES, dtype=bool), -1.0, 1.0)  # the first ones against the others
+    signs = np.where(np.tri(PIECES, dtype=bool), -1.0, 1.0)  # the first pieces against the others
     half = np.vstack([np.ones(PIECES), signs]) @ effects
     return np.unique(np.vstack([half, -half]).round(15), axis=0)
 

@@ -16,33 +16,33 @@ from benchmarks.field import Field
 from drake_rho.scenario.fields import FloatArray
 
 ORDER = 5
-"""Of the Bézier curve of every piece."""
+"""Order of the Bézier curve of every piece."""
 
 TIMINGS, SHORTEST = 15, 1e-3
-"""Durations that are tried afterwards, for each piece, and the shortest of a piece, over T."""
+"""Number of durations tried afterwards, for each piece, and the shortest of a piece, over T."""
 
 Limits = tuple[rho.Box | None, rho.Box | None]
-"""Of velocities and accelerations."""
+"""Limits of velocities and accelerations."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """A piecewise polynomial motion."""
+    """Piecewise polynomial motion."""
 
     durations: FloatArray
-    """of the pieces [s], shape (P,)"""
+    """durations of the pieces [s], shape (P,)"""
     points: FloatArray
     """control points of the pieces [m], shape (P, ORDER + 1, 3)"""
 
     def at(self, times: FloatArray, derivative: int = 0) -> FloatArray:
-        """Positions [m] or a derivative of them by time, shape (M, 3)."""
+        """Return positions [m] or a derivative of them by time, shape (M, 3)."""
         ends = np.concatenate([[0.0], np.cumsum(self.durations)])
         curve = BPoly(np.moveaxis(self.points, 1, 0), ends)
         found: FloatArray = (curve.derivative(derivative) if derivative else curve)(times)
         return found
 
     def cost(self, step: float) -> float:
-        """The integral of the squared acceleration over `step` [s]: the index f [m²/s⁴]."""
+        """Return the integral of the squared acceleration over `step` [s]: the index f [m²/s⁴]."""
         pieces = zip(self.points, self.durations, strict=True)
         bends = [(_derivation(2) @ points, duration) for points, duration in pieces]
         squares = [np.sum(bend * (_gram() @ bend)) / duration**3 for bend, duration in bends]
@@ -50,7 +50,7 @@ class Curve:
 
 
 def durations_by(field: Field, shares: FloatArray) -> FloatArray:
-    """How long the pieces last, together as long as the flight [s], shape (P,)."""
+    """Return the durations of the pieces, whose sum is that of the flight [s], shape (P,)."""
     durations: FloatArray = shares * field.duration / shares.sum()
     return durations
 
@@ -61,7 +61,7 @@ def curve(
     durations: FloatArray,
     limits: Limits,
 ) -> Curve | None:
-    """The curve of least index that is in the regions, one after another, and keeps the limits."""
+    """Return the curve of least index through the regions in order, within the limits."""
     program, count = MathematicalProgram(), ORDER + 1
     points = [program.NewContinuousVariables(count, 3) for _ in through]
     for piece, region, duration in zip(points, through, durations, strict=True):
@@ -88,7 +88,7 @@ def curve(
 def _keep_in(
     program: MathematicalProgram, piece: np.ndarray, order: int, duration: float, box: rho.Box
 ) -> None:
-    """The control points of a derivative of a piece in a box, and so all of it."""
+    """Keep the control points of a derivative of a piece in a box, and so all of it."""
     derived = _derivation(order) / duration**order
     ones = np.ones(len(derived))
     for axis, least, most in zip(piece.T, box.lower, box.upper, strict=True):
@@ -96,7 +96,7 @@ def _keep_in(
 
 
 def _join(program: MathematicalProgram, points: list[np.ndarray], durations: FloatArray) -> None:
-    """Position and velocity of each piece go on in the next."""
+    """Add continuity of position and velocity between pieces."""
     for i in range(len(points) - 1):
         first, second = 1.0 / durations[i], 1.0 / durations[i + 1]
         rows = np.array([[0.0, 1.0, -1.0, 0.0], [-first, first, second, -second]])
@@ -106,7 +106,7 @@ def _join(program: MathematicalProgram, points: list[np.ndarray], durations: Flo
 
 
 def _derivation(order: int) -> FloatArray:
-    """From control points of a piece that lasts 1 s to those of its derivative."""
+    """Return the map from control points of a piece of 1 s to those of its derivative."""
     matrix = np.eye(ORDER + 1)
     for degree in range(ORDER, ORDER - order, -1):
         matrix = degree * np.diff(matrix, axis=0)
@@ -114,7 +114,7 @@ def _derivation(order: int) -> FloatArray:
 
 
 def _gram() -> FloatArray:
-    """Integrals over [0, 1] of the products of the Bernstein polynomials of degree ORDER - 2."""
+    """Return integrals over [0, 1] of products of the Bernstein polynomials of degree ORDER - 2."""
     n = ORDER - 2
     return np.array(
         [
@@ -125,7 +125,7 @@ def _gram() -> FloatArray:
 
 
 def retimed(field: Field, through: list[HPolyhedron], first: Curve, limits: Limits) -> Curve:
-    """A curve through the same regions with other durations of its pieces, which costs less."""
+    """Return a cheaper curve through the same regions with other durations of its pieces."""
     best = first
 
     def cost(logarithms: FloatArray) -> float:
@@ -142,6 +142,6 @@ def retimed(field: Field, through: list[HPolyhedron], first: Curve, limits: Limi
 
     if len(through) > 1:
         options = {"maxfev": TIMINGS * len(through), "xtol": 0.02, "ftol": 1e-3}
-        with np.errstate(invalid="ignore"):  # where it compares two that are infinite
+        with np.errstate(invalid="ignore"):  # where it compares two infinite values
             minimize(cost, np.log(first.durations), method="Powell", options=options)
     return best

@@ -15,17 +15,17 @@ from drake_rho import Scenario
 from drake_rho.scenario.fields import FloatArray
 
 _OPTIONS: dict[str, Any] = {
-    "expand": True,  # scalar expressions: derivatives evaluate several times faster
+    "expand": True,  # scalar expressions, whose derivatives evaluate several times faster
     "print_time": False,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.tol": 1e-8,
-    "ipopt.mu_strategy": "adaptive",  # half the time of the default here
+    "ipopt.mu_strategy": "adaptive",  # takes half the time of the default here
 }
 
 
 def solve(scenario: Scenario) -> FloatArray:
-    """The converged problem: accelerations [m/s²], shape (N, K-1, 3)."""
+    """Solve the problem to convergence: accelerations [m/s²], shape (N, K-1, 3)."""
     guess, vehicles = obstacle_free(scenario), range(len(scenario.vehicles))
     opti, p, v, a, ends = _program(scenario)
     found = []
@@ -42,7 +42,7 @@ def solve(scenario: Scenario) -> FloatArray:
 
 
 def _program(scenario: Scenario) -> tuple[ca.Opti, ca.MX, ca.MX, ca.MX, ca.MX]:
-    """One vehicle's program, its variables (one column a knot), and the parameter of its ends."""
+    """Return one vehicle's program, its variables by knot, and the parameter of its ends."""
     h, K, limits = scenario.grid.step, scenario.grid.knots, scenario.limits
     opti = ca.Opti()
     p, v, a = opti.variable(3, K), opti.variable(3, K), opti.variable(3, K - 1)
@@ -52,7 +52,7 @@ def _program(scenario: Scenario) -> tuple[ca.Opti, ca.MX, ca.MX, ca.MX, ca.MX]:
     opti.subject_to(p[:, 1:] == p[:, :-1] + h * v[:, :-1] + h**2 / 2 * a)
     for column, values in enumerate((p[:, 0], v[:, 0], p[:, -1], v[:, -1])):
         opti.subject_to(values == ends[:, column])
-    # Not at the ends, which are given: IPOPT wants fewer equalities than variables left to move.
+    # Not at the ends, which are given: IPOPT needs fewer equalities than free variables.
     boxes = ((limits.position, p[:, 1:-1]), (limits.velocity, v[:, 1:-1]), (limits.acceleration, a))
     for box, values in boxes:
         if box is not None:

@@ -1,11 +1,11 @@
 """`python crazyflow_flight.py REFERENCES FLOWN`: fly references with simulated Crazyflies.
 
-This runs in an environment of its own that has Crazyflow and not this package, and so imports
-neither the package nor its benchmarks. Both files are of numpy's `.npz` form:
+It runs in an environment that has Crazyflow and not this package, and so imports neither the
+package nor its benchmarks. Both files are numpy's `.npz` files:
 
 - REFERENCES: `times` [s], shape (M,), a hundred a second; `positions` [m], `velocities` [m/s] and
   `accelerations` [m/s²], shape (N, M, 3).
-- FLOWN: `positions` [m], shape (N, M, 3), true ones at the same times.
+- FLOWN: `positions` [m], shape (N, M, 3), the true ones at the same times.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ RATE, PHYSICS = 100, 500
 
 
 def fly(positions: np.ndarray, velocities: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-    """Positions of all vehicles, each of which begins on its reference.
+    """Return positions of all vehicles, each of which begins on its reference.
 
     Args:
-        positions: of the references [m], shape (N, M, 3).
-        velocities: [m/s], shape (N, M, 3).
-        accelerations: [m/s²], shape (N, M, 3).
+        positions: positions of the references [m], shape (N, M, 3).
+        velocities: velocities of the references [m/s], shape (N, M, 3).
+        accelerations: accelerations of the references [m/s²], shape (N, M, 3).
 
     Returns:
         Positions [m], shape (N, M, 3).

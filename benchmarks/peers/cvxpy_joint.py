@@ -14,12 +14,12 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def fly(scenario: Scenario) -> FloatArray:
-    """Example 4: the accelerations flown [m/s²], shape (N, K-1, 3)."""
+    """Fly Example 4: accelerations [m/s²], shape (N, K-1, 3)."""
     return fly_windows(scenario, lambda window: _solve(scenario, window))
 
 
 def _solve(scenario: Scenario, window: Window) -> FloatArray:
-    """One problem whose columns are the three axes of each vehicle, vehicle after vehicle."""
+    """Solve one problem whose columns are the three axes of each vehicle, vehicle after vehicle."""
     h, K, N = scenario.grid.step, window.knots, len(scenario.vehicles)
     fleet, limits = scenario.fleet, scenario.limits
     p, v, a = (cp.Variable((rows, 3 * N)) for rows in (K, K, K - 1))
@@ -45,7 +45,7 @@ def _solve(scenario: Scenario, window: Window) -> FloatArray:
 
 
 def _outside(half_spaces: HalfSpaces, p: cp.Expression) -> list[cp.Constraint]:
-    """(15) for every obstacle, vehicle and inner knot; `p` has the shape (K-2, 3N)."""
+    """Return (15) for every obstacle, vehicle and inner knot; `p` has the shape (K-2, 3N)."""
     N, M, inner, _ = half_spaces.normals.shape
     sum_axes = np.kron(np.eye(N), np.ones((3, 1)))
     normals = half_spaces.normals.transpose(1, 2, 0, 3).reshape(M, inner, 3 * N)

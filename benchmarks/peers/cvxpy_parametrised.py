@@ -1,6 +1,7 @@
 """CVXPY with Clarabel, one parametrised problem (DPP) for each horizon length.
 
-Compiled once a length, then moved and solved for every vehicle, without and with the obstacles.
+A problem is compiled once a length, then updated and solved for every vehicle, without and with the
+obstacles.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def fly(scenario: Scenario) -> FloatArray:
-    """Example 4: the accelerations flown [m/s²], shape (N, K-1, 3)."""
+    """Fly Example 4: accelerations [m/s²], shape (N, K-1, 3)."""
     problems: dict[int, _Problem] = {}
 
     def solve(window: Window) -> FloatArray:
@@ -27,7 +28,7 @@ def fly(scenario: Scenario) -> FloatArray:
 
 
 class _Problem:
-    """One vehicle's program over K knots; start, goal and half-spaces are parameters."""
+    """Program of one vehicle over K knots; start, goal and half-spaces are parameters."""
 
     def __init__(self, scenario: Scenario, K: int) -> None:
         h, limits = scenario.grid.step, scenario.limits
@@ -53,7 +54,7 @@ class _Problem:
         self._problem = cp.Problem(cp.Minimize(cp.sum_squares(self._a)), constraints)
 
     def solve(self, window: Window, vehicle: int) -> FloatArray:
-        """Move the program to a vehicle's window and solve it."""
+        """Set the program's parameters to a vehicle's window and solve it."""
         goal, spaces = self._vehicles[vehicle].goal, window.half_spaces
         self._start.value = np.stack([window.positions[vehicle], window.velocities[vehicle]])
         self._goal.value = np.stack([goal.position, goal.velocity])

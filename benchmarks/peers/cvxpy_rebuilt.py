@@ -11,7 +11,7 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def fly(scenario: Scenario) -> FloatArray:
-    """Example 4: the accelerations flown [m/s²], shape (N, K-1, 3)."""
+    """Fly Example 4: accelerations [m/s²], shape (N, K-1, 3)."""
     return fly_windows(scenario, lambda window: _solve_all(scenario, window))
 
 

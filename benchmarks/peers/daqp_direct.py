@@ -1,8 +1,8 @@
 """DAQP called directly on the dense program in the accelerations alone, by (10) and (11).
 
-The program is already of DAQP's own kind, a point of least norm, so no cost matrix is given. What
-the solves of one horizon length share is computed and set up once: without obstacles only bounds
-move, with them the rows at the end are written over.
+The program already has DAQP's own form, a point of least norm, so no cost matrix is given. Data
+shared by the solves of one horizon length are computed and set up once: without obstacles only
+bounds change, with them the rows at the end are overwritten.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _OPTIMAL = 1
 
 
 def fly(scenario: Scenario) -> FloatArray:
-    """Example 4: the accelerations flown [m/s²], shape (N, K-1, 3)."""
+    """Fly Example 4: accelerations [m/s²], shape (N, K-1, 3)."""
     programs: dict[int, _Program] = {}
 
     def solve(window: Window) -> FloatArray:
@@ -32,10 +32,10 @@ def fly(scenario: Scenario) -> FloatArray:
 
 
 class _Program:
-    """The programs of all vehicles over K knots.
+    """Programs of all vehicles over K knots.
 
-    Bounds come in DAQP's order: those of the accelerations themselves, then of the rows, which are
-    p[K] and v[K], p and v at the inner knots, and the obstacles at the inner knots.
+    Bounds have DAQP's order: first those of the accelerations, then of the rows, which are p[K] and
+    v[K], p and v at the inner knots, and the obstacles at the inner knots.
     """
 
     def __init__(self, scenario: Scenario, K: int) -> None:
@@ -57,7 +57,7 @@ class _Program:
         self._free: daqp.Model | None = None
 
     def solve(self, window: Window) -> FloatArray:
-        """The accelerations of every vehicle [m/s²], shape (N, K-1, 3)."""
+        """Return the accelerations of every vehicle [m/s²], shape (N, K-1, 3)."""
         N = len(window.positions)
         drift = window.positions[:, None] + self._times * window.velocities[:, None]
         bounds = self._bounds(window, drift)
@@ -74,7 +74,7 @@ class _Program:
         return np.array(found).reshape(N, -1, 3)
 
     def _bounds(self, window: Window, drift: FloatArray) -> FloatArray:
-        """Lower and upper bounds but for the obstacles, shape (N, 2, ...)."""
+        """Return lower and upper bounds except for the obstacles, shape (N, 2, ...)."""
         N, fleet = len(drift), self._fleet
         ends = np.hstack(
             [fleet.goal_positions - drift[:, -1], fleet.goal_velocities - window.velocities]
@@ -104,13 +104,13 @@ class _Program:
 
 
 def _sides(box: Box | None, knots: int) -> FloatArray:
-    """Lower and upper bounds of a quantity at so many knots, shape (2, 3 knots)."""
+    """Return lower and upper bounds of a quantity at all knots, shape (2, 3 knots)."""
     none = np.full((2, 3), [[-_UNBOUNDED], [_UNBOUNDED]])
     return np.tile(none if box is None else [box.lower, box.upper], knots)
 
 
 def _least(half_spaces: HalfSpaces, drift: FloatArray) -> FloatArray:
-    """Bounds of the obstacle rows, shape (N, 2, M (K-2))."""
+    """Return bounds of the obstacle rows, shape (N, 2, M (K-2))."""
     inner = np.einsum("nmki,nki->nmk", half_spaces.normals, drift[:, :-1])
     least = (half_spaces.offsets - inner).reshape(len(drift), -1)
     return np.stack([least, np.full_like(least, _UNBOUNDED)], axis=1)

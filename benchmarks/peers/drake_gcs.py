@@ -1,8 +1,8 @@
 """Drake's graphs of convex sets: `GcsTrajectoryOptimization` through regions grown by IRIS.
 
 The regions are polyhedra free of the shapes grown by the vehicle's radius. The graph gives the
-shortest path through them; then the curve of least index in the regions of that path is sought, a
-piece for each, and how long each lasts.
+shortest path through them; then the curve of least index through the regions of that path is
+computed, with one piece for each, together with the durations of the pieces.
 """
 
 from __future__ import annotations
@@ -30,39 +30,39 @@ from benchmarks.peers.bezier import Curve, curve, durations_by, retimed
 from drake_rho.scenario.fields import FloatArray
 
 REGIONS = 15, 30
-"""As many at least; and at most, if start and goal are not connected through fewer."""
+"""Least number of regions; and the largest, if start and goal are not connected through fewer."""
 
 SEED_RADII = (0.2, 0.05, 0.5)
-"""Of the ball that IRIS begins with [m]; the next where Clarabel fails with one, as it often does
-with the default, which is much smaller."""
+"""Radii of IRIS's initial ball [m]; the next is used where Clarabel fails with one, as it often
+does with the much smaller default."""
 
 INSET = 1e-3
-"""Of the way to the middle of the room by which seeds of the ends are moved off the walls."""
+"""Fraction of the distance to the room's centre by which seeds of the ends move off the walls."""
 
 ON_THE_LINE = 9
 """Seeds on the straight line from start to goal, after those of the ends and before random ones."""
 
 ROUNDED, ROUNDINGS = 20, 200
-"""Paths that are tried after the relaxation, and how often one is drawn for that."""
+"""Number of paths tried after the relaxation, and of draws for them."""
 
 SHARES = (0.02, 0.05, 0.1)
-"""Of the path's length that each piece counts as at least, in the durations that are tried first:
-each piece lasts as long as the path is long in it."""
+"""Least length of a piece over the path's, in the durations that are tried first, which are
+proportional to the path's lengths in the pieces."""
 
 
 def solve(scenario: rho.Scenario, rng: np.random.Generator) -> Curve | None:
-    """A curve for a scenario of one vehicle, from rest to rest, among spheres and boxes at rest.
+    """Return a curve for one vehicle, from rest to rest, among spheres and boxes at rest.
 
-    Its limits are kept where there is such a curve in the regions of the path, else not.
+    The limits are satisfied if there is such a curve in the regions of the path, otherwise not.
 
     Args:
-        scenario: what is asked.
-        rng: for the seeds of the regions.
+        scenario: the scenario of one vehicle.
+        rng: draws seeds of the regions.
 
     Returns:
         None if no path was found.
     """
-    logging.getLogger("drake").setLevel(logging.WARNING)  # it tells of every path it rounds
+    logging.getLogger("drake").setLevel(logging.WARNING)  # it logs every path that it rounds
     field = field_of(scenario)
     found = _path(field, regions(field, rng))
     if found is None:
@@ -79,7 +79,7 @@ def solve(scenario: rho.Scenario, rng: np.random.Generator) -> Curve | None:
 
 
 def regions(field: Field, rng: np.random.Generator) -> list[HPolyhedron]:
-    """Polyhedra free of the grown shapes, around the ends and around points that are not in any."""
+    """Return polyhedra free of the grown shapes, around the ends and around uncovered points."""
     room, ends = field.room, [field.start, field.goal]
     domain = HPolyhedron.MakeBox(room.lower, room.upper)
     shapes = [_grown(shape, field.radius) for shape in field.shapes]
@@ -101,7 +101,7 @@ def regions(field: Field, rng: np.random.Generator) -> list[HPolyhedron]:
 
 
 def _around(seed: FloatArray, shapes: list[ConvexSet], domain: HPolyhedron) -> HPolyhedron | None:
-    """A polyhedron around a point; None where Clarabel fails."""
+    """Return a polyhedron around a point; None where Clarabel fails."""
     options = IrisOptions()
     options.require_sample_point_is_contained = True
     for radius in SEED_RADII:
@@ -114,7 +114,7 @@ def _around(seed: FloatArray, shapes: list[ConvexSet], domain: HPolyhedron) -> H
 
 
 def _grown(shape: rho.Sphere | rho.Box, radius: float) -> ConvexSet:
-    """Where the vehicle's middle may not be."""
+    """Return the set where the vehicle's centre must not be."""
     if isinstance(shape, rho.Sphere):
         return Hyperellipsoid.MakeHypersphere(shape.radius + radius, shape.center)
     ball = Hyperellipsoid.MakeHypersphere(radius, np.zeros(3))
@@ -122,10 +122,10 @@ def _grown(shape: rho.Sphere | rho.Box, radius: float) -> ConvexSet:
 
 
 def _connected(sets: list[HPolyhedron], ends: list[FloatArray]) -> bool:
-    """Whether a chain of overlapping sets leads from one end to the other."""
+    """Return whether a chain of overlapping sets leads from one end to the other."""
     reached = [index for index, each in enumerate(sets) if each.PointInSet(ends[0], 1e-9)]
     rest = [index for index in range(len(sets)) if index not in reached]
-    for index in reached:  # which grows
+    for index in reached:  # `reached` grows
         near = [other for other in rest if sets[index].IntersectsWith(sets[other])]
         reached += near
         rest = [other for other in rest if other not in near]
@@ -133,7 +133,7 @@ def _connected(sets: list[HPolyhedron], ends: list[FloatArray]) -> bool:
 
 
 def _path(field: Field, sets: list[HPolyhedron]) -> tuple[list[HPolyhedron], FloatArray] | None:
-    """The regions of the shortest path, in their order, and its lengths in them [m], shape (P,)."""
+    """Return the regions of the shortest path in order, and its lengths in them [m], shape (P,)."""
     problem = GcsTrajectoryOptimization(3)
     inner = problem.AddRegions(sets, 1, h_min=0.0, h_max=1.0)
     start = problem.AddRegions([Point(field.start)], 0)

@@ -11,7 +11,7 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def fly(scenario: Scenario) -> FloatArray:
-    """Example 4: the accelerations flown [m/s²], shape (N, K-1, 3)."""
+    """Fly Example 4: accelerations [m/s²], shape (N, K-1, 3)."""
     return fly_windows(scenario, lambda window: _solve_all(scenario, window))
 
 
@@ -52,7 +52,7 @@ def _solve(scenario: Scenario, window: Window, vehicle: int) -> FloatArray:
 def _add_dynamics(
     program: MathematicalProgram, h: float, p: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> None:
-    """(1) and (2), knot by knot."""
+    """Add (1) and (2), knot by knot."""
     one = np.eye(3)
     to_velocity = np.hstack([one, -one, -h * one])
     to_position = np.hstack([one, -one, -h * one, -(h**2) / 2 * one])

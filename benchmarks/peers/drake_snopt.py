@@ -1,7 +1,8 @@
 """Drake with SNOPT on the non-convex program, obstacles as (8) at the knots.
 
-In the accelerations alone, by (10) and (11): with positions and velocities as variables SNOPT meets
-its iteration limit, or takes twice as long with the limit raised and its own scaling.
+The variables are the accelerations alone, by (10) and (11): with positions and velocities as
+variables SNOPT meets its iteration limit, or takes twice as long with the limit raised and its own
+scaling.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _OPTIONS = {
 
 
 def solve(scenario: Scenario) -> FloatArray:
-    """The converged problem: accelerations [m/s²], shape (N, K-1, 3)."""
+    """Solve the problem to convergence: accelerations [m/s²], shape (N, K-1, 3)."""
     guess = obstacle_free(scenario).accelerations
     return np.array([_solve(scenario, vehicle, each) for vehicle, each in enumerate(guess)])
 
@@ -37,7 +38,7 @@ def _solve(scenario: Scenario, vehicle: int, guess: FloatArray) -> FloatArray:
     program = MathematicalProgram()
     a = program.NewContinuousVariables(K - 1, 3, "a")
     program.AddQuadraticCost(2 * np.eye(a.size), np.zeros(a.size), a.ravel(), is_convex=True)
-    # The goal's rows before the boxes': in the order of time, SNOPT takes five times as long.
+    # The goal's rows come before the boxes': in the order of time, SNOPT takes five times as long.
     goal = Box(ends.goal.position, ends.goal.position), Box(ends.goal.velocity, ends.goal.velocity)
     _add_box(program, goal[0], a, position[-1:], coasting[-1:])
     _add_box(program, goal[1], a, velocity[-1:], steady[-1:])
@@ -61,7 +62,7 @@ def _add_box(
     responses: FloatArray,
     drift: FloatArray,
 ) -> None:
-    """Drift plus response within a box at every knot given, shapes (k, K-1) and (k, 3)."""
+    """Add a box on drift plus response at every given knot, shapes (k, K-1) and (k, 3)."""
     if box is not None:
         lower, upper = (box.lower - drift).ravel(), (box.upper - drift).ravel()
         program.AddLinearConstraint(np.kron(responses, np.eye(3)), lower, upper, a.ravel())
@@ -70,7 +71,7 @@ def _add_box(
 def _add_outside(
     program: MathematicalProgram, a: np.ndarray, response: FloatArray, away: FloatArray, R: float
 ) -> None:
-    """(8) at one knot, squared and divided by R²: norm(away + sum_j response[j] a[j])² >= R²."""
+    """Add (8) at one knot over R²: norm(away + sum_j response[j] a[j])² >= R²."""
     acting = response > 0.0
     rows = np.kron(response[acting], np.eye(3)) / R
     program.AddQuadraticConstraint(

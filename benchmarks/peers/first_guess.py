@@ -1,4 +1,4 @@
-"""What the non-convex peers start from: the motion of least index without obstacles and boxes."""
+"""Initial guess of the non-convex peers: the motion of least index without obstacles and boxes."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from drake_rho.scenario.fields import FloatArray
 
 @dataclasses.dataclass(frozen=True)
 class Guess:
-    """A motion of all vehicles."""
+    """Motion of all vehicles."""
 
     positions: FloatArray
-    """[m], shape (N, K, 3)"""
+    """positions [m], shape (N, K, 3)"""
     velocities: FloatArray
-    """[m/s], shape (N, K, 3)"""
+    """velocities [m/s], shape (N, K, 3)"""
     accelerations: FloatArray
-    """[m/s²], shape (N, K-1, 3)"""
+    """accelerations [m/s²], shape (N, K-1, 3)"""
 
 
 def obstacle_free(scenario: Scenario) -> Guess:
-    """The accelerations of least norm that meet the terminal equalities (12), in closed form."""
+    """Return the accelerations of least norm that satisfy the equalities (12), in closed form."""
     h, K, fleet = scenario.grid.step, scenario.grid.knots, scenario.fleet
     left = K - 1 - np.arange(K - 1)  # K - j of (10) and (11), at the last knot
     response = np.stack([h**2 / 2 * (2 * left - 1), np.full(K - 1, h)])

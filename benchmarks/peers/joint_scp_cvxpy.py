@@ -2,7 +2,7 @@
 
 Augugliaro, Schoellig and D'Andrea, "Generation of collision-free trajectories for a quadrocopter
 fleet: a sequential convex programming approach", IROS 2012; here with the index (13) and with
-ellipsoids, as Luis and Schoellig compare with.
+ellipsoids, as in the comparison by Luis and Schoellig.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from drake_rho import Scenario
 from drake_rho.scenario.fields import FloatArray
 
 MAX_ITERATIONS = 30
-"""Bound on the programs solved."""
+"""Largest number of programs solved."""
 
 CONVERGED = 1e-3
-"""Relative change of the index between two iterates that ends the iteration."""
+"""Relative change of the index between two iterates at which the iteration ends."""
 
 KEPT = 1e-6
-"""How much closer than the separation two may be at a knot [m]."""
+"""Violation of the separation allowed at a knot [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Answer:
-    """Where the iteration ended."""
+    """Result of the iteration."""
 
     accelerations: FloatArray
-    """[m/s²], shape (N, K-1, 3)"""
+    """accelerations [m/s²], shape (N, K-1, 3)"""
     programs: int
-    """solved"""
+    """number of programs solved"""
     converged: bool
-    """whether all pairs are apart at the knots and the index did not change any more"""
+    """true if all pairs are separated at the knots and the index did not change any more"""
 
 
 def solve(scenario: Scenario) -> Answer:
@@ -55,13 +55,13 @@ def solve(scenario: Scenario) -> Answer:
 
 
 class _Program:
-    """All vehicles side by side: one row a knot, three columns a vehicle."""
+    """Program of all vehicles: one row a knot, three columns a vehicle."""
 
     def __init__(self, scenario: Scenario) -> None:
         h, K, fleet = scenario.grid.step, scenario.grid.knots, scenario.fleet
         N, separation = len(scenario.vehicles), scenario.separation
         if separation is None:
-            raise ValueError("scenario: got one without a separation")
+            raise ValueError("scenario: got no separation, expected one")
         self._p, self._v = cp.Variable((K, 3 * N)), cp.Variable((K, 3 * N))
         self._a = cp.Variable((K - 1, 3 * N))
         p, v, a = self._p, self._v, self._a
@@ -90,12 +90,12 @@ class _Program:
 
     @property
     def accelerations(self) -> FloatArray:
-        """Of the last iterate, shape (N, K-1, 3)."""
+        """Return the accelerations of the last iterate, shape (N, K-1, 3)."""
         a: FloatArray = np.asarray(self._a.value)
         return np.moveaxis(a.reshape(len(a), -1, 3), 0, 1)
 
     def pairs_around_last(self) -> cp.Constraint:
-        """The row d + n · (dp - dq) >= R of every pair at every inner knot.
+        """Return the row d + n · (dp - dq) >= R of every pair at every inner knot.
 
         The last iterate's difference is dq, its length d, and its gradient n there: n · dq = d.
         """
@@ -105,11 +105,11 @@ class _Program:
         return normal @ self._sum >= self._distance
 
     def apart(self) -> bool:
-        """Whether all pairs of the last iterate are apart at the knots."""
+        """Return whether all pairs of the last iterate are separated at the knots."""
         return bool(np.all(self._apart_by()[1] >= self._distance - KEPT))
 
     def _apart_by(self) -> tuple[FloatArray, FloatArray]:
-        """Differences (K-2, P, 3) and distances (K-2, P) of all pairs at the inner knots."""
+        """Return differences (K-2, P, 3) and distances (K-2, P) of all pairs at the inner knots."""
         q = (np.asarray(self._p.value)[1:-1] @ self._differences).reshape(
             self._p.shape[0] - 2, -1, 3
         )
@@ -117,7 +117,7 @@ class _Program:
         return q, distances
 
     def solve(self, more: list[cp.Constraint]) -> float:
-        """Solve with the pairs given, and return the index."""
+        """Solve with the given rows of pairs, and return the index."""
         problem = cp.Problem(cp.Minimize(cp.sum_squares(self._a)), self._constraints + more)
         problem.solve(solver=cp.CLARABEL)
         if problem.status != cp.OPTIMAL:

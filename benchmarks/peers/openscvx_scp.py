@@ -3,10 +3,10 @@
 `python -m benchmarks.peers.openscvx_scp` runs in an environment of its own, and plans one scenario
 a line (`benchmarks.apart.accelerations_apart`).
 
-Lengths in half-sides of the position box and times in durations: OpenSCvx 0.5.2 applies gradients
-of constraints at knots to scaled states without scaling them (its issue 516), which does no harm
-where its scale is 1. The index is a state that grows by a control `power`, bounded from below by
-the squared acceleration, so that every subproblem has the true cost.
+Lengths are in half-sides of the position box and times in durations: OpenSCvx 0.5.2 applies
+gradients of constraints at knots to scaled states without scaling them (its issue 516), which is
+harmless for a scale of 1. The index is a state that grows by a control `power`, bounded from below
+by the squared acceleration, so that every subproblem has the true cost.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ _SOLVER = {"cvx_solver": "CLARABEL", "solver_args": {"enforce_dpp": True, **_TOL
 
 
 def solve(scenario: Scenario) -> FloatArray:
-    """The converged problem: accelerations [m/s²], shape (N, K-1, 3).
+    """Solve the problem to convergence: accelerations [m/s²], shape (N, K-1, 3).
 
     The first call for a scenario also compiles its program, which takes much longer.
 
     Raises:
-        RuntimeError: it does not converge.
-        ValueError: it cannot take the scenario.
+        RuntimeError: the iteration does not converge.
+        ValueError: OpenSCvx does not support the scenario.
     """
     program, guess = _compiled(scenario_to_json(scenario)), obstacle_free(scenario)
     return np.array(
@@ -56,19 +56,19 @@ def solve(scenario: Scenario) -> FloatArray:
 
 @functools.cache
 def _compiled(scenario: str) -> _Program:
-    """The program of a scenario given as JSON."""
+    """Return the program of a scenario given as JSON."""
     return _Program(scenario_from_json(scenario))
 
 
 class _Program:
-    """One vehicle's program; start, goal and guess can be set."""
+    """Program of one vehicle; start, goal and guess can be set."""
 
     def __init__(self, scenario: Scenario) -> None:
         import openscvx as ox
 
         limits, K = scenario.limits, scenario.grid.knots
         if limits.position is None or limits.velocity is None or limits.acceleration is None:
-            raise ValueError("OpenSCvx needs a box for every quantity")
+            raise ValueError("scenario: got a quantity without a box, OpenSCvx needs one for each")
         self._ox, self._knots, self._duration = ox, K, scenario.grid.duration
         self._length = float(np.max(limits.position.upper - limits.position.lower)) / 2
         self._units = [self._length / self._duration**power for power in range(3)]
@@ -124,7 +124,7 @@ class _Program:
         self._index.guess = grown[:, None]
 
     def solve(self, vehicle: Vehicle, guess: Guess, index: int) -> FloatArray:
-        """One vehicle's accelerations [m/s²], shape (K-1, 3)."""
+        """Return one vehicle's accelerations [m/s²], shape (K-1, 3)."""
         self._set(vehicle, guess, index)
         self._problem.reset()
         results = self._problem.solve()
@@ -134,20 +134,21 @@ class _Program:
 
 
 def _boxed(variable: Any, box: Box, unit: float) -> Any:
-    """A state or control of OpenSCvx within a box, in its own unit."""
+    """Return a state or control of OpenSCvx within a box, in its own unit."""
     variable.min, variable.max = box.lower / unit, box.upper / unit
     return variable
 
 
 def main() -> None:
-    """Answer every scenario on standard input, until there is none."""
+    """Answer every scenario on standard input until it ends."""
     for line in sys.stdin:
         try:
             with contextlib.redirect_stdout(sys.stderr):  # it prints its progress
                 answer: dict[str, Any] = {"accelerations": solve(scenario_from_json(line)).tolist()}
-        except Exception as error:  # whatever its tools raise is its result
+        except Exception as error:  # errors of its tools are its result
             answer = {"error": f"{type(error).__name__}: {error}"}
-        print(json.dumps(answer), flush=True)  # noqa: T201  # read by who has started it
+        # read by the parent process
+        print(json.dumps(answer), flush=True)  # noqa: T201
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from drake_rho.scenario.fields import FloatArray
 
 _SETTINGS = {
     "verbose": False,
-    "eps_abs": 1e-3,  # on metres; polishing does the rest, index right to 1e-10
+    "eps_abs": 1e-3,  # on metres; polishing does the rest: the index is right to 1e-10
     "eps_rel": 1e-6,
     "max_iter": 100_000,
     "polishing": True,
@@ -21,7 +21,7 @@ _SETTINGS = {
 
 
 def fly(scenario: Scenario) -> FloatArray:
-    """Example 4: the accelerations flown [m/s²], shape (N, K-1, 3)."""
+    """Fly Example 4: accelerations [m/s²], shape (N, K-1, 3)."""
     programs: dict[int, _Program] = {}
 
     def solve(window: Window) -> FloatArray:
@@ -34,9 +34,9 @@ def fly(scenario: Scenario) -> FloatArray:
 
 
 class _Program:
-    """One vehicle's program over K knots in the variables (p, v, a), knot by knot.
+    """Program of one vehicle over K knots in the variables (p, v, a), knot by knot.
 
-    Its matrices are made once for each K; only bounds and obstacle rows differ between solves.
+    Its matrices are created once for each K; only bounds and obstacle rows differ between solves.
     """
 
     def __init__(self, scenario: Scenario, K: int) -> None:
@@ -58,7 +58,7 @@ class _Program:
         self._lower, self._upper = np.hstack([np.zeros((2, 6 * K - 6)), bounds])
 
     def solve(self, window: Window, vehicle: int) -> FloatArray:
-        """The accelerations of one vehicle [m/s²], shape (K-1, 3)."""
+        """Return the accelerations of one vehicle [m/s²], shape (K-1, 3)."""
         K, goal = self._K, self._vehicles[vehicle].goal
         lower, upper, rows = self._lower.copy(), self._upper.copy(), self._rows
         first_p, first_v = 6 * K - 6, 9 * K - 6
@@ -83,7 +83,7 @@ class _Program:
 
 
 def _bounds(box: Box | None, knots: int) -> FloatArray:
-    """Lower and upper bounds of a quantity at its knots, shape (2, 3 knots)."""
+    """Return lower and upper bounds of a quantity at its knots, shape (2, 3 knots)."""
     sides = np.full((2, 3), [[-np.inf], [np.inf]]) if box is None else [box.lower, box.upper]
     return np.tile(sides, knots)
 
@@ -91,7 +91,7 @@ def _bounds(box: Box | None, knots: int) -> FloatArray:
 def _outside(
     half_spaces: HalfSpaces, vehicle: int, variables: int
 ) -> tuple[sparse.csc_matrix, FloatArray]:
-    """(15) as rows over the variables, with their lower bounds."""
+    """Return (15) as rows over the variables, with their lower bounds."""
     normals = half_spaces.normals[vehicle].reshape(-1, 3)
     inner = half_spaces.normals.shape[2]
     rows = np.repeat(np.arange(len(normals)), 3)

@@ -1,6 +1,6 @@
-"""What the peers of Example 4 have in common: the loop over windows, apart from the solving.
+"""Common parts of the peers of Example 4: the loop over windows, without the solving.
 
-Every vehicle is taken to have the scenario's own limits, as in the paper.
+Every vehicle is assumed to have the scenario's own limits, as in the paper.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from drake_rho import Scenario
 from drake_rho.scenario.fields import FloatArray
 
 REPLAN_EVERY = 5
-"""d, the steps flown of each window."""
+"""Steps d flown of each window."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,33 +24,33 @@ class HalfSpaces:
     normals: FloatArray
     """outward unit normals, shape (N, M, K-2, 3)"""
     offsets: FloatArray
-    """[m], shape (N, M, K-2)"""
+    """offsets [m], shape (N, M, K-2)"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Window:
-    """What is left of the flight at some knot, for all vehicles."""
+    """Rest of the flight from some knot, for all vehicles."""
 
     knots: int
-    """K of the window, its first and last knot included"""
+    """number of knots K of the window, its first and last included"""
     positions: FloatArray
-    """p[1] [m], shape (N, 3)"""
+    """initial positions p[1] [m], shape (N, 3)"""
     velocities: FloatArray
-    """v[1] [m/s], shape (N, 3)"""
+    """initial velocities v[1] [m/s], shape (N, 3)"""
     half_spaces: HalfSpaces | None = None
-    """the linearised obstacles; None while the reference is sought"""
+    """linearised obstacles; None while the reference is computed"""
 
 
 WindowSolver = Callable[[Window], FloatArray]
-"""Finds the accelerations of least index in a window [m/s²], shape (N, K-1, 3)."""
+"""Function that returns the accelerations of least index in a window [m/s²], shape (N, K-1, 3)."""
 
 
 def fly_windows(scenario: Scenario, solve: WindowSolver) -> FloatArray:
-    """The paper's receding horizon: solve without obstacles, linearise, solve again, fly d steps.
+    """Fly the paper's receding horizon: solve, linearise obstacles, solve again, fly d steps.
 
     Args:
-        scenario: what is asked.
-        solve: the peer's own way to solve one window.
+        scenario: the scenario.
+        solve: the peer's method for one window.
 
     Returns:
         The accelerations flown [m/s²], shape (N, K-1, 3).
@@ -72,7 +72,7 @@ def fly_windows(scenario: Scenario, solve: WindowSolver) -> FloatArray:
 def roll_out(
     step: float, start: FloatArray, velocity: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions and velocities by (1) and (2), each of shape (N, K, 3)."""
+    """Return positions and velocities by (1) and (2), each of shape (N, K, 3)."""
     N, steps, _ = accelerations.shape
     p, v = np.empty((N, steps + 1, 3)), np.empty((N, steps + 1, 3))
     p[:, 0], v[:, 0] = start, velocity
@@ -83,7 +83,7 @@ def roll_out(
 
 
 def linearise(scenario: Scenario, reference: FloatArray) -> HalfSpaces:
-    """Every obstacle as (15) around the inner knots of a reference [m], shape (N, K-2, 3)."""
+    """Linearise every obstacle by (15) around the inner knots of a reference [m], (N, K-2, 3)."""
     centers = np.array([sphere.center for sphere in scenario.spheres])
     radii = np.array([sphere.radius for sphere in scenario.spheres])
     away = reference[:, None] - centers[:, None]

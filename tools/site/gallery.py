@@ -1,4 +1,4 @@
-"""The gallery's pictures, drawn by the code that stands below them."""
+"""The gallery's pictures, drawn by the code below them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SCENE = re.compile(
 
 
 def scenes(page: Path) -> dict[str, str]:
-    """The code of every scene of the gallery, by the name of its picture."""
+    """Return the code of every scene of the gallery, by the name of its picture."""
     return {found["name"]: found["code"] for found in _SCENE.finditer(page.read_text())}
 
 
@@ -25,7 +25,8 @@ def draw_gallery(page: Path, folder: Path) -> list[Path]:
     drawn = []
     for name, code in scenes(page).items():
         left: dict[str, object] = {}
-        exec(compile(code, f"{page.name}: {name}", "exec"), left)  # noqa: S102  # the page's own
+        # the code is that of the page
+        exec(compile(code, f"{page.name}: {name}", "exec"), left)  # noqa: S102
         path = folder / "gallery" / f"{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
         left["figure"].savefig(path, dpi=110)  # type: ignore[attr-defined]  # matplotlib's

@@ -1,7 +1,7 @@
-"""What MkDocs is told beyond `mkdocs.yml`: pages from elsewhere in the repository, and their links.
+"""MkDocs hooks: pages from elsewhere in the repository, and their links.
 
-Links are written for the repository, where anyone can follow them in an editor. In the site a file
-of the repository is where `PLACES` puts it; a link to one that is not in the site becomes its text.
+Links are written for the repository, where they work in any editor. In the site a file of the
+repository is where `PLACES` puts it; a link to one that is not in the site becomes its text.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ PLACES = {
     "benchmarks/results": "results",
     "CHANGELOG.md": "changelog.md",
 }
-"""Where the files of a folder of the repository, or one file, are in the site."""
+"""Site folder or file for each folder or file of the repository."""
 
 _LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
 _SCRIPT_FROM_ELSEWHERE = re.compile(r'<script[^>]*\bsrc="(?:https?:[^"]*)?"[^>]*></script>')
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Make no page for what a server does not find: its links lead nowhere on a disk."""
+    """Omit the page for missing pages: its links do not work without a server."""
     config.theme.static_templates.discard("404.html")
     return config
 
 
-@event_priority(100)  # before mkdocs-jupyter, which makes pages of the notebooks
+@event_priority(100)  # before mkdocs-jupyter, which turns notebooks into pages
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add what is not under docs/: figures, notebooks, results and the gallery's pictures."""
+    """Add files outside docs/: figures, notebooks, results and the gallery's pictures."""
     found = [ROOT / "CHANGELOG.md", *(ROOT / "figures").iterdir()]
     results = sorted((ROOT / "benchmarks" / "results").glob("*.md"))
     for path in [*found, *results]:
@@ -57,7 +57,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """The page with its links as they are in the site."""
+    """Return the page's Markdown with the links of the site."""
     here = page.file.src_uri
     source = repository_path(here)
 
@@ -76,12 +76,12 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
 
 
 def on_post_page(output: str, **_: object) -> str:
-    """The page without scripts of others: formulas are MathML, and nothing is asked for."""
+    """Return the page without external scripts: formulas are MathML, and nothing is requested."""
     return _SCRIPT_FROM_ELSEWHERE.sub("", output)
 
 
 def site_path(path: str) -> str | None:
-    """Where a file of the repository is in the site, or None."""
+    """Return the place of a file of the repository in the site, or None."""
     for folder, place in PLACES.items():
         if path == folder and "." not in folder:
             return posixpath.join(place, "index.md")
@@ -93,7 +93,7 @@ def site_path(path: str) -> str | None:
 
 
 def repository_path(place: str) -> str:
-    """Which file of the repository is at a place in the site: the inverse of `site_path`."""
+    """Return the file of the repository at a place in the site: the inverse of `site_path`."""
     folders = {where: folder for folder, where in PLACES.items() if where}
     if place in folders:
         return folders[place]
@@ -102,7 +102,7 @@ def repository_path(place: str) -> str:
 
 
 def _contents(results: list[Path]) -> str:
-    """A page that lists the tables that benchmarks wrote."""
+    """Return a page that lists the tables of benchmarks."""
     titles = [path.read_text().partition("\n")[0].lstrip("# ") for path in results]
     lines = [f"- [{title}]({path.name})" for title, path in zip(titles, results, strict=True)]
     return "\n".join(["# What benchmarks measured", "", *lines, ""])

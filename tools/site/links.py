@@ -1,4 +1,4 @@
-"""See that a built site is whole: every link leads somewhere, and no page asks for anything."""
+"""Check of a built site: every link leads somewhere, and no page loads external files."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 _LOADED = {"img", "script", "iframe", "source", "video", "embed", "audio"}
-"""Elements whose `src` is asked for as soon as the page is opened; so is a `link`'s `href`."""
+"""Elements whose `src` is loaded when the page is opened; so is a `link`'s `href`."""
 
 
 @dataclass
 class _Links(HTMLParser):
-    """What a page links to, what it loads, and the places in it that can be linked to."""
+    """Links of a page, files that it loads, and its link targets."""
 
     followed: list[str] = field(default_factory=list)
     loaded: list[str] = field(default_factory=list)
@@ -24,11 +24,11 @@ class _Links(HTMLParser):
         super().__init__()
 
     def has(self, place: str) -> bool:
-        """Whether a link's fragment leads somewhere in the page; an empty one leads to its top."""
+        """Return whether a fragment leads somewhere in the page; an empty one leads to its top."""
         return not place or place in self.places
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note what a tag links to, loads and is called."""
+        """Record links, loaded files and identifiers of a tag."""
         given = {name: value for name, value in attrs if value}
         self.places |= {given[name] for name in ("id", "name") if name in given}
         if tag in _LOADED and "src" in given:
@@ -40,10 +40,10 @@ class _Links(HTMLParser):
 
 
 def broken_links(site: Path) -> list[str]:
-    """What is wrong with the pages under a folder, one line each; nothing if all is well.
+    """Return the faults of the pages under a folder, one line each; none if all is well.
 
-    A link to another place of the web is not followed; a page that loads something from there is
-    told, as it would not be whole without a network.
+    External links are not followed; a page that loads an external file is listed, as it would be
+    incomplete without a network.
     """
     pages = {path.resolve(): _read(path) for path in sorted(site.rglob("*.html"))}
     wrong = []

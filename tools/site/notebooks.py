@@ -15,8 +15,8 @@ def write_with_mathml(notebook: Path, folder: Path) -> Path:
     """Write a copy of a notebook whose text has MathML in place of LaTeX.
 
     Args:
-        notebook: the file, without outputs.
-        folder: where the copy is written, as `notebooks/NAME.ipynb`.
+        notebook: file without outputs.
+        folder: folder of the copy, `notebooks/NAME.ipynb`.
 
     Returns:
         The copy's path.
@@ -32,7 +32,7 @@ def write_with_mathml(notebook: Path, folder: Path) -> Path:
 
 
 def with_mathml(text: str) -> str:
-    """Text with MathML in place of its formulas in LaTeX, inline and displayed."""
+    """Return text with MathML in place of its LaTeX formulas, inline and displayed."""
 
     def formula(found: re.Match[str]) -> str:
         displayed, inline = found.groups()
@@ -42,7 +42,7 @@ def with_mathml(text: str) -> str:
 
 
 def _mathml(latex: str, display: str) -> str:
-    # `aligned` is known by the name of the environment that stands alone only
+    # `aligned` is known only by the name of its stand-alone environment
     known = latex.replace("{aligned}", "{align*}").replace(r"\tfrac", r"\frac")
     mathml: str = convert(known, display=display)
     return re.sub(

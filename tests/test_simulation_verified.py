@@ -1,4 +1,4 @@
-"""`verify` of simulations, against the record looked at by hand."""
+"""`verify` of simulations, compared with the record evaluated by hand."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from tests.tolerances import ROUNDING
 KEPT = ("obstacle", "separation", "position box", "velocity box", "acceleration box")
 
 
-def least_told(report: rho.Report) -> float:
-    """The least that is left of what `least_margin` looks at, at all times."""
+def least_reported(report: rho.Report) -> float:
+    """Return the least margin in a report of the constraints of `least_margin`, at all times."""
     excesses = [each.excess for each in report.checks if each.constraint.startswith(KEPT)]
     return -max(excesses)
 
 
 def harsh(scenario: rho.Scenario, times: float) -> rho.Scenario:
-    """The scenario with a stronger wind than plans were made for."""
+    """Return the scenario with a stronger wind than that of its plans."""
     around = scenario.disturbance
     assert around is not None
     stronger = dataclasses.replace(around, acceleration=times * around.acceleration)
@@ -34,28 +34,29 @@ def harsh(scenario: rho.Scenario, times: float) -> rho.Scenario:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", [2, 5])
-def test_what_is_told_is_what_the_record_shows(kind: str, seed: int) -> None:
+def test_the_report_agrees_with_the_record(kind: str, seed: int) -> None:
     scenario = disturbed(seed)
     rng = np.random.default_rng(seed)
     simulation = fly(scenario, wind=winds_for(scenario, seed)[kind], rng=rng, replan_every=4)
     report = rho.verify(simulation)
     assert report.ok
-    told, seen = least_told(report), least_margin(simulation)
+    reported, seen = least_reported(report), least_margin(simulation)
     between = np.abs(simulation.velocities).max() * np.diff(simulation.times).max()
-    assert seen - between <= told <= seen + ROUNDING * np.abs(simulation.positions).max()
+    assert seen - between <= reported <= seen + ROUNDING * np.abs(simulation.positions).max()
     assert max(largest_error_ratios(simulation).values()) <= 1.0 + 1e-9
     assert "of the tube's radii" in str(report)
     assert "left the tube" not in str(report)
 
 
 @pytest.mark.parametrize("seed", [2, 5, 7])
-def test_too_strong_a_wind_breaks_what_is_told(seed: int) -> None:
+def test_too_strong_a_wind_violates_the_reported_constraints(seed: int) -> None:
     scenario = disturbed(seed)
     plan = rho.plan(scenario)
     stormy = harsh(scenario, 40.0)
     wind = rho.winds.constant(stormy, [0.0, 1.0, 0.3])
     flown = fly_plan(stormy, plan, wind=wind)
-    simulation = dataclasses.replace(flown, flight=_one_window(plan))  # judged by what was asked
+    # verified for the original scenario
+    simulation = dataclasses.replace(flown, flight=_one_window(plan))
     report = rho.verify(simulation)
     assert not report.ok
     broken = {violation.constraint for violation in report.violations}
@@ -67,9 +68,9 @@ def test_too_strong_a_wind_breaks_what_is_told(seed: int) -> None:
     radius = rho.error_tube(scenario).position(scenario.grid.end)
     assert all(each.limit == each.errors == radius for each in goals)
     assert "vehicles left the tube" in str(report)
-    told, seen = least_told(report), least_margin(simulation)
-    assert told <= seen + 1e-9
-    assert (told < 0.0) == bool(broken - {"goal"})
+    reported, seen = least_reported(report), least_margin(simulation)
+    assert reported <= seen + 1e-9
+    assert (reported < 0.0) == bool(broken - {"goal"})
 
 
 def _one_window(plan: rho.Plan) -> rho.Flight:
@@ -86,23 +87,23 @@ def test_limits_on_accelerations_are_on_the_commands() -> None:
         limits = dataclasses.replace(
             scenario.limits, max_acceleration=factor * float(largest.max())
         )
-        report = rho.verify(_asking(simulation, limits=limits))
+        report = rho.verify(_with_scenario(simulation, limits=limits))
         checks = [each for each in report.checks if each.constraint == "maximum acceleration"]
         np.testing.assert_allclose([each.value for each in checks], largest, rtol=1e-12)
         assert all(each.holds for each in checks) == holds
         assert all(each.errors == 0.0 for each in checks)
 
 
-def _asking(simulation: rho.Simulation, **changes: Any) -> rho.Simulation:
-    """The simulation of a scenario that asks for something else."""
+def _with_scenario(simulation: rho.Simulation, **changes: Any) -> rho.Simulation:
+    """Return the simulation with another scenario of its plan."""
     plan = simulation.flight.plan
     scenario = dataclasses.replace(plan.scenario, **changes)
-    asked = rho.Plan(scenario, plan.positions, plan.velocities, plan.accelerations)
-    return dataclasses.replace(simulation, flight=rho.Flight(asked, simulation.flight.windows))
+    plan = rho.Plan(scenario, plan.positions, plan.velocities, plan.accelerations)
+    return dataclasses.replace(simulation, flight=rho.Flight(plan, simulation.flight.windows))
 
 
-def test_between_two_times_of_a_record_nothing_is_missed() -> None:
-    """A pole that is thinner than the way from one time to the next."""
+def test_no_violation_between_two_times_of_a_record_is_missed() -> None:
+    """The pole is thinner than the distance between two times of the record."""
     scenario = dataclasses.replace(
         single(grid=rho.Grid(2.0, 5), goal=rho.State([40.0, 0.0, 0.0])),
         disturbance=rho.Disturbance(0.0),
@@ -112,7 +113,7 @@ def test_between_two_times_of_a_record_nothing_is_missed() -> None:
     m = len(simulation.times) // 2
     middle = simulation.positions[m : m + 2, 0].mean(axis=0)
     pole = rho.Sphere(middle, 0.05 * float(np.ptp(simulation.positions[m : m + 2, 0], axis=0)[0]))
-    report = rho.verify(_asking(simulation, obstacles=(pole,)))
+    report = rho.verify(_with_scenario(simulation, obstacles=(pole,)))
     at_knots, always = (each for each in report.checks if each.constraint == "obstacle 1")
     assert at_knots.holds
     assert not always.holds
@@ -130,7 +131,7 @@ def test_a_record_that_was_not_flown_is_found() -> None:
     assert violation.excess == pytest.approx(0.01)
 
 
-def test_windows_that_kept_their_plan_and_vehicles_off_the_tube_are_told() -> None:
+def test_windows_with_the_previous_plan_and_vehicles_off_the_tube_are_reported() -> None:
     scenario = crowded(14)
     simulation = fly(scenario, wind=winds_for(scenario, 14)["constant"], replan_every=3)
     kept = sum(window.kept for window in simulation.flight.windows)
@@ -141,23 +142,23 @@ def test_windows_that_kept_their_plan_and_vehicles_off_the_tube_are_told() -> No
     last = simulation.flight.windows[-1]
     off = dataclasses.replace(last, off_tube=("v1",))
     flight = dataclasses.replace(simulation.flight, windows=(*simulation.flight.windows[:-1], off))
-    told = str(rho.verify(dataclasses.replace(simulation, flight=flight)))
-    assert f"outside the error tube: v1 from {last.plan.scenario.grid.start:g} s" in told
+    reported = str(rho.verify(dataclasses.replace(simulation, flight=flight)))
+    assert f"outside the error tube: v1 from {last.plan.scenario.grid.start:g} s" in reported
 
 
-def test_a_quadrotor_is_judged_by_its_record() -> None:
+def test_a_quadrotor_is_verified_by_its_record() -> None:
     scenario = disturbed(12, delay=0, errors=False)
     wind = rho.winds.constant(scenario, [1, -1, 0.3])
     simulation = rho.simulate(scenario, plant="quadrotor", wind=wind)
     report = rho.verify(simulation)
     assert "quadrotor: verified from states recorded every 0.000998 s" in str(report)
     assert not any(each.constraint == "dynamics" for each in report.checks)
-    told, seen = least_told(report), least_margin(simulation)
-    assert seen - 1e-2 <= told <= seen + 1e-9
+    reported, seen = least_reported(report), least_margin(simulation)
+    assert seen - 1e-2 <= reported <= seen + 1e-9
 
 
-def test_a_window_without_a_plan_breaks_least_where_there_is_nothing_to_come_close_to() -> None:
-    """Pushed out of its box by more wind than there should be, a vehicle plans on from there."""
+def test_a_window_without_a_plan_in_free_space_violates_least() -> None:
+    """More wind than declared pushes the vehicle out of its box, and it plans on from there."""
     scenario = dataclasses.replace(
         single(limits=rho.Limits(velocity=box(1.5))),
         disturbance=rho.Disturbance(0.05, feedback_every=0.1),
@@ -172,7 +173,7 @@ def test_a_window_without_a_plan_breaks_least_where_there_is_nothing_to_come_clo
     assert "velocity box" in broken
 
 
-def test_jerk_is_that_of_the_plans() -> None:
+def test_the_verified_jerk_is_that_of_the_plans() -> None:
     scenario = dataclasses.replace(
         single(limits=rho.Limits(jerk=box(5.0))),
         disturbance=rho.Disturbance(0.2, feedback_every=0.1),

@@ -1,4 +1,4 @@
-"""What windows ask the judge is what `verify` says, and a horizon flies nothing else."""
+"""The quick check of windows agrees with `verify`, and a horizon flies nothing that fails it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drake_rho.verification.holds import first_violation
 from tests.disturbed import disturbed
 from tests.scenarios import (
     box,
-    careless,
+    independent,
     random_fleet,
     random_scenario,
     single,
@@ -32,11 +32,12 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def changed(plan: rho.Plan, rng: np.random.Generator, by: float) -> rho.Plan:
-    """The plan with accelerations that differ by a part of the largest, and lead to its goals."""
+    """Return the plan with accelerations changed by a fraction of the largest, goals kept."""
     a = np.array(plan.accelerations)
     knot = int(rng.integers(max(1, a.shape[1] - 3)))
     push = by * np.abs(a).max() * rng.normal(size=(len(a), 3))
-    for place, sign in enumerate((1.0, -2.0, 1.0)):  # neither velocity nor position at the end
+    # neither velocity nor position changes at the end
+    for place, sign in enumerate((1.0, -2.0, 1.0)):
         if a.shape[1] >= 4:
             a[:, knot + place] += sign * push
     return rho.Plan.from_accelerations(plan.scenario, a, plan.statistics)
@@ -44,7 +45,7 @@ def changed(plan: rho.Plan, rng: np.random.Generator, by: float) -> rho.Plan:
 
 @given(seed=seeds, kind=st.sampled_from(["plain", "fleet", "disturbed"]), by=st.floats(-9, 0))
 @settings(max_examples=26)
-def test_it_is_the_verdict_of_verify(seed: int, kind: str, by: float) -> None:
+def test_the_quick_check_agrees_with_verify(seed: int, kind: str, by: float) -> None:
     rng = np.random.default_rng(seed)
     scenario = {
         "plain": lambda: random_scenario(seed, between_knots=bool(rng.integers(2))),
@@ -60,7 +61,7 @@ def test_it_is_the_verdict_of_verify(seed: int, kind: str, by: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_it_is_the_verdict_of_verify_on_the_rest_of_a_plan(seed: int) -> None:
+def test_the_quick_check_agrees_with_verify_on_the_rest_of_a_plan(seed: int) -> None:
     try:
         plan = rho.plan(disturbed(seed))
     except rho.InfeasibleError:
@@ -71,10 +72,10 @@ def test_it_is_the_verdict_of_verify_on_the_rest_of_a_plan(seed: int) -> None:
         assert (first_violation(tail) is None) == rho.verify(tail).ok
 
 
-def test_what_is_not_known_yet_is_not_looked_at_and_what_is_asked_for_alone_is() -> None:
+def test_only_known_obstacles_and_requested_checks_are_evaluated() -> None:
     late = rho.Obstacle(rho.Sphere([5.0, 2.0, -1.0], 1.0), known_from=2.0)
-    asked = single(obstacles=[late], between_knots=True)
-    plan = rho.plan_convex(asked)
+    scenario = single(obstacles=[late], between_knots=True)
+    plan = rho.plan_convex(scenario)
     assert first_violation(plan) is None
     broken = first_violation(plan, [1])
     assert broken is not None
@@ -87,21 +88,21 @@ def test_what_is_not_known_yet_is_not_looked_at_and_what_is_asked_for_alone_is()
 
 
 @pytest.mark.parametrize("what", ["max_tilt", "many"])
-def test_what_is_not_seen_at_once_is_judged_in_full(
+def test_cases_that_the_quick_check_cannot_decide_are_verified_in_full(
     what: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = single(limits=rho.Limits(max_tilt=0.6))
-    wild = changed(rho.plan(asked), np.random.default_rng(1), 1e3)
+    scenario = single(limits=rho.Limits(max_tilt=0.6))
+    wild = changed(rho.plan(scenario), np.random.default_rng(1), 1e3)
     if what == "many":
         monkeypatch.setattr(holds, "_ALL_PAIRS", 1)
-        asked = through_the_middle(2)
-        wild = careless(asked)
-    assert first_violation(rho.plan(asked)) is None
+        scenario = through_the_middle(2)
+        wild = independent(scenario)
+    assert first_violation(rho.plan(scenario)) is None
     assert first_violation(wild) is not None
 
 
 def biased(samples: int, error: Array) -> object:
-    """No wind; an estimate that errs in one direction, as far as declared, at every sample."""
+    """Return no wind, and an estimate with its largest error in one direction at every sample."""
 
     class Still:
         position_errors = np.broadcast_to(error, (samples, *error.shape))
@@ -115,28 +116,30 @@ def biased(samples: int, error: Array) -> object:
 
 @pytest.mark.parametrize("close", ["wall", "room", "pair"])
 @pytest.mark.parametrize("every", [2, 5])
-def test_the_tube_has_room_at_the_goal_in_every_window(close: str, every: int) -> None:
+def test_the_tube_fits_at_the_goal_in_every_window(close: str, every: int) -> None:
     around = rho.Disturbance(0.02, 0.3, 0.0, feedback_every=0.25)
-    room = 0.1  # the first tube, exact at the start, is thinner at the goal; new ones are not
+    room = 0.1  # the first tube, exact at the start, is thinner at the goal than the later ones
     vehicles = [rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([3, 0, 0]))]
-    asked = rho.Scenario(
+    scenario = rho.Scenario(
         "goal", rho.Grid(0.5, 11), vehicles, rho.Limits(max_acceleration=2.0), disturbance=around
     )
     if close == "wall":
-        asked = dataclasses.replace(asked, obstacles=(rho.Box([3 + room, -5, -5], [4, 5, 5]),))
+        scenario = dataclasses.replace(
+            scenario, obstacles=(rho.Box([3 + room, -5, -5], [4, 5, 5]),)
+        )
     elif close == "room":
         limits = rho.Limits(max_acceleration=2.0, position=rho.Box([-1, -1, -1], [3 + room, 1, 1]))
-        asked = dataclasses.replace(asked, limits=limits)
+        scenario = dataclasses.replace(scenario, limits=limits)
     else:
         other = rho.Vehicle("w", rho.State([9, 0, 0]), rho.State([3.5 + 2 * room, 0, 0]))
-        asked = dataclasses.replace(
-            asked, vehicles=(*vehicles, other), separation=rho.Separation(0.5)
+        scenario = dataclasses.replace(
+            scenario, vehicles=(*vehicles, other), separation=rho.Separation(0.5)
         )
     error = np.array([-0.3, 0.0, 0.0])
-    if close == "pair":  # each believes to be further from the other than it is
+    if close == "pair":  # each estimates a larger distance from the other than the true one
         error = np.stack([error, -error])
-    wind = biased(around.samples(asked.grid), error)
-    flown = fly(asked, replan_every=every, wind=wind)  # type: ignore[arg-type]  # as of its form
+    wind = biased(around.samples(scenario.grid), error)
+    flown = fly(scenario, replan_every=every, wind=wind)  # type: ignore[arg-type]  # has that form
     assert rho.verify(flown).ok
     assert all(
         first_violation(window.plan) is None or window.kept for window in flown.flight.windows
@@ -147,12 +150,12 @@ def test_the_tube_has_room_at_the_goal_in_every_window(close: str, every: int) -
     assert any(window.kept for window in flown.flight.windows)
 
 
-def test_a_waypoint_that_a_new_tube_fills_refuses_the_window() -> None:
+def test_a_window_whose_tube_exceeds_a_waypoint_is_refused() -> None:
     around = rho.Disturbance(0.01, 0.1, 0.0, feedback_every=0.5)
     waypoint = rho.Waypoint(4.0, [5.0, 2.0, -1.0], 0.12)
-    asked = dataclasses.replace(single(waypoints=[waypoint]), disturbance=around)
-    horizon = rho.RecedingHorizon(asked, replan_every=7)
-    first = horizon.step(asked.fleet.start_states, 0.0)
+    scenario = dataclasses.replace(single(waypoints=[waypoint]), disturbance=around)
+    horizon = rho.RecedingHorizon(scenario, replan_every=7)
+    first = horizon.step(scenario.fleet.start_states, 0.0)
     assert first_violation(first.plan) is None
     now = horizon.step(first.plan.states(7), 3.5)
     tube = tube_of(now.plan.scenario)
@@ -161,61 +164,61 @@ def test_a_waypoint_that_a_new_tube_fills_refuses_the_window() -> None:
 
 
 @pytest.mark.parametrize("short", [0.0, 0.5, 0.9])
-def test_a_tail_is_kept_by_the_tolerance_with_which_its_plan_was_accepted(short: float) -> None:
+def test_a_tail_is_accepted_with_the_tolerance_of_its_plan(short: float) -> None:
     around = rho.Disturbance(0.05, 0.3, 0.0, feedback_every=0.25)
-    asked = rho.Scenario(
+    scenario = rho.Scenario(
         "tunnel",
         rho.Grid(0.5, 11),
         [rho.Vehicle("v", rho.State([0, 0, 0]), rho.State([3, 0, 0]))],
         rho.Limits(max_acceleration=2.0),
         disturbance=around,
     )
-    end = 3.0 + float(rho.error_tube(asked).position_over([4.5], [5.0])[0]) - short * 1e-6
+    end = 3.0 + float(rho.error_tube(scenario).position_over([4.5], [5.0])[0]) - short * 1e-6
     walls = [
         rho.Box([-3, 0.2, -3], [6, 2, 3]),
         rho.Box([-3, -2, -3], [6, -0.2, 3]),
         rho.Box([end, -1, -1], [end + 2, 1, 1]),
     ]
-    asked = dataclasses.replace(asked, obstacles=tuple(walls))
-    flown = fly(asked, replan_every=2, wind=rho.winds.none())
+    scenario = dataclasses.replace(scenario, obstacles=tuple(walls))
+    flown = fly(scenario, replan_every=2, wind=rho.winds.none())
     assert rho.verify(flown.flight.windows[0].plan).ok
     assert all(window.kept for window in flown.flight.windows[1:])
     assert rho.verify(flown).ok
 
 
-def test_nothing_is_judged_where_nothing_disturbs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_without_a_disturbance_are_not_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> str:
         raise AssertionError("a window was judged")
 
     monkeypatch.setattr("drake_rho.planning.horizon.windows.first_violation", refused)
-    asked = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
-    rho.plan_rho(asked)
+    scenario = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
+    rho.plan_rho(scenario)
     with pytest.raises(AssertionError, match="judged"):
-        rho.plan_rho(unchecked(asked, disturbance=rho.Disturbance(0.1)))
+        rho.plan_rho(unchecked(scenario, disturbance=rho.Disturbance(0.1)))
 
 
-def test_a_planner_is_judged_by_what_it_was_asked() -> None:
-    """Whatever scenario a plan says that it is of."""
+def test_a_plan_is_verified_for_the_scenario_given_to_its_planner() -> None:
+    """The scenario that the returned plan names is irrelevant."""
     ball = rho.Sphere([5.0, 2.0, -1.0], 1.0)
     asked = single(obstacles=[ball], between_knots=True)
     asked = dataclasses.replace(asked, disturbance=rho.Disturbance(0.1, 0.01))
 
-    def careless_planner(scenario: rho.Scenario, **options: object) -> rho.Plan:
+    def ignorant_planner(scenario: rho.Scenario, **options: object) -> rho.Plan:
         return rho.plan_convex(dataclasses.replace(scenario, disturbance=None, obstacles=()))
 
     with pytest.raises(rho.InfeasibleError, match="violates constraints: solo: obstacle 1"):
-        rho.plan_rho(asked, planner=careless_planner, fallback=None)
-    flight = rho.plan_rho(asked, planner=careless_planner)
+        rho.plan_rho(asked, planner=ignorant_planner, fallback=None)
+    flight = rho.plan_rho(asked, planner=ignorant_planner)
     assert rho.verify(flight).ok
 
 
 @pytest.mark.parametrize("every", [2, 5])
-def test_a_flight_holds_by_the_tolerances_of_the_whole(every: int) -> None:
-    """An early waypoint makes accelerations before large, and with them the scale of the rest."""
+def test_tolerances_of_windows_do_not_exceed_those_of_the_flight(every: int) -> None:
+    """An early waypoint requires large accelerations, which enlarge the scale of the flight."""
     waypoints = [rho.Waypoint(1.0, [2.0, 0, 0], 0.0), rho.Waypoint(12.0, [0.5, 1.0, 0], 0.0)]
-    asked = single(grid=rho.Grid(0.5, 41), goal=rho.State([1.0, 0, 0]), waypoints=waypoints)
-    flight = rho.plan_rho(asked, replan_every=every)
+    scenario = single(grid=rho.Grid(0.5, 41), goal=rho.State([1.0, 0, 0]), waypoints=waypoints)
+    flight = rho.plan_rho(scenario, replan_every=every)
     assert rho.verify(flight).ok
-    whole = asked.fleet.scale("position")
+    whole = scenario.fleet.scale("position")
     for window in flight.windows:
         assert np.all(window.plan.scenario.fleet.scale("position") <= whole)

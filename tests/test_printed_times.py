@@ -1,4 +1,4 @@
-"""Times are written with the digits that tell instants of a flight apart."""
+"""Times are printed with enough digits to distinguish the instants of a flight."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from tests.scenarios import single
         (1.7e9 + 0.25, "1700000000.25 s"),
     ],
 )
-def test_a_time_in_words(time: float, words: str) -> None:
+def test_a_time_is_printed_with_its_digits(time: float, words: str) -> None:
     assert clock_time(time) == words
     assert clock_number(time) == words.removesuffix(" s")
 
 
-def test_reports_and_errors_tell_times_of_a_far_clock_apart() -> None:
-    asked = single(grid=rho.Grid(0.5, 17, 1.7e9 + 0.1))
-    horizon = rho.RecedingHorizon(asked)
-    horizon.step(asked.fleet.start_states, asked.grid.start)
+def test_reports_and_errors_distinguish_times_of_a_distant_clock() -> None:
+    scenario = single(grid=rho.Grid(0.5, 17, 1.7e9 + 0.1))
+    horizon = rho.RecedingHorizon(scenario)
+    horizon.step(scenario.fleet.start_states, scenario.grid.start)
     with pytest.raises(ValueError, match=r"from 1700000000\.6 to 1700000007\.6 s"):
-        horizon.step(asked.fleet.start_states, 0.0)
-    assert "1700000008.1" in str(rho.verify(rho.plan(asked)))
+        horizon.step(scenario.fleet.start_states, 0.0)
+    assert "1700000008.1" in str(rho.verify(rho.plan(scenario)))

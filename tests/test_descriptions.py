@@ -1,4 +1,4 @@
-"""What results say of themselves where they are printed: a line, whatever they hold."""
+"""Descriptions of results in one line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def courier() -> rho.Scenario:
     return rho.load_scenario("courier")
 
 
-def test_results_are_printed_in_a_line(courier: rho.Scenario) -> None:
+def test_results_are_printed_in_one_line(courier: rho.Scenario) -> None:
     plan, flight = rho.plan(courier), rho.plan_rho(courier)
     results = {
         "<Plan of courier: 1 vehicle, 41 knots, cost ": plan,
@@ -31,7 +31,7 @@ def test_results_are_printed_in_a_line(courier: rho.Scenario) -> None:
         assert str(result) == repr(result)
 
 
-def test_a_window_says_whose_plan_it_flies(courier: rho.Scenario) -> None:
+def test_a_window_names_the_plan_it_flies(courier: rho.Scenario) -> None:
     plan = rho.plan(courier)
     assert "rest of the previous plan" in repr(rho.Window(5, plan, plan, "none", kept=True))
     assert "a plan of minimum violation" in repr(rho.Window(5, plan, plan, "none"))

@@ -1,4 +1,4 @@
-"""Plans along ways, where the first linearisation has none though the problem has one."""
+"""Plans along paths, for problems whose first linearisation has no plan."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STRAIGHT = rho.State([0.0, 1.0, 2.0]), rho.State([20.0, 1.0, 2.0])
 
 
 def _through_the_middle(**changes: Any) -> rho.Scenario:
-    """A flight whose free way leads straight through the centre of a sphere."""
+    """Return a scenario whose obstacle-free motion passes through the centre of a sphere."""
     start, goal = STRAIGHT
     return dataclasses.replace(
         single(
@@ -32,24 +32,24 @@ def _through_the_middle(**changes: Any) -> rho.Scenario:
     )
 
 
-def test_the_convex_method_has_no_plan_through_the_middle_and_says_of_what() -> None:
+def test_the_convex_method_has_no_plan_through_the_centre_and_names_the_obstacle() -> None:
     with pytest.raises(rho.InfeasibleError, match="another reference") as caught:
         rho.plan_convex(_through_the_middle())
     assert caught.value.about_linearisation
 
 
-def test_scp_finds_the_way_round(paper: rho.Scenario) -> None:
+def test_scp_finds_the_path_around_the_obstacle(paper: rho.Scenario) -> None:
     scenario = _through_the_middle()
     plan = rho.plan_scp(scenario)
     assert rho.verify(plan).ok
     assert plan.statistics.converged
     center = scenario.bodies[0].shape.center
     passing = np.linalg.norm(plan.positions[0] - center, axis=1).min()
-    assert passing == pytest.approx(2.0, abs=0.05)  # close by, not far out
+    assert passing == pytest.approx(2.0, abs=0.05)  # close to the sphere, not far out
 
 
 def test_a_corridor_open_on_the_other_side_is_found() -> None:
-    """The free way passes the centre on the side where a wall leaves no room."""
+    """The obstacle-free motion passes the centre on the side where a wall blocks the corridor."""
     limits = rho.Limits(position=rho.Box([-1.0, -20.0, 1.9], [21.0, 1.2, 2.1]))
     sphere = rho.Sphere([10.0, 0.6, 2.0], 2.0)
     scenario = _through_the_middle(limits=limits, obstacles=(sphere,))
@@ -60,12 +60,12 @@ def test_a_corridor_open_on_the_other_side_is_found() -> None:
     assert plan.positions[0, :, 1].min() < -1.3
 
 
-def test_a_receding_horizon_finds_it_with_scp_in_its_windows() -> None:
+def test_a_receding_horizon_finds_the_path_with_scp_in_its_windows() -> None:
     flight = rho.plan_rho(_through_the_middle(), planner=rho.plan_scp)
     assert rho.verify(flight).ok
 
 
-def test_only_the_vehicles_that_fail_are_sent_round(paper: rho.Scenario) -> None:
+def test_only_the_vehicles_that_fail_are_given_paths(paper: rho.Scenario) -> None:
     alone = _through_the_middle()
     other = rho.Vehicle("other", rho.State([0.0, 6.0, 2.0]), rho.State([20.0, 6.0, 2.0]))
     both = rho.plan_scp(dataclasses.replace(alone, vehicles=(*alone.vehicles, other)))
@@ -75,7 +75,7 @@ def test_only_the_vehicles_that_fail_are_sent_round(paper: rho.Scenario) -> None
     np.testing.assert_allclose(both.positions[0], rho.plan_scp(alone).positions[0], atol=1e-4)
 
 
-def test_a_wall_without_a_gap_has_no_way_and_it_is_said_where_one_was_looked_for() -> None:
+def test_a_wall_without_a_gap_has_no_path_and_the_error_says_where_one_was_searched() -> None:
     limits = rho.Limits(position=rho.Box([-1.0, 0.0, 1.0], [21.0, 2.0, 3.0]), velocity=box(4.0))
     scenario = _through_the_middle(limits=limits)
     with pytest.raises(
@@ -89,7 +89,7 @@ def test_a_wall_without_a_gap_has_no_way_and_it_is_said_where_one_was_looked_for
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # noqa: S301  # ours
 
 
-def test_without_the_obstacle_in_the_conflict_no_way_round_is_sought() -> None:
+def test_no_path_is_searched_if_the_conflict_names_no_obstacle() -> None:
     weak = _through_the_middle(limits=rho.Limits(acceleration=box(0.1)))
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan_scp(weak)
@@ -113,7 +113,7 @@ def test_a_detour_stays_outside_at_every_knot() -> None:
 
 
 @pytest.mark.parametrize("seed", [16, 39, 93, 217, 376])
-def test_a_way_between_obstacles_is_found_by_bending_the_free_one(seed: int) -> None:
+def test_a_path_between_obstacles_is_found_from_a_perturbed_initial_guess(seed: int) -> None:
     """Random scenarios in which no choice of one side for each obstacle has a plan."""
     scenario = random_scenario(seed)
     with pytest.raises(rho.InfeasibleError):
@@ -126,12 +126,12 @@ ASIDE = [[0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
 
 @pytest.mark.parametrize("aside", ASIDE)
 @pytest.mark.parametrize("opening", ASIDE)
-def test_the_only_open_side_is_found_whatever_the_free_way(
+def test_the_only_open_side_is_found_whatever_the_obstacle_free_motion(
     aside: list[float], opening: list[float]
 ) -> None:
-    """A corridor around a sphere with room for the vehicle on one side alone."""
+    """A corridor around a sphere leaves room for the vehicle on one side only."""
     center = [10.0, 1.0, 2.0] - 0.3 * np.array(aside)
-    room, half = np.array(opening), np.array([20.0, 1.4, 1.4])  # its edges are inside the sphere
+    room, half = np.array(opening), np.array([20.0, 1.4, 1.4])  # the sphere covers its edges
     walls = rho.Box(
         center - half + 3 * np.minimum(room, 0), center + half + 3 * np.maximum(room, 0)
     )
@@ -142,8 +142,8 @@ def test_the_only_open_side_is_found_whatever_the_free_way(
     assert (plan.positions[0, 20] - center) @ room > 1.3
 
 
-def test_a_free_way_that_is_bent_is_linearised_around_on_that_side() -> None:
-    """Bent upwards, past a sphere: the plan around it passes above, and mirrored below."""
+def test_a_perturbed_guess_is_linearised_on_its_side_of_the_obstacle() -> None:
+    """The perturbed guess is above the sphere: its plan passes above, the mirrored one below."""
     scenario = _through_the_middle()
     free = rho.plan_convex(scenario.without_obstacles())
     thrust = np.repeat([1.0, -1.0, -1.0, 1.0], 10)
@@ -154,7 +154,7 @@ def test_a_free_way_that_is_bent_is_linearised_around_on_that_side() -> None:
         assert up * (plan.positions[0, 20, 2] - 2.0) == pytest.approx(2.0, abs=1e-4)
 
 
-def test_the_number_of_ways_that_are_tried_is_bounded() -> None:
+def test_the_number_of_paths_tried_is_bounded() -> None:
     tried = []
     for most in (1, 3):
         plan = rho.plan(_through_the_middle(), options=rho.Options(max_ways=most))
@@ -164,15 +164,15 @@ def test_the_number_of_ways_that_are_tried_is_bounded() -> None:
     assert tried == [1, 3]
 
 
-def test_of_ways_on_different_sides_the_best_is_kept() -> None:
-    """The shortest way is not the one of least cost: it asks for sharp turns, one after another."""
+def test_the_cheapest_of_paths_on_different_sides_is_kept() -> None:
+    """The shortest path does not have the least cost: it requires sharp turns in succession."""
     scenario = random_scenario(401)
     one, best = (rho.plan(scenario, options=rho.Options(max_ways=most)).cost for most in (1, 6))
     assert best <= one * (1 + 1e-9)
 
 
 def _maze(radius: float) -> rho.Scenario:
-    """Three walls with gaps at their ends, in turns, and a pillar behind them."""
+    """Return three walls with gaps at alternating ends, and a pillar behind them."""
     walls = tuple(
         rho.Box([x, -3.0 + shift, -1.0], [x + 0.4, 2.4 + shift, 1.0])
         for x, shift in ((1.0, 0.0), (3.0, 0.6), (5.0, 0.0))
@@ -193,7 +193,7 @@ def test_a_maze_is_passed() -> None:
     assert plan.statistics.searched.ways >= 1
 
 
-def test_a_vehicle_too_large_for_the_maze_has_no_way() -> None:
+def test_a_vehicle_too_large_for_the_maze_has_no_path() -> None:
     with pytest.raises(rho.InfeasibleError, match="no path was found"):
         rho.plan(_maze(0.65))
 
@@ -218,7 +218,7 @@ def test_a_gate_that_opens_is_waited_for() -> None:
 
 @pytest.mark.slow
 def test_a_crowd_between_pillars_is_planned() -> None:
-    """Six vehicles change sides through three gaps, in which only one has room."""
+    """Six vehicles swap sides through three gaps, of which only one is wide enough."""
     pillars = tuple(rho.Box([-0.4, y, -2], [0.4, y + 1.0, 2]) for y in (-3.5, -1.75, 0.0, 1.75))
     sides = [(side, y) for side in (-1, 1) for y in (-2.0, 0.0, 2.0)]
     vehicles = tuple(

@@ -1,6 +1,6 @@
-"""`verify` of disturbed scenarios, against samples of the tube taken by hand.
+"""`verify` of disturbed scenarios, compared with samples of the tube taken by hand.
 
-The samples are of motions flown by hand and of exact radii, with nothing of the judge's.
+The samples are of motions integrated by hand and of exact radii; no code of the verifier is used.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.limits import GRAVITY
 from tests.scenarios import box, single
 from tests.shapes import KINDS, random_shape
-from tests.test_obstacles_judged import by_hand, places, random_case
+from tests.test_obstacles_verified import by_hand, places, random_case
 
 PER_STEP = 200
 
@@ -31,14 +31,14 @@ seeds = st.integers(0, 2**32 - 1)
 
 @dataclasses.dataclass(frozen=True)
 class Stretch:
-    """A time in which one tube is in force."""
+    """Interval of time with one tube in force."""
 
     tube: rho.ErrorTube
     begin: float
     end: float
 
     def times(self, grid: rho.Grid) -> FloatArray:
-        """Dense ones, with all knots and all samples of the feedback."""
+        """Return dense times, with all knots and all samples of the feedback."""
         steps = round((self.end - self.begin) / grid.step)
         dense = np.linspace(self.begin, self.end, PER_STEP * steps + 1)
         count = steps * round(grid.step / self.tube.sample)
@@ -46,7 +46,7 @@ class Stretch:
 
 
 def stretches(flown: rho.Plan | rho.Flight) -> list[Stretch]:
-    """Of a plan one, of a flight one for each window."""
+    """Return the interval of a plan, or those of a flight's windows."""
     if isinstance(flown, rho.Plan):
         grid = flown.scenario.grid
         return [Stretch(tube_of(flown.scenario), grid.start, grid.end)]
@@ -59,7 +59,7 @@ def stretches(flown: rho.Plan | rho.Flight) -> list[Stretch]:
 
 
 def disturbed_case(seed: int, kind: str) -> rho.Plan | rho.Flight:
-    """Vehicles with errors around any motion, with limits of all kinds, near an obstacle."""
+    """Return vehicles with errors around any motion, with limits of all kinds, near an obstacle."""
     rng = np.random.default_rng(seed)
     plan = random_case(seed, kind)
     asked, grid = plan.scenario, plan.scenario.grid
@@ -119,7 +119,7 @@ def _tracking(since: float, gains: tuple[float, float], first: FloatArray) -> Tr
 
 
 def _flight(rng: np.random.Generator, plan: rho.Plan, size: float) -> rho.Flight:
-    """The plan flown in windows, some of which begin with a tube of their own."""
+    """Return the plan flown in windows, some of which begin with a tube of their own."""
     count = plan.scenario.grid.knots - 1
     knots = np.unique(np.append(0, rng.integers(0, count, 3)))
     around, windows = plan.scenario.disturbance, []
@@ -133,8 +133,8 @@ def _flight(rng: np.random.Generator, plan: rho.Plan, size: float) -> rho.Flight
             tracking = _tracking(grid.start, tracking.gains, errors)
         p, v = plan.positions[:, knot:], plan.velocities[:, knot:]
         before = np.zeros_like(p[:, 0])
-        asked = plan.scenario.from_states(grid, p[:, 0], v[:, 0], before, tracking)
-        here = rho.Plan(asked, p, v, plan.accelerations[:, knot:])
+        scenario = plan.scenario.from_states(grid, p[:, 0], v[:, 0], before, tracking)
+        here = rho.Plan(scenario, p, v, plan.accelerations[:, knot:])
         windows.append(rho.Window(knot, here, here))
     return rho.Flight(plan, tuple(windows))
 
@@ -142,9 +142,9 @@ def _flight(rng: np.random.Generator, plan: rho.Plan, size: float) -> rho.Flight
 def excesses(
     flown: rho.Plan | rho.Flight, check: rho.Check, *, at: float | None = None
 ) -> Iterator[FloatArray]:
-    """By how much points of the tube break a constraint, at samples or at one time.
+    """Return the excess of points of the tube over a constraint, at samples or at one time.
 
-    Of accelerations, whose errors are constant in samples, one time is the step it begins.
+    Errors of accelerations are constant in samples; there one time is the step that it begins.
     """
     plan = flown.plan if isinstance(flown, rho.Flight) else flown
     grid, near = plan.scenario.grid, 1e-9 * plan.scenario.grid.step
@@ -167,7 +167,7 @@ def excesses(
 
 
 def _excess(plan: rho.Plan, check: rho.Check, tube: rho.ErrorTube, times: FloatArray) -> FloatArray:
-    """By how much the worst points of the tube break one constraint at times."""
+    """Return the excess of the worst points of the tube over one constraint at times."""
     scenario, i = plan.scenario, plan.scenario.index_of(check.vehicle)
     grid, limits, name = scenario.grid, scenario.limits, check.constraint
     p = by_hand(plan, i, times)
@@ -226,17 +226,15 @@ def _excess(plan: rho.Plan, check: rho.Check, tube: rho.ErrorTube, times: FloatA
 
 
 def judged(flown: rho.Plan | rho.Flight) -> list[rho.Check]:
-    """The checks in which errors count."""
-    told = ("dynamics", "goal", "jerk box")
-    return [each for each in rho.verify(flown).checks if each.constraint not in told]
+    """Return the checks in which errors count."""
+    reported = ("dynamics", "goal", "jerk box")
+    return [each for each in rho.verify(flown).checks if each.constraint not in reported]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=8)
 @given(seed=seeds)
-def test_no_point_of_the_tube_is_worse_than_what_is_told_and_one_is_as_bad(
-    kind: str, seed: int
-) -> None:
+def test_the_reported_excess_is_the_worst_of_the_tube_and_attained(kind: str, seed: int) -> None:
     flown = disturbed_case(seed, kind)
     plan = flown.plan if isinstance(flown, rho.Flight) else flown
     places_ = float(np.abs(plan.positions).max())
@@ -250,7 +248,7 @@ def test_no_point_of_the_tube_is_worse_than_what_is_told_and_one_is_as_bad(
         rounding = 1e-9 * (scale + check.errors + abs(check.value))
         sampled = [float(each.max()) for each in excesses(flown, check) if each.size > 0]
         if check.constraint == "separation" and max(sampled) < -3.0 * apart.distance:
-            continue  # the closest of all is not looked for, so far away
+            continue  # far from all others, the closest is not determined
         assert check.excess >= max(sampled) - 0.01 * check.tolerance - rounding, check
         at = [float(each.max()) for each in excesses(flown, check, at=check.time) if each.size > 0]
         assert check.excess == pytest.approx(max(at), abs=rounding), check
@@ -270,11 +268,11 @@ TOUCHED = (
     "obstacle 1",
     "separation",
 )
-"""Constraints that can be brought to where nothing is left."""
+"""Constraints that can be tightened until nothing is left."""
 
 
 def tightened(scenario: rho.Scenario, check: rho.Check, by: float) -> rho.Scenario:
-    """The scenario with one constraint tighter by something in its unit."""
+    """Return the scenario with one constraint tightened by an amount in its unit."""
     limits, name = scenario.limits, check.constraint
     (first, *others), changes = scenario.vehicles, dict[str, Any]()
     if name.endswith("box"):
@@ -314,7 +312,7 @@ FLOWN = 1.5 * np.random.default_rng(8).normal(size=(8, 3))
 
 
 @pytest.mark.parametrize("name", TOUCHED)
-def test_a_hundredth_of_the_radius_less_room_than_the_tube_takes_is_broken(name: str) -> None:
+def test_a_hundredth_of_the_radius_beyond_the_limit_is_a_violation(name: str) -> None:
     scenario = unchecked(
         single(
             grid=rho.Grid(0.5, 9),
@@ -359,8 +357,8 @@ def test_a_hundredth_of_the_radius_less_room_than_the_tube_takes_is_broken(name:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_planners_make_holds_wherever_in_the_tube_vehicles_are(kind: str) -> None:
-    """The judge says so, and so do points of the tube, for which limits are as they are asked."""
+def test_plans_hold_anywhere_in_the_tube(kind: str) -> None:
+    """The verifier agrees, and so do points of the tube, for which the original limits hold."""
     rng, planned = np.random.default_rng(17), 0
     for seed in range(4):
         try:
@@ -376,7 +374,7 @@ def test_what_planners_make_holds_wherever_in_the_tube_vehicles_are(kind: str) -
 
 
 def _asked(rng: np.random.Generator, kind: str) -> rho.Scenario:
-    """Two vehicles past an obstacle of a kind, of which some move."""
+    """Return two vehicles past an obstacle of a kind, which moves in some draws."""
     shape = random_shape(rng, kind, np.array([5.0, 0.7, 0.3]), 1.2)
     moving = rho.Obstacle(shape, velocity=rng.uniform(-0.3, 0.3, 3)) if rng.integers(2) else shape
     scenario = single(
@@ -401,7 +399,7 @@ def _asked(rng: np.random.Generator, kind: str) -> rho.Scenario:
 
 
 def _check_points(plan: rho.Plan, stretch: Stretch, rng: np.random.Generator) -> None:
-    """See that random points on the balls keep what is asked, each in its time."""
+    """Check that random points of the balls satisfy the limits, each at its time."""
     scenario, tube = plan.scenario, stretch.tube
     limits, slack = scenario.limits, 2e-5
     times = rng.uniform(stretch.begin, stretch.end, 400)

@@ -1,4 +1,4 @@
-"""`verify` of obstacles of every shape, moving or not, against samples of motions flown by hand."""
+"""`verify` of obstacles of every shape, moving or not, compared with samples taken by hand."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ PER_STEP = 400
 
 
 def by_hand(plan: rho.Plan, vehicle: int, times: FloatArray) -> FloatArray:
-    """Positions of a vehicle at times on the scenario's clock, by (1) and (2) alone."""
-    h, asked = plan.scenario.grid.step, plan.scenario.vehicles[vehicle]
-    p, v, found = asked.start.position, asked.start.velocity, np.zeros((len(times), 3))
+    """Return positions of a vehicle at times on the scenario's clock, by (1) and (2) alone."""
+    h, record = plan.scenario.grid.step, plan.scenario.vehicles[vehicle]
+    p, v, found = record.start.position, record.start.velocity, np.zeros((len(times), 3))
     elapsed = times - plan.scenario.grid.start
     for k, a in enumerate(plan.accelerations[vehicle]):
         s = (elapsed - k * h)[:, None]
@@ -31,7 +31,7 @@ def by_hand(plan: rho.Plan, vehicle: int, times: FloatArray) -> FloatArray:
 
 
 def places(obstacle: rho.Obstacle, times: FloatArray) -> FloatArray:
-    """The middles of an obstacle at times, piece by piece."""
+    """Return the centres of an obstacle at times, piece by piece."""
     found: FloatArray
     if obstacle.track is None:
         velocity = np.zeros(3) if obstacle.velocity is None else obstacle.velocity
@@ -47,7 +47,7 @@ def places(obstacle: rho.Obstacle, times: FloatArray) -> FloatArray:
 
 
 def random_case(seed: int, kind: str) -> rho.Plan:
-    """Vehicles in any motion near an obstacle of a kind, in any motion and known at any time."""
+    """Return random motions near a randomly moving obstacle that is known at a random time."""
     rng = np.random.default_rng(seed)
     size, h = 10 ** rng.uniform(-2, 3), 10 ** rng.uniform(-2, 2)
     count, knots = int(rng.integers(1, 4)), int(rng.integers(2, 10))
@@ -79,14 +79,14 @@ def random_case(seed: int, kind: str) -> rho.Plan:
         known_from=known_from,
         name="it" if rng.integers(2) else None,
     )
-    asked = unchecked(scenario, obstacles=(obstacle,), bodies=(obstacle,))  # ends may be in it
+    asked = unchecked(scenario, obstacles=(obstacle,), bodies=(obstacle,))  # ends may be inside
     return rho.Plan(asked, plan.positions, plan.velocities, plan.accelerations)
 
 
 def random_track(
     rng: np.random.Generator, times: FloatArray, places: FloatArray, grid: rho.Grid
 ) -> rho.Track:
-    """Through some places, with corners at knots too, or at a single time."""
+    """Return a track through some places, with corners at knots too, or at a single time."""
     order = np.argsort(times)
     many = int(rng.integers(1, len(times) + 1))
     at, positions = times[order][:many], places[order][:many]
@@ -99,7 +99,7 @@ def random_track(
 
 
 def check_against_samples(plan: rho.Plan) -> int:
-    """See that every row of an obstacle is the worst sampled, and attained; how many rows."""
+    """Check that every row of an obstacle is the worst sampled, and attained; count the rows."""
     scenario, (obstacle,) = plan.scenario, plan.scenario.bodies
     grid, shape, name = scenario.grid, obstacle.shape, scenario.obstacle_name(1)
     late = obstacle.known_from > max(grid.start, 0.0)
@@ -136,10 +136,10 @@ def check_against_samples(plan: rho.Plan) -> int:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@example(seed=100149)  # as near to the polytope as to its bounding box, but for rounding
+@example(seed=100149)  # as near to the polytope as to its bounding box, except for rounding
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=33)
-def test_what_is_told_is_the_worst_of_all_instants(kind: str, seed: int) -> None:
+def test_the_reported_value_is_the_worst_of_all_instants(kind: str, seed: int) -> None:
     assert check_against_samples(random_case(seed, kind))
 
 
@@ -148,10 +148,10 @@ def test_what_is_told_is_the_worst_of_all_instants(kind: str, seed: int) -> None
     [(0.0, 0.5, None), (4.0, 0.5, 0.5), (6.5, -1.5, 0.5)],
     ids=["from the start", "between two meetings", "after both"],
 )
-def test_an_intruder_is_judged_from_when_it_is_known(
+def test_an_intruder_counts_from_the_time_it_is_known(
     known_from: float, after: float, before: float | None
 ) -> None:
-    """It crosses the way at 2 s and again at 6 s, and is 1.7 m beside it from 6.5 s on."""
+    """It crosses the path at 2 s and again at 6 s, and is 1.7 m beside it from 6.5 s on."""
     where: list[list[float]] = [
         [2, 9, 0],
         [2, 0, 0],
@@ -167,23 +167,23 @@ def test_an_intruder_is_judged_from_when_it_is_known(
     start, goal = rho.State([0, 0, 0], [1, 0, 0]), rho.State([8, 0, 0], [1, 0, 0])
     flown = rho.plan_convex(single(start=start, goal=goal, between_knots=True))
     vehicle = dataclasses.replace(flown.scenario.vehicles[0], radius=0.2)
-    asked = dataclasses.replace(flown.scenario, vehicles=(vehicle,), obstacles=(intruder,))
-    report = rho.verify(dataclasses.replace(flown, scenario=asked))
+    scenario = dataclasses.replace(flown.scenario, vehicles=(vehicle,), obstacles=(intruder,))
+    report = rho.verify(dataclasses.replace(flown, scenario=scenario))
     found = {check.what: check for check in report.checks}
     row = found["obstacle 1 (intruder) at all times"]
     assert row.limit == 0.2
     assert row.excess == pytest.approx(after, abs=1e-6)
     assert report.ok == row.holds == (after < 0.0)
-    told = found.get("obstacle 1 (intruder) before it is known at all times")
-    assert (told is None) == (before is None)
-    if told is not None:
-        assert told.excess == pytest.approx(before, abs=1e-6)
-        assert (told.time < known_from, told.asked) == (True, False)
-        assert told not in report.violations
+    reported = found.get("obstacle 1 (intruder) before it is known at all times")
+    assert (reported is None) == (before is None)
+    if reported is not None:
+        assert reported.excess == pytest.approx(before, abs=1e-6)
+        assert (reported.time < known_from, reported.asked) == (True, False)
+        assert reported not in report.violations
         assert not report.ok or "before it is known at all times" in str(report)
 
 
-def test_an_estimated_track_is_told() -> None:
+def test_an_estimated_track_is_reported() -> None:
     def where(time: float) -> list[float]:
         return [5.0, 9.0 + np.sin(time), 0.0]
 
@@ -191,20 +191,22 @@ def test_an_estimated_track_is_told() -> None:
     free = rho.plan_convex(single())
     for most in (1.0, None):
         track = rho.Track.sampled(where, times, max_acceleration=most)
-        asked = single(obstacles=(rho.Obstacle(shape, track=track, name="drone"),))
-        text = str(rho.verify(dataclasses.replace(free, scenario=asked)))
-        told = "estimated from samples: the deviation from the track of obstacle 1 (drone)" in text
-        assert told == (most is None)
+        scenario = single(obstacles=(rho.Obstacle(shape, track=track, name="drone"),))
+        text = str(rho.verify(dataclasses.replace(free, scenario=scenario)))
+        reported = (
+            "estimated from samples: the deviation from the track of obstacle 1 (drone)" in text
+        )
+        assert reported == (most is None)
 
 
 def test_all_times_are_on_the_scenarios_clock() -> None:
-    """Later by 100 s, with obstacles that are there later too."""
+    """The flight is 100 s later, with obstacles that are there later too."""
     track = rho.Track([1.0, 4.0, 6.0], [[5, 5, 0], [5, 0, 0], [5, 5, 5]])
     ball, late = rho.Sphere([5.0, 2.3, -1.0], 1.0), 100.0
     starts, goals = np.array([[0, 0, 0], [0, 3, 0]]), np.array([[10, 4, -2], [10, 1, -2]])
     limits = rho.Limits(box(9), box(2), box(2), box(2), max_speed=2.0)
 
-    def asked(start: float) -> rho.Scenario:
+    def scenario(start: float) -> rho.Scenario:
         moved = rho.Track(track.times + start, track.positions)
         drifting = rho.Sphere(ball.center - start * np.array([0.1, 0.0, 0.0]), ball.radius)
         obstacles = (
@@ -225,7 +227,7 @@ def test_all_times_are_on_the_scenarios_clock() -> None:
 
     free = rho.plan_convex(fleet(starts, goals, grid=rho.Grid(0.5, 17)).without_separation())
     early, later = (
-        rho.verify(rho.Plan.from_accelerations(asked(start), free.accelerations)).checks
+        rho.verify(rho.Plan.from_accelerations(scenario(start), free.accelerations)).checks
         for start in (0.0, late)
     )
     assert {check.constraint for check in early} > {"separation", "position box", "goal"}
@@ -237,14 +239,14 @@ def test_all_times_are_on_the_scenarios_clock() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("huge", [1e12, 1e100, 1e300])
-def test_huge_numbers_are_judged_in_silence(kind: str, huge: float) -> None:
+def test_huge_numbers_are_verified_without_warnings(kind: str, huge: float) -> None:
     """Warnings are errors in tests."""
     rng = np.random.default_rng(3)
     shape = random_shape(rng, kind, np.array([5.0, 9.0, -1.0]), 1.0)
     track = rho.Track([0.0, 3.3, 8.0], [[5, 9, -1], [5, 8, -1], [5, 9, -1]])
-    asked = single(obstacles=(shape, rho.Obstacle(shape, track=track, known_from=3.0)))
+    scenario = single(obstacles=(shape, rho.Obstacle(shape, track=track, known_from=3.0)))
     a = np.zeros((1, 16, 3))
     a[0, 3, 2], a[0, 5] = huge, [-huge, huge, 0.0]
-    report = rho.verify(rho.Plan.from_accelerations(asked, a))
+    report = rho.verify(rho.Plan.from_accelerations(scenario, a))
     assert not report.ok
     assert str(report)

@@ -1,4 +1,4 @@
-"""Ways among obstacles and vehicles, judged by dense sampling of the references."""
+"""Paths among obstacles and vehicles, checked by dense sampling of the references."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import Shape
 
 PARTS = 16
-"""Places at which each step of a reference is looked at."""
+"""Samples of each step of a reference."""
 
 
 def flight(
@@ -26,7 +26,7 @@ def flight(
     duration: float = 10.0,
     radius: float = 0.2,
 ) -> rho.Scenario:
-    """Vehicles that fly between given ends, at most 3 m/s along each axis."""
+    """Return vehicles that fly between given ends, at most 3 m/s along each axis."""
     vehicles = [
         rho.Vehicle(f"v{n}", rho.State(start), rho.State(goal), radius=radius)
         for n, (start, goal) in enumerate(ends)
@@ -38,7 +38,7 @@ def flight(
 
 
 def sampled(plan: rho.Plan) -> tuple[FloatArray, FloatArray]:
-    """Times on the scenario's clock (M,), and positions (N, M, 3), straight between knots."""
+    """Return times on the scenario's clock (M,) and positions (N, M, 3), linear between knots."""
     knots = np.arange(plan.scenario.grid.knots)
     at = np.linspace(0, knots[-1], knots[-1] * PARTS + 1)
     positions = [
@@ -48,8 +48,8 @@ def sampled(plan: rho.Plan) -> tuple[FloatArray, FloatArray]:
     return plan.scenario.grid.start + plan.scenario.grid.step * at, np.array(positions)
 
 
-def room(plan: rho.Plan) -> float:
-    """The least distance from an obstacle, less the radius [m]."""
+def clearance(plan: rho.Plan) -> float:
+    """Return the least distance from an obstacle, less the radius [m]."""
     times, positions = sampled(plan)
     radii = plan.scenario.fleet.radii[:, None]
     return min(
@@ -58,8 +58,8 @@ def room(plan: rho.Plan) -> float:
     )
 
 
-def apart(plan: rho.Plan) -> float:
-    """The least distance of two vehicles, z divided by the downwash [m]."""
+def least_distance(plan: rho.Plan) -> float:
+    """Return the least distance of two vehicles, z divided by the downwash [m]."""
     assert plan.scenario.separation is not None
     _, positions = sampled(plan)
     x = plan.scenario.separation.scaled(positions)
@@ -69,7 +69,7 @@ def apart(plan: rho.Plan) -> float:
 
 
 def wall(x: float, gap: tuple[float, float]) -> tuple[rho.Box, rho.Box]:
-    """Two boxes across the way at x, with a gap between from one y to another."""
+    """Return two boxes across the path at x, with a gap between from one y to another."""
     return (
         rho.Box([x, -4, -3], [x + 0.5, gap[0], 3]),
         rho.Box([x, gap[1], -3], [x + 0.5, 4, 3]),
@@ -88,7 +88,7 @@ def test_a_reference_is_straight_between_knots_from_start_to_goal() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_ways_keep_clear_of_shapes_of_all_kinds(seed: int) -> None:
+def test_paths_are_clear_of_shapes_of_all_kinds(seed: int) -> None:
     rng = np.random.default_rng(seed)
     centers = rng.uniform([1.5, -3, -2], [8.5, 3, 2], (20, 3))
     sizes = rng.uniform(0.3, 0.8, (20, 3))
@@ -102,7 +102,7 @@ def test_ways_keep_clear_of_shapes_of_all_kinds(seed: int) -> None:
     references = find_paths(flight(obstacles), most=5).references
     assert references
     for reference in references:
-        assert room(reference) > -0.15  # a step of up to 0.5 m cuts the corners of the way
+        assert clearance(reference) > -0.15  # a step of up to 0.5 m cuts the corners of the path
         knots = reference.positions[0]
         for _, body in reference.scenario.known:
             assert np.all(body.shape.signed_distance(knots - body.shape.center) > 0.2 - 1e-5)
@@ -110,7 +110,7 @@ def test_ways_keep_clear_of_shapes_of_all_kinds(seed: int) -> None:
     assert lengths[0].sum() == min(each.sum() for each in lengths)
 
 
-def test_ways_differ_in_the_side_of_an_obstacle() -> None:
+def test_paths_differ_in_the_side_of_an_obstacle() -> None:
     references = find_paths(flight((rho.Sphere([5, 0, 0], 1.0),)), most=4).references
     sides = [each.positions[0, 20, 1:] for each in references]
     sides = [side / np.linalg.norm(side) for side in sides]
@@ -120,14 +120,14 @@ def test_ways_differ_in_the_side_of_an_obstacle() -> None:
 
 
 def test_a_gap_as_wide_as_the_vehicle_is_passed() -> None:
-    """To be sure of it the grid has to be as fine as the room that is left."""
+    """To certify it, the grid has to be as fine as the remaining clearance."""
     reference = find_paths(flight(wall(5, (0.9, 1.5)))).references[0]
-    assert room(reference) >= -1e-6
+    assert clearance(reference) >= -1e-6
     assert np.any(np.abs(reference.positions[0, :, 1] - 1.2) < 0.11)
 
 
 @pytest.mark.parametrize("gap", [(0.0, 0.0), (0.9, 1.29)])
-def test_a_wall_without_a_wide_enough_gap_has_no_way(gap: tuple[float, float]) -> None:
+def test_a_wall_without_a_wide_enough_gap_has_no_path(gap: tuple[float, float]) -> None:
     found = find_paths(flight(wall(5, gap)))
     assert found.references == ()
     assert found.searched is not None
@@ -136,15 +136,15 @@ def test_a_wall_without_a_wide_enough_gap_has_no_way(gap: tuple[float, float]) -
 
 
 @pytest.mark.parametrize("height", [4.3, 4.6, 7.1])
-def test_the_last_points_of_a_grid_are_kept_clear_too(height: float) -> None:
-    """A wall that leaves less than its radius to a vehicle at the far face of its box."""
+def test_the_last_points_of_a_grid_are_clear_too(height: float) -> None:
+    """The wall leaves less than its radius to a vehicle at the far face of its box."""
     box = rho.Box([-2, -0.3, 0], [6, height, 2.5])
     pillar = rho.Box([1, -0.25, 0], [1.5, height - 0.05, 2.5])
     ends = (((-1.0, 0.0, 1.0), (5.0, 0.0, 1.0)),)
     assert find_paths(flight((pillar,), ends=ends, box=box)).references == ()
 
 
-def test_a_sealed_room_has_no_way_in_time_either() -> None:
+def test_a_sealed_room_has_no_space_time_path() -> None:
     moving = rho.Obstacle(rho.Sphere([2, 0, 0], 0.3), velocity=[0, 0.1, 0])
     found = find_paths(flight((*wall(5, (0.0, 0.0)), moving)))
     assert found.references == ()
@@ -155,7 +155,7 @@ def test_a_sealed_room_has_no_way_in_time_either() -> None:
 def test_a_maze_is_passed_from_end_to_end() -> None:
     walls = wall(2, (-2.9, -2.3)) + wall(4, (2.3, 2.9)) + wall(6, (-2.9, -2.3))
     reference = find_paths(flight(walls, duration=20.0)).references[0]
-    assert room(reference) > -0.02
+    assert clearance(reference) > -0.02
     y = [np.interp(x, reference.positions[0, :, 0], reference.positions[0, :, 1]) for x in (4.2,)]
     assert y[0] > 2.0
 
@@ -166,35 +166,35 @@ def test_a_gate_that_opens_later_is_waited_for() -> None:
         track=rho.Track([0, 6, 8], [[5.25, 0, 0], [5.25, 0, 0], [5.25, 5, 0]]),
     )
     reference = find_paths(flight((*wall(5, (-0.5, 0.5)), gate), duration=15.0)).references[0]
-    assert room(reference) > -1e-6
+    assert clearance(reference) > -1e-6
     passed = np.interp(5.25, reference.positions[0, :, 0], reference.times)
     assert passed > 6.0
 
 
-def test_what_is_not_known_yet_is_not_avoided() -> None:
+def test_unknown_obstacles_are_not_avoided() -> None:
     later = rho.Obstacle(rho.Sphere([5, 0, 0], 1.0), known_from=3.0)
     assert abs(find_paths(flight((later,))).references[0].positions[0, :, 1:]).max() < 0.3
 
 
 @pytest.mark.parametrize("downwash", [1.0, 2.0])
 def test_vehicles_swap_in_a_corridor(downwash: float) -> None:
-    """Side by side they have no room, so they pass above each other."""
+    """Side by side they do not fit, so they pass above each other."""
     corridor = rho.Box([-1, -0.2, -1], [11, 0.2, 1])
     ends = (((0, 0, 0), (10, 0, 0)), ((10, 0, 0), (0, 0, 0)))
     separation = rho.Separation(0.6, downwash)
     found = find_paths(flight(ends=ends, box=corridor, separation=separation))
     assert found.conflicts == 0
-    assert apart(found.references[0]) >= 0.6 - 1e-9
+    assert least_distance(found.references[0]) >= 0.6 - 1e-9
 
 
 def circle(count: int, radius: float) -> tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]:
-    """Ends of vehicles that change sides of a circle."""
+    """Return the ends of vehicles that swap sides of a circle."""
     turns = 2.0 * np.pi * np.arange(count) / count
     places = radius * np.stack([np.cos(turns), np.sin(turns), 0.0 * turns], axis=-1)
     return tuple((tuple(place.tolist()), tuple((-place).tolist())) for place in places)
 
 
-def test_a_fleet_keeps_apart_and_clear_of_what_moves() -> None:
+def test_paths_of_a_fleet_are_separated_and_clear_of_moving_obstacles() -> None:
     obstacles = (
         rho.Box([-0.5, 1, -2], [0.5, 2, 2]),
         rho.Obstacle(rho.Sphere([-2, -2, 0], 0.5), velocity=[0.4, 0.4, 0]),
@@ -203,11 +203,11 @@ def test_a_fleet_keeps_apart_and_clear_of_what_moves() -> None:
     ends, separation = circle(6, 4.0), rho.Separation(0.6, 2.0)
     found = find_paths(flight(obstacles, ends=ends, box=box, separation=separation))
     assert found.conflicts == 0
-    assert apart(found.references[0]) >= 0.6 - 1e-9
-    assert room(found.references[0]) >= -1e-6
+    assert least_distance(found.references[0]) >= 0.6 - 1e-9
+    assert clearance(found.references[0]) >= -1e-6
 
 
-def test_ways_of_relabelled_vehicles_are_the_same() -> None:
+def test_paths_of_relabelled_vehicles_are_the_same() -> None:
     scenario = flight(
         (rho.Sphere([0.3, 0.2, 0], 1.0),),
         ends=circle(5, 4.0),
@@ -219,7 +219,7 @@ def test_ways_of_relabelled_vehicles_are_the_same() -> None:
     assert np.array_equal(ways, others[::-1])
 
 
-def test_a_mirrored_world_has_mirrored_lengths() -> None:
+def test_paths_of_a_mirrored_world_have_the_same_lengths() -> None:
     obstacles = (rho.Box([3, -1, -2.5], [4, 2, 2.5]), rho.Sphere([7, 0.5, 0], 1.0))
     mirrored = (rho.Box([3, -2, -2.5], [4, 1, 2.5]), rho.Sphere([7, -0.5, 0], 1.0))
     ways, others = (
@@ -245,13 +245,13 @@ def test_vehicles_of_other_sizes_have_grids_of_their_own() -> None:
         scenario, vehicles=(small, dataclasses.replace(large, radius=0.5))
     )
     reference = find_paths(scenario).references[0]
-    assert room(reference) > -0.02
+    assert clearance(reference) > -0.02
     at = [np.interp(5.25, each[:, 0], each[:, 1]) for each in reference.positions]
     assert at[0] < 0.0 < 1.0 < at[1]
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_ways_lead_past_waypoints_at_their_times(moving: bool) -> None:
+def test_paths_pass_waypoints_at_their_times(moving: bool) -> None:
     obstacles: list[rho.Obstacle | Shape] = [rho.Sphere([5, 0, 0], 1.0)]
     if moving:
         obstacles.append(rho.Obstacle(rho.Sphere([2, 2, 1], 0.3), velocity=[0.1, 0, 0]))
@@ -262,4 +262,4 @@ def test_ways_lead_past_waypoints_at_their_times(moving: bool) -> None:
     for reference in find_paths(scenario, most=3).references:
         assert np.allclose(reference.positions[0, 24], [8, 2, -1], atol=1e-9)
         assert np.allclose(reference.positions[0, 48], [2, -2, 0.5], atol=1e-9)
-        assert room(reference) > -0.05
+        assert clearance(reference) > -0.05
