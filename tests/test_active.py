@@ -16,7 +16,7 @@ import drake_rho as rho
 from drake_rho.motion.obstacle_clearances import closest
 from drake_rho.scenario.shapes.base import Shape
 from tests.disturbed import disturbed
-from tests.scenarios import box, single
+from tests.scenarios import box, single, slow
 from tests.tolerances import INDEX
 
 SPHERE = rho.Sphere([5.0, 2.2, -0.9], 1.5)
@@ -78,7 +78,7 @@ def test_both_ends_belong_to_the_interval() -> None:
     assert rho.verify(rho.Plan.from_accelerations(outside, free.accelerations)).ok
 
 
-@pytest.mark.parametrize("active", [(0.0, 4.2), (3.5, 8.0), (2.0, 6.0)])
+@pytest.mark.parametrize("active", [(0.0, 4.2), (3.5, 8.0), *slow((2.0, 6.0))])
 def test_a_wall_without_end_is_passed_while_it_is_not_there(active: tuple[float, float]) -> None:
     scenario = _zone(active, WALL)
     plan = rho.plan(scenario)

@@ -113,6 +113,7 @@ def test_the_verifier_refuses_what_it_does_not_check(
         first_violation(plan)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_is_drawn_and_exported(kind: str, tmp_path: object) -> None:
     plan = rho.plan(_scenario(kind))
