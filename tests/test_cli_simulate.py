@@ -167,7 +167,7 @@ def test_a_quadrotor_is_distinguished_from_a_point_mass(
     assert simulation.plant == "quadrotor"
     assert "gap: quadrotor without wind" in out
     missed = simulation.tracking_difference.max()
-    assert f"off its commands and the wind by up to {missed:.3g} m/s²" in out
+    assert f"differ from commands plus wind by up to {missed:.3g} m/s²" in out
     assert {"errors.png", "distances.png", "paths.png"} <= {path.name for path in figures.iterdir()}
 
 
