@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.planners.from_paths import plan_along_ways
+from drake_rho.planning.planners.from_paths import plan_along_paths
 from drake_rho.planning.problem import Problem
 from tests.scenarios import box, random_scenario, single
 
@@ -104,7 +104,7 @@ def test_a_detour_stays_outside_at_every_knot() -> None:
         rho.Sphere([14.0, 0.5, 1.0], 2.5),
     )
     scenario = _through_the_middle(obstacles=spheres)
-    plan = plan_along_ways(Problem.of(scenario)).plan
+    plan = plan_along_paths(Problem.of(scenario)).plan
     assert plan is not None
     for sphere in spheres:
         distances = np.linalg.norm(plan.positions[0] - sphere.center, axis=1)
@@ -237,6 +237,6 @@ def test_a_crowd_between_pillars_is_planned() -> None:
         rho.Separation(0.4),
     )
     assert rho.verify(rho.plan(scenario, options=rho.Options(max_iterations=2))).ok
-    along = plan_along_ways(Problem.of(scenario))
+    along = plan_along_paths(Problem.of(scenario))
     assert along.plan is not None
     assert rho.verify(along.plan).ok

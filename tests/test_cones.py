@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import drake_rho as rho
-from drake_rho.planning.planners.from_paths import plan_along_ways
+from drake_rho.planning.planners.from_paths import plan_along_paths
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.scp import curved_sets
 from drake_rho.scenario.convex_sets import Balls, ConvexSets, UprightCones
@@ -56,7 +56,7 @@ def test_a_cone_equals_the_set_and_measures_the_distance_to_it(
     matrices, reaches = sets.cones(who)
     seen = np.einsum("rij,rj->ri", matrices, values)
     excess = np.linalg.norm(seen[:, 1:], axis=1) - seen[:, 0] - reaches
-    known = sets.excess(who, sets.places + values)
+    known = sets.excess(who, sets.origins + values)
     assert 50 < np.sum(known < 0.0) < count - 50
     np.testing.assert_allclose(excess, known, atol=1e-12)
     limitless = {name: np.array([value]) for name, value in free.items()}
@@ -100,7 +100,7 @@ def _nearly_impossible(duration: float) -> rho.Scenario:
 
 def test_near_the_boundary_of_feasibility_few_programs_give_an_answer() -> None:
     """With tangent planes alone, programs had thousands of rows and gave no answer in minutes."""
-    found = plan_along_ways(Problem.of(_nearly_impossible(6.40625)))
+    found = plan_along_paths(Problem.of(_nearly_impossible(6.40625)))
     assert found.plan is None
     assert found.spent.programs < 2000
     assert found.spent.rows < 20_000

@@ -240,13 +240,13 @@ def test_starts_and_goals_of_pairs_need_distance_for_both_errors() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_subdivided_steps_are_the_same_motion(seed: int) -> None:
     motion = rho.plan_convex(random_scenario(seed)).motion()
-    finer = motion.finer(7)
+    finer = motion.subdivided(7)
     times = np.linspace(0.0, motion.step * motion.accelerations.shape[1], 301)
     for quantity in ("position", "velocity"):
         expected = motion.at(quantity, times)
         size = float(np.abs(expected).max())
         np.testing.assert_allclose(finer.at(quantity, times), expected, atol=1e-9 * size)
-    assert motion.finer(1) is motion
+    assert motion.subdivided(1) is motion
 
 
 SHORT_OF_ROOM: dict[str, rho.Scenario] = {

@@ -127,9 +127,9 @@ def test_the_same_instant_counts_once() -> None:
     motion, separation = _swarm(3)
     some = close_pairs(motion, separation, 4.0 * separation.distance)
     assert len(some) > 0
-    both = some.and_also(some)
+    both = some.union(some)
     np.testing.assert_array_equal(both.times, some.times)
     np.testing.assert_array_equal(both.one, some.one)
     none = some.select(np.zeros(len(some), dtype=bool))
-    assert len(none.and_also(none)) == 0
-    assert len(none.and_also(some)) == len(some)
+    assert len(none.union(none)) == 0
+    assert len(none.union(some)) == len(some)

@@ -252,9 +252,9 @@ def test_an_own_largest_speed_replaces_that_of_the_scenario() -> None:
     found = [scenario.limits_of(vehicle).max_speed for vehicle in scenario.vehicles]
     assert found == [2.0, 0.5, 1.0, 1.0]
     speeds = scenario.fleet.norms["max_speed"]
-    np.testing.assert_array_equal(speeds.most, found)
+    np.testing.assert_array_equal(speeds.limits, found)
     alone = dataclasses.replace(scenario, limits=rho.Limits()).fleet
-    np.testing.assert_array_equal(alone.norms["max_speed"].most, [2.0, 0.5, np.inf, np.inf])
+    np.testing.assert_array_equal(alone.norms["max_speed"].limits, [2.0, 0.5, np.inf, np.inf])
     assert scenario_from_yaml(scenario_to_yaml(scenario)) == scenario
     assert dataclasses.replace(scenario, vehicles=(VEHICLE,), limits=rho.Limits()) != scenario
 
@@ -347,7 +347,7 @@ def _computed(scenario: rho.Scenario) -> list[object]:
         scenario.fleet.radii,
         scenario.fleet.lengths,
         *(scenario.fleet.scale(quantity) for quantity in ("position", "jerk")),
-        *(limit.most for limit in scenario.fleet.norms.values()),
+        *(limit.limits for limit in scenario.fleet.norms.values()),
     ]
     reported = [scenario.bodies, scenario.bodies_in_flight, scenario.known, scenario.spheres]
     return [*reported, *(array.tolist() for array in arrays)]

@@ -19,7 +19,7 @@ from drake_rho.planning.path_search.prioritized import FleetSpaceTimeSearch, spa
 from drake_rho.planning.path_search.reachable import reach_of
 from drake_rho.planning.path_search.resolution import resolutions
 from drake_rho.planning.path_search.space_time import TimeExpandedGraph
-from drake_rho.planning.planners.from_paths import plan_along_ways
+from drake_rho.planning.planners.from_paths import plan_along_paths
 from drake_rho.planning.problem import Problem
 from drake_rho.scenario.files import load_scenario
 
@@ -102,7 +102,7 @@ def test_an_error_says_that_no_grid_is_small_enough(moving: bool) -> None:
     assert "max_memory" in str(found.searched)
     options = rho.Options()
     object.__setattr__(options, "max_memory", 1.0)  # less than users may request
-    along = plan_along_ways(Problem.of(scenario), options=options)
+    along = plan_along_paths(Problem.of(scenario), options=options)
     assert along.plan is None
     assert "max_memory" in str(along.spent.searched)
 

@@ -22,7 +22,7 @@ from drake_rho.planning.call.wall_time import with_wall_time
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import first_plan
 from drake_rho.planning.planners.plan import plan_scp
-from drake_rho.planning.planners.related import can_be_slower, paced, rescaled
+from drake_rho.planning.planners.related import can_be_slower, rescaled, time_scaled_plan
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.minimum_violation import minimum_violation
@@ -156,7 +156,7 @@ def shortest_plan(
     assert found is not None  # noqa: S101  # of that duration
     shortest = rescaled(scenario, duration / scenario.grid.duration)
     try:
-        reference = paced(found, shortest)
+        reference = time_scaled_plan(found, shortest)
         plan = plan_scp(
             shortest, reference=reference, solver=solver, progress=progress, options=options
         )

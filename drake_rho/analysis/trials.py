@@ -9,7 +9,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.progress import Progress, tell, within
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.first_plan import first_plan, plan_near
-from drake_rho.planning.planners.related import paced
+from drake_rho.planning.planners.related import time_scaled_plan
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.scenario.errors import ScenarioError
@@ -77,7 +77,7 @@ class Trials:
     def _found(self, scenario: Scenario, progress: Progress | None, near: bool) -> Plan:
         problem = Problem.of(scenario)
         if near and self.plan is not None:
-            reference = paced(self.plan, scenario)
+            reference = time_scaled_plan(self.plan, scenario)
             return plan_near(problem, reference, backend=self._backend, progress=progress)
         return first_plan(problem, backend=self._backend, progress=progress)
 

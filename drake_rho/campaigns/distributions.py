@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Discriminator, Field, PlainSerializer, PlainValidator, Tag
 
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import Count, Finite, FloatArray, locked, numbers_of, record
+from drake_rho.scenario.fields import Count, Finite, FloatArray, numbers_of, read_only, record
 
 
 def _pair(value: object) -> FloatArray:
@@ -21,7 +21,7 @@ def _pair(value: object) -> FloatArray:
             return numbers_of(rows)
         both = [numbers_of(row) for row in rows]
         if len(both[0]) == len(both[1]) > 0:
-            return locked(np.array(both))
+            return read_only(np.array(both))
     raise ScenarioError("", rows, "two numbers, or two lists of as many")
 
 

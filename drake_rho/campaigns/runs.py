@@ -25,7 +25,7 @@ from drake_rho.motion.files import save
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.records import Scenario
-from drake_rho.system.threads import one_for_arrays
+from drake_rho.system.threads import single_threaded_blas
 
 SOLVED, INFEASIBLE, FAILED, INVALID, ERROR = "solved", "infeasible", "failed", "invalid", "error"
 """Status of a run: planned or flown; no plan; failure of the solvers; draw that is not a valid
@@ -143,7 +143,7 @@ def do_all(runs: Sequence[Run], attempt: int = 0) -> list[Done]:
         runs: the runs.
         attempt: number of earlier attempts, which keeps executors from merging equal tasks.
     """
-    with one_for_arrays():
+    with single_threaded_blas():
         return [do(run) for run in runs]
 
 

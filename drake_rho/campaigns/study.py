@@ -16,8 +16,8 @@ from drake_rho.campaigns.methods import AnyMethod
 from drake_rho.campaigns.runs import Run, generators, run_keys
 from drake_rho.campaigns.sources import AnySource, FromFile, Repetitions
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import ScenarioError, Words
-from drake_rho.scenario.fields import NO_TRUTH, Name, record
+from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.fields import NOT_BOOLEAN, Name, record
 from drake_rho.scenario.files import yaml_content
 from drake_rho.scenario.refusals import scenario_error
 
@@ -38,7 +38,7 @@ class Study:
     the first"""
     repetitions: Repetitions = 1
     """number of scenarios drawn from each source"""
-    seed: Annotated[int, Field(ge=0), NO_TRUTH] = 0
+    seed: Annotated[int, Field(ge=0), NOT_BOOLEAN] = 0
     """seed of all randomness"""
     plans: bool = False
     """whether to keep plans, flights and simulations"""
@@ -97,7 +97,7 @@ class Study:
                 except ScenarioError as error:
                     reason = error
             else:
-                drawn = Words(f"no scenario in {draws} draws of {source.name!r}")
+                drawn = Description(f"no scenario in {draws} draws of {source.name!r}")
                 expected = f"at least one valid scenario; the last draw: {reason}"
                 raise ScenarioError(f"scenarios[{index}]", drawn, expected)
 

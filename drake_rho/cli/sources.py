@@ -10,7 +10,7 @@ from pathlib import Path
 from drake_rho.motion.files import PlanFileError, load
 from drake_rho.motion.flown import Flown
 from drake_rho.motion.tables import is_table
-from drake_rho.scenario.errors import ScenarioError, Words
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.files import library, load_scenario
 from drake_rho.scenario.problems.missions import is_lsc_mission, load_lsc_mission
 from drake_rho.scenario.records import Grid, Scenario
@@ -86,7 +86,7 @@ def refuse_empty_file(path: str, error: ScenarioError, kind: str, schema: str) -
     """
     if error.value is None and error.field in (path, str(Path(path))):
         expected = f"a {kind} in YAML; '{schema}' prints its fields"
-        raise ScenarioError(error.field, Words("an empty file"), expected) from None
+        raise ScenarioError(error.field, Description("an empty file"), expected) from None
 
 
 def _nearest_name(source: str) -> str | None:

@@ -16,7 +16,7 @@ from drake_rho.motion.dynamics import Motion, vectors_of
 from drake_rho.motion.extremes import lengths_of, nearest_moments
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Separation
-from drake_rho.system.threads import threads
+from drake_rho.system.threads import thread_pool
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -65,7 +65,7 @@ class CloseApproaches:
             self.one[which], self.other[which], self.times[which], self.distances[which]
         )
 
-    def and_also(self, more: CloseApproaches) -> CloseApproaches:
+    def union(self, more: CloseApproaches) -> CloseApproaches:
         """Return the union of both, sorted by pair and then by time, without duplicate instants."""
         every = CloseApproaches.joined([self, more])
         every = every.select(np.lexsort((every.times, every.other, every.one)))
@@ -76,7 +76,7 @@ class CloseApproaches:
 
 
 _NOBODY = np.zeros(0, dtype=np.int64)
-NONE = CloseApproaches(_NOBODY, _NOBODY, np.zeros(0), np.zeros(0))
+NO_APPROACHES = CloseApproaches(_NOBODY, _NOBODY, np.zeros(0), np.zeros(0))
 """No close approaches."""
 
 
@@ -144,7 +144,7 @@ def _in_chunks(
     """
     size = _INSTANTS * max(1, _MANY // (_INSTANTS * count))
     chunks = [slice(first, min(first + size, instants)) for first in range(0, instants, size)]
-    each_of = threads().map if len(chunks) > 1 else map
+    each_of = thread_pool().map if len(chunks) > 1 else map
     every = CloseApproaches.joined(list(each_of(found, chunks)))
     order = np.argsort(every.one * count + every.other, kind="stable")  # keeps the order of time
     return every.select(order)

@@ -84,7 +84,7 @@ class Motion:
         p, v = roll_out(p, v, accelerations, self.step)
         return Motion(self.step, p, v, accelerations, self.before)
 
-    def with_some(self, vehicles: IntArray, accelerations: FloatArray) -> Motion:
+    def with_vehicles(self, vehicles: IntArray, accelerations: FloatArray) -> Motion:
         """Return the motions with other accelerations of some vehicles.
 
         Args:
@@ -108,7 +108,7 @@ class Motion:
             a[vehicles] = accelerations
         return Motion(self.step, p, v, a, self.before)
 
-    def finer(self, pieces: int) -> Motion:
+    def subdivided(self, pieces: int) -> Motion:
         """Return the same motions with each step divided into equal pieces.
 
         The jerks of the result differ from those of the motion, since accelerations change only at

@@ -12,7 +12,7 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray, locked, unchecked
+from drake_rho.scenario.fields import FloatArray, IntArray, read_only, unchecked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -61,7 +61,7 @@ class Plan(metaclass=Described):
         # accelerations are checked first: the others follow from them, and so does a NaN
         shapes = {"accelerations": knots - 1, "positions": knots, "velocities": knots}
         for name, length in shapes.items():
-            array = locked(getattr(self, name))
+            array = read_only(getattr(self, name))
             if array.shape != (vehicles, length, 3):
                 expected = (vehicles, length, 3)
                 raise ValueError(f"{name}: got shape {array.shape}, expected {expected}")

@@ -114,7 +114,7 @@ def tightest_acceleration(scenario: Scenario) -> float:
     """
     bounds, norms = scenario.fleet.bounds("acceleration"), scenario.fleet.norms
     sides = [] if bounds is None else [np.abs(bounds.lower), np.abs(bounds.upper)]
-    most = [norms["max_acceleration"].most] if "max_acceleration" in norms else []
+    most = [norms["max_acceleration"].limits] if "max_acceleration" in norms else []
     return min((float(each.min()) for each in (*sides, *most)), default=np.inf)
 
 

@@ -15,7 +15,7 @@ from drake_rho.motion.scenario_tube import error_tube, tube_of
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray, locked
+from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -54,19 +54,19 @@ class Simulation(metaclass=Described):
     computed from these if not given"""
 
     def __post_init__(self) -> None:
-        times = locked(self.times)
+        times = read_only(self.times)
         if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0.0):
             expected_times = "two or more increasing times"
             raise ValueError(f"times: got shape {times.shape}, expected {expected_times}")
         object.__setattr__(self, "times", times)
-        elapsed = locked(times - times[0] if self.elapsed is None else self.elapsed)
+        elapsed = read_only(times - times[0] if self.elapsed is None else self.elapsed)
         if elapsed.shape != times.shape or not np.all(np.diff(elapsed) > 0.0):
             increasing = f"increasing times of shape {times.shape}"
             raise ValueError(f"elapsed: got shape {elapsed.shape}, expected {increasing}")
         object.__setattr__(self, "elapsed", elapsed)
         expected = (len(times), len(self.scenario.vehicles), 3)
         for name in ("positions", "velocities", "wind", "commands"):
-            array = locked(getattr(self, name))
+            array = read_only(getattr(self, name))
             if array.shape != expected:
                 raise ValueError(f"{name}: got shape {array.shape}, expected {expected}")
             if not np.isfinite(array).all():
@@ -126,7 +126,7 @@ class Simulation(metaclass=Described):
     def accelerations(self) -> FloatArray:
         """True mean accelerations from each time to the next [m/s²], shape (M-1, N, 3)."""
         passed = np.diff(self._since_start)[:, None, None]
-        return locked(np.diff(self.velocities, axis=0) / passed)
+        return read_only(np.diff(self.velocities, axis=0) / passed)
 
     @cached_property
     def tracking_difference(self) -> FloatArray:
@@ -136,7 +136,7 @@ class Simulation(metaclass=Described):
         only rounding. `disturbance.acceleration` has to include it beside the wind.
         """
         deviations = self.accelerations - self.commands[:-1] - self.wind[:-1]
-        return locked(np.linalg.norm(deviations, axis=2).max(axis=0))
+        return read_only(np.linalg.norm(deviations, axis=2).max(axis=0))
 
     def states(self, times: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return true positions [m] and velocities [m/s] at times on the scenario's clock [s].

@@ -10,7 +10,7 @@ from drake_rho.scenario.described import Described
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Searched:
+class PathSearch:
     """Grid on which collision-free paths were searched, and their number."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")  # applies when it is read from files
@@ -68,7 +68,7 @@ class Statistics(metaclass=Described):
     seconds: float = 0.0
     """wall time from a planner's call to its return [s]; for a window, that of the whole update;
     for windows planned during a flight, their sum"""
-    searched: Searched | None = None
+    searched: PathSearch | None = None
     """last search for collision-free paths; None if a plan was found, or planning ended, without"""
 
     def __add__(self, other: Statistics) -> Statistics:

@@ -18,14 +18,14 @@ from drake_rho.motion.sampled_loop import Responses
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.disturbance import Disturbance, Tracking
-from drake_rho.scenario.fields import FloatArray, IntArray, locked
+from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.parts import SAME_TIME, Grid, Quantity
 
 _ROUND = 32
 """Number of steps to a multiple of which cached radii are computed."""
 
 
-class Greatest(NamedTuple):
+class Maximum(NamedTuple):
     """Upper bounds of the radii over M consecutive pieces of time, each of shape (M,)."""
 
     position: FloatArray
@@ -161,7 +161,7 @@ class ErrorTube(metaclass=Described):
         """
         return self._radii.acceleration_over(self._pieces(begins, ends))
 
-    def over_steps(self, first: int, count: int, pieces: int = 1) -> Greatest:
+    def over_steps(self, first: int, count: int, pieces: int = 1) -> Maximum:
         """Return the greatest radii over steps of the grid, as `position_over` and the others do.
 
         They are cached: tubes that differ only in their beginning and end, as those of the windows
@@ -176,14 +176,14 @@ class ErrorTube(metaclass=Described):
         longer = Grid(self.grid.step, steps + 1)
         cached = _greatest(dataclasses.replace(self, grid=longer), pieces)
         begin, end = pieces * first, pieces * (first + count)
-        return Greatest(
+        return Maximum(
             cached.position[begin:end],
             cached.velocity[begin:end],
             cached.acceleration[begin:end],
             cached.ends[begin : end + 1],
         )
 
-    def located(self, times: npt.ArrayLike) -> tuple[IntArray, FloatArray]:
+    def sample_at(self, times: npt.ArrayLike) -> tuple[IntArray, FloatArray]:
         """Return the samples, from 0, that contain times, and the elapsed parts of these samples.
 
         A sample contains its beginning; the last one also contains the end of the flight.
@@ -206,7 +206,7 @@ class ErrorTube(metaclass=Described):
     def _pieces(self, begins: npt.ArrayLike, ends: npt.ArrayLike) -> Pieces:
         """Return pieces of time in samples. An end where a sample begins is in the one before."""
         begins, ends = np.broadcast_arrays(np.atleast_1d(begins), np.atleast_1d(ends))
-        first, a = self.located(begins)
+        first, a = self.sample_at(begins)
         passed = self._passed(ends)
         if np.any(ends < begins):
             i = int(np.argmax(ends < begins))
@@ -227,20 +227,20 @@ class ErrorTube(metaclass=Described):
 
     def _at(self, quantity: Quantity, times: npt.ArrayLike) -> FloatArray:
         """Return radii in the units of `sampled_loop`."""
-        return self._radii.at(quantity, *self.located(times))
+        return self._radii.at(quantity, *self.sample_at(times))
 
 
 @lru_cache(maxsize=64)
-def _greatest(tube: ErrorTube, pieces: int) -> Greatest:
+def _greatest(tube: ErrorTube, pieces: int) -> Maximum:
     """Return the greatest radii over all steps of a tube's grid, or over equal pieces of them."""
     times = tube.grid.step / pieces * np.arange(pieces * (tube.grid.knots - 1) + 1)
     begins, ends = times[:-1], np.minimum(times[1:], tube.grid.duration)
     times[-1] = tube.grid.duration
-    return Greatest(
-        locked(tube.position_over(begins, ends)),
-        locked(tube.velocity_over(begins, ends)),
-        locked(tube.acceleration_over(begins, ends)),
-        locked(tube.position(times)),
+    return Maximum(
+        read_only(tube.position_over(begins, ends)),
+        read_only(tube.velocity_over(begins, ends)),
+        read_only(tube.acceleration_over(begins, ends)),
+        read_only(tube.position(times)),
     )
 
 

@@ -82,7 +82,7 @@ def check_waypoints(fleet: Fleet, grid: Grid, obstacles: Sequence[Obstacle]) -> 
     """
     for index, waypoints in enumerate(fleet.waypoints):
         where = f"waypoints[{index}]"
-        for i in np.flatnonzero(waypoints.due):
+        for i in np.flatnonzero(waypoints.present):
             time = float(waypoints.times[i])
             if not is_during_flight(time, grid):
                 expected = f"after {grid.start:g} s and before {grid.end:g} s"

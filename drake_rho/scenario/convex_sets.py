@@ -42,7 +42,7 @@ class ConvexSets(abc.ABC):
     Methods take R values, shape (R, 3), and the R indices of the vehicles to which they belong.
     """
 
-    places: FloatArray
+    origins: FloatArray
     """centres or apexes of the sets, in the quantity's unit, shape (N, 3)"""
     tolerances: FloatArray
     """distance outside a set that still counts as inside, in the quantity's unit, shape (N,)"""
@@ -94,24 +94,24 @@ class ConvexSets(abc.ABC):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Balls(ConvexSets):
-    """Balls with their centres at `places`."""
+    """Balls with their centres at `origins`."""
 
     radii: FloatArray
     """radii in the quantity's unit, infinite where a vehicle has no limit, shape (N,)"""
 
     def excess(self, vehicles: IntArray, values: FloatArray) -> FloatArray:
         """Return the distances from the centres less the radii."""
-        x = values - self.places[vehicles]
+        x = values - self.origins[vehicles]
         excess: FloatArray = np.sqrt(np.einsum("ri,ri->r", x, x)) - self.radii[vehicles]
         return excess
 
     def outward(self, vehicles: IntArray, values: FloatArray) -> FloatArray:
         """Return the directions away from the centres."""
-        return _unit(values - self.places[vehicles])
+        return _unit(values - self.origins[vehicles])
 
     def support(self, vehicles: IntArray, n: FloatArray) -> FloatArray:
         """Return n · centre + radius."""
-        support: FloatArray = np.sum(n * self.places[vehicles], axis=1) + self.radii[vehicles]
+        support: FloatArray = np.sum(n * self.origins[vehicles], axis=1) + self.radii[vehicles]
         return support
 
     def cones(self, vehicles: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -125,7 +125,7 @@ class Balls(ConvexSets):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class UprightCones(ConvexSets):
-    """Cones that open upwards, with their apexes at `places`."""
+    """Cones that open upwards, with their apexes at `origins`."""
 
     angles: FloatArray
     """half-angles of the cones [rad], less than a right angle; pi where a vehicle has no limit;
@@ -139,14 +139,14 @@ class UprightCones(ConvexSets):
 
     def outward(self, vehicles: IntArray, values: FloatArray) -> FloatArray:
         """Return the cones' surface normals, or the direction from the apex if that is nearest."""
-        x = values - self.places[vehicles]
+        x = values - self.origins[vehicles]
         level, up, angle = self._relative_to_apex(vehicles, values)
         normals = _surface_normals(angle, _unit(x * [1.0, 1.0, 0.0]))
         return np.where(_nearest_to_apex(angle, level, up)[:, None], _unit(x), normals)
 
     def support(self, vehicles: IntArray, n: FloatArray) -> FloatArray:
         """Return n · apex: the boundary of every supporting half-space contains the apex."""
-        support: FloatArray = np.sum(n * self.places[vehicles], axis=1)
+        support: FloatArray = np.sum(n * self.origins[vehicles], axis=1)
         return support
 
     def cones(self, vehicles: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -167,11 +167,11 @@ class UprightCones(ConvexSets):
         self, vehicles: IntArray, values: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return distances of values from the axis, heights above the apex, and the half-angles."""
-        x = values - self.places[vehicles]
+        x = values - self.origins[vehicles]
         return np.hypot(x[:, 0], x[:, 1]), x[:, 2], self.angles[vehicles]
 
 
-def tolerances_of(widths: FloatArray, places: FloatArray, scale: FloatArray) -> FloatArray:
+def tolerances_of(widths: FloatArray, origins: FloatArray, scale: FloatArray) -> FloatArray:
     """Return the tolerances of sets, in the quantity's unit, shape (N,).
 
     A tolerance is `TOLERANCE` times the set's width. The width is taken as at most the motion's
@@ -179,10 +179,10 @@ def tolerances_of(widths: FloatArray, places: FloatArray, scale: FloatArray) -> 
 
     Args:
         widths: of the sets, in the quantity's unit, shape (N,).
-        places: centres or apexes of the sets, in the quantity's unit, shape (N, 3).
+        origins: centres or apexes of the sets, in the quantity's unit, shape (N, 3).
         scale: characteristic magnitude of the quantity in each motion, in its unit, shape (N,).
     """
-    scale = np.maximum(scale, _ROUNDING * np.linalg.norm(places, axis=1))
+    scale = np.maximum(scale, _ROUNDING * np.linalg.norm(origins, axis=1))
     tolerances: FloatArray = TOLERANCE * np.clip(widths, _LEAST * scale, scale)
     return tolerances
 

@@ -10,7 +10,7 @@ from abc import ABCMeta
 from itertools import pairwise
 from typing import Any, TypeVar
 
-from drake_rho.scenario.errors import Words
+from drake_rho.scenario.errors import Description
 
 _Class = TypeVar("_Class")
 
@@ -77,7 +77,7 @@ def signature_of(cls: Any) -> inspect.Signature:
         if field.default is not dataclasses.MISSING:
             default = field.default
         elif field.default_factory is not dataclasses.MISSING:
-            default = Words("...")
+            default = Description("...")
         kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
         parameters.append(inspect.Parameter(field.name, kind, default=default))
     return inspect.Signature(parameters)

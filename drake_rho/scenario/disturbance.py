@@ -8,10 +8,10 @@ from typing import Annotated, Self
 from pydantic import Field
 
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import LARGEST, NO_TRUTH, Finite, Positive, record, unchecked
+from drake_rho.scenario.fields import LARGEST, NOT_BOOLEAN, Finite, Positive, record, unchecked
 from drake_rho.scenario.parts import SAME_TIME, Grid
 
-NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NO_TRUTH]
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), NOT_BOOLEAN]
 
 _MOST_IN_A_STEP, _MOST = 1000, 1_000_000
 """Largest numbers of feedback samples in a step and in a flight, which bound the size of arrays."""
@@ -58,9 +58,9 @@ class Disturbance:
     feedback_every: Positive | None = None
     """time from one sample of the feedback to the next, which divides the grid's step [s]; the step
     itself if not given"""
-    delay: Annotated[int, Field(ge=0, le=50), NO_TRUTH] = 0
+    delay: Annotated[int, Field(ge=0, le=50), NOT_BOOLEAN] = 0
     """number of samples from an estimate to the feedback computed from it"""
-    share: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False), NO_TRUTH] = 0.5
+    share: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False), NOT_BOOLEAN] = 0.5
     """part of the tightest acceleration limit that is reserved for the feedback"""
     tracking: Tracking | None = None
     """feedback that already tracks a plan under way; if not given, feedback with the best gains

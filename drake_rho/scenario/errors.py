@@ -10,7 +10,7 @@ class DrakeRhoError(Exception):
     """Base class of all errors that drake_rho raises deliberately."""
 
 
-class Words(str):
+class Description(str):
     """Description of a value, shown in an error without quotation marks."""
 
     def __repr__(self) -> str:
@@ -42,7 +42,7 @@ class ScenarioError(DrakeRhoError, ValueError):
         try:
             pickle.dumps(value)
         except Exception:  # arbitrary values may raise anything
-            value = Words(shorten(value))
+            value = Description(shorten(value))
         return ScenarioError, (self.field, value, self.expected)
 
     def inside(self, parent: str) -> ScenarioError:
@@ -55,7 +55,7 @@ class ScenarioError(DrakeRhoError, ValueError):
 def shorten(value: object, longest: int = 80) -> str:
     """Return the text of a value for an error message, at most `longest` characters."""
     try:
-        text = str(value) if isinstance(value, float | Words) else reprlib.repr(value)
+        text = str(value) if isinstance(value, float | Description) else reprlib.repr(value)
     except ValueError:  # an integer with more digits than Python converts to text
         text = "a number of thousands of digits"
     text = " ".join(text.split())

@@ -22,7 +22,7 @@ from pydantic import (
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from drake_rho.scenario.described import described, signature_of
-from drake_rho.scenario.errors import ScenarioError, Words
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.refusals import scenario_error
 
 FloatArray = npt.NDArray[np.float64]
@@ -51,33 +51,33 @@ def _printable(text: str) -> str:
     return text
 
 
-NO_TRUTH = BeforeValidator(_no_truth_value)
+NOT_BOOLEAN = BeforeValidator(_no_truth_value)
 """Validator of numeric fields that rejects `True` and `False`."""
 
 # Bounds precede the validator functions: only then does the JSON schema name them by its keywords.
 Finite = Annotated[
     float,
     Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False),
-    NO_TRUTH,
+    NOT_BOOLEAN,
 ]
 Margin = Annotated[
     float,
     Field(ge=0.0, le=1e6, allow_inf_nan=False),
-    NO_TRUTH,
+    NOT_BOOLEAN,
 ]
 """Distance to be kept from something [m]."""
 Positive = Annotated[
     float,
     Field(gt=0.0, allow_inf_nan=False),
-    NO_TRUTH,
+    NOT_BOOLEAN,
     AfterValidator(_in_range),
 ]
-Count = Annotated[int, NO_TRUTH]
+Count = Annotated[int, NOT_BOOLEAN]
 Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
 """Printable name, short enough to be read at a glance and to fit into a legend."""
 
 
-def locked(values: npt.ArrayLike) -> FloatArray:
+def read_only(values: npt.ArrayLike) -> FloatArray:
     """Return `values` as a read-only array, copied unless it already is one that owns its data."""
     array = np.asarray(values, dtype=np.float64)
     if array is values and array.base is None and not array.flags.writeable:
@@ -91,9 +91,9 @@ def _vector(value: object) -> FloatArray:
     numbers = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(numbers, list | tuple) and len(numbers) == 3 and not any(map(_nested, numbers)):
         try:
-            array = locked(numbers)
+            array = read_only(numbers)
         except (TypeError, ValueError, OverflowError):
-            array = locked([np.nan] * 3)
+            array = read_only([np.nan] * 3)
         if np.all(np.abs(array) <= LARGEST):  # never with a NaN
             return array
     expected = f"three finite numbers, x, y and z, of at most {LARGEST:g}"
@@ -117,14 +117,14 @@ def _points(value: object) -> FloatArray:
     if not isinstance(rows, list | tuple):
         raise ScenarioError("", rows, "a list of positions")
     if len(rows) > _MOST:
-        raise ScenarioError("", Words(f"{len(rows)} positions"), f"at most {_MOST}")
+        raise ScenarioError("", Description(f"{len(rows)} positions"), f"at most {_MOST}")
     points = []
     for index, row in enumerate(rows):
         try:
             points.append(_vector(row))
         except ScenarioError as error:
             raise error.inside(f"[{index}]") from None
-    return locked(np.array(points).reshape(-1, 3))
+    return read_only(np.array(points).reshape(-1, 3))
 
 
 def numbers_of(value: object) -> FloatArray:
@@ -136,7 +136,7 @@ def numbers_of(value: object) -> FloatArray:
     numbers = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(numbers, list | tuple) and not any(map(_nested, numbers)):
         with suppress(TypeError, ValueError, OverflowError):
-            array = locked(numbers)
+            array = read_only(numbers)
             if array.shape == (len(numbers),) and np.all(np.abs(array) <= LARGEST):
                 return array
     raise ScenarioError("", numbers, f"a list of finite numbers of at most {LARGEST:g}")
@@ -242,6 +242,6 @@ def _restored(kind: type, *values: object) -> object:
     """
     made: object = object.__new__(kind)
     names = (each.name for each in dataclasses.fields(kind))
-    fields = (locked(each) if isinstance(each, np.ndarray) else each for each in values)
+    fields = (read_only(each) if isinstance(each, np.ndarray) else each for each in values)
     made.__dict__.update(zip(names, fields, strict=True))
     return made

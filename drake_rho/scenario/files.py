@@ -12,7 +12,7 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import ScenarioError, Words
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.refusals import scenario_error
 from drake_rho.system.files import atomic_write
@@ -111,14 +111,14 @@ def yaml_content(text: str) -> object:
         return yaml.load(text, Loader=_Loader)  # noqa: S506
     except RecursionError:
         raise ScenarioError(
-            "", Words("malformed YAML"), "YAML that is less deeply nested"
+            "", Description("malformed YAML"), "YAML that is less deeply nested"
         ) from None
     except (TypeError, AttributeError, LookupError):  # PyYAML raises these for `!!bool perhaps`
         expected = "YAML whose values have the types that their tags (!!) name"
-        raise ScenarioError("", Words("malformed YAML"), expected) from None
+        raise ScenarioError("", Description("malformed YAML"), expected) from None
     except (yaml.YAMLError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise ScenarioError("", Words("malformed YAML"), f"YAML; {reason}") from None
+        raise ScenarioError("", Description("malformed YAML"), f"YAML; {reason}") from None
 
 
 def scenario_to_yaml(scenario: Scenario) -> str:

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     LARGEST,
-    NO_TRUTH,
+    NOT_BOOLEAN,
     Positive,
     record,
 )
@@ -56,7 +56,7 @@ class Limits:
     max_acceleration: Positive | None = None
     """largest norm of the acceleration, in any direction [m/s²]"""
     max_thrust: (
-        Annotated[float, Field(ge=GRAVITY, le=LARGEST, allow_inf_nan=False), NO_TRUTH] | None
+        Annotated[float, Field(ge=GRAVITY, le=LARGEST, allow_inf_nan=False), NOT_BOOLEAN] | None
     ) = None
     """largest norm of a + g e_z [m/s²], the thrust per unit mass; at least g = 9.81 m/s², the
     thrust of hovering"""
@@ -64,7 +64,7 @@ class Limits:
         Annotated[
             float,
             Field(ge=1.0 / LARGEST, lt=np.pi / 2.0, allow_inf_nan=False),
-            NO_TRUTH,
+            NOT_BOOLEAN,
             BeforeValidator(_no_degrees),
         ]
         | None

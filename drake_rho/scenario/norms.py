@@ -108,7 +108,7 @@ class NormLimit:
     """the field of `Limits`"""
     kind: Kind
     """limited measure"""
-    most: FloatArray
+    limits: FloatArray
     """limit of each vehicle, infinite where it has none, shape (N,)"""
     sets: ConvexSets
     """sets of allowed values"""
@@ -127,5 +127,5 @@ class NormLimit:
         if np.any(outside):
             i = int(np.argmax(outside))
             found = float(self.kind.measured(values[i]))
-            expected = f"a {self.kind.measure} of at most {self.most[i]:g}, not {found:.7g}"
+            expected = f"a {self.kind.measure} of at most {self.limits[i]:g}, not {found:.7g}"
             raise ScenarioError(f"vehicles[{i}].{where}", values[i].tolist(), expected)

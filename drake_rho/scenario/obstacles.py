@@ -17,7 +17,7 @@ from drake_rho.scenario.fields import (
     FloatArray,
     Name,
     Vector,
-    locked,
+    read_only,
     record,
     unchecked,
 )
@@ -176,7 +176,7 @@ class Obstacle:
         """
         track = self.track
         if track is not None:
-            track = unchecked(track, times=locked(track.times - time))
+            track = unchecked(track, times=read_only(track.times - time))
         elif self.velocity is not None:
             centers = self.centers(time + np.array([0.0, 1.0]))
             track = Track([0.0, 1.0], centers, after="goes_on")

@@ -19,14 +19,14 @@ from pydantic import Field, model_validator
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import (
     LARGEST,
-    NO_TRUTH,
+    NOT_BOOLEAN,
     Finite,
     FloatArray,
     Margin,
     Name,
     Positive,
     Vector,
-    locked,
+    read_only,
     record,
     unchecked,
 )
@@ -68,7 +68,7 @@ class Grid:
 
     step: Positive
     """h, the time from one knot to the next [s]"""
-    knots: Annotated[int, Field(ge=2, le=100_000), NO_TRUTH]
+    knots: Annotated[int, Field(ge=2, le=100_000), NOT_BOOLEAN]
     """K, the number of knots, including the first and the last"""
     start: Finite = 0.0
     """time of the first knot on the scenario's clock, to which the times of obstacles refer [s]"""
@@ -102,12 +102,12 @@ class Grid:
     @property
     def times(self) -> FloatArray:
         """Times of the knots on the scenario's clock [s], shape (K,)."""
-        return locked(self.start + self.elapsed)
+        return read_only(self.start + self.elapsed)
 
     @property
     def elapsed(self) -> FloatArray:
         """Times of the knots since the first one [s], shape (K,)."""
-        return locked(self.step * np.arange(self.knots))
+        return read_only(self.step * np.arange(self.knots))
 
     @property
     def rounding(self) -> float:
@@ -149,7 +149,7 @@ class State:
 
     position: Vector
     """p [m]"""
-    velocity: Vector = dataclasses.field(default_factory=lambda: locked(np.zeros(3)))
+    velocity: Vector = dataclasses.field(default_factory=lambda: read_only(np.zeros(3)))
     """v [m/s]; at rest if not given"""
     acceleration: Vector | None = None
     """acceleration just before the first knot [m/s²], for the jerk limit (7) there; if not given,
@@ -258,7 +258,7 @@ class Separation:
 
     distance: Positive
     """least distance of two vehicles side by side [m]"""
-    downwash: Annotated[float, Field(ge=1e-3, le=1e3, allow_inf_nan=False), NO_TRUTH] = 1.0
+    downwash: Annotated[float, Field(ge=1e-3, le=1e3, allow_inf_nan=False), NOT_BOOLEAN] = 1.0
     """ratio of the least vertical to the least horizontal distance, from a thousandth to a
     thousand: to a solver, a flatter or longer ellipsoid is a plane or a line"""
 

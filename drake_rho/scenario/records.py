@@ -22,7 +22,7 @@ from drake_rho.scenario.consistency import (
     check_waypoints,
 )
 from drake_rho.scenario.disturbance import Disturbance, Tracking
-from drake_rho.scenario.fields import FloatArray, Name, locked, record, unchecked
+from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, known_at_start
@@ -251,7 +251,7 @@ class Scenario:
             tracking: plan that a feedback tracks since an earlier time, if there is one.
         """
         disturbance = self.disturbance and unchecked(self.disturbance, tracking=tracking)
-        states = zip(locked(positions), locked(velocities), locked(before), strict=True)
+        states = zip(read_only(positions), read_only(velocities), read_only(before), strict=True)
         vehicles = tuple(
             unchecked(
                 vehicle,

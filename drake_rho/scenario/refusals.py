@@ -9,7 +9,7 @@ from pydantic import (
     ValidationError,
 )
 
-from drake_rho.scenario.errors import ScenarioError, Words
+from drake_rho.scenario.errors import Description, ScenarioError
 
 
 def scenario_error(error: ValidationError, root: type, parent: str = "") -> ScenarioError:
@@ -34,7 +34,7 @@ def scenario_error(error: ValidationError, root: type, parent: str = "") -> Scen
         expected = "no field of this name" + _suggestion(str(names[-1]), kinds)
         return ScenarioError(where, first["input"], expected).inside(parent)
     if first["type"] in {"missing", "missing_argument"}:
-        return ScenarioError(where, Words("nothing"), "a value").inside(parent)
+        return ScenarioError(where, Description("nothing"), "a value").inside(parent)
     if first["type"] in _NO_RECORD:
         return ScenarioError(where, first["input"], "a mapping of field names to values").inside(
             parent
@@ -58,7 +58,7 @@ def _wrong_tag(details: Any, where: str, kinds: list[type]) -> ScenarioError | N
         return None
     fields = [getattr(kind, "__pydantic_fields__", {}) for kind in kinds]
     words = [word for each in fields if field in each for word in get_args(each[field].annotation)]
-    value = details["input"].get(field, Words("nothing"))
+    value = details["input"].get(field, Description("nothing"))
     close = get_close_matches(str(value), words, 1)
     expected = f"one of {', '.join(words)}" + "".join(f"; did you mean {each}?" for each in close)
     return ScenarioError(field, value, expected).inside(where)

@@ -29,7 +29,7 @@ class Waypoints:
     """largest distance from the waypoint [m], shape (N,); infinite where there is none"""
 
     @property
-    def due(self) -> BoolArray:
+    def present(self) -> BoolArray:
         """Mask of the vehicles that have such a waypoint, shape (N,)."""
         return np.isfinite(self.times)
 

@@ -19,7 +19,7 @@ from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray, locked
+from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import adopted, fly_plan
@@ -166,7 +166,7 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
     at = plan.motion().at("position", now - scenario.grid.start)[who]
     directions = np.zeros((len(scenario.vehicles), 3))
     directions[who] = own.inward(at, now)
-    wind = AimedWind(worst_case(scenario, [1, 0, 0], time), locked(directions))
+    wind = AimedWind(worst_case(scenario, [1, 0, 0], time), read_only(directions))
     simulation = fly_plan(scenario, plan, wind=wind)
     m = int(np.argmin(np.abs(simulation.times - time)))
     left = own.clearance(simulation.positions[m, who][:, None], now)

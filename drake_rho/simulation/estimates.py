@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from drake_rho.scenario.fields import FloatArray, locked
+from drake_rho.scenario.fields import FloatArray, read_only
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.winds import Wind
 
@@ -45,7 +45,7 @@ class EstimationErrors:
             given = (wind.position_errors, wind.velocity_errors)
             return cls(*(_for_each(errors, (samples, vehicles, 3)) for errors in given))
         if rng is None or disturbance is None:
-            none = locked(np.zeros((samples, vehicles, 3)))
+            none = read_only(np.zeros((samples, vehicles, 3)))
             return cls(none, none)
         sizes = disturbance.position_error, disturbance.velocity_error
         return cls(*(size * _in_ball(rng, (samples, vehicles)) for size in sizes))

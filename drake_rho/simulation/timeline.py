@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.scenario.disturbance import Disturbance
-from drake_rho.scenario.fields import FloatArray, IntArray, locked
+from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.winds import Wind
@@ -47,7 +47,7 @@ class Timeline:
         samples = np.searchsorted(elapsed, begins)
         times = grid.start + elapsed
         times[samples[:: disturbance.samples_per_step(grid.step)]] = grid.times
-        return cls(locked(elapsed), locked(times), samples)
+        return cls(read_only(elapsed), read_only(times), samples)
 
     def nearest(self, elapsed: float) -> float:
         """Return the clock time [s] of the latest step that begins at or before an elapsed time.

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.fields import FloatArray, locked
+from drake_rho.scenario.fields import FloatArray, read_only
 from drake_rho.scenario.records import Scenario
 
 Wind = Callable[[float, FloatArray, FloatArray], FloatArray]
@@ -46,7 +46,7 @@ class WindOverTime(ABC):
 
 def none() -> Wind:
     """Return no wind."""
-    return _Constant(locked(np.zeros(3)))
+    return _Constant(read_only(np.zeros(3)))
 
 
 @checked
@@ -57,7 +57,7 @@ def constant(scenario: Scenario, direction: npt.ArrayLike) -> Wind:
         ValueError: the scenario has no disturbance, or the direction has length 0. The other
             functions of this module raise this too.
     """
-    return _Constant(locked(_strongest(scenario) * unit(direction)))
+    return _Constant(read_only(_strongest(scenario) * unit(direction)))
 
 
 @checked
@@ -72,7 +72,7 @@ def gust(scenario: Scenario, direction: npt.ArrayLike, *, begin: float, duration
     """
     if not duration > 0.0:
         raise ValueError(f"duration: got {duration}, expected a time above 0 in seconds")
-    return _Gust(locked(_strongest(scenario) * unit(direction)), begin, duration)
+    return _Gust(read_only(_strongest(scenario) * unit(direction)), begin, duration)
 
 
 @checked
@@ -108,7 +108,7 @@ def coloured_noise(
     return _Sampled(
         grid.start,
         correlation / _PER_CORRELATION,
-        locked(W * intensity * noise / np.maximum(norms, 1.0)),
+        read_only(W * intensity * noise / np.maximum(norms, 1.0)),
     )
 
 

@@ -19,7 +19,7 @@ from drake_rho.motion.scenario_tube import error_tube
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import FloatArray, IntArray, locked
+from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.parts import SAME_TIME, Quantity
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.winds import WindOverTime, unit
@@ -91,7 +91,7 @@ def worst_case(
         raise ValueError(f"quantity: got {quantity!r}, expected position, velocity or acceleration")
     d = unit(direction)
     tube = error_tube(scenario) if tube is None else tube
-    j, part = tube.located([time])
+    j, part = tube.sample_at([time])
     x = tube.responses.at(quantity, part)[0]
     ages = int(j[0]) - np.arange(tube.samples)  # number of samples since each sample began
     begins, signs = _switches(x, ages, part[0], acts_now=quantity != "acceleration")
@@ -101,12 +101,12 @@ def worst_case(
     radius = getattr(tube, quantity)(time)
     return WorstCase(
         float(radius),
-        locked(tube.grid.start + tube.sample * begins),
-        locked(disturbance.acceleration * np.multiply.outer(signs, d)),
-        locked(disturbance.position_error * np.multiply.outer(errors[0], d)),
-        locked(disturbance.velocity_error * np.multiply.outer(errors[1], d)),
-        locked(tube.initial[0] * first[0] * d),
-        locked(tube.initial[1] * first[1] * d),
+        read_only(tube.grid.start + tube.sample * begins),
+        read_only(disturbance.acceleration * np.multiply.outer(signs, d)),
+        read_only(disturbance.position_error * np.multiply.outer(errors[0], d)),
+        read_only(disturbance.velocity_error * np.multiply.outer(errors[1], d)),
+        read_only(tube.initial[0] * first[0] * d),
+        read_only(tube.initial[1] * first[1] * d),
         max(SAME_TIME * tube.sample, tube.grid.rounding),
     )
 

@@ -15,7 +15,7 @@ _limited = ContextVar("limited", default=False)
 
 
 @contextmanager
-def one_for_arrays() -> Iterator[None]:
+def single_threaded_blas() -> Iterator[None]:
     """Limit BLAS and LAPACK to one thread within the context.
 
     For matrices of some hundred rows, threads of BLAS wait for each other longer than they work,
@@ -39,12 +39,12 @@ def _blas() -> ThreadpoolController:
 
 
 @lru_cache(maxsize=1)
-def threads() -> ThreadPoolExecutor:
+def thread_pool() -> ThreadPoolExecutor:
     """Return the shared pool of one thread per core. Its tasks must not submit tasks to it."""
-    return ThreadPoolExecutor(cores())
+    return ThreadPoolExecutor(thread_count())
 
 
-def cores() -> int:
+def thread_count() -> int:
     """Return the number of threads to use: `OMP_NUM_THREADS`, by default the number of cores.
 
     Clusters set this variable, and so do campaigns in their processes, one for every core.

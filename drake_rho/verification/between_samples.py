@@ -20,7 +20,7 @@ _AT_ONCE = 1 << 20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Greatest:
+class Maximum:
     """Maximum of a measure plus its error radius, and when it occurs; arrays of shape (N, ...)."""
 
     times: FloatArray
@@ -33,7 +33,7 @@ class Greatest:
 
 def greatest_velocity(
     trajectory: PiecewiseTrajectory, measure: Callable[[FloatArray], FloatArray]
-) -> Greatest:
+) -> Maximum:
     """Return when a measure of each vehicle's velocity plus the error radius is greatest.
 
     Args:
@@ -69,7 +69,7 @@ def _at_samples(
     measure: Callable[[FloatArray], FloatArray],
     steps: IntArray,
     inner: FloatArray,
-) -> Greatest:
+) -> Maximum:
     """Return the maximum over the samples inside steps (S,), at fractions (I,) of each step."""
     assert trajectory.tubes is not None  # noqa: S101  # callers check this
     spent = trajectory.durations[steps, None] * inner
@@ -80,14 +80,14 @@ def _at_samples(
     return _greatest(times.reshape(-1), at, trajectory.tubes.at("velocity", times.reshape(-1)))
 
 
-def _greatest(times: FloatArray, at: FloatArray, radii: FloatArray) -> Greatest:
+def _greatest(times: FloatArray, at: FloatArray, radii: FloatArray) -> Maximum:
     """Return the maximum over times (M,) of measures (N, M, ...) plus error radii (M,)."""
     k = np.argmax(at + radii.reshape(-1, *(1,) * (at.ndim - 2)), axis=1)
-    return Greatest(times[k], np.take_along_axis(at, k[:, None], axis=1)[:, 0], radii[k])
+    return Maximum(times[k], np.take_along_axis(at, k[:, None], axis=1)[:, 0], radii[k])
 
 
-def _greater(one: Greatest, other: Greatest) -> Greatest:
+def _greater(one: Maximum, other: Maximum) -> Maximum:
     """Return the elementwise greater of two maxima."""
     higher = other.values + other.errors > one.values + one.errors
     pairs = zip(dataclasses.astuple(one), dataclasses.astuple(other), strict=True)
-    return Greatest(*(np.where(higher, b, a) for a, b in pairs))
+    return Maximum(*(np.where(higher, b, a) for a, b in pairs))

@@ -17,7 +17,7 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.motion.tube import Greatest
+from drake_rho.motion.tube import Maximum
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.parts import Quantity
@@ -75,7 +75,7 @@ class _PlanCheck:
 
     plan: Plan
     trajectory: PiecewiseTrajectory
-    radii: Greatest
+    radii: Maximum
     """greatest error radii in each step, arrays of shape (K-1,)"""
 
     @classmethod
@@ -84,7 +84,7 @@ class _PlanCheck:
         motion = Motion.from_starts(scenario.fleet, plan.accelerations, grid.step)
         trajectory = PiecewiseTrajectory.of(scenario, motion, Tubes.of(plan))
         nothing = np.zeros(grid.knots - 1)
-        radii = Greatest(nothing, nothing, nothing, np.zeros(grid.knots))
+        radii = Maximum(nothing, nothing, nothing, np.zeros(grid.knots))
         if scenario.disturbance is not None:
             tube = tube_of(scenario)
             first = round((grid.start - tube.grid.start) / grid.step)
@@ -186,7 +186,7 @@ class _PlanCheck:
         for norm, limit in limits.items():
             values, errors = vectors[norm]
             lengths = np.sqrt(np.einsum("nki,nki->nk", values, values)) + errors
-            if not (lengths.max(axis=1) <= limit.most + limit.sets.tolerances).all():
+            if not (lengths.max(axis=1) <= limit.limits + limit.sets.tolerances).all():
                 return False
         return True
 

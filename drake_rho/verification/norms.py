@@ -15,7 +15,7 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.norms import NormLimit
 from drake_rho.scenario.parts import UNITS
-from drake_rho.verification.between_samples import Greatest, greatest_velocity
+from drake_rho.verification.between_samples import Maximum, greatest_velocity
 from drake_rho.verification.report import Column
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
@@ -51,7 +51,7 @@ def check_norms(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[
         yield _check_inside_cone(limits["max_tilt"], times, thrusts, errors)
 
 
-def _greatest_speed(trajectory: PiecewiseTrajectory) -> Greatest:
+def _greatest_speed(trajectory: PiecewiseTrajectory) -> Maximum:
     if trajectory.tubes is None:
         return _greatest_norm(
             trajectory.times, trajectory.velocities, np.zeros(len(trajectory.times))
@@ -59,17 +59,17 @@ def _greatest_speed(trajectory: PiecewiseTrajectory) -> Greatest:
     return greatest_velocity(trajectory, lambda v: np.linalg.norm(v, axis=-1))
 
 
-def _greatest_norm(times: FloatArray, vectors: FloatArray, errors: FloatArray) -> Greatest:
+def _greatest_norm(times: FloatArray, vectors: FloatArray, errors: FloatArray) -> Maximum:
     """Return the maximum over times (M,) of norms of vectors (N, M, 3) plus error radii (M,)."""
     norms = np.linalg.norm(vectors, axis=2)
     k = np.argmax(norms + errors, axis=1)  # the first NaN, if there is one
-    return Greatest(times[k], _pick(norms, k), errors[k])
+    return Maximum(times[k], _pick(norms, k), errors[k])
 
 
-def _check_norm(limit: NormLimit, found: Greatest, unit: str) -> Column:
+def _check_norm(limit: NormLimit, found: Maximum, unit: str) -> Column:
     """Return the check of the largest norm of each vehicle."""
     tolerances = limit.sets.tolerances
-    most = np.where(found.errors > 0.0, limit.most - found.errors, limit.most)
+    most = np.where(found.errors > 0.0, limit.limits - found.errors, limit.limits)
     return _column(limit, found, most, tolerances, unit)
 
 
@@ -84,11 +84,11 @@ def _check_tilt(limit: NormLimit, times: FloatArray, thrusts: FloatArray) -> Col
     sizes = np.linalg.norm(thrusts, axis=2)
     least = limit.sets.tolerances[:, None] / np.pi
     tolerances = limit.sets.tolerances[:, None] / np.maximum(sizes, least)  # π at most
-    excess = angles - limit.most[:, None]
+    excess = angles - limit.limits[:, None]
     violated = np.any(excess > tolerances, axis=1, keepdims=True)
     k = np.argmax(np.where(violated, excess / tolerances, angles), axis=1)
-    found = Greatest(times[k], _pick(angles, k), np.zeros(len(k)))
-    return _column(limit, found, limit.most, _pick(tolerances, k), "rad")
+    found = Maximum(times[k], _pick(angles, k), np.zeros(len(k)))
+    return _column(limit, found, limit.limits, _pick(tolerances, k), "rad")
 
 
 def _check_inside_cone(
@@ -100,7 +100,7 @@ def _check_inside_cone(
     surface than the ball's radius. So the value checked is the distance from the surface, an
     acceleration: as an angle the same error would grow as the thrust falls.
     """
-    angle = np.minimum(limit.most, np.pi)[:, None]
+    angle = np.minimum(limit.limits, np.pi)[:, None]
     level, up = np.linalg.norm(thrusts[..., :2], axis=2), thrusts[..., 2]
     inside = up * np.sin(angle) - level * np.cos(angle)
     below = (up < 0.0) & (level * np.sin(angle) + up * np.cos(angle) <= 0.0)
@@ -118,12 +118,12 @@ def _check_inside_cone(
         tolerances=limit.sets.tolerances,
         errors=least,
         unit=UNITS["acceleration"],
-        due=np.isfinite(limit.most),
+        due=np.isfinite(limit.limits),
     )
 
 
 def _column(
-    limit: NormLimit, found: Greatest, most: FloatArray, tolerances: FloatArray, unit: str
+    limit: NormLimit, found: Maximum, most: FloatArray, tolerances: FloatArray, unit: str
 ) -> Column:
     return Column(
         kind=limit.field,
@@ -136,7 +136,7 @@ def _column(
         tolerances=tolerances,
         errors=found.errors,
         unit=unit,
-        due=np.isfinite(limit.most),
+        due=np.isfinite(limit.limits),
     )
 
 

@@ -48,7 +48,7 @@ class Steps:
 
     @cached_property
     def speeds(self) -> FloatArray:
-        """Greatest speed in each step, attained at one of its ends [m per step], shape (M,)."""
+        """Maximum speed in each step, attained at one of its ends [m per step], shape (M,)."""
         ends = np.linalg.norm(np.stack([self.v, self.v + self.a]), axis=2)
         speeds: FloatArray = ends.max(axis=0)
         return speeds

@@ -16,7 +16,7 @@ def check_waypoints(trajectory: PiecewiseTrajectory) -> Iterator[Column]:
     vehicles = np.arange(len(scenario.vehicles))
     scale = scenario.fleet.scale("position")
     for number, waypoints in enumerate(scenario.fleet.waypoints, start=1):
-        due = waypoints.due
+        due = waypoints.present
         times = np.where(due, waypoints.times, scenario.grid.start)
         positions = trajectory.each_at(vehicles, times)
         distances = np.linalg.norm(positions - waypoints.positions, axis=1)

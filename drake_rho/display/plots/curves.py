@@ -141,7 +141,7 @@ def draw_norm(ax: Axes, plan: Drawn, norm: Norm) -> list[Line2D]:
         norm: the field of `Limits`; at least one vehicle has such a limit.
     """
     limit = plan.scenario.fleet.norms[norm]
-    for most in np.unique(limit.most[np.isfinite(limit.most)]):
+    for most in np.unique(limit.limits[np.isfinite(limit.limits)]):
         ax.axhline(most, **LIMIT_STYLE)
     if limit.kind.quantity == "velocity":
         times, start = dense_times(plan), plan.scenario.grid.start

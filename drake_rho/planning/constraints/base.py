@@ -79,7 +79,7 @@ class Constraint(abc.ABC):
     """time by which an instant may be outside of that interval and still count as within it [s]"""
     pieces: int = 1
     """into how many pieces steps are cut, each with knots and a margin of its own; it is asked of
-    `Motion.finer`"""
+    `Motion.subdivided`"""
 
     @abc.abstractmethod
     def violated_rows(
@@ -233,7 +233,7 @@ class HalfSpaces:
         """Return some of the rows."""
         return HalfSpaces(self.constraint, *some_of(self._arrays(), rows))
 
-    def and_also(self, more: HalfSpaces) -> HalfSpaces:
+    def union(self, more: HalfSpaces) -> HalfSpaces:
         """Return these rows, then more of the same constraint."""
         pairs = zip(self._arrays(), more._arrays(), strict=True)
         return HalfSpaces(more.constraint, *(np.concatenate(pair) for pair in pairs))

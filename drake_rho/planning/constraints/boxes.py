@@ -43,7 +43,7 @@ class KeepInBox(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """Return rows of violated sides: at the knots, or where a coordinate turns round."""
-        motion = motion.finer(self.pieces)
+        motion = motion.subdivided(self.pieces)
         if between:
             return self._violated_between(motion, vehicles)
         values = motion.values(self.quantity)[:, self.first : self.first + len(self.times)]

@@ -91,7 +91,7 @@ class KeepInSets(Constraint):
         outward = self.sets.around(rows.vehicles)
         every = np.tile(np.arange(len(rows)), len(outward))
         faces = self.rows(rows.vehicles[every], rows.times[every], outward.reshape(-1, 3))
-        return rows.and_also(faces)
+        return rows.union(faces)
 
     def rows(self, vehicles: IntArray, times: FloatArray, outward: FloatArray) -> HalfSpaces:
         """Return tangent planes of vehicles at times, (R,), with outward normals, (R, 3)."""

@@ -91,7 +91,7 @@ class KeepOut(Constraint):
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
     ) -> HalfSpaces:
         """Return violated rows at the knots or, if `between`, where the motion is inside S."""
-        motion = motion.finer(self.pieces)
+        motion = motion.subdivided(self.pieces)
         if not between:
             return self.violated_at_knots(motion, vehicles, reach)
         places = self.penetrations(motion, vehicles)
@@ -105,7 +105,7 @@ class KeepOut(Constraint):
         if reach < _CREEPING or len(broken) == 0:
             return broken
         beside = self.worst_beside(motion, broken)
-        return broken.and_also(beside) if len(beside) > 0 else broken
+        return broken.union(beside) if len(beside) > 0 else broken
 
     def worst_beside(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
         """Return the rows that are broken most within a step of some rows, where that differs."""

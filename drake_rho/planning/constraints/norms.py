@@ -30,7 +30,10 @@ class KeepInNorm(KeepInSets):
 
     def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
         """Return the values at the knots."""
-        motion, knots = motion.finer(self.pieces), slice(self.first, self.first + len(self.times))
+        motion, knots = (
+            motion.subdivided(self.pieces),
+            slice(self.first, self.first + len(self.times)),
+        )
         values = motion.values(self.quantity)[vehicles, knots].reshape(-1, 3)
         who, times = np.repeat(vehicles, len(self.times)), np.tile(self.times, len(vehicles))
         if self.quantity == "jerk":  # the first acceleration may be free of a jerk limit

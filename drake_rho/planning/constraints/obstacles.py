@@ -113,7 +113,7 @@ class KeepOutOfObstacle(KeepOut):
 
     def approaches(self, motion: Motion) -> CloseApproaches:
         """Return where a motion is too close, and by how much: distances below zero [m]."""
-        motion = motion.finer(self.pieces)
+        motion = motion.subdivided(self.pieces)
         places = self.penetrations(motion, np.arange(len(self.kept)))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
         distances = distances - self.radius(places)
@@ -193,7 +193,7 @@ def obstacles_of(
     known = scenario.known
     if not known:
         return []
-    reference = reference.finer(margins.pieces)
+    reference = reference.subdivided(margins.pieces)
     inner_knots = Places.at_inner_knots(reference)
     return [
         KeepOutOfObstacle(

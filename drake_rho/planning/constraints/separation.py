@@ -155,7 +155,7 @@ class KeepApart(KeepOut):
         between = self.share * (other - one)
         rows = self._write(places, directions, one + between)
         swapped = Places(places.partners, places.vehicles, places.times)
-        rows = rows.and_also(self._write(swapped, -directions, other - between))
+        rows = rows.union(self._write(swapped, -directions, other - between))
         return rows.select(np.lexsort((rows.times, rows.partners, rows.vehicles)))
 
     def _write(self, places: Places, normals: FloatArray, anchors: FloatArray | None) -> HalfSpaces:
@@ -239,7 +239,7 @@ def pairs_of(
             between its knots, since rows may be broken.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
-    reference = reference.finer(margins.pieces)
+    reference = reference.subdivided(margins.pieces)
     kept = separation.distance + most_beside(separation, margins.inner)
     near = pairs_within(separation, reference, NEAR * kept, between=False, of=of)
     if close is None:
@@ -264,7 +264,7 @@ def pairs_of(
         share=coupling.share,
         aside=aside,
         reference=reference,
-        places=places_of(near.and_also(close)),
+        places=places_of(near.union(close)),
         searches=1 if soft else sys.maxsize,
         every_instant=scenario.between_knots,
     )

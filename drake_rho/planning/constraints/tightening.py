@@ -171,10 +171,10 @@ def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[Room]:
         for norm, limit in fleet.norms.items():
             if limit.kind.quantity == quantity and norm != "max_tilt":
                 tolerances = limit.sets.tolerances
-                yield Room(limit.kind.name, "middle", quantity, limit.most, needed, tolerances)
+                yield Room(limit.kind.name, "middle", quantity, limit.limits, needed, tolerances)
     for number, waypoints in enumerate(fleet.waypoints, start=1):
-        times = np.where(waypoints.due, waypoints.times - scenario.grid.start, 0.0)
-        needed = np.where(waypoints.due, margins.exactly(times), 0.0)
+        times = np.where(waypoints.present, waypoints.times - scenario.grid.start, 0.0)
+        needed = np.where(waypoints.present, margins.exactly(times), 0.0)
         tolerances = waypoints.tolerances(fleet.scale("position"))
         name = f"waypoint {number}"
         yield Room(name, "middle", "position", waypoints.within, needed, tolerances)

@@ -17,13 +17,13 @@ from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.planning.programs.backend import Solver, SolverName
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
-from drake_rho.system.threads import one_for_arrays
+from drake_rho.system.threads import single_threaded_blas
 
 
 @checked
 @with_wall_time
 @with_time_limit
-@one_for_arrays()
+@single_threaded_blas()
 def plan_rho(
     scenario: Scenario,
     *,

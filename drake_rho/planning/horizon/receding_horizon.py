@@ -38,7 +38,7 @@ from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import LARGEST, FloatArray, unchecked
 from drake_rho.scenario.records import TOLERANCE, Scenario
-from drake_rho.system.threads import one_for_arrays
+from drake_rho.system.threads import single_threaded_blas
 
 _CLOCK = 1e-4
 """Largest difference of a caller's time from a knot, in steps. It allows for the caller's clock."""
@@ -155,7 +155,7 @@ class RecedingHorizon:
         return self.windows[-1]
 
     @with_wall_time
-    @one_for_arrays()
+    @single_threaded_blas()
     def _window(self, states: npt.ArrayLike, time: float) -> Window:
         """Return the next window; see `step`."""
         measured = self._checked(states)

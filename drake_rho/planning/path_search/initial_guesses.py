@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.statistics import Searched
+from drake_rho.motion.statistics import PathSearch
 from drake_rho.planning.call.options import DEFAULTS
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.path_search.continuation import piecewise_linear
@@ -47,7 +47,7 @@ class InitialGuesses:
     shortest paths first; none if a vehicle has no path on the grids searched"""
     conflicts: int
     """moves in which vehicles come too close to each other because no better paths were found"""
-    searched: Searched
+    searched: PathSearch
     """grid, and number of paths found"""
 
 
@@ -95,7 +95,7 @@ def _from_first_found(grids: Iterator[InitialGuesses]) -> Iterator[InitialGuesse
 
     If there are no grids, one without references is yielded.
     """
-    last, found = InitialGuesses((), 0, Searched()), False
+    last, found = InitialGuesses((), 0, PathSearch()), False
     for last in grids:
         if last.references:
             found = True
@@ -122,7 +122,7 @@ def _in_space(scenario: Scenario, most: int, max_memory: float) -> Iterator[Init
             piecewise_linear(scenario, np.array([each[min(k, len(each) - 1)] for each in vehicles]))
             for k in range(count)
         ]
-        searched = Searched(spacing=resolution.length, points=search.points, ways=count)
+        searched = PathSearch(spacing=resolution.length, points=search.points, ways=count)
         yield InitialGuesses(tuple(references), 0, searched)
 
 
@@ -136,7 +136,7 @@ def _in_space_and_time(scenario: Scenario, max_memory: float) -> Iterator[Initia
         except MemoryError:
             return
         orders += tried
-        searched = Searched(
+        searched = PathSearch(
             spacing=float(resolution.spacing.max()),
             points=fleet.points,
             layers=len(resolution.times) - 1,

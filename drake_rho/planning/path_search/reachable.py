@@ -66,7 +66,7 @@ def reach_of(scenario: Scenario) -> Reach:
     lower = np.maximum(sides[0][0], sides[1][0])
     upper = np.minimum(sides[0][1], sides[1][1])
     for each in fleet.waypoints:
-        due = np.flatnonzero(each.due)
+        due = np.flatnonzero(each.present)
         when = np.clip(each.times[due] - scenario.grid.start, 0.0, T)
         low, high = _within(times, fastest[due], slowest[due], when, each.positions[due])
         off = np.where(np.isfinite(each.within[due]), each.within[due], np.inf)[:, None, None]
@@ -114,7 +114,7 @@ def _sides(scenario: Scenario, quantity: Quantity, norm: Norm, sign: float) -> F
     if (bounds := fleet.bounds(quantity)) is not None:
         sides = np.array([bounds.upper, -bounds.lower][:: int(sign)])
     if norm in fleet.norms:
-        sides = np.minimum(sides, fleet.norms[norm].most[:, None])
+        sides = np.minimum(sides, fleet.norms[norm].limits[:, None])
     return sides
 
 

@@ -29,7 +29,7 @@ def usable_speeds(scenario: Scenario) -> FloatArray:
     if (bounds := fleet.bounds("velocity")) is not None:
         most = np.maximum(np.stack([-bounds.lower, bounds.upper], axis=1), 0.0)
     if "max_speed" in fleet.norms:
-        most = np.minimum(most, fleet.norms["max_speed"].most[:, None, None])
+        most = np.minimum(most, fleet.norms["max_speed"].limits[:, None, None])
     return _WITHIN * most
 
 

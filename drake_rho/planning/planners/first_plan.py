@@ -21,7 +21,7 @@ from drake_rho.planning.constraints.coupling import decoupled
 from drake_rho.planning.constraints.tightening import check_room
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.convex import linearised_once
-from drake_rho.planning.planners.from_paths import AlongWays, no_plan, plan_along_ways
+from drake_rho.planning.planners.from_paths import PathResult, no_plan, plan_along_paths
 from drake_rho.planning.planners.related import can_be_slower, fitted, rescaled
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend
@@ -116,7 +116,7 @@ class FirstPlan:
 
     def _along_paths(self, problem: Problem, failure: InfeasibleError | None) -> Plan:
         """Return a first plan along paths of all vehicles, where there was none without them."""
-        along = plan_along_ways(problem, self.backend, self.options, self.progress)
+        along = plan_along_paths(problem, self.backend, self.options, self.progress)
         spent = along.spent if failure is None else failure.statistics + along.spent
         if along.plan is None:
             raise no_plan([along], problem.scenario, spent, failure) from None
@@ -186,7 +186,7 @@ class FirstPlan:
         else:
             parts = [within(self.progress, name) for name in failing]
             own = repeat(self.backend), repeat(self.options)
-            found = list(map(plan_along_ways, alone, *own, parts))
+            found = list(map(plan_along_paths, alone, *own, parts))
         accelerations = np.array(free.accelerations)
         for index, along in zip(indices, found, strict=True):
             spent += along.spent
@@ -204,10 +204,10 @@ class FirstPlan:
         return plan.with_statistics(spent + plan.statistics)
 
 
-def _on_worker(problem: Problem, backend: Backend, options: Options) -> AlongWays:
+def _on_worker(problem: Problem, backend: Backend, options: Options) -> PathResult:
     """Look for a plan along paths in another process."""
     with within_time(options.time_limit):
-        return plan_along_ways(problem, backend, options)
+        return plan_along_paths(problem, backend, options)
 
 
 def brought_apart(

@@ -30,7 +30,7 @@ from drake_rho.planning.scp.restoration import Follow, restore_feasibility
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.records import Scenario
-from drake_rho.system.threads import one_for_arrays
+from drake_rho.system.threads import single_threaded_blas
 
 _NAMED = 4
 """Largest number of obstacles that a message about a vehicle without a path names one by one."""
@@ -49,7 +49,7 @@ _ROUGHLY = 1e-2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class AlongWays:
+class PathResult:
     """Result of planning along paths: the best plan, or the conflicts that prevented one."""
 
     scenario: Scenario
@@ -64,13 +64,13 @@ class AlongWays:
     """numbers of the obstacles among them, 0 for other vehicles"""
 
 
-@one_for_arrays()
-def plan_along_ways(
+@single_threaded_blas()
+def plan_along_paths(
     problem: Problem,
     backend: Backend | None = None,
     options: Options = DEFAULTS,
     progress: Progress | None = None,
-) -> AlongWays:
+) -> PathResult:
     """Search for paths around the obstacles, and for a plan near one of them.
 
     Args:
@@ -92,8 +92,8 @@ def plan_along_ways(
     spent, failure = attempts.spent, attempts.failure
     if best is not None or failure is None:
         conflicts, obstacles = _everything(scenario) if best is None else ({}, {})
-        return AlongWays(scenario, best, spent, conflicts, obstacles)
-    return AlongWays(scenario, None, spent, failure.conflicts, failure.obstacles)
+        return PathResult(scenario, best, spent, conflicts, obstacles)
+    return PathResult(scenario, None, spent, failure.conflicts, failure.obstacles)
 
 
 class _Attempts:
@@ -207,7 +207,7 @@ def _everything(scenario: Scenario) -> tuple[dict[str, Names], dict[str, frozens
 
 
 def no_plan(
-    lost: Sequence[AlongWays],
+    lost: Sequence[PathResult],
     scenario: Scenario,
     spent: Statistics,
     failure: InfeasibleError | None,

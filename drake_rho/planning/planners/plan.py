@@ -19,13 +19,13 @@ from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem, coupling_for
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Scenario
-from drake_rho.system.threads import one_for_arrays
+from drake_rho.system.threads import single_threaded_blas
 
 
 @checked
 @with_wall_time
 @with_time_limit
-@one_for_arrays()
+@single_threaded_blas()
 def plan(
     scenario: Scenario,
     *,

@@ -59,7 +59,7 @@ def rescaled(scenario: Scenario, factor: float) -> Scenario:
     return dataclasses.replace(scenario, obstacles=obstacles).on_grid(grid)
 
 
-def paced(plan: Plan, scenario: Scenario) -> Plan:
+def time_scaled_plan(plan: Plan, scenario: Scenario) -> Plan:
     """Return a plan's motion, scaled in time to a scenario with the same vehicles and knots."""
     slower = scenario.grid.step / plan.scenario.grid.step
     velocities, accelerations = plan.velocities / slower, plan.accelerations / slower**2
@@ -83,7 +83,7 @@ def fitted(plan: Plan, scenario: Scenario) -> Plan:
         return plan
     slower, more = grid.step / own.step, grid.knots - own.knots
     if more == 0 and slower > 1.0 + _SAME:
-        return paced(plan, scenario)
+        return time_scaled_plan(plan, scenario)
     if more > 0 and abs(slower - 1.0) <= _SAME:
         rest = np.zeros((len(required), more, 3))
         return Plan(

@@ -233,7 +233,7 @@ class Cones:
             sides=np.zeros(len(times), dtype=int),
             times=times,
             normals=np.tile(np.eye(3), (len(self), 1)),
-            bounds=self.constraint.sets.places[self.vehicles].reshape(-1),
+            bounds=self.constraint.sets.origins[self.vehicles].reshape(-1),
             tolerances=self.constraint.sets.tolerances[vehicles],
         )
 

@@ -23,7 +23,7 @@ from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.dual import multipliers_of
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
-from drake_rho.system.threads import one_for_arrays
+from drake_rho.system.threads import single_threaded_blas
 
 _RIDGE = 1e-9
 """What is added to the squared length of rows, which are of length one: rows of neighbouring
@@ -74,7 +74,7 @@ class Duals:
         """Return some of the rows."""
         return Duals(self.changes, self.by_daqp, *some_of(self._arrays(), rows))
 
-    def and_also(self, more: Duals) -> Duals:
+    def union(self, more: Duals) -> Duals:
         """Return these rows, then more."""
         pairs = zip(self._arrays(), more._arrays(), strict=True)
         return Duals(self.changes, self.by_daqp, *map(np.concatenate, pairs))
@@ -92,7 +92,7 @@ class Duals:
             self.multipliers,
         )
 
-    @one_for_arrays()
+    @single_threaded_blas()
     def solved(self) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return multipliers, vehicles, and what is added to their accelerations (V, K-1, 3).
 
@@ -211,7 +211,7 @@ class GroupDuals:
             most=np.full(len(rows), constraint.penalty / 2.0),
             multipliers=np.zeros(len(rows)),
         )
-        self._rows = self._rows.and_also(more)
+        self._rows = self._rows.union(more)
         self._pending[more.groups] = True
 
     def solve(self) -> None:

@@ -16,7 +16,7 @@ from drake_rho.planning.programs.rows import Rows, each_of, groups_of
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.planning.programs.solve import solve, solve_side_by_side
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.system.threads import one_for_arrays
+from drake_rho.system.threads import single_threaded_blas
 
 _BLOCK = 128
 """Vehicles in a block: some tens of milliseconds of work, whoever does it. It does not depend on
@@ -67,7 +67,7 @@ class _Block:
         dense = self.backend.is_dense and not self.changes.free  # linear programs are for others
         return programs_of(self.changes, self.rows, dense=dense)
 
-    @one_for_arrays()
+    @single_threaded_blas()
     def solved(self) -> list[Answers]:
         """Solve all programs, one after the other: other workers have other blocks."""
         answers = list[Answers]()

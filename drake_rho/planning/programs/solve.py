@@ -30,7 +30,7 @@ from drake_rho.planning.programs.daqp import Daqp
 from drake_rho.planning.programs.dense import DenseProgram, Program
 from drake_rho.planning.programs.solution import Solution
 from drake_rho.scenario.fields import FloatArray
-from drake_rho.system.threads import threads
+from drake_rho.system.threads import thread_pool
 
 
 def _is_told(record: logging.LogRecord) -> bool:
@@ -146,7 +146,7 @@ def solve_side_by_side(
             chunk.append(program)
             work += _work(program, dense)
             if work > _CHUNK:
-                tasks.append(threads().submit(copy_context().run, task, chunk))
+                tasks.append(thread_pool().submit(copy_context().run, task, chunk))
                 chunk, work = [], 0
     rest = task(chunk) if chunk else []
     every = chain(*(each.result() for each in tasks), rest)

@@ -25,7 +25,7 @@ from drake_rho.planning.scp.group_programs import GroupPrograms
 from drake_rho.planning.scp.row_generation import generate_rows
 from drake_rho.planning.scp.working_set import WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.system.threads import one_for_arrays
+from drake_rho.system.threads import single_threaded_blas
 
 MAX_ROUNDS = 200
 """Bound on the solves of one call. Every round adds rows, and after the first few a growing
@@ -70,7 +70,7 @@ class CuttingPlanes:
         self._constraints = list[Constraint]()
         if accelerations is not None and len(self._planned) < count:
             others = np.setdiff1d(np.arange(count), self._planned)
-            flown = self.motion.with_some(others, accelerations[others])
+            flown = self.motion.with_vehicles(others, accelerations[others])
             self._programs.motion = flown
 
     @property
@@ -101,7 +101,7 @@ class CuttingPlanes:
             InfeasibleError: a vehicle's program has no solution, or its goal is out of reach.
             SolverError: the solvers fail numerically.
         """
-        with one_for_arrays():
+        with single_threaded_blas():
             infeasible = self._keep_to(constraints, warm)
         if infeasible:
             raise self._error(infeasible, reference)

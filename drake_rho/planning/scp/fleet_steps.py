@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drake_rho.motion.close_pairs import NONE, CloseApproaches
+from drake_rho.motion.close_pairs import NO_APPROACHES, CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.constraints.close_pairs import most_beside, pairs_within, separation_of
@@ -94,7 +94,7 @@ class FleetSteps:
         """
         found, motion = self._subproblem.violations(reference), reference.motion()
         beside = self._beside(motion, failing)
-        close = beside.and_also(found.pairs)
+        close = beside.union(found.pairs)
         few = len(found.vehicles) <= _FEW * len(self._subproblem.problem)
         self._groups.regroup(
             close if few else beside,
@@ -114,7 +114,7 @@ class FleetSteps:
     def _beside(self, motion: Motion, failing: IntArray) -> CloseApproaches:
         """Return who comes next to failing vehicles, and when."""
         if len(failing) == 0:
-            return NONE
+            return NO_APPROACHES
         scenario = self._subproblem.problem.scenario
         return pairs_within(
             separation_of(scenario),

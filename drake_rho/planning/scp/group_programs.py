@@ -109,7 +109,7 @@ class GroupPrograms:
             np.concatenate([own for _, own in solved]), vehicles
         )
         order = np.argsort(vehicles)
-        self.motion = self.motion.with_some(vehicles[order], found[order])
+        self.motion = self.motion.with_vehicles(vehicles[order], found[order])
         every = np.concatenate([each.groups.reshape(-1) for each in answers])
         if len(every) == len(vehicles):
             return []

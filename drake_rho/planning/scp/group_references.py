@@ -172,7 +172,7 @@ class InGroups:
         motion = effort.motion
         if vehicles is not None:
             planned = vehicles
-            motion = reference.with_some(planned, motion.accelerations[planned])
+            motion = reference.with_vehicles(planned, motion.accelerations[planned])
         program = GroupDuals(effort, self.groups, motion, self._backend)
         rows = _Rows(self._problem.scenario, program, self.groups, across, planned)
         known = {constraint.key: constraint for constraint in (*others, pairs)}
@@ -221,7 +221,7 @@ class InGroups:
                 same = self.groups[first] == self.groups[second]
                 pressures.append(np.where(same, _STALE, 1.0) * multipliers)
             key = rows.constraint.key
-            active[key] = active[key].and_also(rows) if key in active else rows
+            active[key] = active[key].union(rows) if key in active else rows
         self.active = list(active.values())
         if len(self.groups) > self._most > 1 and PAIRS in active:
             met = active[PAIRS]

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.motion.close_pairs import NONE, CloseApproaches
+from drake_rho.motion.close_pairs import NO_APPROACHES, CloseApproaches
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
@@ -136,9 +136,9 @@ def violations_of(
     approaches = [(each.obstacle_number, _too_deep(each, motion)) for each in obstacles]
     inside = {n: found for n, found in approaches if n is not None and len(found) > 0}
     moved = None if before is None else _moved(before[0].motion(), motion)
-    pairs = NONE
+    pairs = NO_APPROACHES
     if apart is not None:
-        finer = motion.finer(margins.pieces)
+        finer = motion.subdivided(margins.pieces)
         pairs = too_close(apart, finer, margins.inner, between=between, of=moved)
         pairs = pairs.select(pairs.distances < apart.distance - _TOLERATED * apart.tolerance)
     looked = np.arange(len(scenario.vehicles)) if moved is None else moved
@@ -146,7 +146,7 @@ def violations_of(
     beyond = _beyond(problem, motion, looked)
     if before is not None and moved is not None:
         old = before[1]
-        pairs = pairs.and_also(
+        pairs = pairs.union(
             old.pairs.select(~np.isin(old.pairs.one, moved) & ~np.isin(old.pairs.other, moved))
         )
         inconsistent = np.union1d(inconsistent, np.setdiff1d(old.inconsistent, moved))

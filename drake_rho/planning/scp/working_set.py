@@ -130,7 +130,7 @@ class WorkingSet:
             self._cuts += 1
             rows = dataclasses.replace(rows, sides=np.full(len(rows), self._cuts))
         key = rows.constraint.key
-        self.rows[key] = self.rows[key].and_also(rows) if key in self.rows else rows
+        self.rows[key] = self.rows[key].union(rows) if key in self.rows else rows
         if not rows.constraint.curved:  # whose cuts are compared by what they say
             self._not_indexed.setdefault(key, []).append(rows)
 

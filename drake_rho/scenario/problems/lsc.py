@@ -36,7 +36,7 @@ from pydantic import (
     model_validator,
 )
 
-from drake_rho.scenario.errors import ScenarioError, Words
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import LARGEST, Count, Finite, Name
 from drake_rho.scenario.records import Box, Limits
 from drake_rho.scenario.refusals import scenario_error
@@ -154,7 +154,7 @@ def parse_mission(text: str) -> Mission:
     except ValidationError as error:
         raise scenario_error(error, Mission) from None
     except (ValueError, RecursionError) as error:
-        raise ScenarioError("", Words("malformed JSON"), f"JSON; {error}") from None
+        raise ScenarioError("", Description("malformed JSON"), f"JSON; {error}") from None
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -190,7 +190,7 @@ def parse_world(text: str) -> tuple[Box, ...]:
     """
     rows = [(number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip()]
     if not rows:
-        raise ScenarioError("", Words("no row"), f"at least one box: {_ROW}")
+        raise ScenarioError("", Description("no row"), f"at least one box: {_ROW}")
     return tuple(_box(f"line {number}", row) for number, row in rows)
 
 

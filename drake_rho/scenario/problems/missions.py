@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.errors import ScenarioError, Words
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.problems.lsc import Mission, Quadrotor, parse_mission, parse_world
 from drake_rho.scenario.records import (
     Box,
@@ -86,7 +86,9 @@ def _read(path: Path, kind: str) -> str:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
-        raise ScenarioError("", Words("no text"), f"a readable {kind} file; {reason}") from None
+        raise ScenarioError(
+            "", Description("no text"), f"a readable {kind} file; {reason}"
+        ) from None
 
 
 def _scenario(name: str, grid: Grid, mission: Mission, boxes: tuple[Box, ...]) -> Scenario:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_rho.scenario.errors import ScenarioError, Words
+from drake_rho.scenario.errors import Description, ScenarioError
 from drake_rho.scenario.fields import FloatArray
 
 TOLERANCE = 1e-6
@@ -37,7 +37,7 @@ class Shape(abc.ABC):
 
     @cached_property
     def size(self) -> float:
-        """Greatest finite extent [m], to which the tolerance refers."""
+        """Maximum finite extent [m], to which the tolerance refers."""
         return float(np.max(self.extent, where=np.isfinite(self.extent), initial=0.0))
 
     @cached_property
@@ -82,7 +82,7 @@ class Shape(abc.ABC):
             ScenarioError: the shape is flat.
         """
         if self.extent.min() < max(THINNEST * self.size, np.finfo(float).tiny):
-            sides = Words(f"sides of {(2.0 * self.extent).tolist()} m")
+            sides = Description(f"sides of {(2.0 * self.extent).tolist()} m")
             expected = f"none below {THINNEST:g} of the greatest: a flat shape has no interior"
             raise ScenarioError("", sides, expected)
 
