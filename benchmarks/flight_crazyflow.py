@@ -89,7 +89,7 @@ def run(folder: Path | None = None) -> Table:
     rows: list[tuple[Cell, ...]] = []
     least, over = [], []
     for path in track(paths, "missions"):
-        mission = with_room(path)
+        mission = enlarged_by_margins(path)
         without = fly(mission)
         margins = fly(dataclasses.replace(mission, disturbance=MODEL))
         rows += [without.row("without margins"), margins.row("with margins")]
@@ -109,7 +109,7 @@ def run(folder: Path | None = None) -> Table:
     )
 
 
-def with_room(path: Path) -> rho.Scenario:
+def enlarged_by_margins(path: Path) -> rho.Scenario:
     """Return a mission with its box wider by the tube, as starts and goals lie at its walls."""
     mission = rho.load_lsc_mission(path, grid=rho.Grid.lasting(DURATION, step=STEP))
     tube = rho.error_tube(dataclasses.replace(mission, disturbance=MODEL))

@@ -180,10 +180,10 @@ def test_directions_of_coinciding_references_do_not_depend_on_their_order() -> N
     found = []
     for each in (scenario, swapped):
         free = rho.plan_scp(each.without_separation()).motion()
-        pairs = Problem.of(each).pairs_around(free, coupled, penalty=1.0, aside=True)
-        assert len(pairs.places) > 0
-        x = pairs.offsets(free, pairs.places)
-        n = pairs.directions(pairs.places)[np.linalg.norm(x, axis=1) < 1.0]
+        pairs = Problem.of(each).pairs_around(free, coupled, penalty=1.0, one_normal=True)
+        assert len(pairs.points) > 0
+        x = pairs.offsets(free, pairs.points)
+        n = pairs.directions(pairs.points)[np.linalg.norm(x, axis=1) < 1.0]
         assert len(n) > 0
         np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0, rtol=ROUNDING)
         np.testing.assert_allclose(n[:, 0], 0.0, atol=ROUNDING)  # across the path

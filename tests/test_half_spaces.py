@@ -267,7 +267,7 @@ def test_rows_about_differences_support_the_ellipsoid(downwash: float) -> None:
     scenario = dataclasses.replace(_three(), separation=rho.Separation(2.5, downwash))
     reference = _flown(scenario, 4, 0.2)
     pairs = Problem.of(scenario).pairs_around(reference, coupled)
-    rows = pairs.rows(pairs.places)
+    rows = pairs.rows(pairs.points)
     assert len(rows) > 5
     ellipsoid = 2.5 * np.array([1.0, 1.0, downwash])
     np.testing.assert_allclose(
@@ -291,7 +291,7 @@ def test_two_vehicles_share_the_slack_of_the_reference(seed: int) -> None:
     whole, halves = (
         Problem.of(scenario).pairs_around(reference, each) for each in (coupled, decoupled)
     )
-    one, two = whole.rows(whole.places), halves.rows(halves.places)
+    one, two = whole.rows(whole.points), halves.rows(halves.points)
     assert len(two) == 2 * len(one)
     margins = {
         (i, j, round(t, 9)): (m, r)
@@ -320,7 +320,7 @@ def test_pairs_with_a_checked_vehicle_give_their_violated_rows(
     scenario = _three(between_knots=False)
     reference, other = _flown(scenario, 4, 0.2), _flown(scenario, 5, 0.3)
     pairs = Problem.of(scenario).pairs_around(reference, coupling)
-    every = pairs.rows(pairs.places)
+    every = pairs.rows(pairs.points)
     broken = every.margins(other) < -1e-7
     looked_at = np.isin(every.vehicles, of)
     if coupling.together:
@@ -339,7 +339,7 @@ def test_rows_of_pairs_are_given_at_near_inner_knots_of_the_reference() -> None:
         scenario = fleet(ends, ends + np.array([10, 0, 0]))
         motion = rho.plan_scp(scenario.without_separation()).motion()
         pairs = Problem.of(scenario).pairs_around(motion, coupled)
-        assert len(np.unique(pairs.rows(pairs.places).times)) == count
+        assert len(np.unique(pairs.rows(pairs.points).times)) == count
         assert len(pairs.violated_rows(motion, np.arange(2))) == 0
 
 
@@ -351,7 +351,7 @@ def test_rows_are_linearisations_of_their_quadratics(downwash: float) -> None:
     pairs = Problem.of(scenario).pairs_around(reference, coupled)
     (obstacle,) = Problem.of(scenario).obstacles_around(reference)
     for constraint, rows in (
-        (pairs, pairs.rows(pairs.places)),
+        (pairs, pairs.rows(pairs.points)),
         (obstacle, obstacle.violated_rows(_flown(scenario, 7), np.arange(3))),
     ):
         quadratic = constraint.quadratics(rows)
@@ -427,8 +427,8 @@ def test_each_encounter_has_one_normal_on_request() -> None:
     scenario = fleet(ends, goals, grid=rho.Grid(0.5, 33))
     flown = np.stack([np.zeros((32, 3)), np.concatenate(legs)])
     reference = rho.Plan.from_accelerations(scenario, flown).motion()
-    pairs = Problem.of(scenario).pairs_around(reference, coupled, penalty=1.0, aside=True)
-    places = pairs.places
+    pairs = Problem.of(scenario).pairs_around(reference, coupled, penalty=1.0, one_normal=True)
+    places = pairs.points
     close = np.linalg.norm(pairs.offsets(reference, places), axis=1) < 1.0
     for passing, y in ((places.times < 8.0, -1.0), (places.times > 8.0, 1.0)):
         directions = pairs.directions(places)[close & passing]
@@ -451,7 +451,7 @@ def test_soft_rows_require_a_little_more_than_the_separation() -> None:
         Problem.of(scenario).pairs_around(reference, coupled, penalty=penalty)
         for penalty in (np.inf, 1.0)
     )
-    one, two = hard.rows(soft.places), soft.rows(soft.places)
+    one, two = hard.rows(soft.points), soft.rows(soft.points)
     np.testing.assert_allclose(two.bounds, 1.02 * one.bounds, rtol=ROUNDING)
     np.testing.assert_allclose(two.normals, one.normals, rtol=ROUNDING)
     assert soft.penalty == 1.0
@@ -465,7 +465,7 @@ def test_rows_are_renewed_around_another_reference_at_the_same_places(coupling: 
         Problem.of(scenario).pairs_around(_flown(scenario, 4, size), coupling)
         for size in (0.2, 0.21)
     )
-    rows = old.rows(old.places).select(slice(None, None, 2))
+    rows = old.rows(old.points).select(slice(None, None, 2))
     renewed = new.renewed(rows)
     assert renewed.constraint is new
     wanted = {  # a row of one vehicle of a pair implies that of the other, if each has its own
@@ -473,7 +473,7 @@ def test_rows_are_renewed_around_another_reference_at_the_same_places(coupling: 
         for i, j, t in zip(rows.vehicles.tolist(), rows.partners.tolist(), rows.times, strict=True)
         for pair in ((i, j), (j, i))
     }
-    every = new.rows(new.places)
+    every = new.rows(new.points)
     there = {
         (i, j, round(t, 6))
         for i, j, t in zip(
@@ -499,7 +499,7 @@ def test_descriptions_of_rows_name_constraint_axes_or_partners_and_times() -> No
     assert velocity.describe(rows, names, 0.0) == "velocity box x/z from 1 s to 2.5 s"
     assert velocity.describe(rows.select(slice(1)), names, 0.0) == "velocity box x at 1 s"
     pairs = Problem.of(scenario).pairs_around(_flown(scenario, 4, 0.2), coupled)
-    every = pairs.rows(pairs.places)
+    every = pairs.rows(pairs.points)
     own = every.select((every.vehicles == 0) & (every.partners == 2))
     assert pairs.describe(own, names, 0.0).startswith("separation from v2 ")
     both = every.select(every.vehicles == 0)

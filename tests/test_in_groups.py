@@ -30,7 +30,7 @@ from drake_rho.planning.programs.reduced import rows_of
 from drake_rho.planning.programs.rows import Rows
 from drake_rho.planning.scp.fleet_improvement import AroundReferences
 from drake_rho.planning.scp.group_references import InGroups
-from drake_rho.planning.scp.groups import groups_that_press
+from drake_rho.planning.scp.groups import groups_with_multipliers
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 from tests.scenarios import box, fleet, mapped, sampled_separation, through_the_middle
@@ -74,7 +74,7 @@ def test_groups_are_a_partition_of_bounded_groups(
     values = st.floats(1e-6, 1e6)
     pressures = np.array(data.draw(st.lists(values, min_size=len(pairs), max_size=len(pairs))))
     one, other = np.array(pairs, dtype=int).reshape(-1, 2).T
-    groups = groups_that_press(vehicles, one, other, pressures, most)
+    groups = groups_with_multipliers(vehicles, one, other, pressures, most)
     sizes = np.bincount(groups, minlength=vehicles)
     assert sizes.sum() == vehicles
     assert sizes.max() <= most
@@ -91,19 +91,19 @@ def test_groups_are_a_partition_of_bounded_groups(
 
 def test_vehicles_with_the_largest_multiplier_sums_are_grouped() -> None:
     one, other = np.array([0, 1, 2]), np.array([1, 2, 3])
-    groups = groups_that_press(5, one, other, np.array([1.0, 3.0, 2.0]), 2)
+    groups = groups_with_multipliers(5, one, other, np.array([1.0, 3.0, 2.0]), 2)
     assert groups[1] == groups[2]
     assert len(np.unique(groups)) == 4
-    assert len(np.unique(groups_that_press(5, one, other, np.array([1.0, 3.0, 2.0]), 4))) == 2
+    assert len(np.unique(groups_with_multipliers(5, one, other, np.array([1.0, 3.0, 2.0]), 4))) == 2
 
 
 def test_rounding_does_not_change_the_groups() -> None:
     one, other = np.array([0, 1, 2, 3]), np.array([1, 2, 3, 4])
     rng = np.random.default_rng(0)
-    wanted = groups_that_press(5, one, other, np.ones(4), 2)
+    wanted = groups_with_multipliers(5, one, other, np.ones(4), 2)
     for _ in range(10):
         noisy = 1.0 + 1e-9 * rng.standard_normal(4)
-        np.testing.assert_array_equal(groups_that_press(5, one, other, noisy, 2), wanted)
+        np.testing.assert_array_equal(groups_with_multipliers(5, one, other, noisy, 2), wanted)
 
 
 # Programs of groups

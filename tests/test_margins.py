@@ -10,7 +10,7 @@ import pytest
 import drake_rho as rho
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.margins import margins_of
-from drake_rho.planning.constraints.tightening import lacks, with_room
+from drake_rho.planning.constraints.tightening import enlarged_by_margins, missing_slack
 from drake_rho.scenario.disturbance import Tracking
 from drake_rho.scenario.fields import FloatArray
 from tests.scenarios import box, fleet, random_fleet, random_scenario, single, slow
@@ -227,7 +227,7 @@ def test_missing_slack_is_named_with_the_largest_tolerable_wind(
     for part, borne in ((0.98, True), (1.02, False)):
         around = dataclasses.replace(disturbance, acceleration=part * bearable, tracking=tracking)
         weaker = dataclasses.replace(scenario, disturbance=around)
-        assert (lacks(weaker, margins_of(weaker)) == {}) == borne
+        assert (missing_slack(weaker, margins_of(weaker)) == {}) == borne
 
 
 def test_starts_and_goals_of_pairs_need_distance_for_both_errors() -> None:
@@ -321,12 +321,12 @@ def test_path_search_accounts_for_the_tube() -> None:
         [[0, 0, 0], [3, 0, 0]], [[8, 0, 0], [8, 3, 0]], obstacles=[rho.Sphere([5, 5, 5], 1)]
     )
     windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.5, feedback_every=0.5))
-    larger, r = with_room(windy, margins_of(windy)), margins_of(windy).steps.most
+    larger, r = enlarged_by_margins(windy, margins_of(windy)), margins_of(windy).steps.most
     np.testing.assert_allclose(larger.fleet.radii, r)
     assert larger.separation is not None
     assert larger.separation.distance == pytest.approx(1.0 + 2.0 * r)
     assert larger.disturbance is None
-    assert with_room(scenario, margins_of(scenario)) is scenario
+    assert enlarged_by_margins(scenario, margins_of(scenario)) is scenario
 
 
 def test_margins_cost_little(paper: rho.Scenario) -> None:

@@ -192,7 +192,7 @@ def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_searc
     monkeypatch.setattr(Subproblem, "solved", noted)
     for number in range(4):
         SoftRows(Subproblem(Problem.of(scenario), decoupled))(start, 7.0, number)
-    assert [each.aside for each in made] == [True, False, False, False]
+    assert [each.one_normal for each in made] == [True, False, False, False]
     assert [each.rounds for each in made] == [1, 1, 2, 2]
     assert {each.penalty for each in made} == {7.0}
 
@@ -220,7 +220,7 @@ def test_pairs_are_separated_by_references_that_guarantee_nothing(
         violations.append(subproblem.violations(plan).worst)
         assert not subproblem.holds(plan)  # although the references are separated
     assert violations[-1] < 0.05 < violations[0]
-    assert [each["aside"] for each in made] == [True] + [False] * (len(made) - 1)
+    assert [each["one_normal"] for each in made] == [True] + [False] * (len(made) - 1)
     assert [each["rounds"] for each in made] == [min(k + 1, 4) for k in range(len(made))]
     assert [each["penalty"] for each in made] == [10.0 * 3.0**k for k in range(len(made))]
     plan = step(plan, 1e6, 20)

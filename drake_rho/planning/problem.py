@@ -79,7 +79,7 @@ class Problem:
         coupling: Coupling,
         *,
         penalty: float = np.inf,
-        aside: bool = False,
+        one_normal: bool = False,
         of: IntArray | None = None,
         close: CloseApproaches | None = None,
     ) -> KeepApart:
@@ -93,7 +93,7 @@ class Problem:
             reference,
             coupling,
             penalty=penalty,
-            aside=aside,
+            one_normal=one_normal,
             of=of,
             close=close,
         )

@@ -21,7 +21,7 @@ from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
 
-BROKEN = 0.01
+VIOLATED = 0.01
 """Part of the verifier's tolerance beyond which a row counts as broken for a planner, and is
 added."""
 

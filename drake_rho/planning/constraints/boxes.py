@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.extremes import turning_points
-from drake_rho.planning.constraints.base import AT_ONCE, BROKEN, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import AT_ONCE, VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.planning.constraints.stretches import near
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
@@ -71,7 +71,7 @@ class KeepInBox(Constraint):
     @cached_property
     def _extremes(self) -> tuple[FloatArray, FloatArray]:
         """The least and the greatest values that break nothing without margins, (N, 1, 3) each."""
-        room = BROKEN * self.bounds.tolerances
+        room = VIOLATED * self.bounds.tolerances
         return (self.bounds.lower - room)[:, None], (self.bounds.upper + room)[:, None]
 
     @cached_property
@@ -89,7 +89,7 @@ class KeepInBox(Constraint):
 
     def _violated_between(self, motion: Motion, vehicles: IntArray) -> HalfSpaces:
         times, positions = turning_points(motion.of(vehicles))
-        room = BROKEN * self.bounds.tolerances[vehicles]
+        room = VIOLATED * self.bounds.tolerances[vehicles]
         inside = self.margins.steps[self.quantity][:, None]
         below = positions < (self.bounds.lower[vehicles] - room)[:, None] + inside
         above = positions > (self.bounds.upper[vehicles] + room)[:, None] - inside

@@ -12,7 +12,7 @@ import numpy as np
 from drake_rho.motion.close_pairs import CloseApproaches, close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import Pieces, deepest
-from drake_rho.planning.constraints.base import AT_ONCE, BROKEN
+from drake_rho.planning.constraints.base import AT_ONCE, VIOLATED
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.parts import Separation
@@ -57,7 +57,7 @@ def too_close(
         between: whether at every instant.
         of: as for `pairs_within`.
     """
-    least = separation.distance - BROKEN * separation.tolerance
+    least = separation.distance - VIOLATED * separation.tolerance
     if margins.most == 0.0:
         return pairs_within(separation, motion, least, between=between, of=of)
     within = least + most_beside(separation, margins)
@@ -105,7 +105,7 @@ def _measured(
         motion.velocities[one, k] - motion.velocities[other, k],
         motion.accelerations[one, k] - motion.accelerations[other, k],
     )
-    below = 2.0 * margins.steps["position"][k] - BROKEN * separation.tolerance
+    below = 2.0 * margins.steps["position"][k] - VIOLATED * separation.tolerance
     tolerances = np.full(len(k), separation.tolerance)
     which, times = deepest(shape, pieces, below, tolerances)
     distances = shape.signed_distance(pieces.select(which).at(times - pieces.times[which]))

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import BROKEN, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.planning.constraints.stretches import near
 from drake_rho.scenario.convex_sets import ConvexSets
@@ -54,7 +54,7 @@ class KeepInSets(Constraint):
     margins: Margins
     """how far inside of C values stay: r of n · value >= r - h(-n)"""
     curved: bool = True
-    room: float = BROKEN
+    room: float = VIOLATED
     """tolerances by which values may be outside without another row"""
 
     def margin(self, times: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ class Coupling:
 
     name: str
     """what it is called"""
-    share: float
+    responsibility: float
     """of what a reference leaves between two vehicles, how much a row gives to one of them: 1, in
     one row about the difference of the two, or 1/2, in two rows, one for each"""
     in_groups: bool = False
@@ -21,7 +21,7 @@ class Coupling:
     @property
     def together(self) -> bool:
         """Whether rows couple vehicles into one program."""
-        return self.share == 1.0
+        return self.responsibility == 1.0
 
     def __repr__(self) -> str:
         return f"drake_rho.{self.name}"

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import BROKEN, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import TOLERANCE
@@ -35,7 +35,7 @@ class ReachGoal(Constraint):
     ) -> HalfSpaces:
         """Return a row for each vehicle that misses its goal: at least, or at most, the goal."""
         missed = (motion.values(self.quantity)[vehicles, -1] - self.wanted[vehicles])[:, self.axis]
-        broken = np.abs(missed) > BROKEN * self.tolerances[vehicles]
+        broken = np.abs(missed) > VIOLATED * self.tolerances[vehicles]
         own, above = vehicles[broken], missed[broken] > 0.0
         normals = np.zeros((len(own), 3))
         normals[:, self.axis] = np.where(above, -1.0, 1.0)

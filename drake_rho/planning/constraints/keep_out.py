@@ -22,7 +22,7 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import AT_ONCE, BROKEN, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import AT_ONCE, VIOLATED, Constraint, HalfSpaces
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _CREEPING = 16
@@ -32,7 +32,7 @@ nearer to them each round without getting there."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Places:
+class EvaluationPoints:
     """Vehicles at times, and the partners that they keep out of the way of then."""
 
     vehicles: IntArray
@@ -45,7 +45,7 @@ class Places:
     """at which knots, if all are at knots, shape (R,)"""
 
     @classmethod
-    def at_inner_knots(cls, motion: Motion) -> Places:
+    def at_inner_knots(cls, motion: Motion) -> EvaluationPoints:
         """Return all vehicles of a motion at all inner knots, one vehicle after the other."""
         count, steps, _ = motion.accelerations.shape
         whose, knots = np.divmod(np.arange(count * (steps - 1)), steps - 1)
@@ -60,13 +60,15 @@ class Places:
         return at
 
     def __len__(self) -> int:
-        """Return the number of places, R."""
+        """Return the number of points, R."""
         return len(self.times)
 
-    def select(self, which: BoolArray | IntArray) -> Places:
+    def select(self, which: BoolArray | IntArray) -> EvaluationPoints:
         """Return some of them."""
         knots = None if self.knots is None else self.knots[which]
-        return Places(self.vehicles[which], self.partners[which], self.times[which], knots)
+        return EvaluationPoints(
+            self.vehicles[which], self.partners[which], self.times[which], knots
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,12 +82,12 @@ class KeepOut(Constraint):
     linearised: bool = True
 
     @abc.abstractmethod
-    def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
-        """Return places where a motion is inside S: worst instants, or knots if these suffice."""
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+        """Return points where a motion is inside S: worst instants, or knots if these suffice."""
 
     @abc.abstractmethod
-    def rows(self, places: Places) -> HalfSpaces:
-        """Return the half-spaces at some places, in the order of vehicle and time."""
+    def rows(self, points: EvaluationPoints) -> HalfSpaces:
+        """Return the half-spaces at some points, in the order of vehicle and time."""
 
     def violated_rows(
         self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
@@ -94,14 +96,14 @@ class KeepOut(Constraint):
         motion = motion.subdivided(self.pieces)
         if not between:
             return self.violated_at_knots(motion, vehicles, reach)
-        places = self.penetrations(motion, vehicles)
+        points = self.penetrations(motion, vehicles)
         first, last = AT_ONCE, motion.accelerations.shape[1] - AT_ONCE
-        k = places.times / motion.step
-        places = places.select((k > first) & (k < last))  # start and goal are not to be changed
-        if len(places) == 0:
+        k = points.times / motion.step
+        points = points.select((k > first) & (k < last))  # start and goal are not to be changed
+        if len(points) == 0:
             return self.none
-        rows = self.rows(places)  # of two that are too close, one may keep its own half
-        broken = rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
+        rows = self.rows(points)  # of two that are too close, one may keep its own half
+        broken = rows.select(rows.margins(motion) < -VIOLATED * rows.tolerances)
         if reach < _CREEPING or len(broken) == 0:
             return broken
         beside = self.worst_beside(motion, broken)

@@ -11,8 +11,8 @@ import numpy as np
 from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import deepest, pieces_near
-from drake_rho.planning.constraints.base import AT_ONCE, BROKEN, HalfSpaces, Quadratic
-from drake_rho.planning.constraints.keep_out import KeepOut, Places, side_of
+from drake_rho.planning.constraints.base import AT_ONCE, VIOLATED, HalfSpaces, Quadratic
+from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOut, side_of
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.planning.constraints.stretches import near
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -30,7 +30,7 @@ class KeepOutOfObstacle(KeepOut):
 
     obstacle: Obstacle
     """what is avoided, on a clock that is 0 at the first knot"""
-    inner_knots: Places
+    inner_knots: EvaluationPoints
     """where rows are asked for at knots: all vehicles at all inner ones"""
     kept: FloatArray
     """the distance that each vehicle keeps from the shape when nothing disturbs it [m], (N,)"""
@@ -39,48 +39,48 @@ class KeepOutOfObstacle(KeepOut):
     tolerances: FloatArray
     """how deep inside still counts as outside, for each vehicle [m], (N,)"""
 
-    def radius(self, places: Places) -> FloatArray:
+    def radius(self, points: EvaluationPoints) -> FloatArray:
         """Return the required distances r [m], shape (R,)."""
-        margins = self.margins.at("position", places.times)
-        radii: FloatArray = self.kept[places.vehicles] + margins
+        margins = self.margins.at("position", points.times)
+        radii: FloatArray = self.kept[points.vehicles] + margins
         return radii
 
-    def offsets(self, motion: Motion, places: Places) -> FloatArray:
+    def offsets(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
         """Return positions from the middle of the obstacle [m], shape (R, 3)."""
-        position = places.position(motion, places.vehicles)
-        offsets: FloatArray = position - self.obstacle.centers(places.times)
+        position = points.position(motion, points.vehicles)
+        offsets: FloatArray = position - self.obstacle.centers(points.times)
         return offsets
 
-    def directions(self, places: Places) -> FloatArray:
+    def directions(self, points: EvaluationPoints) -> FloatArray:
         """Return unit vectors from the nearest point of the shape to the reference, shape (R, 3).
 
         Where the reference is in the very middle, across its way relative to the obstacle.
         """
-        shape, x = self.obstacle.shape, self.offsets(self.reference, places)
+        shape, x = self.obstacle.shape, self.offsets(self.reference, points)
         directions = shape.outward(x)
         squares = np.vecdot(x, x)
         for row in (squares <= shape.tolerance**2).nonzero()[0]:
-            at = places.times[row : row + 1]
-            way = self.reference.each_at("velocity", places.vehicles[row : row + 1], at)
+            at = points.times[row : row + 1]
+            way = self.reference.each_at("velocity", points.vehicles[row : row + 1], at)
             side = side_of(np.zeros(3), (way - self.obstacle.velocities(at))[0])
             if np.isfinite(shape.support(side)):  # an endless cylinder has no end to go round
                 directions[row] = side
         return directions
 
-    def rows(self, places: Places) -> HalfSpaces:
+    def rows(self, points: EvaluationPoints) -> HalfSpaces:
         """Return the rows n · p >= n · c + h(n) + r."""
-        normals, shape = self.directions(places), self.obstacle.shape
-        centers = self.obstacle.centers(places.times)
-        beyond = shape.support(normals) + self.radius(places)
+        normals, shape = self.directions(points), self.obstacle.shape
+        centers = self.obstacle.centers(points.times)
+        beyond = shape.support(normals) + self.radius(points)
         return HalfSpaces(
             self,
-            places.vehicles,
-            places.partners,
-            sides=np.zeros(len(places), dtype=int),
-            times=places.times,
+            points.vehicles,
+            points.partners,
+            sides=np.zeros(len(points), dtype=int),
+            times=points.times,
             normals=normals,
             bounds=beyond + np.vecdot(normals, centers),
-            tolerances=self.tolerances[places.vehicles],
+            tolerances=self.tolerances[points.vehicles],
         )
 
     def worst_beside(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
@@ -91,16 +91,16 @@ class KeepOutOfObstacle(KeepOut):
         for finer in range(_ZOOMS):
             around = times[:, None] + h * _AROUND[None] / _FINER**finer
             around = np.clip(around, AT_ONCE * h, (steps - AT_ONCE) * h)
-            margins = self.rows(Places(whose, whose, around.reshape(-1))).margins(motion)
+            margins = self.rows(EvaluationPoints(whose, whose, around.reshape(-1))).margins(motion)
             margins[~self.holds_at(around.reshape(-1))] = np.inf
             times = around[each, np.argmin(margins.reshape(around.shape), axis=1)]
-        return self.rows(Places(rows.vehicles, rows.partners, times))
+        return self.rows(EvaluationPoints(rows.vehicles, rows.partners, times))
 
-    def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
         """Return the deepest instants of steps that lead inside, once where two share one."""
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
-        below = self.kept[vehicles] - BROKEN * self.tolerances[vehicles]
+        below = self.kept[vehicles] - VIOLATED * self.tolerances[vehicles]
         within = np.maximum(below + self.margins.most, 0.0)
         pieces = pieces_near(motion.of(vehicles), self.obstacle, within)
         steps = step_at(pieces.times, motion.step)
@@ -109,22 +109,22 @@ class KeepOutOfObstacle(KeepOut):
         which, times = deepest(self.obstacle.shape, pieces, below, tolerances)
         whose = vehicles[pieces.owners[which]]
         again = (np.diff(whose, prepend=-1) == 0) & (np.diff(times, prepend=-1.0) == 0.0)
-        return Places(whose[~again], whose[~again], times[~again])
+        return EvaluationPoints(whose[~again], whose[~again], times[~again])
 
     def approaches(self, motion: Motion) -> CloseApproaches:
         """Return where a motion is too close, and by how much: distances below zero [m]."""
         motion = motion.subdivided(self.pieces)
-        places = self.penetrations(motion, np.arange(len(self.kept)))
-        distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
-        distances = distances - self.radius(places)
-        return CloseApproaches(places.vehicles, places.partners, places.times, distances)
+        points = self.penetrations(motion, np.arange(len(self.kept)))
+        distances = self.obstacle.shape.signed_distance(self.offsets(motion, points))
+        distances = distances - self.radius(points)
+        return CloseApproaches(points.vehicles, points.partners, points.times, distances)
 
-    def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> Places:
+    def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
         """Return the inner knots that are inside."""
-        places = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
-        distances = self.obstacle.shape.signed_distance(self.offsets(motion, places))
-        below = self.radius(places) - BROKEN * self.tolerances[places.vehicles]
-        return places.select((distances < below) & self.holds_at(places.times))
+        points = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
+        distances = self.obstacle.shape.signed_distance(self.offsets(motion, points))
+        below = self.radius(points) - VIOLATED * self.tolerances[points.vehicles]
+        return points.select((distances < below) & self.holds_at(points.times))
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
         """Return rows at inner knots.
@@ -141,7 +141,7 @@ class KeepOutOfObstacle(KeepOut):
         every[asked] = far
         which = every.reshape(-1).nonzero()[0]
         rows, knots = self._asked.select(which), 1 + which % every.shape[1]
-        broken = rows.margins_at(motion, knots) < -BROKEN * rows.tolerances
+        broken = rows.margins_at(motion, knots) < -VIOLATED * rows.tolerances
         if reach == 0 or not broken.any():
             return rows.select(broken)
         every[every] = broken
@@ -165,7 +165,7 @@ class KeepOutOfObstacle(KeepOut):
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
         """Return rows at the same instants."""
-        return self.rows(Places(rows.vehicles, rows.partners, rows.times))
+        return self.rows(EvaluationPoints(rows.vehicles, rows.partners, rows.times))
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
         """Return scaled distances from the middle, where the shape is a ball or an ellipsoid."""
@@ -194,7 +194,7 @@ def obstacles_of(
     if not known:
         return []
     reference = reference.subdivided(margins.pieces)
-    inner_knots = Places.at_inner_knots(reference)
+    inner_knots = EvaluationPoints.at_inner_knots(reference)
     return [
         KeepOutOfObstacle(
             kind="obstacles",

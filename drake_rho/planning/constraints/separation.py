@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import BROKEN, HalfSpaces, Quadratic
+from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, Quadratic
 from drake_rho.planning.constraints.close_pairs import (
     most_beside,
     pairs_within,
@@ -23,7 +23,7 @@ from drake_rho.planning.constraints.close_pairs import (
     too_close,
 )
 from drake_rho.planning.constraints.coupling import Coupling
-from drake_rho.planning.constraints.keep_out import KeepOut, Places, side_of
+from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOut, side_of
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity, Separation
@@ -57,13 +57,13 @@ class KeepApart(KeepOut):
     """S"""
     kept: Separation
     """what is judged; `shape` may ask for more"""
-    places: Places
+    points: EvaluationPoints
     """where its rows are asked for in any case, each vehicle's neighbours in time together"""
-    share: float
+    responsibility: float
     """s, 1 or 1/2: part of what the reference leaves between two that a row gives to one of them"""
     margins: Margins
     """what both vehicles of a pair keep from the shape beside, each for itself: half of r"""
-    aside: bool = False
+    one_normal: bool = False
     """whether each close encounter of the reference gets one direction all along"""
 
     def radius(self, times: FloatArray) -> FloatArray:
@@ -71,27 +71,29 @@ class KeepApart(KeepOut):
         radii: FloatArray = 2.0 * self.margins.at("position", times)
         return radii
 
-    def offsets(self, motion: Motion, places: Places) -> FloatArray:
+    def offsets(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
         """Return positions of the vehicles relative to their partners."""
-        return self._difference(motion, "position", places)
+        return self._difference(motion, "position", points)
 
-    def ways(self, places: Places) -> FloatArray:
+    def ways(self, points: EvaluationPoints) -> FloatArray:
         """Return the reference's velocities of the vehicles relative to their partners."""
-        return self._difference(self.reference, "velocity", places)
+        return self._difference(self.reference, "velocity", points)
 
-    def _difference(self, motion: Motion, quantity: Quantity, places: Places) -> FloatArray:
-        one = motion.each_at(quantity, places.vehicles, places.times)
-        other = motion.each_at(quantity, places.partners, places.times)
+    def _difference(
+        self, motion: Motion, quantity: Quantity, points: EvaluationPoints
+    ) -> FloatArray:
+        one = motion.each_at(quantity, points.vehicles, points.times)
+        other = motion.each_at(quantity, points.partners, points.times)
         difference: FloatArray = one - other
         return difference
 
-    def penetrations(self, motion: Motion, vehicles: IntArray) -> Places:
-        """Return places where a pair, one of it among `vehicles`, is closer than the separation."""
+    def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
+        """Return points where a pair, one of it among `vehicles`, is closer than the separation."""
         between = self.every_instant
-        return places_of(too_close(self.kept, motion, self.margins, between=between, of=vehicles))
+        return points_of(too_close(self.kept, motion, self.margins, between=between, of=vehicles))
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
-        """Return violated rows at `places`, without neighbours: rows that couple are expensive."""
+        """Return violated rows at `points`, without neighbours: rows that couple are expensive."""
         rows = self._asked
         if len(vehicles) < len(motion.positions) and len(rows) > 0:
             asked = np.zeros(len(motion.positions), dtype=bool)
@@ -102,14 +104,14 @@ class KeepApart(KeepOut):
             rows = rows.select(due)
         if len(rows) == 0:
             return rows
-        return rows.select(rows.margins(motion) < -BROKEN * rows.tolerances)
+        return rows.select(rows.margins(motion) < -VIOLATED * rows.tolerances)
 
     @cached_property
     def _asked(self) -> HalfSpaces:
-        """The rows at `places`."""
-        return self.rows(self.places)
+        """The rows at `points`."""
+        return self.rows(self.points)
 
-    def directions(self, places: Places) -> FloatArray:
+    def directions(self, points: EvaluationPoints) -> FloatArray:
         """Return unit normals of rows, from S towards the offset from the partner, (R, 3).
 
         Along that way in the space in which S is a ball. Where something is added to S, and the
@@ -121,61 +123,63 @@ class KeepApart(KeepOut):
         across their relative way, on the side on which they pass anyway or, where they meet
         head-on, on one that depends on that way alone, so that two mirror images choose the same.
         """
-        x = self.shape.scaled(self.offsets(self.reference, places))
+        x = self.shape.scaled(self.offsets(self.reference, points))
         distances = np.sqrt(np.einsum("ri,ri->r", x, x))
         directions: FloatArray = x / np.maximum(distances, 1e-300)[:, None]
         at_centre = np.flatnonzero(distances <= self.kept.tolerance)
         if len(at_centre) > 0:
-            ways = self.shape.scaled(self.ways(places.select(at_centre)))
+            ways = self.shape.scaled(self.ways(points.select(at_centre)))
             directions[at_centre] = side_of(np.zeros_like(ways), ways)
-        if self.aside:
+        if self.one_normal:
             close = distances < self.kept.distance
-            rows, numbers = _encounters(places, close, self.reference.step)
+            rows, numbers = _encounters(points, close, self.reference.step)
             order = np.lexsort((distances[rows], numbers))
             nearest = rows[order[np.flatnonzero(np.diff(numbers[order], prepend=-1))]]
-            ways = self.shape.scaled(self.ways(places.select(nearest)))
+            ways = self.shape.scaled(self.ways(points.select(nearest)))
             directions[rows] = side_of(x[nearest], ways)[numbers]
         normals: FloatArray = directions * self.shape.scales
         normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
-        if self.margins.most > 0.0 and not (self.kept.is_round or self.aside):
-            offsets = self.offsets(self.reference, places)
-            reach = self.shape.support(normals) + self.radius(places.times)
+        if self.margins.most > 0.0 and not (self.kept.is_round or self.one_normal):
+            offsets = self.offsets(self.reference, points)
+            reach = self.shape.support(normals) + self.radius(points.times)
             short = np.einsum("ri,ri->r", normals, offsets) < reach
             short &= distances > self.shape.radius
             normals[short] = self.shape.outward(offsets[short])
         return normals
 
-    def rows(self, places: Places) -> HalfSpaces:
+    def rows(self, points: EvaluationPoints) -> HalfSpaces:
         """One row for each pair, or two, sorted by vehicle, partner and time."""
-        directions = self.directions(places)
+        directions = self.directions(points)
         if self.coupled:
-            return self._write(places, directions, None)
-        one = self.reference.each_at("position", places.vehicles, places.times)
-        other = self.reference.each_at("position", places.partners, places.times)
-        between = self.share * (other - one)
-        rows = self._write(places, directions, one + between)
-        swapped = Places(places.partners, places.vehicles, places.times)
+            return self._write(points, directions, None)
+        one = self.reference.each_at("position", points.vehicles, points.times)
+        other = self.reference.each_at("position", points.partners, points.times)
+        between = self.responsibility * (other - one)
+        rows = self._write(points, directions, one + between)
+        swapped = EvaluationPoints(points.partners, points.vehicles, points.times)
         rows = rows.union(self._write(swapped, -directions, other - between))
         return rows.select(np.lexsort((rows.times, rows.partners, rows.vehicles)))
 
-    def _write(self, places: Places, normals: FloatArray, anchors: FloatArray | None) -> HalfSpaces:
+    def _write(
+        self, points: EvaluationPoints, normals: FloatArray, anchors: FloatArray | None
+    ) -> HalfSpaces:
         """Rows with given normals.
 
         Args:
-            places: where.
+            points: where.
             normals: as from `directions`, shape (R, 3).
             anchors: q - s x_q [m], shape (R, 3); None for rows about a difference.
         """
-        reach = self.shape.support(normals) + self.radius(places.times)
-        bounds = supports = self.share * reach
+        reach = self.shape.support(normals) + self.radius(points.times)
+        bounds = supports = self.responsibility * reach
         if anchors is not None:
             bounds = supports + np.sum(normals * anchors, axis=1)
         return HalfSpaces(
             self,
-            places.vehicles,
-            places.partners,
-            sides=np.zeros(len(places), dtype=int),
-            times=places.times,
+            points.vehicles,
+            points.partners,
+            sides=np.zeros(len(points), dtype=int),
+            times=points.times,
             normals=normals,
             bounds=bounds,
             tolerances=TOLERANCE * supports,
@@ -219,7 +223,7 @@ def pairs_of(
     coupling: Coupling,
     *,
     penalty: float = np.inf,
-    aside: bool = False,
+    one_normal: bool = False,
     rounds: int = sys.maxsize,
     of: IntArray | None = None,
     close: CloseApproaches | None = None,
@@ -232,7 +236,7 @@ def pairs_of(
         reference: q.
         coupling: how rows are written.
         penalty: cost of each metre by which a row is broken.
-        aside: whether each close encounter of the reference gets one direction all along.
+        one_normal: whether each close encounter of the reference gets one direction all along.
         rounds: in how many rounds broken rows at the knots are added.
         of: vehicles of which each pair has one or two, rising indices; all if not given.
         close: those of the reference that are too close, where that is known and all that counts
@@ -261,27 +265,29 @@ def pairs_of(
         kept=separation,
         margins=margins.inner,
         pieces=margins.pieces,
-        share=coupling.share,
-        aside=aside,
+        responsibility=coupling.responsibility,
+        one_normal=one_normal,
         reference=reference,
-        places=places_of(near.union(close)),
+        points=points_of(near.union(close)),
         searches=1 if soft else sys.maxsize,
         every_instant=scenario.between_knots,
     )
 
 
-def places_of(found: CloseApproaches) -> Places:
-    """Return the places where pairs are close."""
-    return Places(found.one, found.other, found.times)
+def points_of(found: CloseApproaches) -> EvaluationPoints:
+    """Return the points where pairs are close."""
+    return EvaluationPoints(found.one, found.other, found.times)
 
 
-def _encounters(places: Places, close: BoolArray, step: float) -> tuple[IntArray, IntArray]:
-    """Return the close places, as indices, and the number of the encounter of each.
+def _encounters(
+    points: EvaluationPoints, close: BoolArray, step: float
+) -> tuple[IntArray, IntArray]:
+    """Return the close points, as indices, and the number of the encounter of each.
 
-    Close places of a pair that follow each other are one encounter.
+    Close points of a pair that follow each other are one encounter.
     """
     rows = np.flatnonzero(close)
-    follows = np.diff(places.vehicles[rows], prepend=-1) == 0
-    follows &= np.diff(places.partners[rows], prepend=-1) == 0
-    follows &= np.diff(places.times[rows], prepend=-np.inf) < 1.5 * step
+    follows = np.diff(points.vehicles[rows], prepend=-1) == 0
+    follows &= np.diff(points.partners[rows], prepend=-1) == 0
+    follows &= np.diff(points.times[rows], prepend=-np.inf) < 1.5 * step
     return rows, np.cumsum(~follows) - 1

@@ -20,8 +20,8 @@ _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
 _WHERE = {0: "start", -1: "goal"}
 """Knots that are given, and what they are called."""
 
-NO_ROOM = "no room for the errors that the disturbance leads to"
-"""Why there is no plan, where a scenario lacks room."""
+NO_SLACK = "no room for the errors that the disturbance leads to"
+"""Why there is no plan, where a scenario missing_slack room."""
 
 TREATMENT = {
     "dynamics": "exact: nothing to tighten",
@@ -51,7 +51,7 @@ keeps to one tolerance is where the next begins, and that may be a few away afte
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Room:
+class TighteningSlack:
     """How much room a constraint leaves all vehicles at one place, and how much is needed."""
 
     name: str
@@ -68,10 +68,10 @@ class Room:
     tolerances: FloatArray
     """one for all or shape (N,), in the quantity's unit"""
 
-    def lacking(self, tolerances: float) -> FloatArray:
+    def missing(self, tolerances: float) -> FloatArray:
         """Return by how much room is missing, at most zero where there is enough, shape (N,)."""
-        lacking: FloatArray = self.needed - self.room - tolerances * self.tolerances
-        return lacking
+        missing: FloatArray = self.needed - self.room - tolerances * self.tolerances
+        return missing
 
     def reason(self, vehicle: int) -> str:
         """Return the reason for one vehicle, in words."""
@@ -85,7 +85,7 @@ class Room:
         return f"{self.name} ({self.where} {room:.3g} {unit} inside, of {needed[vehicle]:.3g})"
 
 
-def check_room(scenario: Scenario, margins: PlanMargins) -> None:
+def check_tightening_slack(scenario: Scenario, margins: PlanMargins) -> None:
     """See that limits, starts and goals leave room for the disturbance, if there is one.
 
     What is left of a flight is not looked at: windows are judged when they are planned.
@@ -95,12 +95,12 @@ def check_room(scenario: Scenario, margins: PlanMargins) -> None:
     """
     if scenario.disturbance is None or scenario.under_way:
         return
-    if conflicts := lacks(scenario, margins):
-        bearable = _bearable(scenario, margins)
-        raise InfeasibleError(conflicts, scenario=scenario, bearable=bearable, because=NO_ROOM)
+    if conflicts := missing_slack(scenario, margins):
+        bearable = _largest_tolerable(scenario, margins)
+        raise InfeasibleError(conflicts, scenario=scenario, bearable=bearable, because=NO_SLACK)
 
 
-def lacks(
+def missing_slack(
     scenario: Scenario, margins: PlanMargins, *, under_way: bool = False
 ) -> dict[str, tuple[str, ...]]:
     """Return for each vehicle without room what leaves it none.
@@ -111,10 +111,10 @@ def lacks(
         under_way: whether it begins with a measured state, which may be a little off.
     """
     found: dict[str, tuple[str, ...]] = {}
-    for each in _rooms(scenario, margins.inner):
+    for each in _slacks(scenario, margins.inner):
         measured = under_way and each.where == _WHERE[0]
         tolerances = _UNDER_WAY if measured else 1.0
-        for vehicle in np.flatnonzero(each.lacking(tolerances) > 0.0).tolist():
+        for vehicle in np.flatnonzero(each.missing(tolerances) > 0.0).tolist():
             name = scenario.vehicles[vehicle].name
             found[name] = (*found.get(name, ()), each.reason(vehicle))
     return found
@@ -123,10 +123,10 @@ def lacks(
 def starts_beyond_limits(scenario: Scenario, margins: PlanMargins) -> bool:
     """Return whether a vehicle begins where its limits of position or velocity leave no room."""
     rooms = _of_state(scenario, margins.inner, 0)
-    return any(np.any(each.lacking(_UNDER_WAY) > 0.0) for each in rooms)
+    return any(np.any(each.missing(_UNDER_WAY) > 0.0) for each in rooms)
 
 
-def _bearable(scenario: Scenario, margins: PlanMargins) -> float:
+def _largest_tolerable(scenario: Scenario, margins: PlanMargins) -> float:
     """Return the largest wind there would be room for with the same feedback [m/s²].
 
     Radii are affine in the wind.
@@ -136,7 +136,7 @@ def _bearable(scenario: Scenario, margins: PlanMargins) -> float:
     without = margins_of(scenario.with_disturbance(calm), margins.pieces)
     part = 1.0
     for windy, still in zip(
-        _rooms(scenario, margins.inner), _rooms(scenario, without.inner), strict=True
+        _slacks(scenario, margins.inner), _slacks(scenario, without.inner), strict=True
     ):
         more = windy.needed - still.needed
         left = windy.room + windy.tolerances - still.needed
@@ -145,21 +145,21 @@ def _bearable(scenario: Scenario, margins: PlanMargins) -> float:
     return max(0.0, part) * tube.disturbance.acceleration
 
 
-def _rooms(scenario: Scenario, margins: Margins) -> Iterator[Room]:
+def _slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
     """Yield the room of every constraint, of limits as a whole and at both ends."""
     yield from _of_limits(scenario, margins)
     for end in _WHERE:
         yield from _of_end(scenario, margins, end)
 
 
-def _of_end(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
+def _of_end(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
     """Yield the room of every constraint at one end."""
     yield from _of_state(scenario, margins, end)
     yield from _of_obstacles(scenario, margins, end)
     yield from _of_pairs(scenario, margins, end)
 
 
-def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[Room]:
+def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
     """Yield boxes and balls, which errors on both sides must not fill."""
     fleet = scenario.fleet
     for quantity in _QUANTITIES:
@@ -167,20 +167,22 @@ def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[Room]:
         if (bounds := fleet.bounds(quantity)) is not None:
             half = np.min(bounds.upper - bounds.lower, axis=1) / 2.0
             tolerances = bounds.tolerances.min(axis=1)
-            yield Room(f"{quantity} box", "middle", quantity, half, needed, tolerances)
+            yield TighteningSlack(f"{quantity} box", "middle", quantity, half, needed, tolerances)
         for norm, limit in fleet.norms.items():
             if limit.kind.quantity == quantity and norm != "max_tilt":
                 tolerances = limit.sets.tolerances
-                yield Room(limit.kind.name, "middle", quantity, limit.limits, needed, tolerances)
+                yield TighteningSlack(
+                    limit.kind.name, "middle", quantity, limit.limits, needed, tolerances
+                )
     for number, waypoints in enumerate(fleet.waypoints, start=1):
         times = np.where(waypoints.present, waypoints.times - scenario.grid.start, 0.0)
         needed = np.where(waypoints.present, margins.exactly(times), 0.0)
         tolerances = waypoints.tolerances(fleet.scale("position"))
         name = f"waypoint {number}"
-        yield Room(name, "middle", "position", waypoints.within, needed, tolerances)
+        yield TighteningSlack(name, "middle", "position", waypoints.within, needed, tolerances)
 
 
-def _of_state(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
+def _of_state(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
     """Yield the room of position and velocity at one end, in their boxes and balls."""
     fleet = scenario.fleet
     states: dict[Quantity, FloatArray] = {"position": fleet.start_positions}
@@ -192,15 +194,19 @@ def _of_state(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
         if (bounds := fleet.bounds(quantity)) is not None:
             room = np.minimum(values - bounds.lower, bounds.upper - values).min(axis=1)
             tolerances = bounds.tolerances.min(axis=1)
-            yield Room(f"{quantity} box", _WHERE[end], quantity, room, needed, tolerances)
+            yield TighteningSlack(
+                f"{quantity} box", _WHERE[end], quantity, room, needed, tolerances
+            )
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
                 room = -limit.sets.excess(np.arange(len(values)), values)
                 tolerances = limit.sets.tolerances
-                yield Room(limit.kind.name, _WHERE[end], quantity, room, needed, tolerances)
+                yield TighteningSlack(
+                    limit.kind.name, _WHERE[end], quantity, room, needed, tolerances
+                )
 
 
-def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
+def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
     """Yield the distances from obstacles at one end beyond those without a disturbance."""
     fleet = scenario.fleet
     positions, time = fleet.start_positions, 0.0
@@ -212,10 +218,10 @@ def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ro
         room = distances - fleet.radii - obstacle.deviation
         tolerance = fleet.obstacle_tolerances(obstacle.shape)
         name = scenario.obstacle_name(number)
-        yield Room(name, _WHERE[end], "position", room, needed, tolerance)
+        yield TighteningSlack(name, _WHERE[end], "position", room, needed, tolerance)
 
 
-def _of_pairs(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
+def _of_pairs(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
     """Yield half of every vehicle's room to the closest other one, as each has an error."""
     from scipy.spatial import cKDTree  # slow to load, so only where needed
 
@@ -230,10 +236,10 @@ def _of_pairs(scenario: Scenario, margins: Margins, end: int) -> Iterator[Room]:
     for vehicles in near.T:
         np.minimum.at(room, vehicles, distances / 2.0)
     needed, tolerance = margins.knots["position"][[end]], np.array([separation.tolerance])
-    yield Room("separation", _WHERE[end], "position", room, needed, tolerance)
+    yield TighteningSlack("separation", _WHERE[end], "position", room, needed, tolerance)
 
 
-def with_room(scenario: Scenario, margins: PlanMargins) -> Scenario:
+def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
     """Return the undisturbed scenario with vehicles and separation larger by their margins.
 
     For looking for ways, on which margins need not be known over time. Vehicles are no larger than

@@ -9,7 +9,7 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend, Solver
-from drake_rho.planning.scp.minimum_violation import minimum_breach, minimum_violation
+from drake_rho.planning.scp.minimum_violation import minimum_distance_violation, minimum_violation
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Scenario
 
@@ -28,7 +28,7 @@ def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
     scenario, spent = reference.scenario, Statistics()
     if scenario.known or scenario.separation is not None:  # else nothing can be too close
         try:
-            return minimum_breach(reference, Backend(solver))
+            return minimum_distance_violation(reference, Backend(solver))
         except (InfeasibleError, SolverError, OutOfTimeError) as error:
             spent = error.statistics
     try:

@@ -16,7 +16,7 @@ from typing import Protocol
 from drake_rho.motion.flight import Window
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import Options
-from drake_rho.planning.constraints.tightening import NO_ROOM, lacks
+from drake_rho.planning.constraints.tightening import NO_SLACK, missing_slack
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.horizon.fallbacks import least_violation, moved
 from drake_rho.planning.planners.convex import plan_convex
@@ -230,13 +230,13 @@ class WindowPlanner:
 
 def _lacks(scenario: Scenario) -> dict[str, tuple[str, ...]]:
     """Return for each vehicle of a window without tightening slack the constraints that lack it."""
-    return lacks(scenario, Problem.of(scenario).margins, under_way=True)
+    return missing_slack(scenario, Problem.of(scenario).margins, under_way=True)
 
 
 def _no_slack(scenario: Scenario, reasons: dict[str, tuple[str, ...]]) -> InfeasibleError:
     """Return the error of a window whose constraints leave no tightening slack."""
     violated = "constraints are violated at the start or the goal"
-    because = violated if scenario.disturbance is None else NO_ROOM
+    because = violated if scenario.disturbance is None else NO_SLACK
     return InfeasibleError(reasons, scenario=scenario, because=because)
 
 

@@ -18,7 +18,7 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.call.progress import Progress, tell, within
 from drake_rho.planning.constraints.coupling import decoupled
-from drake_rho.planning.constraints.tightening import with_room
+from drake_rho.planning.constraints.tightening import enlarged_by_margins
 from drake_rho.planning.errors import InfeasibleError, Names, OutOfTimeError, SolverError
 from drake_rho.planning.path_search.continuation import continuation_step
 from drake_rho.planning.path_search.initial_guesses import paths_on_grids
@@ -80,7 +80,7 @@ def plan_along_paths(
         progress: called with a short text on the current activity.
     """
     tell(progress, "looking for paths around the obstacles")
-    scenario, larger = problem.scenario, with_room(problem.scenario, problem.margins)
+    scenario, larger = problem.scenario, enlarged_by_margins(problem.scenario, problem.margins)
     grids = paths_on_grids(larger, options.max_ways, options.max_memory)
     attempts, best = _Attempts(problem, backend), None
     for found in islice(grids, _GRIDS):

@@ -100,7 +100,7 @@ class ConicPrograms:
     def __init__(self, effort: MinimumEffort) -> None:
         self.needed: BoolArray = np.zeros(len(effort.units), dtype=bool)
         self._effort = effort
-        self._begun: dict[tuple[object, ...], _Begun] = {}
+        self._begun: dict[tuple[object, ...], _IterationOffset] = {}
 
     def solve(
         self,
@@ -151,7 +151,7 @@ class ConicPrograms:
 
     def _before_rows(
         self, group: IntArray, rows: Sequence[Rows], sets: Sequence[KeepInSets]
-    ) -> _Begun:
+    ) -> _IterationOffset:
         """Return the program with its sets only, for rows of the quantities of these."""
         quantities = frozenset(part.quantity for part in rows)
         key = *group.tolist(), quantities, *((each.key, each.penalty) for each in sets)
@@ -159,7 +159,9 @@ class ConicPrograms:
             self._begun[key] = self._write(group, rows, sets)
         return self._begun[key]
 
-    def _write(self, group: IntArray, rows: Sequence[Rows], sets: Sequence[KeepInSets]) -> _Begun:
+    def _write(
+        self, group: IntArray, rows: Sequence[Rows], sets: Sequence[KeepInSets]
+    ) -> _IterationOffset:
         changes, motion = self._effort.changes, self._effort.motion
         cones = [cone for each in sets if len(cone := Cones.of(each, motion, group)) > 0]
         axes = about(motion, [cone.axes for cone in cones])
@@ -172,10 +174,10 @@ class ConicPrograms:
         for cone, own in zip(cones, parts, strict=True):
             scale = unit * scale_of(cone.constraint.quantity, step)
             cone.add(program, x, matrix[own], needed[own], penalties[own], scale)
-        return _Begun(program, x, cones, axes, [lengths[own] for own in parts])
+        return _IterationOffset(program, x, cones, axes, [lengths[own] for own in parts])
 
 
-class _Begun(NamedTuple):
+class _IterationOffset(NamedTuple):
     """A program before its rows."""
 
     program: MathematicalProgram

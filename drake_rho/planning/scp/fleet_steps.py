@@ -104,7 +104,7 @@ class FleetSteps:
         motion, spent = self._groups.around(
             motion,
             penalty=penalty,
-            aside=number == 0,
+            one_normal=number == 0,
             vehicles=np.unique(np.concatenate([found.vehicles, failing, beside.one, beside.other])),
             close=close,
             rounds=min(number + 1, _ROUNDS),

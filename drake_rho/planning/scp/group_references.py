@@ -26,13 +26,13 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint, HalfSpaces
 from drake_rho.planning.constraints.coupling import coupled, decoupled
-from drake_rho.planning.constraints.keep_out import Places
+from drake_rho.planning.constraints.keep_out import EvaluationPoints
 from drake_rho.planning.constraints.separation import PAIRS, KeepApart
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.group_duals import GroupDuals
-from drake_rho.planning.scp.groups import groups_that_press
+from drake_rho.planning.scp.groups import groups_with_multipliers
 from drake_rho.planning.scp.row_generation import generate_rows
 from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.fields import FloatArray, IntArray
@@ -140,7 +140,7 @@ class InGroups:
         reference: Motion,
         *,
         penalty: float = np.inf,
-        aside: bool = False,
+        one_normal: bool = False,
         vehicles: IntArray | None = None,
         close: CloseApproaches | None = None,
         rounds: int | None = None,
@@ -150,7 +150,7 @@ class InGroups:
         Args:
             reference: around which.
             penalty: cost of each metre by which a pair is too close; limits cost more.
-            aside: whether each close encounter of the reference gets one direction all along.
+            one_normal: whether each close encounter of the reference gets one direction all along.
             vehicles: which of them are planned, rising indices; the others fly the reference.
             close: as for `pairs_of`.
             rounds: in how many broken rows are added, if that is not for this to decide.
@@ -159,11 +159,13 @@ class InGroups:
             reference,
             coupled,
             penalty=penalty,
-            aside=aside,
+            one_normal=one_normal,
             of=vehicles,
             close=close,
         )
-        across = dataclasses.replace(pairs, key=_ACROSS, coupled=False, share=decoupled.share)
+        across = dataclasses.replace(
+            pairs, key=_ACROSS, coupled=False, responsibility=decoupled.responsibility
+        )
         others = [*self._problem.convex, *self._problem.obstacles_around(reference)]
         others = [dataclasses.replace(each, penalty=_LIMITS * penalty) for each in others]
         if self.groups is None:
@@ -232,7 +234,7 @@ class InGroups:
         count = len(self._problem)
         pairs, place = np.unique(one * count + other, return_inverse=True)
         sums: FloatArray = np.bincount(place, pressures, minlength=len(pairs)).astype(np.float64)
-        return groups_that_press(count, pairs // count, pairs % count, sums, self._most)
+        return groups_with_multipliers(count, pairs // count, pairs % count, sums, self._most)
 
 
 def _bound(most: int, count: int) -> int:
@@ -284,8 +286,8 @@ class _Rows:
             apart = rows.select(~inside)
             rows = rows.select(inside)
             if len(apart) > 0:
-                places = Places(apart.vehicles, apart.partners, apart.times)
-                self._enter(self._across.rows(places))
+                points = EvaluationPoints(apart.vehicles, apart.partners, apart.times)
+                self._enter(self._across.rows(points))
         if len(rows) > 0:
             self._enter(rows)
 

@@ -11,7 +11,7 @@ _ALIKE = 1e-3
 which of two pairs comes first where a fleet is symmetric."""
 
 
-def groups_that_press(
+def groups_with_multipliers(
     vehicles: int, one: IntArray, other: IntArray, pressures: FloatArray, most: int
 ) -> IntArray:
     """Return a partition of vehicles in groups with the largest sums of multipliers.

@@ -59,7 +59,7 @@ def _least_around(problem: Problem, reference: Plan | None, backend: Backend | N
     return planes.plan(reference)
 
 
-def minimum_breach(plan: Plan, backend: Backend | None = None) -> Plan:
+def minimum_distance_violation(plan: Plan, backend: Backend | None = None) -> Plan:
     """Return a plan that keeps goals and limits, and violates distances as little as can be.
 
     The total over obstacles, pairs and instants is made small, linearised again and again. Vehicles

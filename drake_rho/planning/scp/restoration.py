@@ -104,7 +104,7 @@ class SoftRows:
                 motion,
                 self._subproblem.coupling,
                 penalty=penalty,
-                aside=number == 0,
+                one_normal=number == 0,
                 of=found.vehicles,
             )
             constraints.append(dataclasses.replace(pairs, rounds=rounds))
