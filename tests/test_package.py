@@ -6,7 +6,6 @@ import ast
 import importlib
 import importlib.metadata
 import json
-import re
 import subprocess
 import sys
 import tomllib
@@ -55,9 +54,6 @@ def test_the_citation_has_the_version_of_the_package() -> None:
     assert cited["version"] == PROJECT["version"]
     assert cited["license"] == PROJECT["license"]
     assert {"message", "title", "authors", "references"} <= set(cited)
-    (bibtex,) = re.findall(r"```bibtex\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    assert f"version = {{{PROJECT['version']}}}" in bibtex
-    assert bibtex.count("{") == bibtex.count("}")
 
 
 def test_every_public_name_is_listed_with_its_static_type() -> None:
