@@ -70,12 +70,9 @@ def is_optimal(slope: FloatArray, needed: FloatArray, y: FloatArray, most: Float
         y: shape (R,).
         most: upper bounds of y, shape (R,).
     """
-    if not (np.isfinite(slope).all() and np.all((y >= 0.0) & (y <= most))):
-        return False
-    wrong = np.where(y <= 0.0, np.minimum(slope, 0.0), slope)
-    wrong = np.where(y >= most, np.maximum(slope, 0.0), wrong)
-    largest = max(1.0, float(np.abs(needed).max(initial=0.0)))
-    return float(np.abs(wrong).max(initial=0.0)) <= KKT_TOLERANCE * largest
+    tolerance = KKT_TOLERANCE * max(1.0, float(np.abs(needed).max(initial=0.0)))
+    wrong = slope * np.where(slope < 0.0, y < most, y > 0.0)  # and NaN where a slope is
+    return bool(((y >= 0.0) & (y <= most) & (np.abs(wrong) <= tolerance)).all())
 
 
 def _candidates(
