@@ -9,16 +9,11 @@ bisection, finds the root, if there is one, to the last digit. Everything is vec
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.scenario.fields import FloatArray
-
-if TYPE_CHECKING:
-    pass
-
 
 _STEPS = 60
 """Bound on the iterations of root finding; bisection alone reaches the last digit of a double."""

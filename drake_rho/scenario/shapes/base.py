@@ -102,15 +102,3 @@ class Quadric(Shape):
         """Return positions in coordinates in which the shape is a ball of `radius`, (..., 3)."""
         scaled: FloatArray = x * self.scales
         return scaled
-
-    def scaled_normal(self, x: FloatArray) -> FloatArray:
-        """Return unit normals at x of the scaled copy of the surface that contains x.
-
-        For an ellipsoid they differ from `outward` and are cheaper. As with `outward`, a point x
-        outside the set is outside the supporting half-space with this normal. The result is NaN
-        at the centre.
-        """
-        n = x * self.scales**2
-        with np.errstate(invalid="ignore"):
-            normals: FloatArray = n / np.sqrt(np.einsum("...i,...i->...", n, n))[..., None]
-        return normals
