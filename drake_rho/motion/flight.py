@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from drake_rho.motion.plan import Plan, summary
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import unchecked
 from drake_rho.scenario.records import Scenario
-
-if TYPE_CHECKING:
-    pass
-from drake_rho.motion.plan import Plan, summary
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

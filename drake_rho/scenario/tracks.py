@@ -21,10 +21,6 @@ from drake_rho.scenario.fields import (
     record,
 )
 
-if TYPE_CHECKING:
-    pass
-
-
 _BETWEEN = 8
 """Number of parts of each piece of a track at whose ends an estimated deviation is measured."""
 
