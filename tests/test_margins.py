@@ -295,7 +295,7 @@ def test_finer_margins_are_tried_before_a_scenario_is_refused(
     assert rho.verify(plan).ok
     assert least_margin(plan) > -1e-6
     assert rho.certify(plan).gap >= -1e-6
-    monkeypatch.setattr("drake_rho.planning.problem._LESS", 1.0)  # no finer margins
+    monkeypatch.setattr("drake_rho.planning.problem._REDUCTION", 1.0)  # no finer margins
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(windy)
     assert not caught.value.is_proved

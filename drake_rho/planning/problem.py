@@ -163,7 +163,7 @@ class Problem:
         if scenario.disturbance is None or self.pieces > 1 or scenario.under_way:
             return None
         samples = scenario.disturbance.samples_per_step(scenario.grid.step)
-        # each sample has a whole number of pieces
+        # a few samples: a whole number of pieces each
         pieces = samples * math.ceil(_PIECES / samples) if samples < _PIECES else _PIECES
         finer = dataclasses.replace(self, pieces=pieces)
         return finer if finer._has_smaller_margins() else None

@@ -37,7 +37,7 @@ class Quadratic:
     """Nonconvex constraints before linearisation: norm(scales * (x(t) - c))² >= size² per row."""
 
     centers: FloatArray
-    """centers c [m], shape (R, 3); zero where x is the position relative to a partner"""
+    """centres c [m], shape (R, 3); zero where x is the position relative to a partner"""
     scales: FloatArray
     """factors of the three axes, shape (R, 3)"""
     sizes: FloatArray

@@ -78,7 +78,7 @@ class KeepInSets(Constraint):
             return self.none
         wanted = np.flatnonzero(with_neighbours(violated, who, neighbours))
         outward = self.sets.outward(who[wanted], values[wanted])
-        pointing = np.any(outward, axis=1)  # the normal is not unique at a center
+        pointing = np.any(outward, axis=1)  # the normal is not unique at a centre
         wanted, outward = wanted[pointing], outward[pointing]
         rows = self.rows(who[wanted], required.times[wanted], outward)
         return rows if np.isinf(self.penalty) else self._with_faces(rows)

@@ -1,7 +1,7 @@
 """Collision avoidance: vehicles stay outside of a convex set S, which may move.
 
-S is an obstacle (8) with a known trajectory c(t) of its center, or a set around another vehicle.
-Let x be the position relative to the center c, h the support function of S, and n a unit vector
+S is an obstacle (8) with a known trajectory c(t) of its centre, or a set around another vehicle.
+Let x be the position relative to the centre c, h the support function of S, and n a unit vector
 from S towards a reference. The half-space n · x >= h(n) + r keeps the distance r from S; for a
 sphere at rest it is (15). The row for a vehicle at p whose reference is q = c + x_q is
 
@@ -114,7 +114,7 @@ class KeepOut(Constraint):
 
     @abc.abstractmethod
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
-        """Return violated rows at the knots, with rows of so many neighbours on either side."""
+        """Return violated rows at the knots, together with the rows of neighbouring knots."""
 
 
 def across(directions: FloatArray) -> FloatArray:

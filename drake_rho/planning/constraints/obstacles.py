@@ -46,7 +46,7 @@ class KeepOutOfObstacle(KeepOut):
         return radii
 
     def offsets(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
-        """Return positions relative to the center of the obstacle [m], shape (R, 3)."""
+        """Return positions relative to the centre of the obstacle [m], shape (R, 3)."""
         position = points.position(motion, points.vehicles)
         offsets: FloatArray = position - self.obstacle.centers(points.times)
         return offsets
@@ -54,7 +54,7 @@ class KeepOutOfObstacle(KeepOut):
     def directions(self, points: EvaluationPoints) -> FloatArray:
         """Return unit vectors from the nearest point of the shape to the reference, shape (R, 3).
 
-        If the reference is at the center, the direction is orthogonal to its relative velocity.
+        If the reference is at the centre, the direction is orthogonal to its relative velocity.
         """
         shape, x = self.obstacle.shape, self.offsets(self.reference, points)
         directions = shape.outward(x)
@@ -63,7 +63,7 @@ class KeepOutOfObstacle(KeepOut):
             at = points.times[row : row + 1]
             velocity = self.reference.each_at("velocity", points.vehicles[row : row + 1], at)
             side = side_of(np.zeros(3), (velocity - self.obstacle.velocities(at))[0])
-            if np.isfinite(shape.support(side)):  # infinite along the axis of an endless cylinder
+            if np.isfinite(shape.support(side)):  # not along an endless cylinder's axis
                 directions[row] = side
         return directions
 
@@ -97,7 +97,7 @@ class KeepOutOfObstacle(KeepOut):
         return self.rows(EvaluationPoints(rows.vehicles, rows.partners, times))
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
-        """Return the deepest instants of penetrating steps, without duplicate instants."""
+        """Return the deepest instant of each penetrating step, without duplicates."""
         if not self.every_instant:
             return self._penetrating_knots(motion, vehicles)
         below = self.required[vehicles] - VIOLATED * self.tolerances[vehicles]
@@ -112,7 +112,7 @@ class KeepOutOfObstacle(KeepOut):
         return EvaluationPoints(whose[~repeated], whose[~repeated], times[~repeated])
 
     def approaches(self, motion: Motion) -> CloseApproaches:
-        """Return violating points of a motion, with negative distances beyond the required [m]."""
+        """Return violating points of a motion, with their distances less r, below zero [m]."""
         motion = motion.subdivided(self.pieces)
         points = self.penetrations(motion, np.arange(len(self.required)))
         distances = self.obstacle.shape.signed_distance(self.offsets(motion, points))
@@ -127,10 +127,10 @@ class KeepOutOfObstacle(KeepOut):
         return points.select((distances < below) & self.holds_at(points.times))
 
     def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
-        """Return violated rows at inner knots, with rows of so many neighbours on either side.
+        """Return violated rows at inner knots, together with the rows of neighbouring knots.
 
-        The reference is as far above the bound of a row as it is from the obstacle. A motion can
-        violate the row only if its distance from the reference is larger.
+        The reference is as far above the bound of a row as it is outside the required distance.
+        A motion can violate the row only if its distance from the reference is larger.
         """
         checked = vehicles if len(vehicles) < len(self.required) else slice(None)
         moved = motion.positions[checked, 1:-1] - self.reference.positions[checked, 1:-1]
@@ -168,7 +168,7 @@ class KeepOutOfObstacle(KeepOut):
         return self.rows(EvaluationPoints(rows.vehicles, rows.partners, rows.times))
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """Return bounds on scaled distances from the center; None for other shapes."""
+        """Return bounds on scaled distances from the centre; None for other shapes."""
         radii = self.required[rows.vehicles] + self.margins.at("position", rows.times)
         inside = [self.obstacle.shape.quadric_inside(radius) for radius in radii]
         quadrics = [each for each in inside if each is not None]

@@ -1,4 +1,4 @@
-"""Tightening slack: limits that leave too little space for the disturbance, before planning."""
+"""Tightening slack: a check before planning that limits leave space for the error tube."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ TREATMENT = {
     "max_speed": "its radius, starts and goals against the velocity's radius",
     "max_acceleration": "its radius against the feedback's radius",
     "max_thrust": "its radius against the feedback's radius",
-    "max_tilt": "not compared: a cone has no center, so programs decide",
+    "max_tilt": "not compared: a cone has no centre, so programs decide",
     "max_jerk": "limits the plan alone, which has no error: no margin",
     "waypoints": "their distance tolerance against the position's radius",
     "obstacles": "starts and goals against the position's radius",
-    "moving obstacles": "as obstacles, at their positions at the start and at the end",
+    "moving obstacles": "as obstacles, at their positions at the first and the last knot",
     "late obstacles": "as obstacles, if they are known at the start",
     "active obstacles": "as obstacles, if they are active at the start or at the end",
     "separation": "half the distance of starts and goals against the position's radius",
@@ -69,7 +69,7 @@ class TighteningSlack:
     """tolerances of the constraint, in the quantity's unit, shape (1,) or (N,)"""
 
     def missing(self, tolerances: float) -> FloatArray:
-        """Return the missing slack beyond so many tolerances, zero or less if none, shape (N,)."""
+        """Return the slack missing beyond the tolerances allowed, at most 0 if none, shape (N,)."""
         missing: FloatArray = self.needed - self.available - tolerances * self.tolerances
         return missing
 
@@ -249,20 +249,20 @@ def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
     steps = margins.steps
     if steps.largest == 0.0:
         return scenario
-    most = np.full(len(scenario.vehicles), steps.largest)
-    apart = most
+    growth = np.full(len(scenario.vehicles), steps.largest)
+    pair_growth = growth
     for end in _ENDS:
         for slack in _obstacle_slacks(scenario, steps, end):
-            most = np.minimum(most, np.maximum(slack.available, 0.0))
+            growth = np.minimum(growth, np.maximum(slack.available, 0.0))
         for slack in _pair_slacks(scenario, steps, end):
-            apart = np.minimum(apart, np.maximum(slack.available, 0.0))
+            pair_growth = np.minimum(pair_growth, np.maximum(slack.available, 0.0))
     vehicles = tuple(
         unchecked(vehicle, radius=vehicle.radius + float(more))
-        for vehicle, more in zip(scenario.vehicles, most, strict=True)
+        for vehicle, more in zip(scenario.vehicles, growth, strict=True)
     )
     separation = scenario.separation
     if separation is not None:
-        distance = separation.distance + 2.0 * float(apart.min())
+        distance = separation.distance + 2.0 * float(pair_growth.min())
         separation = dataclasses.replace(separation, distance=distance)
     larger = scenario.derived(vehicles=vehicles, separation=separation, disturbance=None)
     return larger.of_vehicles(range(len(vehicles)))
