@@ -76,14 +76,13 @@ class TighteningSlack:
     def reason(self, vehicle: int) -> str:
         """Return a description of one vehicle's missing slack."""
         unit, needed = UNITS[self.quantity], np.broadcast_to(self.needed, self.available.shape)
-        available = float(self.available[vehicle])
+        depth = float(self.available[vehicle])
         if needed[vehicle] <= 0.0:
-            return f"{self.name} ({self.where} {-available:.3g} {unit} beyond)"
-        if available < 0.0:
+            return f"{self.name} ({self.where} {-depth:.3g} {unit} beyond)"
+        if depth < 0.0:
             inside = f"{needed[vehicle]:.3g} {unit} inside is needed"
-            return f"{self.name} ({self.where} {-available:.3g} {unit} beyond; {inside})"
-        inside = f"{available:.3g} {unit} inside, of {needed[vehicle]:.3g}"
-        return f"{self.name} ({self.where} {inside})"
+            return f"{self.name} ({self.where} {-depth:.3g} {unit} beyond; {inside})"
+        return f"{self.name} ({self.where} {depth:.3g} {unit} inside, of {needed[vehicle]:.3g})"
 
 
 def check_tightening_slack(scenario: Scenario, margins: PlanMargins) -> None:
