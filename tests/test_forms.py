@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drake_rho as rho
-from drake_rho.planning.constraints.stretches import near
+from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs import reduced as program
@@ -146,4 +146,4 @@ def test_neighbours_are_the_rows_within_reach(reach: int) -> None:
     marked, k = rng.random(len(runs)) < 0.2, np.arange(len(runs))
     close = (np.abs(k[:, None] - k) <= reach) & (runs[:, None] == runs)
     expected = np.any(marked & close, axis=1)
-    np.testing.assert_array_equal(near(marked, runs, reach), expected)
+    np.testing.assert_array_equal(with_neighbours(marked, runs, reach), expected)

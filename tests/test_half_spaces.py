@@ -105,7 +105,7 @@ def test_neighbours_of_a_violated_row_are_the_same_side_at_the_next_knots(seed: 
     motion, every = _flown(scenario, seed, 0.4), np.arange(3)
     for constraint in boxes_of(scenario, margins_of(scenario)):
         few = _places(constraint.violated_rows(motion, every))
-        more = _places(constraint.violated_rows(motion, every, reach=1))
+        more = _places(constraint.violated_rows(motion, every, neighbours=1))
         h, inner = scenario.grid.step, constraint.quantity in ("position", "velocity")
         wanted = set()
         for vehicle, side, time in few:
@@ -122,7 +122,7 @@ def test_a_motion_inside_its_boxes_gives_no_rows() -> None:
     still = rho.Plan.from_accelerations(scenario, np.zeros((3, 20, 3))).motion()
     for constraint in boxes_of(scenario, margins_of(scenario))[:3]:
         assert len(constraint.violated_rows(still, np.arange(3))) == 0
-        assert len(constraint.violated_rows(still, np.arange(3), reach=4)) == 0
+        assert len(constraint.violated_rows(still, np.arange(3), neighbours=4)) == 0
 
 
 @given(seed=seeds)
@@ -200,7 +200,7 @@ def test_rows_of_an_obstacle_support_it_and_hold_for_a_reference_outside(
     scenario = _three()
     reference, other = _flown(scenario, seed, 0.5), _flown(scenario, seed + 1)
     (constraint,) = Problem.of(scenario).obstacles_around(reference)
-    rows = constraint.violated_rows(other, np.arange(3), reach=scenario.grid.knots)
+    rows = constraint.violated_rows(other, np.arange(3), neighbours=scenario.grid.knots)
     np.testing.assert_allclose(np.linalg.norm(rows.normals, axis=1), 1.0, rtol=ROUNDING)
     # depth of the centre below the tangent plane
     depth = rows.bounds - rows.normals @ SPHERE.center
@@ -435,7 +435,7 @@ def test_each_encounter_has_one_normal_on_request() -> None:
         assert len(directions) > 1
         np.testing.assert_array_equal(directions, np.tile(directions[0], (len(directions), 1)))
         assert directions[0] @ [0.0, y, 0.0] > 0.98
-        way = pairs.ways(places)[close & passing]
+        way = pairs.relative_velocities(places)[close & passing]
         assert np.abs(way @ directions[0]).max() < 0.1 * np.linalg.norm(way, axis=1).max()
     plain = Problem.of(scenario).pairs_around(reference, coupled, penalty=1.0).directions(places)
     x = pairs.offsets(reference, places)

@@ -108,7 +108,7 @@ def test_every_limit_holds_anywhere_in_the_tube(seed: int) -> None:
             plan = rho.plan(disturbed(scenario, seed))
         except (rho.InfeasibleError, rho.ScenarioError):
             continue
-        assert margins_of(plan.scenario).steps.most > 0.0
+        assert margins_of(plan.scenario).steps.largest > 0.0
         assert least_margin(plan) > -1e-5
         plans += 1
     assert plans > 0
@@ -151,7 +151,7 @@ def test_a_constant_tube_equals_smaller_boxes_and_larger_vehicles() -> None:
 def test_the_separation_of_a_fleet_grows_by_the_tube() -> None:
     scenario = fleet([[0.0, 0, 0], [8, 0.1, 0]], [[8.0, 0, 0], [0, 0.1, 0]])
     windy = in_constant_tube(scenario, rho.Disturbance(0.05, feedback_every=0.25))
-    r = margins_of(windy).steps.most
+    r = margins_of(windy).steps.largest
     larger = dataclasses.replace(scenario, separation=rho.Separation(1.0 + 2.0 * r))
     assert rho.plan(windy).cost == pytest.approx(rho.plan(larger).cost, rel=1e-6)
 
@@ -295,7 +295,7 @@ def test_finer_margins_are_tried_before_a_scenario_is_refused(
     assert rho.verify(plan).ok
     assert least_margin(plan) > -1e-6
     assert rho.certify(plan).gap >= -1e-6
-    monkeypatch.setattr("drake_rho.planning.problem._LESS", 1.0)  # no finer margins
+    monkeypatch.setattr("drake_rho.planning.problem._REDUCTION", 1.0)  # no finer margins
     with pytest.raises(rho.InfeasibleError) as caught:
         rho.plan(windy)
     assert not caught.value.is_proved
@@ -311,7 +311,7 @@ def test_a_gap_narrower_than_the_tube_is_closed() -> None:
     calm = rho.Disturbance(0.2, feedback_every=0.25)
     assert least_margin(rho.plan(dataclasses.replace(scenario, disturbance=calm))) > -1e-6
     windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(2.0, feedback_every=0.5))
-    assert 0.4 < margins_of(windy).steps.most < 1.0
+    assert 0.4 < margins_of(windy).steps.largest < 1.0
     with pytest.raises(rho.InfeasibleError):
         rho.plan(windy)
 
@@ -321,7 +321,7 @@ def test_path_search_accounts_for_the_tube() -> None:
         [[0, 0, 0], [3, 0, 0]], [[8, 0, 0], [8, 3, 0]], obstacles=[rho.Sphere([5, 5, 5], 1)]
     )
     windy = dataclasses.replace(scenario, disturbance=rho.Disturbance(0.5, feedback_every=0.5))
-    larger, r = enlarged_by_margins(windy, margins_of(windy)), margins_of(windy).steps.most
+    larger, r = enlarged_by_margins(windy, margins_of(windy)), margins_of(windy).steps.largest
     np.testing.assert_allclose(larger.fleet.radii, r)
     assert larger.separation is not None
     assert larger.separation.distance == pytest.approx(1.0 + 2.0 * r)
@@ -352,7 +352,7 @@ def test_margins_cost_little(paper: rho.Scenario) -> None:
         W = rho.largest_disturbance(scenario, tube)
         around = rho.Disturbance(W, feedback_every=0.1, share=0.2)
         windy = dataclasses.replace(scenario, disturbance=around)
-        assert margins_of(windy).steps.most == pytest.approx(tube, rel=0.02)
+        assert margins_of(windy).steps.largest == pytest.approx(tube, rel=0.02)
         robust = rho.plan(windy)
         assert least_margin(robust) > -1e-6
         ratios.append(robust.cost / rho.plan(dataclasses.replace(scenario, disturbance=None)).cost)

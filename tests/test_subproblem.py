@@ -14,7 +14,7 @@ from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.constraints.base import Constraint
-from drake_rho.planning.constraints.close_pairs import separation_of, too_close
+from drake_rho.planning.constraints.close_pairs import separation_of, violating_pairs
 from drake_rho.planning.constraints.coupling import coupled, decoupled
 from drake_rho.planning.constraints.separation import KeepApart
 from drake_rho.planning.planners.first_plan import brought_apart
@@ -74,7 +74,7 @@ def test_vehicles_without_violation_fly_the_reference_while_others_are_separated
     np.testing.assert_array_equal(after.accelerations[1], start.accelerations[1])
     assert scenario.separation is not None
     close = [
-        too_close(
+        violating_pairs(
             scenario.separation, plan.motion(), Problem.of(scenario).margins.inner, between=True
         )
         for plan in (start, after)
@@ -366,7 +366,7 @@ def test_vehicles_that_did_not_move_are_not_checked_again(monkeypatch: pytest.Mo
 
     def noted(*args: Any, **options: Any) -> CloseApproaches:
         looked.append(len(options["of"]))
-        return too_close(*args, **options)
+        return violating_pairs(*args, **options)
 
     for _ in range(6):
         accelerations = np.array(plan.accelerations)
@@ -374,7 +374,7 @@ def test_vehicles_that_did_not_move_are_not_checked_again(monkeypatch: pytest.Mo
         accelerations[some] += rng.normal(size=accelerations[some].shape)
         after = rho.Plan.from_accelerations(scenario, accelerations)
         with monkeypatch.context() as patched:
-            patched.setattr(violations, "too_close", noted)
+            patched.setattr(violations, "violating_pairs", noted)
             again = violations_of(Problem.of(scenario), after, (plan, found))
         plan, found = after, violations_of(Problem.of(scenario), after)
         assert len(found.pairs) > 0

@@ -1,4 +1,4 @@
-"""A scenario, compiled for planning: made once, passed on."""
+"""Planning problem: a scenario compiled once and passed on to planners."""
 
 from __future__ import annotations
 
@@ -24,29 +24,29 @@ from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
 
 _PIECES = 16
-"""Pieces of a step that finer margins are constant over, at least."""
+"""Least number of pieces of a step over which finer margins are constant."""
 
-_LESS = 0.02
-"""Part by which finer margins are smaller, for another search to be worth its time."""
+_REDUCTION = 0.02
+"""Relative reduction of margins from which on a second search is worth its time."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Problem:
-    """The least cost of a scenario's motions, subject to its constraints.
+    """Minimisation of the cost of a scenario's motions subject to its constraints.
 
-    All that planners derive from the scenario is derived here, when it is first used.
+    All data that planners derive from the scenario are computed here, on first use.
     """
 
     scenario: Scenario
-    """to be planned"""
+    """scenario to plan"""
     pieces: int = 1
-    """equal pieces of a step over which margins of positions and velocities are constant"""
+    """number of equal pieces of a step with constant margins of positions and velocities"""
     elastic: bool = False
-    """whether only violations cost anything, and goals may be missed"""
+    """true if only violations are penalised and goals may be missed"""
 
     @classmethod
     def of(cls, scenario: Scenario) -> Problem:
-        """Return the problem of a scenario, with margins that are constant over steps."""
+        """Return the problem of a scenario with margins that are constant over steps."""
         return cls(scenario)
 
     def __len__(self) -> int:
@@ -55,22 +55,22 @@ class Problem:
 
     @cached_property
     def margins(self) -> PlanMargins:
-        """Distances that plans keep inside their limits, for the errors of disturbed flights."""
+        """Margins by which plans tighten limits, for the errors of disturbed flights."""
         return margins_of(self.scenario, self.pieces)
 
     @cached_property
     def effort(self) -> MinimumEffort:
-        """Minimum effort, which programs are about changes of."""
+        """Minimum-effort motions; the unknowns of programs are changes of these."""
         effort = MinimumEffort.of(self.scenario)
         return effort.without_goals() if self.elastic else effort
 
     @cached_property
     def convex(self) -> tuple[Constraint, ...]:
-        """Convex constraints, which hold whatever the reference: boxes, norms and waypoints."""
+        """Convex constraints, which need no reference: boxes, norms and waypoints."""
         return tuple(convex_constraints(self.scenario, self.margins))
 
     def obstacles_around(self, reference: Motion) -> list[KeepOutOfObstacle]:
-        """Return the known obstacles, linearised (15) around a motion of the same vehicles."""
+        """Return constraints of known obstacles, linearised (15) around a motion."""
         return obstacles_of(self.scenario, self.margins, reference)
 
     def pairs_around(
@@ -83,9 +83,9 @@ class Problem:
         of: IntArray | None = None,
         close: CloseApproaches | None = None,
     ) -> KeepApart:
-        """Return the separation of all pairs, linearised around a motion.
+        """Return the separation constraint of all pairs, linearised around a motion.
 
-        Args and errors are those of `pairs_of`.
+        Arguments and errors are those of `pairs_of`.
         """
         return pairs_of(
             self.scenario,
@@ -105,15 +105,16 @@ class Problem:
         *,
         vehicles: IntArray | None = None,
     ) -> list[Constraint]:
-        """Return all constraints, obstacles and pairs linearised around a reference.
+        """Return all constraints, with obstacles and pairs linearised around a reference.
 
         Args:
-            reference: None leaves obstacles and pairs out.
-            coupling: how rows of pairs are written; None leaves pairs out.
-            vehicles: of which each pair has one or two, rising indices; all if not given.
+            reference: the reference plan; None omits obstacles and pairs.
+            coupling: the form of rows for pairs; None omits pairs.
+            vehicles: increasing indices of vehicles; each pair includes at least one of them. All
+                if None.
 
         Raises:
-            ValueError: the reference has other vehicles or another grid.
+            ValueError: the reference has another number of vehicles or another grid.
         """
         constraints = list(self.convex)
         if reference is None:
@@ -126,10 +127,10 @@ class Problem:
         return constraints
 
     def check_fits(self, reference: Plan) -> None:
-        """See that a reference is of as many vehicles on the same grid.
+        """Check that a reference has the same number of vehicles and the same grid.
 
         Raises:
-            ValueError: it is not.
+            ValueError: the number of vehicles or the grid differs.
         """
         theirs, ours = (
             (len(each.vehicles), each.grid.knots, each.grid.step)
@@ -141,49 +142,50 @@ class Problem:
             raise ValueError(f"reference: got {got}, expected {expected}")
 
     def without_obstacles(self) -> Problem:
-        """Return this problem with nothing in the way."""
+        """Return this problem without obstacles."""
         return dataclasses.replace(self, scenario=self.scenario.without_obstacles())
 
     def without_separation(self) -> Problem:
-        """Return this problem with vehicles that are independent of each other."""
+        """Return this problem without a separation, so that vehicles are independent."""
         return dataclasses.replace(self, scenario=self.scenario.without_separation())
 
     def of_violations(self) -> Problem:
-        """Return the problem in which only violations cost anything, and goals may be missed."""
+        """Return the problem in which only violations are penalised and goals may be missed."""
         return dataclasses.replace(self, elastic=True)
 
     def with_finer_margins(self) -> Problem | None:
-        """Return this problem with margins over pieces of steps; None where they are no smaller.
+        """Return this problem with margins over pieces of steps; None if they are hardly smaller.
 
-        Nor is there time for them in a flight, in which the previous plan goes on.
+        A flight under way has no finer margins either: time is short, and the previous plan serves
+        as a fallback.
         """
         scenario = self.scenario
         if scenario.disturbance is None or self.pieces > 1 or scenario.under_way:
             return None
         samples = scenario.disturbance.samples_per_step(scenario.grid.step)
-        # whole parts of samples where these are few
+        # a few samples: a whole number of pieces each
         pieces = samples * math.ceil(_PIECES / samples) if samples < _PIECES else _PIECES
         finer = dataclasses.replace(self, pieces=pieces)
         return finer if finer._has_smaller_margins() else None
 
     def _has_smaller_margins(self) -> bool:
-        """Return whether margins over pieces are smaller than over steps, by a part that counts."""
+        """Return whether margins over pieces are smaller than over steps by `_REDUCTION`."""
         inner, steps = self.margins.inner, self.margins.steps
         return any(
-            np.any(inner.knots[each][:: self.pieces] < (1.0 - _LESS) * steps.knots[each])
+            np.any(inner.knots[each][:: self.pieces] < (1.0 - _REDUCTION) * steps.knots[each])
             for each in ("position", "velocity")
         )
 
 
 def with_finer_margins(find: Callable[[Problem], Plan], problem: Problem) -> Plan:
-    """Return what is found with margins over steps or, before refusing, over pieces of them.
+    """Return a plan with margins over steps or, if none is found, over pieces of steps.
 
     Args:
-        find: a plan of a problem; it may raise `InfeasibleError` and `SolverError`.
-        problem: with margins over steps.
+        find: function that plans a problem; it may raise `InfeasibleError` and `SolverError`.
+        problem: the problem with margins over steps.
 
     Raises:
-        InfeasibleError: there is none with either.
+        InfeasibleError: no plan is found with either margins.
         SolverError: the solvers fail numerically.
     """
     try:
@@ -193,7 +195,7 @@ def with_finer_margins(find: Callable[[Problem], Plan], problem: Problem) -> Pla
             raise
         try:
             plan = find(finer)
-        except InfeasibleError as again:  # which says how much slack there is, to the last piece
+        except InfeasibleError as again:  # its slack is that of the finest margins
             spent = error.statistics + again.statistics
             raise again.after(error.steps_tried, spent) from None
         except SolverError as again:
@@ -202,6 +204,6 @@ def with_finer_margins(find: Callable[[Problem], Plan], problem: Problem) -> Pla
 
 
 def finest(scenario: Scenario) -> Problem:
-    """Return the problem of a scenario with finer margins, where these are smaller."""
+    """Return the problem of a scenario, with finer margins if these are smaller."""
     problem = Problem.of(scenario)
     return problem.with_finer_margins() or problem

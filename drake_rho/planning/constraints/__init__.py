@@ -1,5 +1,6 @@
-"""What must hold, as rows of half-spaces: normal · quantity(time) >= bound.
+"""Constraints as rows of half-spaces: normal · quantity(time) >= bound.
 
-A scenario and, for what is not convex, a reference motion come in; `Constraint`s go out, each of
-which returns the rows that a motion violates. Nothing here knows of programs or solvers.
+The input is a scenario and, for nonconvex constraints, a reference motion. The output is a list of
+`Constraint`s, each of which returns the rows that a motion violates. Nothing here depends on
+programs or solvers.
 """

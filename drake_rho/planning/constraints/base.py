@@ -1,7 +1,7 @@
-"""Linear constraints on motions, n · x(t) >= b, and what a constraint is to a planner.
+"""Base class of constraints, and rows of half-spaces n · x(t) >= b on motions.
 
-Every constraint is one of two kinds, and both become such rows where a motion breaks them: keep in
-a convex set (`boxes`, `convex_sets`), keep out of one (`obstacles`, `separation`).
+A constraint keeps a quantity in a convex set (`boxes`, `convex_sets`) or out of one (`obstacles`,
+`separation`). Both kinds are imposed by rows, which are added where a motion violates them.
 """
 
 from __future__ import annotations
@@ -22,80 +22,80 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid, Quantity
 
 VIOLATED = 0.01
-"""Part of the verifier's tolerance beyond which a row counts as broken for a planner, and is
-added."""
+"""Fraction of the verifier's tolerance by which a motion has to violate a row for a planner to add
+the row."""
 
-
-AT_ONCE = 1e-6
-"""Part of a step after the start, or before the end, in which nothing can be changed."""
+END_MARGIN = 1e-6
+"""Fraction of a step after the start and before the end in which states count as fixed."""
 
 _SOFT_SEARCHES = 5
-"""Searches for worst instants of constraints that may be broken."""
+"""Limit on the searches for worst instants between knots, for constraints with a penalty."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Quadratic:
-    """What rows were linearised from: norm(scales * (x(t) - c))² >= size², one for each row."""
+    """Nonconvex constraints before linearisation: norm(scales * (x(t) - c))² >= size² per row."""
 
     centers: FloatArray
-    """c [m], shape (R, 3); zero where x is the way from a partner"""
+    """centres c [m], shape (R, 3); zero where x is the position relative to a partner"""
     scales: FloatArray
-    """shape (R, 3)"""
+    """factors of the three axes, shape (R, 3)"""
     sizes: FloatArray
-    """[m], shape (R,)"""
+    """least norms of the scaled offsets [m], shape (R,)"""
     lengths: FloatArray
-    """of the scaled directions, before they were made unit normals, shape (R,)"""
+    """lengths of the scaled directions, before normalisation to unit normals, shape (R,)"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Constraint(abc.ABC):
-    """One constraint of all vehicles, in the only terms that programs and messages know."""
+    """A constraint on all vehicles, in the only terms that programs and messages use."""
 
     kind: str
-    """of the requirement, one of `drake_rho.scenario.kinds.KINDS`"""
+    """kind of the requirement, one of `drake_rho.scenario.kinds.KINDS`"""
     key: Hashable
-    """by which it is told from the scenario's other constraints, the same around every reference"""
+    """identifier, unique among the scenario's constraints and equal around every reference"""
     name: str
-    """what it is called in messages"""
+    """name in messages"""
     quantity: Quantity
-    """what its rows bound"""
+    """quantity that the rows bound"""
     penalty: float = np.inf
-    """cost of each unit by which a row is broken; infinite if it must not be"""
+    """cost per unit of violation of a row; infinite if rows must hold"""
     rounds: int = sys.maxsize
-    """rounds in which broken rows at the knots are added; few while plans are intermediate"""
+    """number of rounds that add violated rows at the knots; small while plans are intermediate"""
     searches: int = 0
-    """searches for worst instants between the knots; 0 where it can be broken at knots only"""
+    """number of searches for worst instants between knots; 0 if only knots can violate it"""
     coupled: bool = False
-    """whether its rows bound the difference to a partner, rather than one vehicle alone"""
+    """true if rows bound the difference to a partner, not the quantity of a single vehicle"""
     curved: bool = False
-    """whether one instant may need several rows, each with another normal"""
+    """true if one instant may need several rows with different normals"""
     linearised: bool = False
-    """whether its rows hold around one reference only"""
+    """true if rows are valid around one reference only"""
     obstacle_number: int | None = None
-    """number of the obstacle that it is about, 0 for other vehicles; None for anything else"""
+    """number of the obstacle to avoid, 0 for other vehicles; None for any other constraint"""
     active: tuple[float, float] | None = None
-    """first and last time at which it holds, since the first knot [s]; all of them if None"""
+    """first and last active time since the first knot [s]; None if it is always active"""
     clock_rounding: float = 0.0
-    """time by which an instant may be outside of that interval and still count as within it [s]"""
+    """time by which an instant may lie outside the active interval and still count as inside [s]"""
     pieces: int = 1
-    """into how many pieces steps are cut, each with knots and a margin of its own; it is asked of
-    `Motion.subdivided`"""
+    """number of equal pieces of each step (`Motion.subdivided`), each with knots and a margin of
+    its own"""
 
     @abc.abstractmethod
     def violated_rows(
-        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
+        self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
-        """Rows for everything that the motion breaks.
+        """Return the rows that the motion violates.
 
         Args:
-            motion: of all vehicles.
-            vehicles: which of them are looked at, rising indices, shape (P,).
-            between: whether to look elsewhere, at the worst instants, instead of at the knots.
-            reach: up to how many knots away from a broken row its neighbours are wanted too.
+            motion: the motion of all vehicles.
+            vehicles: the vehicles to check, as increasing indices, shape (P,).
+            between: whether to check the worst instants between knots instead of the knots.
+            neighbours: number of knots before and after each violated row whose rows are returned
+                as well.
         """
 
     def holds_at(self, times: FloatArray) -> BoolArray:
-        """Return whether it holds at times since the first knot [s], shape (R,)."""
+        """Return whether the constraint is active at times since the first knot [s], shape (R,)."""
         if self.active is None:
             return np.ones(len(times), dtype=bool)
         first, last = self.active
@@ -104,24 +104,24 @@ class Constraint(abc.ABC):
 
     @cached_property
     def none(self) -> HalfSpaces:
-        """No rows."""
+        """Empty set of rows."""
         return HalfSpaces(self, *_NONE)
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
-        """Rows of this constraint around another reference, as this one writes them."""
+        """Return rows around another reference as this constraint writes them around its own."""
         return dataclasses.replace(rows, constraint=self)
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """Return what rows were linearised from; None where they are the constraint itself."""
+        """Return the constraints that rows linearise; None if the rows are exact."""
         return None
 
     def describe(self, rows: HalfSpaces, names: Sequence[str], start: float) -> str:
-        """Return some of its rows, of one vehicle, in words: which, and when.
+        """Return a description of rows of one vehicle: the constraint, details and times.
 
         Args:
-            rows: some of its own.
-            names: of all vehicles.
-            start: time of the first knot on the scenario's clock [s].
+            rows: rows of this constraint.
+            names: the names of all vehicles.
+            start: the time of the first knot on the scenario's clock [s].
         """
         first, last = start + rows.times.min(), start + rows.times.max()
         when = f"at {clock_time(first)}"
@@ -130,13 +130,13 @@ class Constraint(abc.ABC):
         return f"{self.name}{self.detail(rows, names)} {when}"
 
     def detail(self, rows: HalfSpaces, names: Sequence[str]) -> str:
-        """Return what `describe` says between name and times: nothing, or a space and words."""
+        """Return the text of `describe` between name and times: empty, or a space and words."""
         return ""
 
     def softened(self, penalty: float) -> Self:
         """Return this constraint with rows that may be violated at a penalty.
 
-        What stays broken has new worst instants in every motion: a few searches have to do.
+        Rows that stay violated have new worst instants in every motion, so searches are limited.
         """
         searches = min(self.searches, _SOFT_SEARCHES)
         return dataclasses.replace(self, penalty=penalty, searches=searches)
@@ -144,38 +144,38 @@ class Constraint(abc.ABC):
 
 @dataclasses.dataclass(frozen=True)
 class HalfSpaces:
-    """Rows normal · quantity(vehicle, time) >= bound, all of one constraint.
+    """Rows normal · quantity(vehicle, time) >= bound of one constraint.
 
-    The rows of a constraint that couples vehicles bound the quantity of a vehicle less that of
-    its partner.
+    If the constraint couples vehicles, its rows bound the quantity of a vehicle minus that of its
+    partner.
     """
 
     constraint: Constraint
-    """the constraint that the rows are of"""
+    """constraint that the rows belong to"""
     vehicles: IntArray
-    """whose quantity, as indices into the scenario's vehicles, shape (R,)"""
+    """constrained vehicles, as indices into the scenario's vehicles, shape (R,)"""
     partners: IntArray
-    """the other vehicle where a row is about two, else the vehicle itself, shape (R,)"""
+    """other vehicles of pairs; the vehicle itself if a row is not about a pair, shape (R,)"""
     sides: IntArray
-    """which side of a box or, where the set is curved, which cut, shape (R,)"""
+    """sides of a box, or numbers of the cuts if the set is curved, shape (R,)"""
     times: FloatArray
-    """when [s], shape (R,)"""
+    """times since the first knot [s], shape (R,)"""
     normals: FloatArray
-    """in which direction, unit vectors, shape (R, 3)"""
+    """unit normals, shape (R, 3)"""
     bounds: FloatArray
-    """least value along the normal, in the quantity's unit, shape (R,)"""
+    """least values along the normals, in the quantity's unit, shape (R,)"""
     tolerances: FloatArray
-    """how far below the bound still counts as held, in the quantity's unit, shape (R,)"""
+    """largest violations that count as satisfied, in the quantity's unit, shape (R,)"""
 
     def __len__(self) -> int:
-        """R."""
+        """Return the number of rows, R."""
         return len(self.times)
 
     def margins(self, motion: Motion) -> FloatArray:
-        """How far above its bound each row is, in the quantity's unit, shape (R,).
+        """Return the distances of rows above their bounds, in the quantity's unit, shape (R,).
 
         Args:
-            motion: of all vehicles of the scenario.
+            motion: the motion of all vehicles of the scenario.
         """
         quantity = self.constraint.quantity
         values = motion.each_at(quantity, self.vehicles, self.times)
@@ -185,7 +185,7 @@ class HalfSpaces:
         return margins
 
     def margins_at(self, motion: Motion, knots: IntArray) -> FloatArray:
-        """`margins` of rows about positions of single vehicles at given knots, shape (R,)."""
+        """Return `margins` of rows about positions of single vehicles at knots, shape (R,)."""
         values = motion.positions[self.vehicles, knots]
         margins: FloatArray = np.vecdot(self.normals, values) - self.bounds
         return margins
@@ -194,10 +194,10 @@ class HalfSpaces:
         """Return the worst row in each piece of every stretch of rows.
 
         Args:
-            motion: of all vehicles.
-            pieces: into how many a stretch is cut.
-            gap: rows of a vehicle and a side that are further apart in time are of two stretches
-                [s]; where it is infinite, a stretch goes on from one partner to the next.
+            motion: the motion of all vehicles.
+            pieces: the number of pieces of each stretch.
+            gap: the time between successive rows of a vehicle and a side from which on a new
+                stretch begins [s]. If it is infinite, a stretch may extend over several partners.
         """
         if len(self) <= 1:
             return self
@@ -212,16 +212,18 @@ class HalfSpaces:
         return self.select(worst_of_pieces(follows, margins, pieces))
 
     def responses(self, grid: Grid) -> FloatArray:
-        """Return what one unit of each acceleration adds along the normal, by (10)-(11), (R, K-1).
+        """Return the responses of rows to unit accelerations along their normals, (R, K-1).
 
-        It is the same along every axis, so row r stands for responses[r, j] normals[r] · a[j].
+        By (10)-(11) they are equal along every axis: acceleration a[j] of step j adds
+        responses[r, j] normals[r] · a[j] to row r.
         """
         return response(self.constraint.quantity, grid.step, grid.knots, self.times)
 
     def slacks(self) -> IntArray:
-        """Numbers from 0, the same for rows that share a slack if they may be broken, shape (R,).
+        """Return the number of each row's slack variable, counted from 0, shape (R,).
 
-        A curved set is broken once at an instant, by as much as the worst of its rows says.
+        Soft rows of a curved set share one slack variable per instant, since the violation of the
+        set is that of its worst row.
         """
         if not self.constraint.curved or np.isinf(self.constraint.penalty):
             return np.arange(len(self))
@@ -234,7 +236,7 @@ class HalfSpaces:
         return HalfSpaces(self.constraint, *some_of(self._arrays(), rows))
 
     def union(self, more: HalfSpaces) -> HalfSpaces:
-        """Return these rows, then more of the same constraint."""
+        """Return these rows followed by more rows of the same constraint."""
         pairs = zip(self._arrays(), more._arrays(), strict=True)
         return HalfSpaces(more.constraint, *(np.concatenate(pair) for pair in pairs))
 
@@ -255,7 +257,7 @@ _NONE = _WHOLE, _WHOLE, _WHOLE, _REAL, np.zeros((0, 3)), _REAL, _REAL
 
 
 def some_of(arrays: Iterable[Any], rows: BoolArray | IntArray | slice) -> list[Any]:
-    """Return array[rows] of arrays with as many rows; vectors are taken several times as fast."""
+    """Return array[rows] of each array, by `take`, which is several times as fast for vectors."""
     if isinstance(rows, slice):
         return [array[rows] for array in arrays]
     which = rows.nonzero()[0] if rows.dtype == bool else rows

@@ -1,4 +1,4 @@
-"""The list of convex constraints, and the table of how each kind of requirement is planned for."""
+"""Convex constraints of a scenario, and a table of how planners treat each kind of requirement."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drake_rho.scenario.records import Scenario
 
 
 def convex_constraints(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
-    """Return what holds whatever the reference: keep-in constraints."""
+    """Return the convex constraints, which need no reference: boxes, norms and waypoints."""
     return [
         *boxes_of(scenario, margins),
         *norms_of(scenario, margins),
@@ -19,12 +19,12 @@ def convex_constraints(scenario: Scenario, margins: PlanMargins) -> list[Constra
     ]
 
 
-_BOX = "rows of its sides where a motion is beyond them"
-_NORM = "tangent planes where a motion is outside, cones where these come to no end"
+_BOX = "rows of the sides that a motion exceeds"
+_NORM = "tangent planes where a motion is outside, cones where these do not converge"
 
 TREATMENT = {
     "dynamics": "states are affine in the accelerations, which are the unknowns",
-    "goals": "equalities of the accelerations, kept by the space of programs",
+    "goals": "equalities of the accelerations, satisfied throughout the space of programs",
     "position": _BOX,
     "velocity": _BOX,
     "acceleration": _BOX,
@@ -36,10 +36,10 @@ TREATMENT = {
     "max_jerk": _NORM,
     "waypoints": "tangent planes of the ball of positions at the waypoint's time",
     "obstacles": "half-spaces around a reference (`Problem.linearized`)",
-    "moving obstacles": "half-spaces where the obstacle is at the time",
-    "late obstacles": "half-spaces in windows from when it is known",
-    "active obstacles": "half-spaces in the interval of time only",
+    "moving obstacles": "half-spaces at the obstacle's position at the time",
+    "late obstacles": "half-spaces in the windows in which the obstacle is known",
+    "active obstacles": "half-spaces within the active interval only",
     "separation": "half-spaces of pairs around a reference (`Problem.linearized`)",
-    "disturbance": "all rows tightened by the radius of the errors",
+    "disturbance": "all rows tightened by the radius of the error tube",
 }
-"""How every kind of requirement is planned for."""
+"""Planners' treatment of every kind of requirement."""

@@ -1,6 +1,6 @@
-"""Which vehicles of a fleet come too close to each other on their way, and when.
+"""Close approaches of pairs of vehicles, and pairs that violate their separation.
 
-Which pairs come close at all is asked of k-d trees, never of all pairs.
+Candidate pairs are found with k-d trees; the search never visits all pairs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from drake_rho.motion.close_pairs import CloseApproaches, close_pairs, close_pairs_at_knots
 from drake_rho.motion.dynamics import Motion, step_at
 from drake_rho.motion.penetration import Pieces, deepest
-from drake_rho.planning.constraints.base import AT_ONCE, VIOLATED
+from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED
 from drake_rho.planning.constraints.margins import Margins
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.parts import Separation
@@ -27,20 +27,20 @@ def pairs_within(
     between: bool,
     of: IntArray | None = None,
 ) -> CloseApproaches:
-    """Pairs closer than `within` [m] on their way: at any instant, or at the knots.
+    """Return pairs closer than `within` [m] after the start and before the end.
 
     Args:
-        separation: how distances are measured.
-        motion: of all vehicles.
-        within: the distance.
-        between: whether at any instant.
-        of: vehicles of which each pair has one or two, rising indices; all if not given.
+        separation: the separation, whose shape measures distances.
+        motion: the motion of all vehicles.
+        within: the distance [m].
+        between: whether to check every instant instead of the knots.
+        of: increasing indices of vehicles; each pair includes at least one of them. All if None.
     """
     find = close_pairs if between else close_pairs_at_knots
     return _under_way(find(motion, separation, within, of=of), motion)
 
 
-def too_close(
+def violating_pairs(
     separation: Separation,
     motion: Motion,
     margins: Margins,
@@ -48,30 +48,30 @@ def too_close(
     between: bool,
     of: IntArray | None = None,
 ) -> CloseApproaches:
-    """Pairs that break their separation; distances are less what both keep beside it.
+    """Return pairs that violate their separation, with distances reduced by both margins.
 
     Args:
-        separation: what they keep.
-        motion: of all vehicles.
-        margins: what each of a pair keeps beside it.
-        between: whether at every instant.
-        of: as for `pairs_within`.
+        separation: the required separation.
+        motion: the motion of all vehicles.
+        margins: the margins that each vehicle of a pair adds to the separation.
+        between: whether to check every instant instead of the knots.
+        of: increasing indices of vehicles; each pair includes at least one of them. All if None.
     """
     least = separation.distance - VIOLATED * separation.tolerance
-    if margins.most == 0.0:
+    if margins.largest == 0.0:
         return pairs_within(separation, motion, least, between=between, of=of)
-    within = least + most_beside(separation, margins)
+    within = least + max_pair_margin(separation, margins)
     found = pairs_within(separation, motion, within, between=between, of=of)
     if not separation.is_round:
         found = _measured(separation, motion, margins, found, between=between)
-    kept = 2.0 * margins.at("position", found.times)
-    found = dataclasses.replace(found, distances=found.distances - kept)
+    both = 2.0 * margins.at("position", found.times)
+    found = dataclasses.replace(found, distances=found.distances - both)
     return found.select(found.distances < least)
 
 
-def most_beside(separation: Separation, margins: Margins) -> float:
-    """Return the largest margin of a pair beside its separation, where that is a ball [m]."""
-    return 2.0 * margins.most * float(separation.shape.scales.max())
+def max_pair_margin(separation: Separation, margins: Margins) -> float:
+    """Return the largest sum of a pair's margins where the separation is scaled to a ball [m]."""
+    return 2.0 * margins.largest * float(separation.shape.scales.max())
 
 
 def _measured(
@@ -82,10 +82,10 @@ def _measured(
     *,
     between: bool,
 ) -> CloseApproaches:
-    """Pairs with their distance from an ellipsoid, at the worst instants of the steps given.
+    """Return pairs with Euclidean distances from the ellipsoid, at the worst instants of steps.
 
-    What is kept beside an ellipsoid is no ellipsoid, so that distances from it are measured as they
-    are; the separation is added to them.
+    An ellipsoid enlarged by a margin is no ellipsoid. Its signed distance is therefore measured
+    without scaling, and the separation is added to it.
     """
     shape, h, last = separation.shape, motion.step, motion.accelerations.shape[1] - 1
     if not between:
@@ -114,18 +114,18 @@ def _measured(
 
 
 def separation_of(scenario: Scenario) -> Separation:
-    """Return the separation of a scenario that has one.
+    """Return the separation of a scenario.
 
     Raises:
-        ValueError: it has none.
+        ValueError: the scenario has none.
     """
     if scenario.separation is None:
-        raise ValueError("scenario: got one without a separation, expected one with it")
+        raise ValueError("scenario: got one without a separation, expected one with a separation")
     return scenario.separation
 
 
 def _under_way(found: CloseApproaches, motion: Motion) -> CloseApproaches:
-    """Approaches after the start and before the end: at these nothing can be changed."""
-    first = AT_ONCE * motion.step
+    """Return approaches after the start and before the end, where states are fixed."""
+    first = END_MARGIN * motion.step
     last = motion.accelerations.shape[1] * motion.step - first
     return found.select((found.times > first) & (found.times < last))

@@ -1,4 +1,4 @@
-"""Keep in curved convex sets, by tangent planes where a motion is outside."""
+"""Convex set constraints: tangent planes of curved sets where a motion is outside."""
 
 from __future__ import annotations
 
@@ -11,82 +11,83 @@ import numpy as np
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins
-from drake_rho.planning.constraints.stretches import near
+from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.scenario.convex_sets import ConvexSets
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _SOFT_ROUNDS = 16
-"""Rounds in which tangent planes of a set that may be left are added. Where nothing but violations
-costs anything, solutions jump about, and their tangent planes come to an end late."""
+"""Limit on the rounds that add tangent planes of soft sets. Where only violations are penalised,
+successive solutions differ widely, and their tangent planes converge slowly."""
 
-_SOFT_ROOM = 1e3
-"""Tolerances by which a set that may be left is left without another tangent plane."""
+_SOFT_THRESHOLD = 1e3
+"""Violation of a soft set, in tolerances, up to which no further tangent plane is added."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Asked:
-    """Values that are to be in their sets."""
+class EvaluatedValues:
+    """Values of a quantity that are required to be in their vehicles' sets."""
 
     vehicles: IntArray
-    """whose, in rising order, shape (R,)"""
+    """indices of the vehicles in increasing order, shape (R,)"""
     times: FloatArray
-    """when, since the first knot [s], shape (R,)"""
+    """times since the first knot [s], shape (R,)"""
     values: FloatArray
-    """in the quantity's unit, shape (R, 3)"""
+    """values in the quantity's unit, shape (R, 3)"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class KeepInSets(Constraint):
-    """A quantity of every vehicle stays in a convex set C without corners.
+    """Constraint that keeps a quantity of every vehicle in a smooth convex set C.
 
-    Where a value x is outside, the half-space of C that faces it is the row: with n the inward
-    normal at the point of C nearest to x, n · value >= -h(-n), h being the support function of C.
-    For a ball of radius r around c that is n · (value - c) >= -r.
+    The row of a value x outside of C is the supporting half-space n · value >= -h(-n). Here n is
+    the inward normal at the point of C nearest to x, and h is the support function of C. For a
+    ball of radius r around c the half-space is n · (value - c) >= -r.
 
-    Each round adds the tangent planes of what is still outside, and divides the excess by four
-    or more: between two tangent planes at an angle of 2 φ a value is longer by φ² / 2, and the next
-    tangent plane halves the angle. Around a single point, the ball of radius zero, each plane is
-    orthogonal to those at which a solution is, so that three will do unless others are in the way.
+    Each round adds the tangent planes of all values that are still outside and divides the excess
+    by at least four: between two tangent planes at an angle of 2 φ the relative excess is at most
+    φ² / 2, and the next tangent plane halves the angle. For a single point, the ball of radius
+    zero, each plane is orthogonal to the active ones, so that three suffice if no other constraint
+    interferes.
     """
 
     sets: ConvexSets
-    """C of all vehicles"""
+    """sets C of all vehicles"""
     margins: Margins
-    """how far inside of C values stay: r of n · value >= r - h(-n)"""
+    """required distances r of values from the boundary of C: n · value >= r - h(-n)"""
     curved: bool = True
-    room: float = VIOLATED
-    """tolerances by which values may be outside without another row"""
+    threshold: float = VIOLATED
+    """violation, in tolerances, up to which no row is added"""
 
     def margin(self, times: FloatArray) -> FloatArray:
-        """Return how far inside values stay at times since the first knot, in their unit."""
+        """Return margins of values at times since the first knot [s], in the quantity's unit."""
         return self.margins.at(self.quantity, times)
 
     @abc.abstractmethod
-    def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
-        """Return the values that have to be in their sets, vehicle by vehicle."""
+    def required_values(self, motion: Motion, vehicles: IntArray) -> EvaluatedValues:
+        """Return the values that are required to be in their sets, sorted by vehicle."""
 
     def violated_rows(
-        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
+        self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
-        """Return tangent planes where a value is outside."""
-        asked = self.asked(motion, vehicles)
-        who, values = asked.vehicles, asked.values
-        excess = self.sets.excess(who, values) + self.margin(asked.times)
-        broken = excess > self.room * self.sets.tolerances[who]
-        if not broken.any():
+        """Return tangent planes of the sets whose required values are outside."""
+        required = self.required_values(motion, vehicles)
+        who, values = required.vehicles, required.values
+        excess = self.sets.excess(who, values) + self.margin(required.times)
+        violated = excess > self.threshold * self.sets.tolerances[who]
+        if not violated.any():
             return self.none
-        wanted = np.flatnonzero(near(broken, who, reach))
+        wanted = np.flatnonzero(with_neighbours(violated, who, neighbours))
         outward = self.sets.outward(who[wanted], values[wanted])
-        pointing = np.any(outward, axis=1)  # at a center no half-space faces a value
+        pointing = np.any(outward, axis=1)  # the normal is not unique at a centre
         wanted, outward = wanted[pointing], outward[pointing]
-        rows = self.rows(who[wanted], asked.times[wanted], outward)
+        rows = self.rows(who[wanted], required.times[wanted], outward)
         return rows if np.isinf(self.penalty) else self._with_faces(rows)
 
     def _with_faces(self, rows: HalfSpaces) -> HalfSpaces:
-        """Return the rows, and at their instants those of a polyhedron around the set.
+        """Return rows together with the faces of a polyhedron around the set at their instants.
 
-        Without it a motion that only violations cost anything may fly off to where a half-space
-        is still open.
+        Without these faces, a motion for which only violations are penalised may move far away in
+        a direction that no tangent plane bounds yet.
         """
         outward = self.sets.around(rows.vehicles)
         every = np.tile(np.arange(len(rows)), len(outward))
@@ -94,7 +95,7 @@ class KeepInSets(Constraint):
         return rows.union(faces)
 
     def rows(self, vehicles: IntArray, times: FloatArray, outward: FloatArray) -> HalfSpaces:
-        """Return tangent planes of vehicles at times, (R,), with outward normals, (R, 3)."""
+        """Return tangent planes for vehicles and times, (R,), with outward normals, (R, 3)."""
         return HalfSpaces(
             self,
             vehicles=vehicles,
@@ -107,7 +108,7 @@ class KeepInSets(Constraint):
         )
 
     def softened(self, penalty: float) -> Self:
-        """Return this constraint with a penalty; violations are known to `_SOFT_ROOM`."""
+        """Return this constraint with a penalty, fewer rounds and the threshold of soft sets."""
         soft = super().softened(penalty)
         rounds = min(self.rounds, _SOFT_ROUNDS)
-        return dataclasses.replace(soft, rounds=rounds, room=_SOFT_ROOM)
+        return dataclasses.replace(soft, rounds=rounds, threshold=_SOFT_THRESHOLD)

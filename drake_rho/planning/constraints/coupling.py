@@ -1,4 +1,4 @@
-"""How rows of pairs are written: coupled, decoupled, or decoupled around grouped references."""
+"""Coupling of pairs of vehicles: coupled, decoupled, or decoupled around grouped references."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Literal
 
 @dataclasses.dataclass(frozen=True)
 class Coupling:
-    """How the rows of pairs are written."""
+    """Form of the rows for pairs of vehicles."""
 
     name: str
-    """what it is called"""
+    """name of the coupling, for options and messages"""
     responsibility: float
-    """of what a reference leaves between two vehicles, how much a row gives to one of them: 1, in
-    one row about the difference of the two, or 1/2, in two rows, one for each"""
+    """part of the distance between the vehicles of a reference that one row is responsible for: 1
+    for a single row about their difference, 1/2 for two rows, one for each vehicle"""
     in_groups: bool = False
-    """whether references are looked for in which groups of vehicles are coupled"""
+    """true if references are planned in which groups of vehicles are coupled"""
 
     @property
     def together(self) -> bool:
-        """Whether rows couple vehicles into one program."""
+        """True if rows couple vehicles into one program."""
         return self.responsibility == 1.0
 
     def __repr__(self) -> str:
@@ -28,16 +28,16 @@ class Coupling:
 
 
 coupled = Coupling("coupled", 1.0)
-"""One row for each pair, about the difference of the two, which thus share a program."""
+"""One row for each pair, about the difference of its vehicles, which thus share a program."""
 
 decoupled = Coupling("decoupled", 0.5)
-"""Two rows for each pair, one for each vehicle: every vehicle has a program of its own."""
+"""Two rows for each pair, one for each vehicle, so that every vehicle has its own program."""
 
 grouped = Coupling("grouped", 0.5, in_groups=True)
-"""As decoupled, around references in which those that press most on each other are coupled."""
+"""Decoupled rows around references whose groups with the largest multiplier sums are coupled."""
 
 CouplingName = Literal["coupled", "decoupled", "grouped"]
-"""Couplings that a word stands for."""
+"""Names of the couplings."""
 
 COUPLINGS = {each.name: each for each in (coupled, decoupled, grouped)}
-"""What each word stands for."""
+"""Couplings by name."""

@@ -1,6 +1,7 @@
-"""The goal (3) as rows, for problems in which it may be missed.
+"""Goal constraints (3) as rows, for problems in which goals may be missed.
 
-Elsewhere it is kept exactly, by the space in which programs are written.
+In all other problems goals hold exactly, because programs are written in the space of motions that
+reach them.
 """
 
 from __future__ import annotations
@@ -19,24 +20,24 @@ from drake_rho.scenario.shapes.base import TOLERANCE
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class ReachGoal(Constraint):
-    """One axis of the position or the velocity at the last knot is that of the goal."""
+    """Constraint on one axis of the position or the velocity at the last knot to equal the goal."""
 
     axis: int
-    """0, 1 or 2"""
+    """index of the axis, 0, 1 or 2"""
     time: float
-    """T [s]"""
+    """time T of the last knot since the first knot [s]"""
     wanted: FloatArray
-    """of all vehicles, in the quantity's unit, shape (N, 3)"""
+    """goals of all vehicles, in the quantity's unit, shape (N, 3)"""
     tolerances: FloatArray
-    """how much may be missed, in the quantity's unit, shape (N,)"""
+    """largest deviations that count as reached, in the quantity's unit, shape (N,)"""
 
     def violated_rows(
-        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
+        self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
-        """Return a row for each vehicle that misses its goal: at least, or at most, the goal."""
+        """Return one row, a lower or an upper bound, for each vehicle that misses its goal."""
         missed = (motion.values(self.quantity)[vehicles, -1] - self.wanted[vehicles])[:, self.axis]
-        broken = np.abs(missed) > VIOLATED * self.tolerances[vehicles]
-        own, above = vehicles[broken], missed[broken] > 0.0
+        violated = np.abs(missed) > VIOLATED * self.tolerances[vehicles]
+        own, above = vehicles[violated], missed[violated] > 0.0
         normals = np.zeros((len(own), 3))
         normals[:, self.axis] = np.where(above, -1.0, 1.0)
         return HalfSpaces(
@@ -51,12 +52,12 @@ class ReachGoal(Constraint):
         )
 
     def describe(self, rows: HalfSpaces, names: object, start: float) -> str:
-        """Return the name alone: goals are reached at the end."""
+        """Return the name without times: goals apply at the end only."""
         return self.name
 
 
 def goals_of(scenario: Scenario) -> list[Constraint]:
-    """Return position and velocity of every axis of the goals."""
+    """Return the goal constraints of position and velocity on every axis."""
     fleet = scenario.fleet
     states: tuple[tuple[Literal["position", "velocity"], FloatArray], ...] = (
         ("position", fleet.goal_positions),

@@ -1,17 +1,16 @@
-"""Keep out of a convex set S that may move: obstacles (8), and vehicles of each other.
+"""Collision avoidance: vehicles stay outside of a convex set S, which may move.
 
-With x the position from the set's middle c and n a unit vector that points from S to a reference,
-the half-space n · x >= h(n) + r keeps the distance r from S, h being its support function: (15) for
-a sphere at rest. What is avoided is an obstacle, whose way c(t) is known, or another vehicle.
-Vehicles of a pair share what the reference leaves between them: the row about a vehicle at p, whose
-reference q is at x_q from c, is
+S is an obstacle (8) with a known trajectory c(t) of its centre, or a set around another vehicle.
+Let x be the position relative to the centre c, h the support function of S, and n a unit vector
+from S towards a reference. The half-space n · x >= h(n) + r keeps the distance r from S; for a
+sphere at rest it is (15). The row for a vehicle at p whose reference is q = c + x_q is
 
     n · p >= n · (q - s x_q) + s (h(n) + r)
 
-with the share s = 1 where c is given and s = 1/2 where the other has such a row too (decoupled).
-Where one row is about the difference of the two, it is n · (p - c) >= h(n) + r (coupled). A
-reference that keeps its distance keeps its own rows, since n · x_q - h(n) is the distance of x_q
-from S where n points from the nearest point of S to it.
+with the responsibility s = 1 if c is given, and s = 1/2 if the other vehicle of a pair has such a
+row as well (decoupled). A single row about the difference of both vehicles is
+n · (p - c) >= h(n) + r (coupled). A reference with the required distance satisfies its own rows:
+if n points from the nearest point of S to x_q, n · x_q - h(n) is the distance of x_q from S.
 """
 
 from __future__ import annotations
@@ -22,38 +21,38 @@ import dataclasses
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion
-from drake_rho.planning.constraints.base import AT_ONCE, VIOLATED, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED, Constraint, HalfSpaces
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
-_CREEPING = 16
-"""Reach from which on the worst instants of a motion creep. Where the normals of a reference turn
-at once, as at a box's edge, these instants are not those of the rows that are broken most, and come
-nearer to them each round without getting there."""
+_MANY_NEIGHBOURS = 16
+"""Number of requested neighbours from which on the most violated rows are searched for as well.
+Where normals along a reference turn abruptly, as at a box's edge, the worst instants of the motion
+are not those of the most violated rows. They approach these each round without reaching them."""
 
 
 @dataclasses.dataclass(frozen=True)
 class EvaluationPoints:
-    """Vehicles at times, and the partners that they keep out of the way of then."""
+    """Points at which rows are evaluated: vehicles, their partners and times."""
 
     vehicles: IntArray
-    """indices, shape (R,)"""
+    """indices of the vehicles, shape (R,)"""
     partners: IntArray
-    """indices of the others; the vehicles themselves where an obstacle is meant, shape (R,)"""
+    """indices of the vehicles to avoid; the vehicles themselves for obstacles, shape (R,)"""
     times: FloatArray
-    """[s], shape (R,)"""
+    """times since the first knot [s], shape (R,)"""
     knots: IntArray | None = None
-    """at which knots, if all are at knots, shape (R,)"""
+    """indices of the knots, shape (R,); None if some times are not those of knots"""
 
     @classmethod
     def at_inner_knots(cls, motion: Motion) -> EvaluationPoints:
-        """Return all vehicles of a motion at all inner knots, one vehicle after the other."""
+        """Return the points of all vehicles at all inner knots, sorted by vehicle."""
         count, steps, _ = motion.accelerations.shape
         whose, knots = np.divmod(np.arange(count * (steps - 1)), steps - 1)
         knots += 1
         return cls(whose, whose, motion.step * knots, knots)
 
     def position(self, motion: Motion, vehicles: IntArray) -> FloatArray:
-        """Return positions of vehicles at these times [m], shape (R, 3)."""
+        """Return positions of vehicles at the times of the points [m], shape (R, 3)."""
         if self.knots is None:
             return motion.each_at("position", vehicles, self.times)
         at: FloatArray = motion.positions[vehicles, self.knots]
@@ -64,7 +63,7 @@ class EvaluationPoints:
         return len(self.times)
 
     def select(self, which: BoolArray | IntArray) -> EvaluationPoints:
-        """Return some of them."""
+        """Return a subset of the points."""
         knots = None if self.knots is None else self.knots[which]
         return EvaluationPoints(
             self.vehicles[which], self.partners[which], self.times[which], knots
@@ -73,53 +72,53 @@ class EvaluationPoints:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOut(Constraint):
-    """One set that vehicles keep out of, linearised around a reference."""
+    """Collision avoidance constraint of one set S, linearised around a reference."""
 
     reference: Motion
-    """q, of all vehicles, its steps cut into pieces"""
+    """reference motion q of all vehicles, with steps subdivided into `pieces`"""
     every_instant: bool
-    """whether it holds at every instant, or at the knots only"""
+    """true if it holds at every instant, false if at the knots only"""
     linearised: bool = True
 
     @abc.abstractmethod
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
-        """Return points where a motion is inside S: worst instants, or knots if these suffice."""
+        """Return points where a motion is inside S: worst instants, or knots if only they count."""
 
     @abc.abstractmethod
     def rows(self, points: EvaluationPoints) -> HalfSpaces:
-        """Return the half-spaces at some points, in the order of vehicle and time."""
+        """Return the half-spaces at points, sorted by vehicle and time."""
 
     def violated_rows(
-        self, motion: Motion, vehicles: IntArray, *, between: bool = False, reach: int = 0
+        self, motion: Motion, vehicles: IntArray, *, between: bool = False, neighbours: int = 0
     ) -> HalfSpaces:
         """Return violated rows at the knots or, if `between`, where the motion is inside S."""
         motion = motion.subdivided(self.pieces)
         if not between:
-            return self.violated_at_knots(motion, vehicles, reach)
+            return self.violated_at_knots(motion, vehicles, neighbours)
         points = self.penetrations(motion, vehicles)
-        first, last = AT_ONCE, motion.accelerations.shape[1] - AT_ONCE
+        first, last = END_MARGIN, motion.accelerations.shape[1] - END_MARGIN
         k = points.times / motion.step
-        points = points.select((k > first) & (k < last))  # start and goal are not to be changed
+        points = points.select((k > first) & (k < last))  # start and goal are fixed
         if len(points) == 0:
             return self.none
-        rows = self.rows(points)  # of two that are too close, one may keep its own half
-        broken = rows.select(rows.margins(motion) < -VIOLATED * rows.tolerances)
-        if reach < _CREEPING or len(broken) == 0:
-            return broken
-        beside = self.worst_beside(motion, broken)
-        return broken.union(beside) if len(beside) > 0 else broken
+        rows = self.rows(points)  # one vehicle of a violating pair may satisfy its own row
+        violated = rows.select(rows.margins(motion) < -VIOLATED * rows.tolerances)
+        if neighbours < _MANY_NEIGHBOURS or len(violated) == 0:
+            return violated
+        nearby = self.worst_nearby(motion, violated)
+        return violated.union(nearby) if len(nearby) > 0 else violated
 
-    def worst_beside(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
-        """Return the rows that are broken most within a step of some rows, where that differs."""
+    def worst_nearby(self, motion: Motion, rows: HalfSpaces) -> HalfSpaces:
+        """Return the most violated row within a step of each row; empty if those are the worst."""
         return self.none
 
     @abc.abstractmethod
-    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
-        """Return violated rows at the knots, and their neighbours up to `reach` knots away."""
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
+        """Return violated rows at the knots, together with the rows of neighbouring knots."""
 
 
 def across(directions: FloatArray) -> FloatArray:
-    """Return unit vectors orthogonal to directions (..., 3), always the same ones."""
+    """Return unit vectors orthogonal to directions (..., 3), by a deterministic choice."""
     least = np.eye(3)[np.argmin(np.abs(directions), axis=-1)]
     normals = np.cross(directions, least)
     lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -128,12 +127,12 @@ def across(directions: FloatArray) -> FloatArray:
     return found
 
 
-def side_of(offsets: FloatArray, ways: FloatArray) -> FloatArray:
-    """Return unit vectors orthogonal to `ways`, towards `offsets` if possible, (..., 3)."""
-    speeds = np.linalg.norm(ways, axis=-1, keepdims=True)
-    ahead = np.where(speeds > 0.0, ways / np.where(speeds > 0.0, speeds, 1.0), 0.0)
+def side_of(offsets: FloatArray, velocities: FloatArray) -> FloatArray:
+    """Return unit vectors orthogonal to velocities, towards offsets if possible, (..., 3)."""
+    speeds = np.linalg.norm(velocities, axis=-1, keepdims=True)
+    ahead = np.where(speeds > 0.0, velocities / np.where(speeds > 0.0, speeds, 1.0), 0.0)
     sides = offsets - np.vecdot(offsets, ahead)[..., None] * ahead
     lengths = np.linalg.norm(sides, axis=-1, keepdims=True)
-    has_one = lengths > 1e-3 * np.linalg.norm(offsets, axis=-1, keepdims=True)
-    found: FloatArray = np.where(has_one, sides / np.where(has_one, lengths, 1.0), across(ahead))
+    defined = lengths > 1e-3 * np.linalg.norm(offsets, axis=-1, keepdims=True)
+    found: FloatArray = np.where(defined, sides / np.where(defined, lengths, 1.0), across(ahead))
     return found

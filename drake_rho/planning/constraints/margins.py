@@ -1,4 +1,4 @@
-"""How far inside their limits plans keep, so that flights do wherever in the tube they are."""
+"""Constraint tightening margins, so that a flight anywhere in the error tube meets its limits."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ from drake_rho.scenario.records import Scenario
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Margins:
-    """A tube's radii as planners use them: constant over each step, at their greatest there.
+    """Radii of an error tube for planning, constant over each step: the largest radius in it.
 
-    At a knot the greater one of the two steps that meet there counts: what holds on the closed
-    steps holds at every instant. The feedback's radius is that of the step that begins there.
+    At a knot the margin is the larger one of the two adjacent steps, since limits that hold on all
+    closed steps hold at every instant. The radius of the feedback at a knot is that of the step
+    that begins there.
 
-    Where that leaves no room, steps are those of a finer grid (`PlanMargins.inner`).
+    If such margins leave too little slack, steps are those of a finer grid (`PlanMargins.inner`).
     """
 
     grid: Grid
-    """of the plan, or a finer one"""
+    """grid of the plan, or a finer one"""
     steps: dict[Quantity, FloatArray]
-    """in each step, in the quantity's unit, shape (K-1,) each"""
+    """margins in each step, in the quantity's unit, shape (K-1,) each"""
     knots: dict[Quantity, FloatArray]
-    """at each knot, or in each step that begins there, in the quantity's unit"""
+    """margins at each knot, or in the step that begins there, in the quantity's unit"""
     tube: ErrorTube | None = None
-    """whose radii they are; None where nothing disturbs"""
+    """error tube with these radii; None without a disturbance"""
 
     def at(self, quantity: Quantity, times: FloatArray) -> FloatArray:
-        """Return margins at times since the first knot [s], in the quantity's unit, any shape."""
+        """Return margins at times since the first knot [s] of any shape, in the quantity's unit."""
         if self.tube is None:
             return np.zeros(times.shape)
         steps, knots = self.steps[quantity], self.knots[quantity]
@@ -43,15 +44,15 @@ class Margins:
         at_knot = np.abs(times - self.grid.step * k) <= SAME_TIME * self.grid.step
         return np.where(at_knot, knots[k], steps[np.minimum(k, len(steps) - 1)])
 
-    def exactly(self, times: FloatArray) -> FloatArray:
-        """Return the radius of the position at times since the first knot [s], in m, any shape."""
+    def position_radius(self, times: FloatArray) -> FloatArray:
+        """Return position radii [m] at times since the first knot [s] of any shape."""
         if self.tube is None:
             return np.zeros(times.shape)
         return self.tube.position(self.grid.start + times)
 
     @property
-    def most(self) -> float:
-        """The greatest margin of the position [m]."""
+    def largest(self) -> float:
+        """Largest margin of the position [m]."""
         return float(self.steps["position"].max())
 
 
@@ -60,25 +61,25 @@ class PlanMargins:
     """Margins of all quantities of a scenario, on the grids on which they are constant."""
 
     steps: Margins
-    """constant over each step of the plan"""
+    """margins that are constant over each step of the plan"""
     inner: Margins
-    """of positions and velocities: the same or, where these leave no plan, constant over pieces of
-    each step"""
+    """margins of positions and velocities: `steps` or, if no plan is found with these, margins
+    that are constant over pieces of each step"""
     pieces: int
-    """equal pieces of a step over which `inner` is constant"""
+    """number of equal pieces of a step over which `inner` is constant"""
 
     def of(self, quantity: Quantity) -> tuple[Margins, int]:
-        """Return the margins of a quantity, and over how many pieces of a step."""
+        """Return the margins of a quantity, and the number of pieces of a step."""
         inner = quantity in ("position", "velocity")
         return (self.inner, self.pieces) if inner else (self.steps, 1)
 
 
 def margins_of(scenario: Scenario, pieces: int = 1) -> PlanMargins:
-    """Return what plans of a scenario keep inside their limits; nothing where nothing disturbs.
+    """Return the margins for plans of a scenario; zero without a disturbance.
 
     Args:
-        scenario: to be planned.
-        pieces: into how many pieces steps are cut for positions and velocities.
+        scenario: the scenario to plan.
+        pieces: the number of pieces of each step for positions and velocities.
     """
     steps = _margins(scenario, 1)
     return PlanMargins(steps, steps if pieces == 1 else _margins(scenario, pieces), pieces)
@@ -113,12 +114,12 @@ def _around(tube: ErrorTube, start: float, count: int, pieces: int, between_knot
     }
     knots = dict(steps)
     knots["position"], knots["velocity"] = _greater(steps["position"]), _greater(steps["velocity"])
-    if not between_knots:  # positions matter then only
+    if not between_knots:  # positions are constrained at knots only
         knots["position"] = greatest.ends
     return Margins(grid, steps, knots, tube)
 
 
 def _greater(steps: FloatArray) -> FloatArray:
-    """Return at each knot the greater value of the steps beside it."""
+    """Return the larger value of the two steps adjacent to each knot."""
     greater: FloatArray = np.maximum(np.append(steps, 0.0), np.append(0.0, steps))
     return greater

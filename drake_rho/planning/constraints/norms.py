@@ -1,4 +1,4 @@
-"""Keep in a ball or a cone: the limits on norms."""
+"""Norm constraints: balls of speeds, accelerations, thrusts or jerks, and cones of tilts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint
-from drake_rho.planning.constraints.convex_sets import Asked, KeepInSets
+from drake_rho.planning.constraints.convex_sets import EvaluatedValues, KeepInSets
 from drake_rho.planning.constraints.margins import PlanMargins
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.norms import NORMS
@@ -17,35 +17,33 @@ from drake_rho.scenario.records import Scenario
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class KeepInNorm(KeepInSets):
-    """A limit on a norm, at the knots.
+    """Limit on a norm, imposed at the knots.
 
-    Velocities are linear between knots, accelerations and jerks constant, so that a value that
-    leaves a convex set does so at a knot.
+    Velocities are linear between knots, accelerations and jerks constant. A motion that is in a
+    convex set at all knots is therefore in it at every instant.
     """
 
     times: FloatArray
-    """knots at which it is asked, since the first one [s], shape (T,)"""
+    """times of the constrained knots since the first knot [s], shape (T,)"""
     first: int
-    """which of the quantity's values is that of the first of `times`"""
+    """index of the first of `times` among the quantity's values"""
 
-    def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
-        """Return the values at the knots."""
-        motion, knots = (
-            motion.subdivided(self.pieces),
-            slice(self.first, self.first + len(self.times)),
-        )
+    def required_values(self, motion: Motion, vehicles: IntArray) -> EvaluatedValues:
+        """Return the values at the constrained knots."""
+        knots = slice(self.first, self.first + len(self.times))
+        motion = motion.subdivided(self.pieces)
         values = motion.values(self.quantity)[vehicles, knots].reshape(-1, 3)
         who, times = np.repeat(vehicles, len(self.times)), np.tile(self.times, len(vehicles))
         if self.quantity == "jerk":  # the first acceleration may be free of a jerk limit
             limited = ~np.isnan(values[:, 0])
             who, times, values = who[limited], times[limited], values[limited]
-        return Asked(who, times, values)
+        return EvaluatedValues(who, times, values)
 
 
 def norms_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
-    """Return the constraints of the limits on norms.
+    """Return the norm constraints of all vehicles.
 
-    The first and the last velocity are left out: start and goal decide them.
+    The first and the last velocity are not constrained, since start and goal fix them.
     """
     norms = list[Constraint]()
     for norm in NORMS:

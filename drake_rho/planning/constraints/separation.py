@@ -1,7 +1,7 @@
-"""Keep out of each other: pairs of vehicles, linearised around a reference of all of them.
+"""Collision avoidance between vehicles: half-spaces of pairs, linearised around a reference.
 
-The way from one vehicle of a pair to the other keeps out of the separation's ellipsoid. Which
-pairs come close is asked of k-d trees, never of all pairs.
+The position of a vehicle relative to another one stays outside of the separation's ellipsoid.
+Candidate pairs are found with k-d trees; the search never visits all pairs.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from drake_rho.motion.close_pairs import CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import VIOLATED, HalfSpaces, Quadratic
 from drake_rho.planning.constraints.close_pairs import (
-    most_beside,
+    max_pair_margin,
     pairs_within,
     separation_of,
-    too_close,
+    violating_pairs,
 )
 from drake_rho.planning.constraints.coupling import Coupling
 from drake_rho.planning.constraints.keep_out import EvaluationPoints, KeepOut, side_of
@@ -33,17 +33,16 @@ from drake_rho.scenario.shapes.quadrics import Ellipsoid
 NAME = "separation"
 
 NEAR = 1.3
-"""Pairs within so many times the separation at a knot of the reference have rows there. Who comes
-nearer to others than that is found between rounds, and in the next linearisation."""
+"""Distance, as a multiple of the separation, within which pairs of the reference have rows at
+knots. Other pairs that come close are found between rounds, and in the next linearisation."""
 
 GRAZING = 1.1
-"""Times the separation within which closest approaches of the reference between its knots have
-rows; where these may be broken at a cost, only those that are too close."""
+"""Distance, as a multiple of the separation, within which closest approaches of the reference
+between knots have rows. Soft rows are added for violating approaches only."""
 
-ROOM = 1.02
-"""Times the separation that rows ask for while they may be broken: room for what a slack gives
-away, and for what comes closer between knots."""
-
+SOFT_ENLARGEMENT = 1.02
+"""Factor by which soft rows enlarge the separation, to make up for the slack of rows and for closer
+approaches between knots."""
 
 PAIRS = ("pairs",)
 """Key of the constraint of all pairs."""
@@ -51,32 +50,32 @@ PAIRS = ("pairs",)
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class KeepApart(KeepOut):
-    """The separation of all pairs."""
+    """Separation constraint of all pairs."""
 
     shape: Ellipsoid
-    """S"""
-    kept: Separation
-    """what is judged; `shape` may ask for more"""
+    """ellipsoid S around the partner of a vehicle"""
+    required: Separation
+    """required separation; `shape` may be larger"""
     points: EvaluationPoints
-    """where its rows are asked for in any case, each vehicle's neighbours in time together"""
+    """points that always have rows, sorted by pair and time"""
     responsibility: float
-    """s, 1 or 1/2: part of what the reference leaves between two that a row gives to one of them"""
+    """part s of a pair's distance for which one row is responsible, 1 (coupled) or 1/2"""
     margins: Margins
-    """what both vehicles of a pair keep from the shape beside, each for itself: half of r"""
+    """margins of single vehicles; r is the sum of the margins of both vehicles of a pair"""
     one_normal: bool = False
-    """whether each close encounter of the reference gets one direction all along"""
+    """true if all rows of a close encounter of the reference have one normal"""
 
     def radius(self, times: FloatArray) -> FloatArray:
-        """Return the sum of both margins [m], at times since the first knot [s], shape (R,)."""
+        """Return r, the sum of both margins [m], at times since the first knot [s], shape (R,)."""
         radii: FloatArray = 2.0 * self.margins.at("position", times)
         return radii
 
     def offsets(self, motion: Motion, points: EvaluationPoints) -> FloatArray:
-        """Return positions of the vehicles relative to their partners."""
+        """Return positions of the vehicles relative to their partners [m], shape (R, 3)."""
         return self._difference(motion, "position", points)
 
-    def ways(self, points: EvaluationPoints) -> FloatArray:
-        """Return the reference's velocities of the vehicles relative to their partners."""
+    def relative_velocities(self, points: EvaluationPoints) -> FloatArray:
+        """Return the reference's velocities relative to the partners [m/s], shape (R, 3)."""
         return self._difference(self.reference, "velocity", points)
 
     def _difference(
@@ -88,67 +87,69 @@ class KeepApart(KeepOut):
         return difference
 
     def penetrations(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
-        """Return points where a pair, one of it among `vehicles`, is closer than the separation."""
+        """Return points of violating pairs that include at least one of the vehicles."""
         between = self.every_instant
-        return points_of(too_close(self.kept, motion, self.margins, between=between, of=vehicles))
+        pairs = violating_pairs(self.required, motion, self.margins, between=between, of=vehicles)
+        return points_of(pairs)
 
-    def violated_at_knots(self, motion: Motion, vehicles: IntArray, reach: int) -> HalfSpaces:
-        """Return violated rows at `points`, without neighbours: rows that couple are expensive."""
-        rows = self._asked
+    def violated_at_knots(self, motion: Motion, vehicles: IntArray, neighbours: int) -> HalfSpaces:
+        """Return violated rows at `points`, without neighbours: coupling rows are expensive."""
+        rows = self._required_rows
         if len(vehicles) < len(motion.positions) and len(rows) > 0:
-            asked = np.zeros(len(motion.positions), dtype=bool)
-            asked[vehicles] = True
-            due = asked[rows.vehicles]
+            checked = np.zeros(len(motion.positions), dtype=bool)
+            checked[vehicles] = True
+            selected = checked[rows.vehicles]
             if self.coupled:
-                due |= asked[rows.partners]
-            rows = rows.select(due)
+                selected |= checked[rows.partners]
+            rows = rows.select(selected)
         if len(rows) == 0:
             return rows
         return rows.select(rows.margins(motion) < -VIOLATED * rows.tolerances)
 
     @cached_property
-    def _asked(self) -> HalfSpaces:
-        """The rows at `points`."""
+    def _required_rows(self) -> HalfSpaces:
+        """Rows at `points`."""
         return self.rows(self.points)
 
     def directions(self, points: EvaluationPoints) -> FloatArray:
         """Return unit normals of rows, from S towards the offset from the partner, (R, 3).
 
-        Along that way in the space in which S is a ball. Where something is added to S, and the
-        reference would not keep such a row, from the nearest point of S, so that it does if it
-        keeps r.
+        The direction is that of the offset in the space in which S is a ball. If the reference
+        would violate such a row because of the margins, the normal points from the nearest point
+        of S to the offset. The row then holds whenever the reference keeps the distance r.
 
-        Where the two are in one place, across their relative way. Where they meet too closely for
-        that to be a way past each other, it can be one direction all along an encounter instead:
-        across their relative way, on the side on which they pass anyway or, where they meet
-        head-on, on one that depends on that way alone, so that two mirror images choose the same.
+        If both vehicles are at one position, the normal is orthogonal to their relative velocity.
+        With `one_normal`, all rows of a close encounter have one such normal, because the offsets
+        of a very close encounter need not separate the paths. It points to the side on which the
+        vehicles pass. If they meet head-on, it depends on the relative velocity alone, so that
+        two mirror images choose the same side.
         """
         x = self.shape.scaled(self.offsets(self.reference, points))
         distances = np.sqrt(np.einsum("ri,ri->r", x, x))
         directions: FloatArray = x / np.maximum(distances, 1e-300)[:, None]
-        at_centre = np.flatnonzero(distances <= self.kept.tolerance)
+        at_centre = np.flatnonzero(distances <= self.required.tolerance)
         if len(at_centre) > 0:
-            ways = self.shape.scaled(self.ways(points.select(at_centre)))
-            directions[at_centre] = side_of(np.zeros_like(ways), ways)
+            relative = self.shape.scaled(self.relative_velocities(points.select(at_centre)))
+            directions[at_centre] = side_of(np.zeros_like(relative), relative)
         if self.one_normal:
-            close = distances < self.kept.distance
+            close = distances < self.required.distance
             rows, numbers = _encounters(points, close, self.reference.step)
             order = np.lexsort((distances[rows], numbers))
             nearest = rows[order[np.flatnonzero(np.diff(numbers[order], prepend=-1))]]
-            ways = self.shape.scaled(self.ways(points.select(nearest)))
-            directions[rows] = side_of(x[nearest], ways)[numbers]
+            relative = self.shape.scaled(self.relative_velocities(points.select(nearest)))
+            directions[rows] = side_of(x[nearest], relative)[numbers]
         normals: FloatArray = directions * self.shape.scales
         normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
-        if self.margins.most > 0.0 and not (self.kept.is_round or self.one_normal):
+        if self.margins.largest > 0.0 and not (self.required.is_round or self.one_normal):
             offsets = self.offsets(self.reference, points)
-            reach = self.shape.support(normals) + self.radius(points.times)
-            short = np.einsum("ri,ri->r", normals, offsets) < reach
-            short &= distances > self.shape.radius
-            normals[short] = self.shape.outward(offsets[short])
+            bounds = self.shape.support(normals) + self.radius(points.times)
+            below = np.einsum("ri,ri->r", normals, offsets) < bounds
+            below &= distances > self.shape.radius
+            normals[below] = self.shape.outward(offsets[below])
         return normals
 
     def rows(self, points: EvaluationPoints) -> HalfSpaces:
-        """One row for each pair, or two, sorted by vehicle, partner and time."""
+        """Return one row for each point, or two if decoupled, sorted by vehicle, partner, time."""
         directions = self.directions(points)
         if self.coupled:
             return self._write(points, directions, None)
@@ -163,15 +164,15 @@ class KeepApart(KeepOut):
     def _write(
         self, points: EvaluationPoints, normals: FloatArray, anchors: FloatArray | None
     ) -> HalfSpaces:
-        """Rows with given normals.
+        """Return rows with given normals.
 
         Args:
-            points: where.
-            normals: as from `directions`, shape (R, 3).
+            points: the vehicles, partners and times of the rows.
+            normals: the unit normals from `directions`, shape (R, 3).
             anchors: q - s x_q [m], shape (R, 3); None for rows about a difference.
         """
-        reach = self.shape.support(normals) + self.radius(points.times)
-        bounds = supports = self.responsibility * reach
+        distances = self.shape.support(normals) + self.radius(points.times)
+        bounds = supports = self.responsibility * distances
         if anchors is not None:
             bounds = supports + np.sum(normals * anchors, axis=1)
         return HalfSpaces(
@@ -186,9 +187,9 @@ class KeepApart(KeepOut):
         )
 
     def quadratics(self, rows: HalfSpaces) -> Quadratic | None:
-        """Scaled distances of vehicles from their partners, at least the separation."""
+        """Return lower bounds on scaled distances of vehicles from their partners."""
         radii = self.radius(rows.times)
-        axes = self.shape.semi_axes + radii[:, None]  # inside of the set that is kept out of
+        axes = self.shape.semi_axes + radii[:, None]  # an ellipsoid inside of S enlarged by r
         sizes = axes[:, 0]
         return Quadratic(
             centers=np.zeros((len(rows), 3)),
@@ -198,11 +199,11 @@ class KeepApart(KeepOut):
         )
 
     def renewed(self, rows: HalfSpaces) -> HalfSpaces:
-        """Rows of the same pairs at the same knots, or closest approaches next to them."""
-        own = self._asked
-        return own.select(np.isin(self._by_knot(own), self._by_knot(rows)))
+        """Return rows of the same pairs at the same or the nearest knots."""
+        own = self._required_rows
+        return own.select(np.isin(self._pairs_and_knots(own), self._pairs_and_knots(rows)))
 
-    def _by_knot(self, rows: HalfSpaces) -> IntArray:
+    def _pairs_and_knots(self, rows: HalfSpaces) -> IntArray:
         count, knots = self.reference.positions.shape[:2]
         k = np.rint(rows.times / self.reference.step).astype(int)
         one, other = np.sort([rows.vehicles, rows.partners], axis=0)
@@ -231,27 +232,30 @@ def pairs_of(
     """Return the constraint of all pairs, linearised around a motion of the vehicles.
 
     Args:
-        scenario: what is asked.
-        margins: how far inside of it plans keep.
-        reference: q.
-        coupling: how rows are written.
-        penalty: cost of each metre by which a row is broken.
-        one_normal: whether each close encounter of the reference gets one direction all along.
-        rounds: in how many rounds broken rows at the knots are added.
-        of: vehicles of which each pair has one or two, rising indices; all if not given.
-        close: those of the reference that are too close, where that is known and all that counts
-            between its knots, since rows may be broken.
+        scenario: a scenario with a separation.
+        margins: the margins of plans.
+        reference: the reference motion q of all vehicles.
+        coupling: the form of the rows.
+        penalty: the cost per metre of violation of a row; infinite if rows must hold.
+        one_normal: whether all rows of a close encounter of the reference have one normal.
+        rounds: the number of rounds that add violated rows at the knots.
+        of: increasing indices of vehicles; each pair includes at least one of them. All if None.
+        close: the violating approaches of the reference, if known. They suffice between knots if
+            rows are soft. None to search for them.
+
+    Raises:
+        ValueError: the scenario has no separation.
     """
     separation, soft = separation_of(scenario), np.isfinite(penalty)
     reference = reference.subdivided(margins.pieces)
-    kept = separation.distance + most_beside(separation, margins.inner)
-    near = pairs_within(separation, reference, NEAR * kept, between=False, of=of)
+    required = separation.distance + max_pair_margin(separation, margins.inner)
+    near = pairs_within(separation, reference, NEAR * required, between=False, of=of)
     if close is None:
-        within, between = kept * (1.0 if soft else GRAZING), scenario.between_knots
+        within, between = required * (1.0 if soft else GRAZING), scenario.between_knots
         close = pairs_within(separation, reference, within, between=between, of=of)
     shape = separation.shape
     if soft:
-        shape = Ellipsoid(shape.center, ROOM * shape.semi_axes)
+        shape = Ellipsoid(shape.center, SOFT_ENLARGEMENT * shape.semi_axes)
     return KeepApart(
         kind="separation",
         key=PAIRS,
@@ -262,7 +266,7 @@ def pairs_of(
         rounds=rounds,
         coupled=coupling.together,
         shape=shape,
-        kept=separation,
+        required=separation,
         margins=margins.inner,
         pieces=margins.pieces,
         responsibility=coupling.responsibility,
@@ -275,16 +279,16 @@ def pairs_of(
 
 
 def points_of(found: CloseApproaches) -> EvaluationPoints:
-    """Return the points where pairs are close."""
+    """Return the evaluation points of close approaches."""
     return EvaluationPoints(found.one, found.other, found.times)
 
 
 def _encounters(
     points: EvaluationPoints, close: BoolArray, step: float
 ) -> tuple[IntArray, IntArray]:
-    """Return the close points, as indices, and the number of the encounter of each.
+    """Return the indices of the close points, and the number of each one's encounter.
 
-    Close points of a pair that follow each other are one encounter.
+    An encounter consists of successive close points of one pair.
     """
     rows = np.flatnonzero(close)
     follows = np.diff(points.vehicles[rows], prepend=-1) == 0

@@ -1,4 +1,4 @@
-"""Stretches of neighbouring rows: their neighbours, and the worst rows of their pieces."""
+"""Stretches of successive rows: their neighbours, and the worst rows of their pieces."""
 
 from __future__ import annotations
 
@@ -7,34 +7,34 @@ import numpy as np
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 
-def near(marked: BoolArray, runs: IntArray, reach: int) -> BoolArray:
-    """Return which rows are marked, or up to `reach` from a marked row of the same run, (R,).
+def with_neighbours(marked: BoolArray, runs: IntArray, neighbours: int) -> BoolArray:
+    """Return a mask of the marked rows and of their neighbours in the same run, shape (R,).
 
     Args:
-        marked: shape (R,).
-        runs: the number of the run that each belongs to, one run after the other, shape (R,).
-        reach: at least 0.
+        marked: the mask of the marked rows, shape (R,).
+        runs: the increasing number of each row's run, shape (R,).
+        neighbours: the number of neighbours before and after each marked row, at least 0.
     """
-    if reach == 0:
+    if neighbours == 0:
         return marked
     count = len(marked)
-    reach = min(reach, count)
+    neighbours = min(neighbours, count)
     first, last = np.searchsorted(runs, runs), np.searchsorted(runs, runs, side="right")
     before = np.concatenate([[0], np.cumsum(marked)])
     place = np.arange(count)
-    above: BoolArray = (
-        before[np.minimum(place + reach + 1, last)] > before[np.maximum(place - reach, first)]
-    )
-    return above
+    ends = before[np.minimum(place + neighbours + 1, last)]
+    found: BoolArray = ends > before[np.maximum(place - neighbours, first)]
+    return found
 
 
 def worst_of_pieces(follows: BoolArray, margins: FloatArray, pieces: int) -> IntArray:
     """Return the index of the worst row in each piece of every stretch of violated rows.
 
     Args:
-        follows: whether each row but the first belongs to the same stretch as that before it.
-        margins: of all broken rows, stretch by stretch, shape (R,).
-        pieces: into how many each stretch is cut.
+        follows: mask of the rows, except the first, that continue the stretch of the row before,
+            shape (R-1,).
+        margins: the margins of all violated rows, sorted by stretch, shape (R,).
+        pieces: the number of pieces of each stretch.
     """
     begins = np.ones(len(margins), dtype=bool)
     begins[1:] = ~follows

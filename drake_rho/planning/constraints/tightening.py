@@ -1,4 +1,4 @@
-"""Where a scenario leaves no room for its disturbance, seen before anything is planned."""
+"""Tightening slack: a check before planning that limits leave space for the error tube."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_rho.motion.scenario_tube import tube_of
-from drake_rho.planning.constraints.close_pairs import most_beside
+from drake_rho.planning.constraints.close_pairs import max_pair_margin
 from drake_rho.planning.constraints.margins import Margins, PlanMargins, margins_of
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray, unchecked
@@ -17,81 +17,81 @@ from drake_rho.scenario.records import Scenario
 
 _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
 
-_WHERE = {0: "start", -1: "goal"}
-"""Knots that are given, and what they are called."""
+_ENDS = {0: "start", -1: "goal"}
+"""Names of the knots with given states, by index."""
 
 NO_SLACK = "no room for the errors that the disturbance leads to"
-"""Why there is no plan, where a scenario missing_slack room."""
+"""Reason in messages why a scenario without sufficient tightening slack has no plan."""
 
 TREATMENT = {
     "dynamics": "exact: nothing to tighten",
-    "goals": "reached by the nominal motion; where flights end is noted in reports",
+    "goals": "reached by the nominal motion; reports note where flights end",
     "position": "half its width, starts and goals against the position's radius",
     "velocity": "half its width, starts and goals against the velocity's radius",
     "acceleration": "half its width against the feedback's radius",
-    "jerk": "of the plan, which has no error: no margin",
+    "jerk": "limits the plan alone, which has no error: no margin",
     "max_speed": "its radius, starts and goals against the velocity's radius",
     "max_acceleration": "its radius against the feedback's radius",
     "max_thrust": "its radius against the feedback's radius",
-    "max_tilt": "a cone has no middle: only programs tell",
-    "max_jerk": "of the plan, which has no error: no margin",
-    "waypoints": "the distance within which they are passed against the position's radius",
+    "max_tilt": "not compared: a cone has no centre, so programs decide",
+    "max_jerk": "limits the plan alone, which has no error: no margin",
+    "waypoints": "their distance tolerance against the position's radius",
     "obstacles": "starts and goals against the position's radius",
-    "moving obstacles": "as obstacles, where they are at the start and at the end",
-    "late obstacles": "as obstacles, where they are known at the start",
-    "active obstacles": "as obstacles, where they are active at the start or at the end",
+    "moving obstacles": "as obstacles, at their positions at the first and the last knot",
+    "late obstacles": "as obstacles, if they are known at the start",
+    "active obstacles": "as obstacles, if they are active at the start or at the end",
     "separation": "half the distance of starts and goals against the position's radius",
     "disturbance": "the radii",
 }
-"""What is compared with the radii of errors, of every kind of requirement."""
+"""Comparison with the radii of the error tube, for every kind of requirement."""
 
-_UNDER_WAY = 10.0
-"""Tolerances by which there may be less room than is needed where a window begins. What a plan
-keeps to one tolerance is where the next begins, and that may be a few away after some windows."""
+_MEASURED_START = 10.0
+"""Shortage of slack, in tolerances, that a measured start may have. A window starts at a state that
+meets its limits to one tolerance in the previous plan; after several windows it may be a few."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TighteningSlack:
-    """How much room a constraint leaves all vehicles at one place, and how much is needed."""
+    """Available and needed distances from the boundary of one constraint, for all vehicles."""
 
     name: str
-    """of the constraint"""
+    """name of the constraint"""
     where: str
-    """start, goal, or what else is looked at"""
+    """place of the comparison: start, goal, or the middle of a set"""
     quantity: Quantity
-    """whose error needs the room"""
-    room: FloatArray
-    """how far from the constraint's boundary the vehicles are, below zero beyond it, in the
+    """quantity whose error needs the distance"""
+    available: FloatArray
+    """distances of the vehicles inside the constraint's boundary, negative beyond it, in the
     quantity's unit, shape (N,)"""
     needed: FloatArray
-    """the margin, in the quantity's unit, one for all or shape (N,)"""
+    """needed margins, in the quantity's unit, shape (1,) or (N,)"""
     tolerances: FloatArray
-    """one for all or shape (N,), in the quantity's unit"""
+    """tolerances of the constraint, in the quantity's unit, shape (1,) or (N,)"""
 
     def missing(self, tolerances: float) -> FloatArray:
-        """Return by how much room is missing, at most zero where there is enough, shape (N,)."""
-        missing: FloatArray = self.needed - self.room - tolerances * self.tolerances
+        """Return the slack missing beyond the tolerances allowed, at most 0 if none, shape (N,)."""
+        missing: FloatArray = self.needed - self.available - tolerances * self.tolerances
         return missing
 
     def reason(self, vehicle: int) -> str:
-        """Return the reason for one vehicle, in words."""
-        unit, needed = UNITS[self.quantity], np.broadcast_to(self.needed, self.room.shape)
-        room = float(self.room[vehicle])
+        """Return a description of one vehicle's missing slack."""
+        unit, needed = UNITS[self.quantity], np.broadcast_to(self.needed, self.available.shape)
+        depth = float(self.available[vehicle])
         if needed[vehicle] <= 0.0:
-            return f"{self.name} ({self.where} {-room:.3g} {unit} beyond)"
-        if room < 0.0:
+            return f"{self.name} ({self.where} {-depth:.3g} {unit} beyond)"
+        if depth < 0.0:
             inside = f"{needed[vehicle]:.3g} {unit} inside is needed"
-            return f"{self.name} ({self.where} {-room:.3g} {unit} beyond; {inside})"
-        return f"{self.name} ({self.where} {room:.3g} {unit} inside, of {needed[vehicle]:.3g})"
+            return f"{self.name} ({self.where} {-depth:.3g} {unit} beyond; {inside})"
+        return f"{self.name} ({self.where} {depth:.3g} {unit} inside, of {needed[vehicle]:.3g})"
 
 
 def check_tightening_slack(scenario: Scenario, margins: PlanMargins) -> None:
-    """See that limits, starts and goals leave room for the disturbance, if there is one.
+    """Check that limits, starts and goals leave sufficient slack for the disturbance, if any.
 
-    What is left of a flight is not looked at: windows are judged when they are planned.
+    A flight that is under way is not checked here: its windows are checked when they are planned.
 
     Raises:
-        InfeasibleError: they do not; it says how much of the disturbance they leave room for.
+        InfeasibleError: the slack is insufficient; the error has the largest tolerable wind.
     """
     if scenario.disturbance is None or scenario.under_way:
         return
@@ -103,17 +103,17 @@ def check_tightening_slack(scenario: Scenario, margins: PlanMargins) -> None:
 def missing_slack(
     scenario: Scenario, margins: PlanMargins, *, under_way: bool = False
 ) -> dict[str, tuple[str, ...]]:
-    """Return for each vehicle without room what leaves it none.
+    """Return the constraints that leave vehicles too little slack, by the vehicles' names.
 
     Args:
-        scenario: what is asked.
-        margins: how far inside of it plans keep.
-        under_way: whether it begins with a measured state, which may be a little off.
+        scenario: the scenario to check.
+        margins: the margins of plans.
+        under_way: whether starts are measured states, which may deviate by a few tolerances.
     """
     found: dict[str, tuple[str, ...]] = {}
     for each in _slacks(scenario, margins.inner):
-        measured = under_way and each.where == _WHERE[0]
-        tolerances = _UNDER_WAY if measured else 1.0
+        measured = under_way and each.where == _ENDS[0]
+        tolerances = _MEASURED_START if measured else 1.0
         for vehicle in np.flatnonzero(each.missing(tolerances) > 0.0).tolist():
             name = scenario.vehicles[vehicle].name
             found[name] = (*found.get(name, ()), each.reason(vehicle))
@@ -121,15 +121,15 @@ def missing_slack(
 
 
 def starts_beyond_limits(scenario: Scenario, margins: PlanMargins) -> bool:
-    """Return whether a vehicle begins where its limits of position or velocity leave no room."""
-    rooms = _of_state(scenario, margins.inner, 0)
-    return any(np.any(each.missing(_UNDER_WAY) > 0.0) for each in rooms)
+    """Return whether a start lacks slack in the limits of its position or velocity."""
+    slacks = _state_slacks(scenario, margins.inner, 0)
+    return any(np.any(each.missing(_MEASURED_START) > 0.0) for each in slacks)
 
 
 def _largest_tolerable(scenario: Scenario, margins: PlanMargins) -> float:
-    """Return the largest wind there would be room for with the same feedback [m/s²].
+    """Return the largest wind with sufficient slack for the same feedback [m/s²].
 
-    Radii are affine in the wind.
+    The radii of the error tube are affine in the wind.
     """
     tube = tube_of(scenario)
     calm = unchecked(tube.disturbance, acceleration=0.0, tracking=tube.tracking)
@@ -139,28 +139,28 @@ def _largest_tolerable(scenario: Scenario, margins: PlanMargins) -> float:
         _slacks(scenario, margins.inner), _slacks(scenario, without.inner), strict=True
     ):
         more = windy.needed - still.needed
-        left = windy.room + windy.tolerances - still.needed
-        share = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
-        part = min(part, float(np.min(share)))
+        left = windy.available + windy.tolerances - still.needed
+        tolerable = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
+        part = min(part, float(np.min(tolerable)))
     return max(0.0, part) * tube.disturbance.acceleration
 
 
 def _slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
-    """Yield the room of every constraint, of limits as a whole and at both ends."""
-    yield from _of_limits(scenario, margins)
-    for end in _WHERE:
-        yield from _of_end(scenario, margins, end)
+    """Yield the slack of every constraint, in the middle of limits and at start and goal."""
+    yield from _limit_slacks(scenario, margins)
+    for end in _ENDS:
+        yield from _end_slacks(scenario, margins, end)
 
 
-def _of_end(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
-    """Yield the room of every constraint at one end."""
-    yield from _of_state(scenario, margins, end)
-    yield from _of_obstacles(scenario, margins, end)
-    yield from _of_pairs(scenario, margins, end)
+def _end_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
+    """Yield the slack of every constraint at start or goal."""
+    yield from _state_slacks(scenario, margins, end)
+    yield from _obstacle_slacks(scenario, margins, end)
+    yield from _pair_slacks(scenario, margins, end)
 
 
-def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
-    """Yield boxes and balls, which errors on both sides must not fill."""
+def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
+    """Yield the slack in the middle of boxes and balls, which the error tube has to fit into."""
     fleet = scenario.fleet
     for quantity in _QUANTITIES:
         needed = margins.steps[quantity].max(keepdims=True)
@@ -176,14 +176,14 @@ def _of_limits(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack
                 )
     for number, waypoints in enumerate(fleet.waypoints, start=1):
         times = np.where(waypoints.present, waypoints.times - scenario.grid.start, 0.0)
-        needed = np.where(waypoints.present, margins.exactly(times), 0.0)
+        needed = np.where(waypoints.present, margins.position_radius(times), 0.0)
         tolerances = waypoints.tolerances(fleet.scale("position"))
         name = f"waypoint {number}"
         yield TighteningSlack(name, "middle", "position", waypoints.within, needed, tolerances)
 
 
-def _of_state(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
-    """Yield the room of position and velocity at one end, in their boxes and balls."""
+def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
+    """Yield the slack of positions and velocities in their boxes and balls at start or goal."""
     fleet = scenario.fleet
     states: dict[Quantity, FloatArray] = {"position": fleet.start_positions}
     states["velocity"] = fleet.start_velocities
@@ -192,22 +192,22 @@ def _of_state(scenario: Scenario, margins: Margins, end: int) -> Iterator[Tighte
     for quantity, values in states.items():
         needed = margins.knots[quantity][[end]]
         if (bounds := fleet.bounds(quantity)) is not None:
-            room = np.minimum(values - bounds.lower, bounds.upper - values).min(axis=1)
+            available = np.minimum(values - bounds.lower, bounds.upper - values).min(axis=1)
             tolerances = bounds.tolerances.min(axis=1)
             yield TighteningSlack(
-                f"{quantity} box", _WHERE[end], quantity, room, needed, tolerances
+                f"{quantity} box", _ENDS[end], quantity, available, needed, tolerances
             )
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
-                room = -limit.sets.excess(np.arange(len(values)), values)
+                available = -limit.sets.excess(np.arange(len(values)), values)
                 tolerances = limit.sets.tolerances
                 yield TighteningSlack(
-                    limit.kind.name, _WHERE[end], quantity, room, needed, tolerances
+                    limit.kind.name, _ENDS[end], quantity, available, needed, tolerances
                 )
 
 
-def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
-    """Yield the distances from obstacles at one end beyond those without a disturbance."""
+def _obstacle_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
+    """Yield the slack of obstacles at start or goal: distances beyond those without disturbance."""
     fleet = scenario.fleet
     positions, time = fleet.start_positions, 0.0
     if end != 0:
@@ -215,53 +215,53 @@ def _of_obstacles(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ti
     needed = margins.knots["position"][[end]]
     for number, obstacle in scenario.known:
         distances = obstacle.distances(positions, np.array([time]))
-        room = distances - fleet.radii - obstacle.deviation
+        available = distances - fleet.radii - obstacle.deviation
         tolerance = fleet.obstacle_tolerances(obstacle.shape)
         name = scenario.obstacle_name(number)
-        yield TighteningSlack(name, _WHERE[end], "position", room, needed, tolerance)
+        yield TighteningSlack(name, _ENDS[end], "position", available, needed, tolerance)
 
 
-def _of_pairs(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
-    """Yield half of every vehicle's room to the closest other one, as each has an error."""
-    from scipy.spatial import cKDTree  # slow to load, so only where needed
+def _pair_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
+    """Yield half the distance from the closest other vehicle at start or goal; both have errors."""
+    from scipy.spatial import cKDTree  # slow to import, so deferred until needed
 
     separation, fleet = scenario.separation, scenario.fleet
     if separation is None or len(scenario.vehicles) < 2:
         return
     positions = fleet.start_positions if end == 0 else fleet.goal_positions
-    within = separation.distance + most_beside(separation, margins)
+    within = separation.distance + max_pair_margin(separation, margins)
     near = cKDTree(separation.scaled(positions)).query_pairs(within, output_type="ndarray")
     distances = separation.shape.signed_distance(positions[near[:, 0]] - positions[near[:, 1]])
-    room = np.full(len(positions), np.inf)
+    available = np.full(len(positions), np.inf)
     for vehicles in near.T:
-        np.minimum.at(room, vehicles, distances / 2.0)
+        np.minimum.at(available, vehicles, distances / 2.0)
     needed, tolerance = margins.knots["position"][[end]], np.array([separation.tolerance])
-    yield TighteningSlack("separation", _WHERE[end], "position", room, needed, tolerance)
+    yield TighteningSlack("separation", _ENDS[end], "position", available, needed, tolerance)
 
 
 def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
-    """Return the undisturbed scenario with vehicles and separation larger by their margins.
+    """Return the undisturbed scenario with vehicles and separation enlarged by their margins.
 
-    For looking for ways, on which margins need not be known over time. Vehicles are no larger than
-    their starts and goals have room for.
+    Path search uses it, since margins over time are unknown for a path without times. Vehicles are
+    enlarged only as far as obstacles and other vehicles at their starts and goals permit.
     """
     steps = margins.steps
-    if steps.most == 0.0:
+    if steps.largest == 0.0:
         return scenario
-    most = np.full(len(scenario.vehicles), steps.most)
-    apart = most
-    for end in _WHERE:
-        for room in _of_obstacles(scenario, steps, end):
-            most = np.minimum(most, np.maximum(room.room, 0.0))
-        for room in _of_pairs(scenario, steps, end):
-            apart = np.minimum(apart, np.maximum(room.room, 0.0))
+    growth = np.full(len(scenario.vehicles), steps.largest)
+    pair_growth = growth
+    for end in _ENDS:
+        for slack in _obstacle_slacks(scenario, steps, end):
+            growth = np.minimum(growth, np.maximum(slack.available, 0.0))
+        for slack in _pair_slacks(scenario, steps, end):
+            pair_growth = np.minimum(pair_growth, np.maximum(slack.available, 0.0))
     vehicles = tuple(
         unchecked(vehicle, radius=vehicle.radius + float(more))
-        for vehicle, more in zip(scenario.vehicles, most, strict=True)
+        for vehicle, more in zip(scenario.vehicles, growth, strict=True)
     )
     separation = scenario.separation
     if separation is not None:
-        distance = separation.distance + 2.0 * float(apart.min())
+        distance = separation.distance + 2.0 * float(pair_growth.min())
         separation = dataclasses.replace(separation, distance=distance)
     larger = scenario.derived(vehicles=vehicles, separation=separation, disturbance=None)
     return larger.of_vehicles(range(len(vehicles)))

@@ -1,4 +1,4 @@
-"""Keep to waypoints: a ball of positions at one time, which need not be that of a knot."""
+"""Waypoint constraints: a ball of positions at one time, which need not be a knot's."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_rho.motion.dynamics import Motion
 from drake_rho.planning.constraints.base import Constraint
-from drake_rho.planning.constraints.convex_sets import Asked, KeepInSets
+from drake_rho.planning.constraints.convex_sets import EvaluatedValues, KeepInSets
 from drake_rho.planning.constraints.margins import PlanMargins
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
@@ -16,28 +16,28 @@ from drake_rho.scenario.records import Scenario
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class PassWaypoint(KeepInSets):
-    """The waypoint of one number of every vehicle that has so many.
+    """Constraint on the k-th waypoint of every vehicle with at least k waypoints.
 
-    Exactly there, within zero, is a ball like others: what a motion breaks first is a half-space
-    with the waypoint on its boundary, and so is what it breaks then.
+    A waypoint to be passed exactly is a ball of radius zero and needs no special treatment: the
+    boundary of every half-space that a motion violates contains the waypoint.
     """
 
     times: FloatArray
-    """of all vehicles, since the first knot [s], shape (N,); NaN where one has no such waypoint"""
+    """times since the first knot [s], shape (N,); NaN for vehicles without such a waypoint"""
 
     def margin(self, times: FloatArray) -> FloatArray:
-        """Return the radius of the position then: one instant counts, not a step."""
-        return self.margins.exactly(times)
+        """Return position radii at the instants themselves, not the largest in their steps."""
+        return self.margins.position_radius(times)
 
-    def asked(self, motion: Motion, vehicles: IntArray) -> Asked:
+    def required_values(self, motion: Motion, vehicles: IntArray) -> EvaluatedValues:
         """Return the positions at the waypoints' times."""
         who = vehicles[np.isfinite(self.times[vehicles])]
         times = self.times[who]
-        return Asked(who, times, motion.each_at("position", who, times))
+        return EvaluatedValues(who, times, motion.each_at("position", who, times))
 
 
 def waypoints_of(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
-    """Return the constraints of the waypoints."""
+    """Return the waypoint constraints of all vehicles."""
     scale = scenario.fleet.scale("position")
     return [
         PassWaypoint(

@@ -113,7 +113,7 @@ class _Attempts:
 
     def __init__(self, problem: Problem, backend: Backend | None) -> None:
         self.scenario, self.dead_ends = problem.scenario, DeadEnds(problem.scenario)
-        self.follow = partial(continuation_step, margin=problem.margins.steps.most)
+        self.follow = partial(continuation_step, margin=problem.margins.steps.largest)
         self.spent = Statistics()
         self.failure: InfeasibleError | None = None
         self._subproblem = Subproblem(problem, decoupled, backend)

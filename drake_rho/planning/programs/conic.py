@@ -213,10 +213,10 @@ class Cones:
     @classmethod
     def of(cls, constraint: KeepInSets, motion: Motion, group: IntArray) -> Self:
         """Return the cones of some vehicles at all instants at which they are asked for."""
-        asked = constraint.asked(motion, group)
-        matrices, reaches = constraint.sets.cones(asked.vehicles)
+        required = constraint.required_values(motion, group)
+        matrices, reaches = constraint.sets.cones(required.vehicles)
         limited = np.isfinite(reaches)
-        who, times = asked.vehicles[limited], asked.times[limited]
+        who, times = required.vehicles[limited], required.times[limited]
         reaches = reaches[limited] - constraint.margin(times)
         return cls(constraint, who, times, matrices[limited], reaches)
 

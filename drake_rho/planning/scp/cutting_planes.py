@@ -175,7 +175,9 @@ class CuttingPlanes:
         found, cut = list[HalfSpaces](), list[IntArray]()
         for constraint in look if len(vehicles) > 0 else ():
             if number < (constraint.searches if between else constraint.rounds):
-                rows = constraint.violated_rows(self.motion, vehicles, between=between, reach=reach)
+                rows = constraint.violated_rows(
+                    self.motion, vehicles, between=between, neighbours=reach
+                )
                 if constraint.curved and len(rows) > 0:
                     rows = self._curved.planes_to_add(rows, self.motion)
                     cut.append(rows.vehicles)

@@ -14,7 +14,7 @@ import numpy as np
 from drake_rho.motion.close_pairs import NO_APPROACHES, CloseApproaches
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
-from drake_rho.planning.constraints.close_pairs import most_beside, pairs_within, separation_of
+from drake_rho.planning.constraints.close_pairs import max_pair_margin, pairs_within, separation_of
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.scp.group_references import InGroups
 from drake_rho.planning.scp.restoration import SoftRows
@@ -57,7 +57,7 @@ class FleetSteps:
         self._subproblem, self._soft = subproblem, SoftRows(subproblem)
         problem = subproblem.problem
         separation = separation_of(problem.scenario)
-        margin = most_beside(separation, problem.margins.inner)
+        margin = max_pair_margin(separation, problem.margins.inner)
         self._required = separation.distance + margin
         self._groups = InGroups(problem, _TOGETHER, subproblem.backend)
 

@@ -11,7 +11,7 @@ from drake_rho.motion.close_pairs import NO_APPROACHES, CloseApproaches
 from drake_rho.motion.dynamics import Motion, roll_out
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
-from drake_rho.planning.constraints.close_pairs import too_close
+from drake_rho.planning.constraints.close_pairs import violating_pairs
 from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle
 from drake_rho.planning.constraints.separation import NAME
 from drake_rho.planning.errors import InfeasibleError
@@ -139,7 +139,7 @@ def violations_of(
     pairs = NO_APPROACHES
     if apart is not None:
         finer = motion.subdivided(margins.pieces)
-        pairs = too_close(apart, finer, margins.inner, between=between, of=moved)
+        pairs = violating_pairs(apart, finer, margins.inner, between=between, of=moved)
         pairs = pairs.select(pairs.distances < apart.distance - _TOLERATED * apart.tolerance)
     looked = np.arange(len(scenario.vehicles)) if moved is None else moved
     inconsistent = _inconsistent(scenario, motion, looked)
