@@ -19,7 +19,7 @@ from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 
 _OFFSET, _STEPS = 7, 10
-"""Iteration offset of the restoration of a reference, which violates distances by little only, and
+"""Iteration offset of the restoration of a reference, whose violations are small already, and
 largest number of its steps."""
 
 

@@ -1,10 +1,10 @@
 """Feasibility restoration of fleets: steps that separate vehicles which are too close.
 
-While pairs violate the separation by much, a step needs no plan, only the next reference. It is
+While violations of the separation are large, a step needs no plan, only the next reference. It is
 found as in `group_references`, by dual programs in which the penalty bounds the multipliers. Once
-pairs violate the separation by little, violating vehicles get programs with hard rows, solved by
-the requested solver, and the other vehicles keep their feasible motions. The iterations that follow
-plan all vehicles with that solver.
+the violations are small, violating vehicles get programs with hard rows, solved by the requested
+solver, and the other vehicles keep their feasible motions. The iterations that follow plan all
+vehicles with that solver.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Two decoupled vehicles each have half the responsibility for their separation, and neither can gain
 from the other's evasion. In a group, a pair has one row for its relative position; only pairs of
 different groups are decoupled. Groups form from the pairs with the largest multipliers and change
-from one linearisation to the next, so that every pair with multipliers is grouped in the end. A
+from one linearisation to the next, so that every pair with active rows is grouped eventually. A
 group may be a single vehicle.
 
 The result is an approximate reference to linearise around, not a plan. Starting from a plan,

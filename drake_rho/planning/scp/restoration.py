@@ -67,9 +67,9 @@ class Step(Protocol):
 class SoftRows:
     """Steps in which rows of obstacles and pairs may be violated at the penalty.
 
-    Once a reference violates them by little, hard rows are tried. Otherwise, vehicles that violate
-    nothing keep the reference. Rows of obstacles are soft only if the reference violates something
-    other than the separation of pairs.
+    Once the violations of a reference are small, hard rows are tried. Until then, vehicles that
+    violate nothing keep the reference. Rows of obstacles are soft only if the reference
+    violates something other than the separation of pairs.
 
     Args:
         subproblem: the subproblem that each step solves.
@@ -135,7 +135,7 @@ def restore_feasibility(
         offset: the number of steps that count as taken already.
         most: the largest number of penalties.
         progress: receives a line of text after each linearisation.
-        follow: makes the next reference while a plan violates much; the plan itself if not given.
+        follow: makes the next reference while violations are large; the plan itself if not given.
         dead_ends: ends of earlier restorations, near which this one stops. If it finds no plan, its
             own end is added.
 
