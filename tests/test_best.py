@@ -125,7 +125,7 @@ def test_reported_convergence_is_true_for_fleets(coupling: Coupling) -> None:
     plan = rho.plan(scenario, coupling=coupling, options=options)
     assert plan.statistics.converged
     assert plan.statistics.tolerance == 1e-4
-    again = Subproblem(Problem.of(scenario), coupling).around(plan)
+    again = Subproblem(Problem.of(scenario), coupling).solve_around(plan)
     assert again.cost <= plan.cost * (1 + INDEX)
     assert plan.cost - again.cost < 1e-3 * plan.cost
     crowd = rho.random_transitions(6, np.random.default_rng(1), duration=4.6, step=0.2)

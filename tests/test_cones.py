@@ -29,7 +29,7 @@ LIMITS = {
 @pytest.fixture(params=[0, 10], ids=["cones", "tangents"])
 def creeping(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Set the rounds of tangent planes before cones enter: none, or as many as by default."""
-    monkeypatch.setattr(curved_sets, "_CREEPING", request.param)
+    monkeypatch.setattr(curved_sets, "_MAX_PLANE_ROUNDS", request.param)
     return int(request.param)
 
 

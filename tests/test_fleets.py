@@ -376,7 +376,7 @@ def test_the_reduced_form_of_coupled_rows_has_the_same_solution(between_knots: b
         4, limits=rho.Limits(velocity=box(2)), between_knots=between_knots
     )
     subproblem = Subproblem(Problem.of(scenario), coupled)
-    known = subproblem.around(rho.plan_scp(scenario, coupling=decoupled)).accelerations
+    known = subproblem.solve_around(rho.plan_scp(scenario, coupling=decoupled)).accelerations
     assert subproblem.planes is not None
     effort, steps = MinimumEffort.of(scenario), scenario.grid.knots - 1
     rows = list(subproblem.planes.working.rows.values())
@@ -494,7 +494,7 @@ def test_a_linearisation_without_a_solution_is_infeasible_and_no_solver_error(
     scenario = random_fleet(seed)
     independent = rho.plan_convex(scenario.without_separation())
     with pytest.raises(rho.InfeasibleError, match="separation from v"):
-        Subproblem(Problem.of(scenario), decoupled).around(independent)
+        Subproblem(Problem.of(scenario), decoupled).solve_around(independent)
 
 
 def test_a_linear_program_that_clarabel_fails_on_goes_to_another_solver(

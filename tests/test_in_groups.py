@@ -334,7 +334,7 @@ def test_references_of_a_mirrored_fleet_are_mirror_images(
     mirrored = Plan.from_accelerations(other, motion.accelerations @ mirror).motion()
     one, two = (InGroups(Problem.of(each), 3) for each in (scenario, other))
     for _ in range(3):
-        motion, mirrored = one.around(motion)[0], two.around(mirrored)[0]
+        motion, mirrored = one.solve_around(motion)[0], two.solve_around(mirrored)[0]
         largest = np.abs(motion.accelerations).max()
         np.testing.assert_allclose(
             mirrored.accelerations @ mirror, motion.accelerations, atol=1e-4 * largest
@@ -363,7 +363,7 @@ def test_references_cost_no_more_than_the_plan_and_groups_change(
     assert in_groups.reference(first, 1e-3).cost < first.cost
     motion, seen = first.motion(), set[tuple[int, ...]]()
     for _ in range(4):
-        motion, statistics = in_groups.around(motion)
+        motion, statistics = in_groups.solve_around(motion)
         groups = in_groups.groups
         assert groups is not None
         assert np.bincount(groups).max() == 3
@@ -385,7 +385,7 @@ def test_where_groups_are_useless_vehicles_yield_half_each(
     scenario: rho.Scenario, first: Plan, useless: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     everyone = np.arange(len(scenario.vehicles))
-    halves = Subproblem(Problem.of(scenario), rho.decoupled).around(first)
+    halves = Subproblem(Problem.of(scenario), rho.decoupled).solve_around(first)
 
     def reference(self: InGroups, plan: Plan, tolerance: float) -> Plan:
         if useless == "none":

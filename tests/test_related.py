@@ -44,7 +44,7 @@ def test_a_known_plan_is_a_plan_of_every_relaxed_scenario(
     def around(*_: object) -> rho.Plan:
         raise SolverError("none")
 
-    monkeypatch.setattr(Subproblem, "around", around)
+    monkeypatch.setattr(Subproblem, "solve_around", around)
     plan = rho.plan(RELATED[name], reference=DOOR.known)
     assert rho.verify(plan).ok
     assert plan.scenario == RELATED[name]

@@ -112,7 +112,7 @@ class ScriptedSteps:
         script: the plan of each step.
     """
 
-    steepest = SoftRows.steepest
+    max_growth = SoftRows.max_growth
 
     def __init__(self, script: Iterable[rho.Plan]) -> None:
         self.script = iter(script)

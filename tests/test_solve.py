@@ -143,7 +143,7 @@ def test_rows_that_no_solver_satisfies_are_named_in_an_error(
 ) -> None:
     attempt, used = _spoiled(lambda name, index, answer: _violating(answer))
     monkeypatch.setattr(solve, "_solve_with", attempt)
-    with pytest.raises(rho.SolverError, match="do not keep the velocity box of solo") as caught:
+    with pytest.raises(rho.SolverError, match="satisfies the velocity box of solo") as caught:
         rho.plan_convex(single(limits=SLOW))
     assert used == ["Clarabel", "OSQP"]
     assert caught.value.statistics.programs == 2

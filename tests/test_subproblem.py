@@ -41,8 +41,8 @@ def test_a_warm_start_changes_the_work_and_not_the_plan() -> None:
     )
     reference = rho.plan_convex(scenario)
     warm = Subproblem(Problem.of(scenario), coupled)
-    first, second = warm.around(reference), warm.around(reference)
-    cold = Subproblem(Problem.of(scenario), coupled).around(reference)
+    first, second = warm.solve_around(reference), warm.solve_around(reference)
+    cold = Subproblem(Problem.of(scenario), coupled).solve_around(reference)
     largest = np.abs(cold.accelerations).max()
     for each in (first, second):
         np.testing.assert_allclose(each.accelerations, cold.accelerations, atol=MOTION * largest)
@@ -57,9 +57,9 @@ def test_vehicles_that_are_not_planned_fly_the_reference() -> None:
     ends = np.array([[0, 0, 0], [0, 10, 0]])
     scenario = fleet(ends, ends + np.array([10, 0, 0]), obstacles=spheres).without_separation()
     reference = rho.plan_convex(scenario)
-    after = Subproblem(Problem.of(scenario)).around(reference, np.array([1]))
+    after = Subproblem(Problem.of(scenario)).solve_around(reference, np.array([1]))
     np.testing.assert_array_equal(after.accelerations[0], reference.accelerations[0])
-    both = Subproblem(Problem.of(scenario)).around(reference)
+    both = Subproblem(Problem.of(scenario)).solve_around(reference)
     np.testing.assert_allclose(after.accelerations[1], both.accelerations[1], atol=1e-6)
     assert not np.array_equal(both.accelerations[0], reference.accelerations[0])
 
@@ -111,7 +111,7 @@ def test_a_coupled_fleet_without_a_solution_has_reasons_for_each_vehicle() -> No
     scenario = through_the_middle(2, grid=rho.Grid(5.0, 3))
     alone = rho.plan(scenario.without_separation())
     with pytest.raises(rho.InfeasibleError) as caught:
-        Subproblem(Problem.of(scenario), coupled).around(
+        Subproblem(Problem.of(scenario), coupled).solve_around(
             dataclasses.replace(alone, scenario=scenario)
         )
     for vehicle, partner in (("v0", "v1"), ("v1", "v0")):
@@ -121,9 +121,9 @@ def test_a_coupled_fleet_without_a_solution_has_reasons_for_each_vehicle() -> No
 
 def test_vehicles_with_a_separation_iterate_together_and_others_independently() -> None:
     scenario = through_the_middle(3)
-    assert len(set(Subproblem(Problem.of(scenario)).stopping_together.tolist())) == 1
+    assert len(set(Subproblem(Problem.of(scenario)).converging_together.tolist())) == 1
     assert (
-        len(set(Subproblem(Problem.of(scenario).without_separation()).stopping_together.tolist()))
+        len(set(Subproblem(Problem.of(scenario).without_separation()).converging_together.tolist()))
         == 3
     )
 
@@ -178,7 +178,7 @@ def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_searc
     start = independent(scenario)
     made: list[KeepApart] = []
 
-    solved = Subproblem.solved
+    solved = Subproblem.solve_with
 
     def noted(
         self: Subproblem,
@@ -189,7 +189,7 @@ def test_the_first_restoration_has_one_normal_per_encounter_and_later_ones_searc
         made.extend(each for each in constraints if isinstance(each, KeepApart))
         return solved(self, reference, constraints, vehicles)
 
-    monkeypatch.setattr(Subproblem, "solved", noted)
+    monkeypatch.setattr(Subproblem, "solve_with", noted)
     for number in range(4):
         SoftRows(Subproblem(Problem.of(scenario), decoupled))(start, 7.0, number)
     assert [each.one_normal for each in made] == [True, False, False, False]
@@ -203,13 +203,13 @@ def test_pairs_are_separated_by_references_that_guarantee_nothing(
     scenario = through_the_middle(3)
     plan = independent(scenario)
     made: list[dict[str, Any]] = []
-    around = InGroups.around
+    around = InGroups.solve_around
 
     def noted(self: InGroups, reference: Motion, **options: Any) -> tuple[Motion, Statistics]:
         made.append(options)
         return around(self, reference, **options)
 
-    monkeypatch.setattr(InGroups, "around", noted)
+    monkeypatch.setattr(InGroups, "solve_around", noted)
     subproblem = Subproblem(Problem.of(scenario), decoupled)
     step = FleetSteps(subproblem)
     violations = [subproblem.violations(plan).worst]
@@ -238,7 +238,7 @@ def test_a_reference_that_satisfies_every_constraint_is_a_plan(
         raise rho.InfeasibleError({"v1": ("acceleration box",)}, scenario=scenario)
 
     start = independent(scenario)
-    monkeypatch.setattr(Subproblem, "around", refused)
+    monkeypatch.setattr(Subproblem, "solve_around", refused)
     plan = brought_apart(Problem.of(scenario), start, Backend())
     assert plan.statistics.linearisations > 1
     assert rho.verify(plan).ok
@@ -249,7 +249,7 @@ def test_only_violating_vehicles_have_programs_at_the_end_of_a_restoration(
 ) -> None:
     """The other vehicles keep their feasible motions, and the plan as a whole is feasible."""
     scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
-    kept, planned = Subproblem.around, list[int]()
+    kept, planned = Subproblem.solve_around, list[int]()
 
     def noted(self: Subproblem, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
         assert vehicles is not None
@@ -260,7 +260,7 @@ def test_only_violating_vehicles_have_programs_at_the_end_of_a_restoration(
         np.testing.assert_array_equal(plan.accelerations[others], reference.accelerations[others])
         return plan
 
-    monkeypatch.setattr(Subproblem, "around", noted)
+    monkeypatch.setattr(Subproblem, "solve_around", noted)
     plan = brought_apart(Problem.of(scenario), independent(scenario), Backend())
     assert 0 < planned[-1] < 12
     assert rho.verify(plan).ok
@@ -271,7 +271,7 @@ def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
 ) -> None:
     """Its neighbours would otherwise keep their motions, as they violate nothing."""
     scenario = rho.random_transitions(40, np.random.default_rng(5), duration=5.0)
-    hard, in_groups, stuck = Subproblem.around, InGroups.around, list[int]()
+    hard, in_groups, stuck = Subproblem.solve_around, InGroups.solve_around, list[int]()
     beside, seen = np.zeros(40, dtype=bool), list[int]()
 
     def refused_once(
@@ -299,8 +299,8 @@ def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
             beside[:] = False
         return in_groups(self, reference, **options)
 
-    monkeypatch.setattr(Subproblem, "around", refused_once)
-    monkeypatch.setattr(InGroups, "around", noted)
+    monkeypatch.setattr(Subproblem, "solve_around", refused_once)
+    monkeypatch.setattr(InGroups, "solve_around", noted)
     plan = brought_apart(Problem.of(scenario), independent(scenario), Backend())
     assert seen  # a neighbour was without violation
     assert rho.verify(plan).ok
@@ -308,14 +308,14 @@ def test_an_infeasible_vehicle_is_planned_in_a_group_with_its_neighbours(
 
 def test_where_groups_fail_soft_rows_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
-    around, fails = InGroups.around, [False, True]
+    around, fails = InGroups.solve_around, [False, True]
 
     def at_times(self: InGroups, *args: Any, **options: Any) -> tuple[Motion, Statistics]:
         if fails and fails.pop(0):
             raise rho.SolverError("the multipliers of a group were not found")
         return around(self, *args, **options)
 
-    monkeypatch.setattr(InGroups, "around", at_times)
+    monkeypatch.setattr(InGroups, "solve_around", at_times)
     plan = brought_apart(Problem.of(scenario), independent(scenario), Backend())
     assert not fails
     assert rho.verify(plan).ok
@@ -325,7 +325,7 @@ def test_all_vehicles_have_hard_rows_even_where_no_reference_is_better(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scenario = rho.random_transitions(12, np.random.default_rng(5), duration=5.0)
-    kept, planned = Subproblem.around, list[IntArray | None]()
+    kept, planned = Subproblem.solve_around, list[IntArray | None]()
 
     def noted(self: Subproblem, reference: rho.Plan, vehicles: IntArray | None = None) -> rho.Plan:
         planned.append(vehicles)
@@ -334,7 +334,7 @@ def test_all_vehicles_have_hard_rows_even_where_no_reference_is_better(
     def none_better(self: InGroups, plan: rho.Plan, tolerance: float) -> rho.Plan:
         return plan.with_statistics(Statistics())
 
-    monkeypatch.setattr(Subproblem, "around", noted)
+    monkeypatch.setattr(Subproblem, "solve_around", noted)
     monkeypatch.setattr(InGroups, "reference", none_better)
     plan = rho.plan(scenario, coupling=rho.grouped)
     assert planned[-1] is None

@@ -250,7 +250,7 @@ def test_multipliers_of_a_coupled_group_balance_the_cost_of_all_of_it() -> None:
     starts = np.array([[-5, 0.3, 0], [0, 50, 0], [0, -5, 0]])
     scenario = fleet(starts, np.array([[5, 0, 0], [9, 50, 0], [0, 5, 0.2]]))
     subproblem = Subproblem(Problem.of(scenario), coupled)
-    subproblem.around(rho.plan_scp(scenario))
+    subproblem.solve_around(rho.plan_scp(scenario))
     planes = subproblem.planes
     assert planes is not None
     assert planes.working.group(0).tolist() == planes.working.group(2).tolist() == [0, 2]

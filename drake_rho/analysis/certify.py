@@ -211,7 +211,7 @@ def _solved(
         subproblem, plan, ALONE, labels=everyone, most=_MAX_POLISHINGS, progress=progress
     )
     if subproblem.planes is None:
-        subproblem.around(plan)  # raises the error that ended the iteration
+        subproblem.solve_around(plan)  # raises the error that ended the iteration
     assert subproblem.planes is not None  # noqa: S101  # solved above
     return subproblem.planes
 

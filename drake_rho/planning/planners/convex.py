@@ -109,12 +109,12 @@ def _plan(problem: Problem, reference: Plan | None, backend: Backend | None) -> 
     scenario = problem.scenario
     subproblem = Subproblem(problem, coupling_for(scenario), backend)
     if reference is not None:
-        return subproblem.around(reference)
+        return subproblem.solve_around(reference)
     planes = CuttingPlanes(problem, backend)
     planes.keep_to(problem.convex)
     free = planes.plan()
     if scenario.separation is not None:
-        plan = subproblem.around(free)
+        plan = subproblem.solve_around(free)
         return plan.with_statistics(free.statistics + plan.statistics)
     obstacles = problem.obstacles_around(free.motion())
     if not obstacles:

@@ -128,7 +128,7 @@ class FirstPlan:
         if reference is None or len(subproblem.violations(reference).pairs) > 0:
             return None
         with suppress(InfeasibleError, SolverError):
-            return subproblem.around(reference)
+            return subproblem.solve_around(reference)
         return self._held(problem, reference)
 
     def _held(self, problem: Problem, reference: Plan | None) -> Plan | None:

@@ -1,5 +1,5 @@
-"""The loops: cutting planes add rows, sequential convex programming linearises anew.
+"""Sequential convex programming: loops that add rows and loops that linearise constraints.
 
-A scenario and a reference come in; a plan near it goes out, or the error that says which rows
-cannot be met together.
+Given a scenario and a reference, they return a plan near the reference, or an error that names the
+constraints that contradict each other.
 """

@@ -1,4 +1,4 @@
-"""Curved sets in programs: tangent planes at first, cones where these come to no end."""
+"""Curved sets in programs: tangent planes at first, cones where these do not converge."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from drake_rho.planning.constraints.convex_sets import KeepInSets
 from drake_rho.planning.programs.conic import ConicPrograms
 from drake_rho.scenario.fields import BoolArray, IntArray
 
-_CREEPING = 10
-"""Rounds that add tangent planes of a vehicle's curved sets before these enter as they are. Where
-there is room most scenarios need fewer: each round quarters what is left outside, at least."""
+_MAX_PLANE_ROUNDS = 10
+"""Rounds that add tangent planes of a vehicle's curved sets before the sets enter as cones. Most
+scenarios with slack need fewer, since each round reduces the violation to a quarter or less."""
 
-_AS_GOOD_AS_KEPT = 0.5
-"""Tolerances by which a solution may be outside of a set that is, or was, in a program as a cone:
-tangent planes that go on from there would take dozens of rounds for the digits that are left."""
+_CONE_ACCURACY = 0.5
+"""Largest violation, in tolerances, at which a set counts as satisfied if it is, or was, in a
+program as a cone. Tangent planes would take dozens of rounds for the remaining digits."""
 
 
 class CurvedSets:
-    """Choice between cones and tangent planes, for each vehicle's curved sets.
+    """Choice between cones and tangent planes for the curved sets of each vehicle.
 
     Args:
-        cones: programs with cones, which know whose sets entered as cones before.
+        cones: programs with cones; they record the vehicles whose sets entered as cones before.
 
     Attributes:
-        cones: as given.
-        as_cones: whose sets are in as cones, shape (N,).
+        cones: the programs with cones.
+        as_cones: flags of the vehicles whose sets are in the programs as cones, shape (N,).
         sets: the constraints with curved sets.
-        soft: whether some constraint may be violated: solutions are steps on the way to others.
+        soft: whether any constraint may be violated, so that solutions are intermediate steps.
     """
 
     def __init__(self, cones: ConicPrograms) -> None:
@@ -41,42 +41,42 @@ class CurvedSets:
         self._back_to_planes: BoolArray = np.zeros(len(self.as_cones), dtype=bool)
 
     def add(self, constraints: Iterable[Constraint]) -> None:
-        """Note more constraints."""
+        """Register further constraints."""
         for each in constraints:
             self.soft |= bool(np.isfinite(each.penalty))
             if isinstance(each, KeepInSets):
                 self.sets.append(each)
 
     def planes_to_add(self, rows: HalfSpaces, motion: Motion) -> HalfSpaces:
-        """Return the tangent planes that are to be added: sets that are in as cones need none.
+        """Return the tangent planes to add; sets that are in the programs as cones need none.
 
-        A set that is much smaller than its distance from zero is kept by rows to more digits than
-        as a cone. Tangent planes where the cone's solution is go on from there, unless something
-        may be violated, for which few digits do.
+        Rows satisfy a set that is much smaller than its distance from zero to more digits than a
+        cone does. If a solution with cones violates such a set, tangent planes replace the cones
+        and continue from that solution. They do not where constraints are soft: few digits suffice.
         """
         conic, again = self.as_cones[rows.vehicles], self._back_to_planes[rows.vehicles]
         if not (conic | again).any():
             return rows
         if self.soft:
             return rows.select(~conic)
-        outside = rows.margins(motion) < -_AS_GOOD_AS_KEPT * rows.tolerances
+        outside = rows.margins(motion) < -_CONE_ACCURACY * rows.tolerances
         self.back_to_planes(np.unique(rows.vehicles[conic & outside]))
         return rows.select(outside | ~(conic | again))
 
     def count_round(self, vehicles: IntArray) -> None:
-        """Note that another round adds planes of these vehicles' sets; some enter as cones then."""
+        """Count a round that adds tangent planes for these vehicles; put slow sets in as cones."""
         self._rounds[vehicles] += 1
-        creeping = (self._rounds[vehicles] > _CREEPING) & ~self._back_to_planes[vehicles]
-        self.to_cones(vehicles[creeping])
+        slow = (self._rounds[vehicles] > _MAX_PLANE_ROUNDS) & ~self._back_to_planes[vehicles]
+        self.to_cones(vehicles[slow])
 
     def cut_by_planes(self, vehicles: IntArray) -> IntArray:
-        """Return the vehicles whose sets have tangent planes that could be cones instead."""
+        """Return the vehicles with tangent planes that cones could replace."""
         return vehicles[(self._rounds[vehicles] > 0) & ~self._back_to_planes[vehicles]]
 
     def to_cones(self, vehicles: IntArray) -> None:
-        """Put sets of some vehicles in as cones, here and in later programs."""
+        """Put the sets of some vehicles in as cones, in these programs and in later ones."""
         self.as_cones[vehicles] = self.cones.needed[vehicles] = True
 
     def back_to_planes(self, vehicles: IntArray) -> None:
-        """Go back to tangent planes of some vehicles' sets, for good in these programs."""
+        """Return the sets of some vehicles to tangent planes for the rest of these programs."""
         self.as_cones[vehicles], self._back_to_planes[vehicles] = False, True

@@ -1,9 +1,9 @@
-"""Rows are added as motions violate them: solve, look for violated constraints, solve again.
+"""Cutting planes: solve, add the violated rows, and solve again.
 
-It begins with the motions of minimum effort, which are known in closed form. Everything else enters
-as a row when a motion violates it: at the knots first and, where nothing is violated there, at the
-worst instants between. When nothing is violated the answer is that of the full programs, because
-every row left out holds.
+The first motions are those of minimum effort, which are known in closed form. Every constraint
+enters as a row when a motion violates it: first at the knots and, once the knots satisfy all, at
+the worst instants between them. When nothing is violated, the solution is that of the full
+programs, because every omitted row holds.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from drake_rho.planning.problem import Problem
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.programs.conic import ConicPrograms
 from drake_rho.planning.scp.curved_sets import CurvedSets
-from drake_rho.planning.scp.farkas import conflict_of, in_the_way
+from drake_rho.planning.scp.farkas import conflict_of, obstacles_in
 from drake_rho.planning.scp.group_programs import GroupPrograms
 from drake_rho.planning.scp.row_generation import generate_rows
 from drake_rho.planning.scp.working_set import WorkingSet
@@ -28,30 +28,31 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.system.threads import single_threaded_blas
 
 MAX_ROUNDS = 200
-"""Bound on the solves of one call. Every round adds rows, and after the first few a growing
-neighbourhood of them, so that all of a constraint's rows are in long before."""
+"""Largest number of solves in one call. Every round adds rows and, after the first few, a growing
+neighbourhood of them. All rows of a constraint are therefore in the program long before this."""
 
 _PIECES = 4
-"""In the first round the worst row of each quarter of a violated stretch enters, in the next that
-of each eighth, and so on: neighbours require nearly the same, and a small program is a fast one."""
+"""Pieces of a violated stretch whose worst rows enter in the first round; each later round doubles
+their number. Neighbouring rows require nearly the same, and a small program is solved faster."""
 
 _PATIENCE = 3
-"""Rounds in which only violated rows are added. Most scenarios need no more; where an active
-stretch creeps along the knots, as jerk does, neighbours then come too, twice as many each round."""
+"""Rounds in which only violated rows are added. Most scenarios need no more. If an active
+stretch moves slowly along the knots, as with jerk, neighbours are then added too, twice as many
+each round."""
 
 
 class CuttingPlanes:
-    """Programs of a problem's vehicles: solved, kept, and solved with more constraints.
+    """Programs of a problem's vehicles, to which constraints are added by row generation.
 
     Args:
-        problem: to be solved.
-        backend: Clarabel if not given.
-        vehicles: which of them are planned, rising indices; all if not given.
-        accelerations: what the others fly [m/s²], shape (N, K-1, 3).
-        cones: programs with curved sets that others of this problem have begun.
+        problem: the problem to solve.
+        backend: the solver and its settings; Clarabel if not given.
+        vehicles: indices of the planned vehicles, ascending; all vehicles if not given.
+        accelerations: accelerations that the other vehicles keep [m/s²], shape (N, K-1, 3).
+        cones: programs with cones from earlier solves of this problem, to continue with.
 
     Attributes:
-        problem: as given.
+        problem: the problem to solve.
     """
 
     def __init__(
@@ -70,17 +71,17 @@ class CuttingPlanes:
         self._constraints = list[Constraint]()
         if accelerations is not None and len(self._planned) < count:
             others = np.setdiff1d(np.arange(count), self._planned)
-            flown = self.motion.with_vehicles(others, accelerations[others])
-            self._programs.motion = flown
+            fixed = self.motion.with_vehicles(others, accelerations[others])
+            self._programs.motion = fixed
 
     @property
     def motion(self) -> Motion:
-        """Motion of all vehicles, as found so far."""
+        """Motion of all vehicles in the latest solutions."""
         return self._programs.motion
 
     @property
     def working(self) -> WorkingSet:
-        """Rows that are in, and their multipliers."""
+        """Working set of rows, with their multipliers."""
         return self._programs.working
 
     def keep_to(
@@ -90,57 +91,57 @@ class CuttingPlanes:
         warm: Sequence[HalfSpaces] = (),
         reference: Plan | None = None,
     ) -> None:
-        """Solve until the solutions keep to these constraints too, beside those kept already.
+        """Solve until the solutions satisfy these constraints as well as all earlier ones.
 
         Args:
-            constraints: more of them.
-            warm: rows of these with which it begins, if there are any, rather than with a look.
-            reference: what they are linearised around, for an error.
+            constraints: the constraints to add.
+            warm: rows of these constraints to start with; without them violated rows are sought.
+            reference: the plan around which they are linearised, recorded in errors.
 
         Raises:
-            InfeasibleError: a vehicle's program has no solution, or its goal is out of reach.
+            InfeasibleError: a vehicle's program has no solution, or its goal is unreachable.
             SolverError: the solvers fail numerically.
         """
         with single_threaded_blas():
-            infeasible = self._keep_to(constraints, warm)
+            infeasible = self._add_constraints(constraints, warm)
         if infeasible:
             raise self._error(infeasible, reference)
 
     def plan(self, reference: Plan | None = None) -> Plan:
-        """Return the solutions as a plan, found with constraints linearised around a reference."""
+        """Return the solutions as a plan; record the reference of the linearisation, if any."""
         statistics = self._programs.statistics(linearisations=int(reference is not None))
         plan = Plan.from_motion(self.problem.scenario, self.motion, statistics)
         return plan if reference is None else plan.found_around(reference)
 
-    def _keep_to(self, more: Sequence[Constraint], warm: Sequence[HalfSpaces]) -> list[int]:
-        """Add rows until nothing is violated; return the vehicles without a solution."""
+    def _add_constraints(self, more: Sequence[Constraint], warm: Sequence[HalfSpaces]) -> list[int]:
+        """Add rows until nothing is violated; return the vehicles whose programs are infeasible."""
         programs, unreachable = self._programs, self.problem.effort.unreachable
         infeasible: list[int] = self._planned[unreachable[self._planned]].tolist()
         if infeasible:
             self._planned = np.setdiff1d(self._planned, infeasible)
         self._constraints += more
         self._curved.add(more)
-        violating = self._add([self._of_planned(rows) for rows in warm])
-        programs.forget_lost()
-        unseen, moved = self._planned, self._mask(self._planned)
-        # what is kept already needs no look at first
+        violating = self._add([self._rows_of_planned(rows) for rows in warm])
+        programs.forget_unsatisfied()
+        unchecked, moved = self._planned, self._mask(self._planned)
+        # earlier constraints hold already: the first search covers the new ones only
         constraints, number, searches = more, 0, 0
         if not violating.any():
-            violating, unseen = self._add_violated(more, unseen, 0), unseen[:0]
+            violating, unchecked = self._add_violated(more, unchecked, 0), unchecked[:0]
 
-        def look() -> bool:
+        def search() -> bool:
             nonlocal violating, number, searches
             if violating.any():
                 return True
             if infeasible and self.problem.scenario.separation is not None:
-                return False  # what pairs do between is worth nothing now
-            whose = moved.nonzero()[0]
-            violating = self._add_violated(constraints, whose, searches, between=True)
+                return False  # the fleet is infeasible, whatever its pairs do between the knots
+            changed = moved.nonzero()[0]
+            violating = self._add_violated(constraints, changed, searches, between=True)
             moved[:], number, searches = False, 0, searches + 1
             return bool(violating.any())
 
         def solve() -> None:
-            nonlocal violating, unseen, constraints, number
+            nonlocal violating, unchecked, constraints, number
             pending = programs.with_groups(violating.nonzero()[0])
             failed = programs.solve(pending)
             moved[pending] = True
@@ -150,30 +151,30 @@ class CuttingPlanes:
                 pending = np.setdiff1d(pending, failed)
                 self._planned = np.setdiff1d(self._planned, failed)
             constraints, number = self._constraints, number + 1
-            seen = np.union1d(unseen, pending)
-            violating, unseen = self._add_violated(constraints, seen, number), unseen[:0]
+            to_check = np.union1d(unchecked, pending)
+            violating, unchecked = self._add_violated(constraints, to_check, number), unchecked[:0]
             programs.check_inexact(pending, violating)
 
-        if not generate_rows(look, solve, MAX_ROUNDS):
+        if not generate_rows(search, solve, MAX_ROUNDS):
             raise SolverError(f"rows were still violated after {MAX_ROUNDS} rounds")
         return infeasible
 
     def _mask(self, vehicles: IntArray) -> BoolArray:
-        """Return whether each of all vehicles is among some, shape (N,)."""
+        """Return flags that are set for the given vehicles, shape (N,)."""
         mask = np.zeros(len(self.problem), dtype=bool)
         mask[vehicles] = True
         return mask
 
     def _add_violated(
-        self, look: Sequence[Constraint], vehicles: IntArray, number: int, *, between: bool = False
+        self, among: Sequence[Constraint], vehicles: IntArray, number: int, *, between: bool = False
     ) -> BoolArray:
-        """Add rows that the motions of some vehicles violate; return whose they are, shape (N,)."""
+        """Add the rows that some vehicles violate; return flags of these vehicles, shape (N,)."""
         # a round of a large group is expensive
         patience = 0 if self._programs.are_coupled else _PATIENCE
         reach = 2 ** max(0, number - patience) // 2
         gap = np.inf if between else 1.5 * self.problem.scenario.grid.step
         found, cut = list[HalfSpaces](), list[IntArray]()
-        for constraint in look if len(vehicles) > 0 else ():
+        for constraint in among if len(vehicles) > 0 else ():
             if number < (constraint.searches if between else constraint.rounds):
                 rows = constraint.violated_rows(
                     self.motion, vehicles, between=between, neighbours=reach
@@ -184,27 +185,27 @@ class CuttingPlanes:
                 if len(rows) > 0:
                     if reach == 0:
                         rows = rows.worst(self.motion, _PIECES * 2**number, gap=gap)
-                    found.append(self._of_planned(rows))
+                    found.append(self._rows_of_planned(rows))
         if cut:
             self._curved.count_round(np.unique(np.concatenate(cut)))
         return self._add(found)
 
     def _add(self, rows: Sequence[HalfSpaces]) -> BoolArray:
-        """Put rows in; return whose are new, or were in and are not kept, shape (N,)."""
-        about = np.zeros(len(self.problem), dtype=bool)
-        self._programs.forget_lost()
+        """Add rows; return flags of vehicles with new or still unsatisfied rows, shape (N,)."""
+        affected = np.zeros(len(self.problem), dtype=bool)
+        self._programs.forget_unsatisfied()
         for part in rows:
-            about |= self._programs.add(part)
-        return about
+            affected |= self._programs.add(part)
+        return affected
 
-    def _of_planned(self, rows: HalfSpaces) -> HalfSpaces:
-        """Return the rows of planned vehicles: partners may not be, or have no solution."""
+    def _rows_of_planned(self, rows: HalfSpaces) -> HalfSpaces:
+        """Return the rows of planned vehicles; omit those of fixed or infeasible ones."""
         if len(self._planned) == len(self.problem) or len(rows) == 0:
             return rows
         return rows.select(self._mask(self._planned)[rows.vehicles])
 
     def _error(self, vehicles: list[int], reference: Plan | None) -> InfeasibleError:
-        """Return the error for vehicles without a solution, or whose goal alone is out of reach."""
+        """Return the error for vehicles with an infeasible program or an unreachable goal."""
         names = [vehicle.name for vehicle in self.problem.scenario.vehicles]
         return InfeasibleError(
             {
@@ -213,6 +214,6 @@ class CuttingPlanes:
             },
             statistics=self._programs.statistics(),
             scenario=self.problem.scenario,
-            obstacles={names[vehicle]: in_the_way(self.working, vehicle) for vehicle in vehicles},
+            obstacles={names[vehicle]: obstacles_in(self.working, vehicle) for vehicle in vehicles},
             reference=reference,
         )

@@ -1,8 +1,8 @@
-"""Which constraints a program without a solution shows to contradict each other.
+"""Farkas certificates: the contradicting constraints of an infeasible program.
 
-By Farkas' lemma there are weights y >= 0 of the rows M u >= b with M' y = 0, on the motions that
-leave the goal where it is, and y · b > 0: the rows with a weight cannot be met together, nor
-with those axes of the goal in which M' y does not vanish by itself.
+By Farkas' lemma the rows M u >= b of an infeasible program have weights y >= 0 with y · b > 0, for
+which M' y vanishes on all motions that leave the goal unchanged. The rows of positive weight cannot
+be met together, nor with the axes of the goal along which M' y does not vanish by itself.
 """
 
 from __future__ import annotations
@@ -15,43 +15,44 @@ from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.planning.scp.working_set import WorkingSet
 from drake_rho.scenario.fields import FloatArray
 
-_NO_PART = 1e-4
-"""Weights below this part of the largest one count as zero: they are known to some 1e-5 of it."""
+_NEGLIGIBLE = 1e-4
+"""Fraction of the largest weight below which a weight counts as zero. Solvers are accurate to some
+1e-5 of the largest."""
 
 
 def conflict_of(
     working: WorkingSet, effort: MinimumEffort, vehicle: int, names: list[str]
 ) -> Names:
-    """Return axes of the goal and constraints, in words, that a vehicle cannot meet together.
+    """Return descriptions of the goal axes and constraints that a vehicle cannot meet together.
 
-    Where the solver gives no weights, all the rows in the program are named.
+    If the solver returns no weights, the description covers all rows of the program.
 
     Args:
-        working: whose last program of the vehicle has no solution.
-        effort: what it is written in.
-        vehicle: its index.
-        names: of all vehicles.
+        working: the working set in which the last program of the vehicle is infeasible.
+        effort: the minimum-effort motions from which the program's unknowns are measured.
+        vehicle: the index of the vehicle.
+        names: the names of all vehicles.
     """
     if effort.unreachable[vehicle]:
         return "goal position", "goal velocity", "a single step"
-    parts, told = working.multipliers(vehicle), list[str]()
+    parts, described = working.multipliers(vehicle), list[str]()
     largest = max((float(np.max(y)) for _, y in parts), default=0.0)
     weighted = [
-        (rows, np.where(y > _NO_PART * largest, y, 0.0) if largest > 0.0 else np.ones(len(y)))
+        (rows, np.where(y > _NEGLIGIBLE * largest, y, 0.0) if largest > 0.0 else np.ones(len(y)))
         for rows, y in parts
     ]
     for rows, y in weighted:
         own = rows.select((y > 0.0) & (rows.vehicles == vehicle))
         if len(own) > 0:
-            told.append(rows.constraint.describe(own, names, effort.grid.start))
-    pull = np.zeros((effort.grid.knots - 1, 3))
+            described.append(rows.constraint.describe(own, names, effort.grid.start))
+    gradient = np.zeros((effort.grid.knots - 1, 3))
     for rows, y in weighted:
-        pull += _pull(effort, vehicle, rows, y)
-    return (*_axes(effort, pull), *told)
+        gradient += _gradient(effort, vehicle, rows, y)
+    return (*_axes(effort, gradient), *described)
 
 
-def _pull(effort: MinimumEffort, vehicle: int, rows: HalfSpaces, y: FloatArray) -> FloatArray:
-    """Return M' y of one vehicle's accelerations, from rows of length one, shape (K-1, 3)."""
+def _gradient(effort: MinimumEffort, vehicle: int, rows: HalfSpaces, y: FloatArray) -> FloatArray:
+    """Return the dual gradient M' y of one vehicle, from rows of unit length, shape (K-1, 3)."""
     signs = (rows.vehicles == vehicle).astype(float)
     if rows.constraint.coupled:
         signs -= rows.partners == vehicle
@@ -60,19 +61,19 @@ def _pull(effort: MinimumEffort, vehicle: int, rows: HalfSpaces, y: FloatArray) 
     responses = own.responses(effort.grid)
     weights = weights[weights != 0.0] / np.linalg.norm(responses, axis=1)
     weights /= np.sqrt(2.0) if rows.constraint.coupled else 1.0
-    pull: FloatArray = responses.T @ (weights[:, None] * own.normals)
-    return pull
+    gradient: FloatArray = responses.T @ (weights[:, None] * own.normals)
+    return gradient
 
 
-def _axes(effort: MinimumEffort, pull: FloatArray) -> list[str]:
-    """Return the axes of the goal that M' y needs to vanish."""
-    sizes = np.linalg.norm(effort.goals.rows @ pull, axis=0)
-    least = _NO_PART * np.abs(pull).max()
+def _axes(effort: MinimumEffort, gradient: FloatArray) -> list[str]:
+    """Return the axes along which M' y vanishes only if the goal is held fixed."""
+    sizes = np.linalg.norm(effort.goals.rows @ gradient, axis=0)
+    least = _NEGLIGIBLE * np.abs(gradient).max()
     return [f"goal {axis}" for axis, size in zip("xyz", sizes, strict=True) if size > least]
 
 
-def in_the_way(working: WorkingSet, vehicle: int) -> frozenset[int]:
-    """Return the numbers of obstacles that a vehicle's rows are about; 0 for other vehicles."""
+def obstacles_in(working: WorkingSet, vehicle: int) -> frozenset[int]:
+    """Return the numbers of the obstacles in a vehicle's rows; 0 stands for other vehicles."""
     found = (
         rows.constraint.obstacle_number
         for rows in working.rows.values()

@@ -1,8 +1,8 @@
-"""Iterations of fleets whose vehicles are not all coupled: around references that cost less.
+"""Iterations of fleets whose vehicles are not all coupled, around references that cost less.
 
-A linearisation around a plan moves each vehicle by as much as its half of what is between two
-leaves. References find out first where that leads (`group_references`), as they are approximate
-and fast; one program with hard rows for every vehicle then makes the last of them a plan.
+In a decoupled linearisation each vehicle of a pair can use only half of the slack between the two.
+Approximate, fast references first explore where repeated linearisation leads (`group_references`).
+One program with hard rows for every vehicle then turns the last reference into a plan.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 
 _OFFSET, _STEPS = 7, 10
-"""Steps of a restoration that count as taken when a reference is restored, which is too close to
-something by little, and bound on those after them."""
+"""Iteration offset of the restoration of a reference, whose violations are small already, and
+largest number of its steps."""
 
 
 class AroundReferences:
-    """Improvements of a fleet's plan, linearised around references that cost less than it.
+    """Improvement of a fleet's plan by linearisation around references that cost less.
 
     Args:
-        subproblem: of a scenario with a separation, its pairs not all coupled.
-        most: bound on the vehicles of a group, where groups are asked for.
+        subproblem: the subproblem of a scenario with a separation, its pairs not all coupled.
+        most: the largest number of vehicles in a group, if the coupling is in groups.
     """
 
     def __init__(self, subproblem: Subproblem, most: int = DEFAULTS.max_group) -> None:
@@ -37,10 +37,11 @@ class AroundReferences:
         self._groups = InGroups(subproblem.problem, size, subproblem.backend)
 
     def __call__(self, plan: Plan, vehicles: IntArray, tolerance: float) -> tuple[Plan, bool]:
-        """Return a better plan, as every `Improvement` does, around a reference if that is of use.
+        """Return a better plan, found around a cheaper reference if there is one.
 
-        The plan itself is given where references cost no less by the tolerance, unless it is the
-        first: restorations and callers may have found it by other means.
+        Args, returns and errors are those of `Improvement`. If no reference costs less by the
+        tolerance, the given plan is returned, except in the first iteration: a restoration or the
+        caller may have found that plan by other means.
         """
         subproblem, spent = self._subproblem, Statistics()
         try:
@@ -49,10 +50,10 @@ class AroundReferences:
             first = subproblem.planes is None
             if not first and reference.cost >= (1.0 - tolerance) * plan.cost:
                 return plan.with_statistics(spent), False
-            subproblem.begin_with(self._groups.active)
-            apart = self._apart(reference.with_statistics(Statistics()))
-            spent += apart.statistics
-            after = subproblem.around(apart)
+            subproblem.warm_start(self._groups.active)
+            restored = self._restored(reference.with_statistics(Statistics()))
+            spent += restored.statistics
+            after = subproblem.solve_around(restored)
             spent += after.statistics
             if after.cost < plan.cost:
                 change = abs(reference.cost - after.cost)
@@ -60,14 +61,14 @@ class AroundReferences:
                 return after.with_statistics(spent), converged
         except (InfeasibleError, SolverError) as error:
             spent += error.statistics
-        after = subproblem.around(plan, vehicles)
+        after = subproblem.solve_around(plan, vehicles)
         return after.with_statistics(spent + after.statistics), False
 
-    def _apart(self, reference: Plan) -> Plan:
-        """Return a reference that keeps every constraint: around it there is a plan."""
+    def _restored(self, reference: Plan) -> Plan:
+        """Return a reference that satisfies every constraint, so that a plan exists around it."""
         if self._subproblem.holds(reference):
             return reference
-        apart = Subproblem(self._subproblem.problem, decoupled, self._subproblem.backend)
+        halves = Subproblem(self._subproblem.problem, decoupled, self._subproblem.backend)
         return restore_feasibility(
-            apart, reference, step=FleetSteps(apart), offset=_OFFSET, most=_STEPS
+            halves, reference, step=FleetSteps(halves), offset=_OFFSET, most=_STEPS
         )

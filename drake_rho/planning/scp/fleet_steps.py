@@ -1,10 +1,10 @@
-"""Steps of the restoration of a fleet, whose vehicles are too close to each other.
+"""Feasibility restoration of fleets: steps that separate vehicles which are too close.
 
-While pairs are too close by much, a step needs no plan but something to linearise around next. So
-it is found as groups find references (`group_references`), by programs in which a penalty bounds
-multipliers. As soon as pairs are nearly apart, violating vehicles have programs with hard rows, by
-the solver that was asked for, and the others go on flying what violates nothing. Iterations from
-there plan everyone by that solver.
+While violations of the separation are large, a step needs no plan, only the next reference. It is
+found as in `group_references`, by dual programs in which the penalty bounds the multipliers. Once
+the violations are small, violating vehicles get programs with hard rows, solved by the requested
+solver, and the other vehicles keep their feasible motions. The iterations that follow plan all
+vehicles with that solver.
 """
 
 from __future__ import annotations
@@ -21,37 +21,37 @@ from drake_rho.planning.scp.restoration import SoftRows
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.fields import IntArray
 
-_TOGETHER = 3
-"""Bound on the vehicles of a group while few pairs are too close."""
+_GROUP = 3
+"""Largest number of vehicles in a group while few pairs are too close."""
 
-_FAILING_TOGETHER, _BESIDE = 8, 1.05
-"""The same bound where hard rows have no solution while the vehicles next to the failing ones fly
-on as they did; and how close, in required distances, is next to. Without it one vehicle of ten
-thousand, in between others, took twenty more steps."""
+_INFEASIBLE_GROUP, _NEIGHBOURHOOD = 8, 1.05
+"""Largest number of vehicles in a group after hard rows had no solution while the neighbours of the
+infeasible vehicles kept their motions; and the distance, in required distances, within which
+vehicles are neighbours. Without these groups, one vehicle of ten thousand, in between others, took
+twenty more steps."""
 
-_FEW = 0.25
-"""Part of a fleet up to which violating vehicles are brought apart in groups: groups of many rows
-take long, and while many vehicles violate something all that is found moves on."""
+_GROUPED_FRACTION = 0.25
+"""Largest fraction of a fleet at which violating vehicles are brought apart in groups. Groups with
+many rows take long, and while many vehicles violate something every solution is provisional."""
 
 _ROUNDS = 4
-"""Rounds of rows in a step; the first steps have fewer, as all that they find moves on. With two
-all the time, two fifths of a large fleet go on violating their separation: a vehicle that is kept
-from one meets another."""
+"""Rounds of rows in a step. The first steps have fewer, since their solutions are provisional. With
+two rounds in every step, two fifths of a large fleet continue to violate the separation: a vehicle
+that moves away from one meets another."""
 
-_NOBODY = np.zeros(0, dtype=int)
+_NO_VEHICLES = np.zeros(0, dtype=int)
 
 
 class FleetSteps:
-    """Steps of a fleet's restoration, found as references in groups where that is enough.
+    """Steps of a fleet's restoration, found as references in groups where these suffice.
 
-    Obstacles that are violated, and positions that are dynamically inconsistent, are for programs
-    with slack (`SoftRows`).
+    Violated obstacles and dynamically inconsistent positions need programs with slack (`SoftRows`).
 
     Args:
-        subproblem: decoupled, of a scenario with a separation.
+        subproblem: the decoupled subproblem of a scenario with a separation.
     """
 
-    steepest = 1e3  # more than being too close can gain changes nothing, but takes digits
+    max_growth = 1e3  # a penalty beyond the gain of any violation changes nothing but costs digits
 
     def __init__(self, subproblem: Subproblem) -> None:
         self._subproblem, self._soft = subproblem, SoftRows(subproblem)
@@ -59,67 +59,67 @@ class FleetSteps:
         separation = separation_of(problem.scenario)
         margin = max_pair_margin(separation, problem.margins.inner)
         self._required = separation.distance + margin
-        self._groups = InGroups(problem, _TOGETHER, subproblem.backend)
+        self._groups = InGroups(problem, _GROUP, subproblem.backend)
 
     def __call__(self, reference: Plan, penalty: float, number: int) -> Plan:
-        """Return a step's plan, as every `Step` does; it need not keep limits before it is one."""
-        found, failing = self._subproblem.violations(reference), _NOBODY
+        """Return the plan of a step, as every `Step` does; it may violate limits until the last."""
+        found, infeasible = self._subproblem.violations(reference), _NO_VEHICLES
         if len(found.inside) + len(found.inconsistent) > 0:
             return self._soft(reference, penalty, number)
         if found.is_nearly_clear:
             try:
-                return self._subproblem.around(reference, found.vehicles)
-            except InfeasibleError as error:  # not yet
-                names = self._subproblem.problem.scenario.index_of
-                failing = np.sort([names(name) for name in error.conflicts])
+                return self._subproblem.solve_around(reference, found.vehicles)
+            except InfeasibleError as error:  # hard rows come too early
+                index_of = self._subproblem.problem.scenario.index_of
+                infeasible = np.sort([index_of(name) for name in error.conflicts])
             except SolverError:
                 pass
         try:
-            return self._apart(reference, penalty, number, failing)
+            return self._grouped(reference, penalty, number, infeasible)
         except SolverError:
             return self._soft(reference, penalty, number)
 
-    def _apart(self, reference: Plan, penalty: float, number: int, failing: IntArray) -> Plan:
-        """Return what violating vehicles fly at a penalty, the others flying the reference.
+    def _grouped(self, reference: Plan, penalty: float, number: int, infeasible: IntArray) -> Plan:
+        """Return the motions of violating vehicles at a penalty; others keep the reference.
 
         Args:
-            reference: as for every step, as the next two.
-            penalty: of each metre.
-            number: of the step.
-            failing: vehicles without a motion with hard rows beside the others, which are planned
-                with them.
+            reference: the motion to linearise around.
+            penalty: the cost of each metre of violation.
+            number: the number of the step.
+            infeasible: vehicles whose programs with hard rows have no solution; their neighbours
+                are planned together with them.
 
         Raises:
             SolverError: the multipliers of a group are not found.
         """
         found, motion = self._subproblem.violations(reference), reference.motion()
-        beside = self._beside(motion, failing)
-        close = beside.union(found.pairs)
-        few = len(found.vehicles) <= _FEW * len(self._subproblem.problem)
+        near = self._neighbours(motion, infeasible)
+        approaches = near.union(found.pairs)
+        few = len(found.vehicles) <= _GROUPED_FRACTION * len(self._subproblem.problem)
         self._groups.regroup(
-            close if few else beside,
+            approaches if few else near,
             2.0 * self._required,
-            _TOGETHER if len(failing) == 0 else _FAILING_TOGETHER,
+            _GROUP if len(infeasible) == 0 else _INFEASIBLE_GROUP,
         )
-        motion, spent = self._groups.around(
+        motion, spent = self._groups.solve_around(
             motion,
             penalty=penalty,
             one_normal=number == 0,
-            vehicles=np.unique(np.concatenate([found.vehicles, failing, beside.one, beside.other])),
-            close=close,
+            vehicles=np.unique(np.concatenate([found.vehicles, infeasible, near.one, near.other])),
+            approaches=approaches,
             rounds=min(number + 1, _ROUNDS),
         )
         return Plan.from_motion(self._subproblem.problem.scenario, motion, spent)
 
-    def _beside(self, motion: Motion, failing: IntArray) -> CloseApproaches:
-        """Return who comes next to failing vehicles, and when."""
-        if len(failing) == 0:
+    def _neighbours(self, motion: Motion, infeasible: IntArray) -> CloseApproaches:
+        """Return the approaches in which other vehicles are neighbours of infeasible ones."""
+        if len(infeasible) == 0:
             return NO_APPROACHES
         scenario = self._subproblem.problem.scenario
         return pairs_within(
             separation_of(scenario),
             motion,
-            _BESIDE * self._required,
+            _NEIGHBOURHOOD * self._required,
             between=scenario.between_knots,
-            of=failing,
+            of=infeasible,
         )

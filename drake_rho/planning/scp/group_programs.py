@@ -1,4 +1,4 @@
-"""Programs of groups of vehicles with the rows of a working set: solved, and looked over."""
+"""Convex programs of groups of coupled vehicles, with the rows of a working set."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _MAX_INEXACT = 3
-"""Rounds in a row that may go on from a solution that is almost one."""
+"""Largest number of consecutive rounds that may continue from an inexact solution."""
 
 
 class GroupPrograms:
-    """Programs of vehicles, and of groups of them that rows couple, and their last solutions.
+    """Programs of single vehicles and of coupled groups, with their last solutions.
 
     Args:
-        problem: to be solved.
-        backend: solves programs of rows alone.
-        curved: which sets are in as cones.
+        problem: the problem to solve.
+        backend: the solver of programs without cones, and its settings.
+        curved: the choice between cones and tangent planes for each vehicle.
 
     Attributes:
-        motion: of all vehicles, the solutions so far.
-        working: the rows that are in.
+        motion: the motion of all vehicles in the latest solutions.
+        working: the working set of rows.
     """
 
     def __init__(self, problem: Problem, backend: Backend, curved: CurvedSets) -> None:
@@ -41,11 +41,11 @@ class GroupPrograms:
         self.working = WorkingSet(RowKeys(len(problem), problem.scenario.grid))
         self._problem, self._backend, self._curved = problem, backend, curved
         self._inexact = np.zeros(len(problem), dtype=int)
-        self._lost, self._retries = list[HalfSpaces](), 0
+        self._unsatisfied, self._retries = list[HalfSpaces](), 0
         self._solved, self._solver_name, self._solver_seconds = 0, "", 0.0
 
     def statistics(self, *, linearisations: int = 0) -> Statistics:
-        """Return counts and times of the work so far."""
+        """Return counts and times of all solves so far."""
         return Statistics(
             programs=self._solved,
             rows=len(self.working),
@@ -56,29 +56,29 @@ class GroupPrograms:
 
     @property
     def are_coupled(self) -> bool:
-        """Whether any row couples vehicles."""
+        """Whether any row in the working set couples vehicles."""
         return any(part.constraint.coupled for part in self.working.rows.values())
 
     def with_groups(self, vehicles: IntArray) -> IntArray:
-        """Return some vehicles and those that rows couple them to."""
+        """Return the vehicles of all groups to which the given vehicles belong."""
         if not self.are_coupled:
             return vehicles
         labels = self._labels()
         return np.flatnonzero(np.isin(labels, labels[vehicles]))
 
     def add(self, rows: HalfSpaces) -> BoolArray:
-        """Put rows in; return whose are new, or were in and are not kept, shape (N,)."""
-        about = np.zeros(len(self._problem), dtype=bool)
-        new, lost = self.working.enter(rows, self.motion)
-        if len(lost) > 0:
-            lost = lost.select(self._inexact[lost.vehicles] == 0)
-            self._lost += [lost] * (len(lost) > 0)
-        about[new.vehicles] = about[lost.vehicles] = True
-        return about
+        """Add rows; return flags of vehicles with new or still unsatisfied rows, shape (N,)."""
+        affected = np.zeros(len(self._problem), dtype=bool)
+        new, left = self.working.enter(rows, self.motion)
+        if len(left) > 0:
+            left = left.select(self._inexact[left.vehicles] == 0)
+            self._unsatisfied += [left] * (len(left) > 0)
+        affected[new.vehicles] = affected[left.vehicles] = True
+        return affected
 
-    def forget_lost(self) -> None:
-        """Note that rows that are in may be violated now: nothing was solved with them yet."""
-        self._lost = []
+    def forget_unsatisfied(self) -> None:
+        """Forget the unsatisfied rows; rows may be violated until they have been solved with."""
+        self._unsatisfied = []
 
     def _labels(self) -> IntArray:
         """Return the number of each vehicle's group, shape (N,)."""
@@ -86,7 +86,7 @@ class GroupPrograms:
         return groups_of(len(self._problem.effort.units), coupled)
 
     def solve(self, vehicles: IntArray) -> list[int]:
-        """Solve the programs of vehicles that have rows; return those without a solution."""
+        """Solve the programs of vehicles and their groups; return the infeasible vehicles."""
         vehicles = self.with_groups(vehicles)
         plain, conic, answers = vehicles, vehicles[self._curved.as_cones[vehicles]], list[Answers]()
         if len(conic) > 0:
@@ -99,12 +99,12 @@ class GroupPrograms:
                 cut = self._curved.cut_by_planes(plain)
                 if len(cut) == 0:
                     raise
-                self._curved.to_cones(cut)  # tangent planes where there is no room take digits
+                self._curved.to_cones(cut)  # where there is no slack, tangent planes cost digits
                 return self.solve(vehicles)
         if len(conic) > 0:
             answers += self._solve_conic(conic)
-        solved = list(map(self._take, answers))
-        vehicles = np.concatenate([whose for whose, _ in solved])
+        solved = list(map(self._record, answers))
+        vehicles = np.concatenate([feasible for feasible, _ in solved])
         found = self._problem.effort.goals.met_by(
             np.concatenate([own for _, own in solved]), vehicles
         )
@@ -117,9 +117,9 @@ class GroupPrograms:
         return infeasible
 
     def _solve_rows(self, vehicles: IntArray) -> list[Answers]:
-        """Solve programs of rows alone."""
+        """Solve the programs of vehicles whose rows involve no cones."""
         count = len(self._problem)
-        quick = count > SMALL_FLEET  # others are planned to the last digit
+        quick = count > SMALL_FLEET  # smaller fleets are solved to full accuracy
         backend = dataclasses.replace(
             self._backend,
             accuracy="quick" if quick else "full",
@@ -129,7 +129,7 @@ class GroupPrograms:
         return solve_all(self._problem.effort.changes, rows, backend)
 
     def _solve_conic(self, vehicles: IntArray) -> list[Answers]:
-        """Solve programs with curved sets as they are; keep tangent planes that say the same."""
+        """Solve programs with cones; store the equivalent tangent planes in the working set."""
         labels, answers = self._labels(), list[Answers]()
         curved = self._curved
         for label in np.unique(labels[vehicles]):
@@ -140,31 +140,32 @@ class GroupPrograms:
             for tangents, _ in found.tangents:
                 self.working.exchange(group, tangents)
             if not (found.exact or curved.soft):
-                curved.back_to_planes(group)  # planes where the almost solution is lead to one
+                curved.back_to_planes(group)  # planes at an inexact solution lead to an exact one
                 answers += self._solve_rows(group)
                 continue
             answers.append(found.answers(group, self.working.of(group, len(labels))))
         return answers
 
-    def check_inexact(self, solved: IntArray, broken: BoolArray) -> None:
-        """See that whoever has almost a solution has other rows to be solved with.
+    def check_inexact(self, solved: IntArray, violating: BoolArray) -> None:
+        """Check that every vehicle with an inexact solution has new rows to be solved with.
 
-        Where nothing can be met, solutions grow with every round before it can be proved, and no
-        solver may reach its tolerances; they break other rows, with which it can.
+        The solutions of an infeasible program grow with every round until infeasibility can be
+        proved, and solvers may miss their tolerances on the way. Such solutions violate further
+        rows, and with these a solver can succeed.
 
         Raises:
-            SolverError: someone has none, or they were no help.
+            SolverError: an inexact solution violates no further row, or further rows did not help.
         """
         rounds = self._inexact[solved]
         if not rounds.any():
             return
-        left = np.setdiff1d(solved[rounds > 0], self.with_groups(np.flatnonzero(broken)))
+        left = np.setdiff1d(solved[rounds > 0], self.with_groups(np.flatnonzero(violating)))
         if len(left) > 0 or rounds.max() > _MAX_INEXACT:
             raise SolverError("all solvers failed numerically", self.statistics())
 
-    def _take(self, answers: Answers) -> tuple[IntArray, FloatArray]:
-        """Note answers; return vehicles that have a solution, and their accelerations."""
-        self.working.solved(answers)
+    def _record(self, answers: Answers) -> tuple[IntArray, FloatArray]:
+        """Record answers; return the vehicles with a solution and their accelerations."""
+        self.working.record(answers)
         self._solved += len(answers.groups)
         self._solver_name = answers.solver
         self._solver_seconds += answers.seconds
@@ -177,16 +178,16 @@ class GroupPrograms:
         return vehicles, a + self._problem.effort.motion.accelerations[vehicles]
 
     def _retry(self) -> int:
-        """Return how often the last rows were in a program that did not keep them."""
-        if not self._lost:
+        """Return how many solves in succession have left rows of their programs unsatisfied."""
+        if not self._unsatisfied:
             self._retries = 0
         elif self._retries == MAX_RETRIES:
-            lost = self._lost[0]
-            who = self._problem.scenario.vehicles[lost.vehicles[0]].name
+            rows = self._unsatisfied[0]
+            name = self._problem.scenario.vehicles[rows.vehicles[0]].name
             raise SolverError(
-                f"the solvers do not keep the {lost.constraint.name} of {who}", self.statistics()
+                f"no solver satisfies the {rows.constraint.name} of {name}", self.statistics()
             )
         else:
             self._retries += 1
-        self._lost = []
+        self._unsatisfied = []
         return self._retries

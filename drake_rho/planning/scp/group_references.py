@@ -1,14 +1,14 @@
 """References for fleets: linearisations in which groups of vehicles are coupled.
 
-Two that are planned apart each yield half of what a reference leaves between them, and leave what
-one could gain by the other's giving way. In groups, pairs have one row about their difference, and
-only pairs of two groups yield half each. Groups are of those that press most on each other in one
-linearisation, and others in the next, so that every pair that presses is in a group by and by. A
-group may be one vehicle alone.
+Two decoupled vehicles each have half the responsibility for their separation, and neither can gain
+from the other's evasion. In a group, a pair has one row for its relative position; only pairs of
+different groups are decoupled. Groups form from the pairs with the largest multipliers and change
+from one linearisation to the next, so that every pair with active rows is grouped eventually. A
+group may be a single vehicle.
 
-What is found is a reference and no plan: it is approximate, and nothing else is taken from it. From
-a plan, references cost less and less; from a motion in which pairs are too close, they are further
-apart, as rows may be broken at a penalty.
+The result is an approximate reference to linearise around, not a plan. Starting from a plan,
+references cost less and less. Starting from a motion whose pairs are too close, references move
+vehicles apart, since rows may be violated at a penalty.
 """
 
 from __future__ import annotations
@@ -38,46 +38,46 @@ from drake_rho.planning.scp.working_set import RowKeys, WorkingSet
 from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
 
-_ROUNDS, _ROUNDS_AT_FIRST = 3, 5
-"""In how many rounds broken rows are added: more where no row is known to press. What is broken
-after them is so by little: references found in six cost the same to 0.4 %, and take half as long
-again."""
+_ROUNDS, _FIRST_ROUNDS = 3, 5
+"""Rounds in which violated rows are added; more at first, where no active row is known. The
+remaining violations are small: references found in six rounds cost the same to 0.4 %, but take half
+as long again."""
 
-_AHEAD = 10
-"""Bound on the linearisations from one plan."""
+_MAX_LINEARISATIONS = 10
+"""Largest number of linearisations from one plan."""
 
 _FURTHER = 0.6
-"""Part of a linearisation's step by which the next goes further. With the whole step again, every
-other one in large fleets is around a motion of which nothing can be made."""
+"""Fraction of a linearisation's step by which the next reference is extrapolated. With a whole
+step, every other linearisation of large fleets is around a motion that leads to no better one."""
 
-_WHOLE = 2
-"""Times the bound up to which a fleet is one group, and no pair has to wait for its turn."""
+_SINGLE_GROUP = 2
+"""Multiple of the bound on groups up to which a fleet is one group, so that no pair has to wait."""
 
-_STALE = 0.5
-"""What the pressure of a pair counts for that was in a group: others have not had their turn."""
+_REPEATED = 0.5
+"""Weight of the multiplier sum of a pair that has just been in a group, so that others follow."""
 
-_LIMITS = 1e3
-"""Times what breaking a separation costs, for limits and obstacles where that may be broken."""
+_LIMIT_PENALTY = 1e3
+"""Penalty of limits and obstacles, as a multiple of that of a separation that may be violated."""
 
-_ACROSS = ("pairs", "of two groups")
-"""Key of the constraint of pairs of two groups."""
+_BETWEEN_GROUPS = ("pairs", "of two groups")
+"""Key of the constraint of pairs whose vehicles are in different groups."""
 
 
 class InGroups:
-    """Linearisations of a fleet in groups, one around the other.
+    """Successive linearisations of a fleet in groups.
 
     Args:
-        problem: of a scenario with a separation.
-        most: bound on the vehicles of a group; a fleet of up to twice as many is one, unless it is
-            1: each by itself.
-        backend: as for `GroupDuals`.
+        problem: the problem of a scenario with a separation.
+        most: the largest number of vehicles in a group. With 1, vehicles are independent; otherwise
+            a fleet of up to twice this number is one group.
+        backend: the solver of the dual programs, as for `GroupDuals`.
 
     Attributes:
-        groups: for each vehicle the number of its group in the next linearisation; None before
-            the first one of a fleet that is larger than a group of several.
-        converged: whether the last reference fell by less than the tolerance in its last step.
-        active: the rows that press in the last linearisation, constraint by constraint; of pairs
-            each once, the lower index first.
+        groups: the number of each vehicle's group in the next linearisation; None if groups await
+            the first linearisation.
+        converged: whether the last step lowered the cost by less than the tolerance.
+        active: rows with positive multipliers in the last linearisation, by constraint. Each pair
+            occurs once, lower index first.
     """
 
     def __init__(self, problem: Problem, most: int, backend: Backend | None = None) -> None:
@@ -92,68 +92,67 @@ class InGroups:
         self.active = list[HalfSpaces]()
 
     def reference(self, plan: Plan, tolerance: float) -> Plan:
-        """Return a motion that costs less than a plan, after some linearisations in groups.
+        """Return a motion that costs no more than a plan, after linearisations in groups.
 
         Args:
-            plan: keeps every constraint.
-            tolerance: relative fall of the cost in one linearisation at which it is the last.
+            plan: a plan that satisfies every constraint.
+            tolerance: the relative decrease of the cost at which the linearisations have converged.
 
         Returns:
-            A motion around which to linearise; its statistics are of the work here. It costs no
-            more than the plan.
+            A motion to linearise around, with the statistics of these linearisations.
 
         Raises:
             SolverError: the multipliers of a group are not found, or are wrong.
         """
         spent = Statistics()
-        best = around = plan.motion()
+        best = point = plan.motion()
         cost, self.converged = plan.cost, False
-        for number in range(_AHEAD):
+        for number in range(_MAX_LINEARISATIONS):
             check_time()
-            ahead = around is not best
+            extrapolated = point is not best
             try:
-                after, statistics = self.around(around)
+                after, statistics = self.solve_around(point)
             except SolverError:
                 if number == 0:
                     raise
-                if not ahead:
+                if not extrapolated:
                     break
-                around = best  # it was too far ahead
+                point = best  # the extrapolation went too far
                 continue
             spent += statistics
             fallen = cost - float(np.sum(after.accelerations**2))
             if number == 0 and fallen < -tolerance * cost:
-                raise SolverError("groups: what a plan keeps was found to cost more than it", spent)
-            if fallen <= 0.0 and ahead:
-                around = best
+                raise SolverError("groups: a reference costs more than its feasible plan", spent)
+            if fallen <= 0.0 and extrapolated:
+                point = best
                 continue
             if fallen > 0.0:
-                around = after if ahead or number == 0 else _ahead(best, after)
+                point = after if extrapolated or number == 0 else _extrapolated(best, after)
                 best, cost = after, cost - fallen
             self.converged = fallen <= tolerance * cost
             if self.converged:
                 break
         return Plan.from_motion(self._problem.scenario, best, spent)
 
-    def around(
+    def solve_around(
         self,
         reference: Motion,
         *,
         penalty: float = np.inf,
         one_normal: bool = False,
         vehicles: IntArray | None = None,
-        close: CloseApproaches | None = None,
+        approaches: CloseApproaches | None = None,
         rounds: int | None = None,
     ) -> tuple[Motion, Statistics]:
-        """Solve one linearisation, and find the groups of the next from its multipliers.
+        """Solve one linearisation, and form the groups of the next from its multipliers.
 
         Args:
-            reference: around which.
-            penalty: cost of each metre by which a pair is too close; limits cost more.
-            one_normal: whether each close encounter of the reference gets one direction all along.
-            vehicles: which of them are planned, rising indices; the others fly the reference.
-            close: as for `pairs_of`.
-            rounds: in how many broken rows are added, if that is not for this to decide.
+            reference: the motion to linearise around.
+            penalty: the cost of each metre by which a pair is too close; limits cost more.
+            one_normal: whether each close encounter of the reference has one normal throughout.
+            vehicles: indices of the planned vehicles, ascending; others keep the reference.
+            approaches: the close approaches of the reference, as for `pairs_of`.
+            rounds: the number of rounds that add violated rows; chosen here if not given.
         """
         pairs = self._problem.pairs_around(
             reference,
@@ -161,13 +160,13 @@ class InGroups:
             penalty=penalty,
             one_normal=one_normal,
             of=vehicles,
-            close=close,
+            close=approaches,
         )
-        across = dataclasses.replace(
-            pairs, key=_ACROSS, coupled=False, responsibility=decoupled.responsibility
+        between = dataclasses.replace(
+            pairs, key=_BETWEEN_GROUPS, coupled=False, responsibility=decoupled.responsibility
         )
         others = [*self._problem.convex, *self._problem.obstacles_around(reference)]
-        others = [dataclasses.replace(each, penalty=_LIMITS * penalty) for each in others]
+        others = [dataclasses.replace(each, penalty=_LIMIT_PENALTY * penalty) for each in others]
         if self.groups is None:
             self.groups = self._first_groups(pairs)
         effort, planned = self._problem.effort, np.arange(len(self.groups))
@@ -176,30 +175,30 @@ class InGroups:
             planned = vehicles
             motion = reference.with_vehicles(planned, motion.accelerations[planned])
         program = GroupDuals(effort, self.groups, motion, self._backend)
-        rows = _Rows(self._problem.scenario, program, self.groups, across, planned)
+        rows = _Rows(self._problem.scenario, program, self.groups, between, planned)
         known = {constraint.key: constraint for constraint in (*others, pairs)}
         for active in self.active:
             rows.enter(known[active.constraint.key].renewed(active))
         if rounds is None:
-            rounds = _ROUNDS if self.active else _ROUNDS_AT_FIRST
+            rounds = _ROUNDS if self.active else _FIRST_ROUNDS
         if len(program) > 0:
             program.solve()
         numbers = count()
         generate_rows(
             lambda: rows.enter_violated([*others, pairs], next(numbers)), program.solve, rounds
         )
-        self._note(program, pairs)
+        self._record(program, pairs)
         return program.motion, Statistics(
             programs=program.programs, rows=len(program), linearisations=1
         )
 
     def regroup(self, pairs: CloseApproaches, within: float, most: int) -> None:
-        """Make groups of those that are close.
+        """Form groups of vehicles that are close to each other.
 
         Args:
-            pairs: that are; how much a pair presses is how much closer than `within` it is.
-            within: a distance that none of them has [m].
-            most: bound on the vehicles of a group, as for the fleet.
+            pairs: the close approaches; pairs furthest below `within` are grouped first.
+            within: a distance greater than that of every pair [m].
+            most: the largest number of vehicles in a group, as for the fleet.
         """
         count = len(self._problem)
         self._most, self.groups = _bound(most, count), np.arange(count)
@@ -207,56 +206,56 @@ class InGroups:
             self.groups = self._grouped(pairs.one, pairs.other, within - pairs.distances)
 
     def _first_groups(self, pairs: KeepApart) -> IntArray:
-        """Return groups of vehicles whose independent motions violate the separation most."""
-        alone = self._problem.effort.motion
-        met = pairs.violated_rows(alone, np.arange(len(self._problem)))
-        return self._grouped(met.vehicles, met.partners, -met.margins(alone))
+        """Return groups of the vehicles whose independent motions violate the separation most."""
+        free = self._problem.effort.motion
+        violated = pairs.violated_rows(free, np.arange(len(self._problem)))
+        return self._grouped(violated.vehicles, violated.partners, -violated.margins(free))
 
-    def _note(self, program: GroupDuals, pairs: KeepApart) -> None:
-        """Note the active rows, and the next groups: pairs with the largest multiplier sums."""
-        assert self.groups is not None  # noqa: S101  # there was a linearisation
-        active, pressures = dict[Hashable, HalfSpaces](), list[FloatArray]()
+    def _record(self, program: GroupDuals, pairs: KeepApart) -> None:
+        """Record the active rows, and form groups of the pairs with the largest multiplier sums."""
+        assert self.groups is not None  # noqa: S101  # set before the linearisation
+        active, weighted = dict[Hashable, HalfSpaces](), list[FloatArray]()
         for rows, multipliers in program.pressing():
-            if rows.constraint.key in (PAIRS, _ACROSS):
+            if rows.constraint.key in (PAIRS, _BETWEEN_GROUPS):
                 first, second = np.sort([rows.vehicles, rows.partners], axis=0)
                 rows = dataclasses.replace(rows, constraint=pairs, vehicles=first, partners=second)
                 same = self.groups[first] == self.groups[second]
-                pressures.append(np.where(same, _STALE, 1.0) * multipliers)
+                weighted.append(np.where(same, _REPEATED, 1.0) * multipliers)
             key = rows.constraint.key
             active[key] = active[key].union(rows) if key in active else rows
         self.active = list(active.values())
         if len(self.groups) > self._most > 1 and PAIRS in active:
-            met = active[PAIRS]
-            self.groups = self._grouped(met.vehicles, met.partners, np.concatenate(pressures))
+            rows = active[PAIRS]
+            self.groups = self._grouped(rows.vehicles, rows.partners, np.concatenate(weighted))
 
-    def _grouped(self, one: IntArray, other: IntArray, pressures: FloatArray) -> IntArray:
-        """Return groups by the sum of each pair's multipliers."""
+    def _grouped(self, one: IntArray, other: IntArray, weights: FloatArray) -> IntArray:
+        """Return groups of the pairs with the largest sums of weights."""
         count = len(self._problem)
-        pairs, place = np.unique(one * count + other, return_inverse=True)
-        sums: FloatArray = np.bincount(place, pressures, minlength=len(pairs)).astype(np.float64)
+        pairs, index = np.unique(one * count + other, return_inverse=True)
+        sums: FloatArray = np.bincount(index, weights, minlength=len(pairs)).astype(np.float64)
         return groups_with_multipliers(count, pairs // count, pairs % count, sums, self._most)
 
 
 def _bound(most: int, count: int) -> int:
-    """Return the bound on a group's vehicles in a fleet, which may be all of them."""
-    return count if most > 1 and count <= _WHOLE * most else most
+    """Return the largest number of vehicles in a group, which may be the whole fleet."""
+    return count if most > 1 and count <= _SINGLE_GROUP * most else most
 
 
-def _ahead(before: Motion, after: Motion) -> Motion:
-    """Further from one motion to another: costs that fall slowly do so in one direction."""
+def _extrapolated(before: Motion, after: Motion) -> Motion:
+    """Extrapolate a step between two motions, as slow convergence keeps its direction."""
     accelerations = (1.0 + _FURTHER) * after.accelerations - _FURTHER * before.accelerations
     return after.with_accelerations(accelerations)
 
 
 class _Rows:
-    """The rows of one linearisation, those of pairs written as their groups ask."""
+    """Rows of one linearisation: pairs are coupled within a group, decoupled between groups."""
 
     def __init__(
         self,
         scenario: Scenario,
         program: GroupDuals,
         groups: IntArray,
-        across: KeepApart,
+        between: KeepApart,
         planned: IntArray,
     ) -> None:
         count = len(scenario.vehicles)
@@ -264,12 +263,13 @@ class _Rows:
         self._planned, self._is_planned = planned, np.zeros(count, dtype=bool)
         self._is_planned[planned] = True
         self._working = WorkingSet(RowKeys(count, scenario.grid))
-        self._groups, self._across, self._gap = groups, across, 1.5 * scenario.grid.step
+        self._groups, self._between, self._gap = groups, between, 1.5 * scenario.grid.step
 
     def enter_violated(self, constraints: list[Constraint], number: int) -> bool:
-        """Put the worst violated rows in; return whether there were any.
+        """Add the worst violated rows; return whether there were any.
 
-        At the knots only in the first round, in which most are broken, and then between them too.
+        The first round, in which most rows are violated, searches the knots only; later ones search
+        between the knots too.
         """
         motion, before = self.program.motion, len(self.program)
         for constraint in constraints:
@@ -279,15 +279,15 @@ class _Rows:
         return len(self.program) > before
 
     def enter(self, rows: HalfSpaces) -> None:
-        """Put in those that are not in yet."""
+        """Add the rows that are not in the program yet."""
         if rows.constraint.key == PAIRS:
             inside = self._groups[rows.vehicles] == self._groups[rows.partners]
             inside &= self._is_planned[rows.vehicles] & self._is_planned[rows.partners]
-            apart = rows.select(~inside)
+            outside = rows.select(~inside)
             rows = rows.select(inside)
-            if len(apart) > 0:
-                points = EvaluationPoints(apart.vehicles, apart.partners, apart.times)
-                self._enter(self._across.rows(points))
+            if len(outside) > 0:
+                points = EvaluationPoints(outside.vehicles, outside.partners, outside.times)
+                self._enter(self._between.rows(points))
         if len(rows) > 0:
             self._enter(rows)
 

@@ -1,4 +1,4 @@
-"""Which vehicles of a large fleet are planned together."""
+"""Groups of vehicles of a large fleet that are planned together."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ import numpy as np
 
 from drake_rho.scenario.fields import FloatArray, IntArray
 
-_ALIKE = 1e-3
-"""Relative difference up to which two pressures count as the same, so that rounding does not decide
-which of two pairs comes first where a fleet is symmetric."""
+_EQUAL = 1e-3
+"""Relative difference up to which two multiplier sums count as equal. Without it, rounding would
+decide the order of pairs in a symmetric fleet."""
 
 
 def groups_with_multipliers(
-    vehicles: int, one: IntArray, other: IntArray, pressures: FloatArray, most: int
+    vehicles: int, one: IntArray, other: IntArray, sums: FloatArray, most: int
 ) -> IntArray:
-    """Return a partition of vehicles in groups with the largest sums of multipliers.
+    """Return a partition of the vehicles that groups pairs with large multiplier sums.
 
-    Pairs are gone through once, those of the largest pressure first, and the groups of the two
-    become one where they are not too large for it together.
+    The algorithm visits each pair once, in descending order of multiplier sums. It merges the
+    groups of the two vehicles unless the merged group would be too large.
 
     Args:
-        vehicles: N.
-        one: a vehicle of each pair, shape (P,).
-        other: the other, shape (P,).
-        pressures: how much a pair would gain by being in a group, above 0, shape (P,).
-        most: bound on the vehicles of a group.
+        vehicles: the number of vehicles, N.
+        one: the first vehicle of each pair, shape (P,).
+        other: the second vehicle of each pair, shape (P,).
+        sums: a positive estimate of the gain from grouping each pair, shape (P,).
+        most: the largest number of vehicles in a group.
 
     Returns:
-        For each vehicle the number of its group, which is one of its vehicles', shape (N,).
+        The number of each vehicle's group, which is the index of one of its members, shape (N,).
     """
     groups = list(range(vehicles))
     members = [[vehicle] for vehicle in groups]
-    alike = np.rint(np.log(pressures) / _ALIKE)
-    order = np.lexsort((other, one, -alike))
+    rounded = np.rint(np.log(sums) / _EQUAL)
+    order = np.lexsort((other, one, -rounded))
     for first, second in zip(one[order].tolist(), other[order].tolist(), strict=True):
         into, out = groups[first], groups[second]
         if into != out and len(members[into]) + len(members[out]) <= most:

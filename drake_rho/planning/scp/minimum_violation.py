@@ -1,4 +1,4 @@
-"""The motions that violate a scenario least, where it has no plan."""
+"""Motions of minimum violation, for scenarios without a plan."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.restoration import SoftRows, least_violating
 from drake_rho.planning.scp.subproblem import Subproblem
 
-_PENALTIES = 8
-"""Penalties after which what is still too close stays so. Larger ones make it no smaller, and other
-constraints less exact."""
+_MAX_PENALTIES = 8
+"""Largest number of penalties that are tried. Larger penalties do not reduce the remaining
+violations, and make other constraints less exact."""
 
 
 def minimum_violation(problem: Problem, backend: Backend | None = None) -> Plan:
-    """Return the plan that violates goals and constraints least in total, each in its own scale.
+    """Return the plan with the least total violation of goals and constraints, each scaled.
 
-    Acceleration boxes are kept, since they can always be met by themselves, and pairs are left out.
-    Obstacles are linearised around the plan that violates the rest least.
+    Acceleration boxes stay hard, since they can always be met by themselves. The separation of
+    pairs is omitted. Obstacles are linearised around the plan that violates the rest least.
 
     Args:
-        problem: to be solved.
-        backend: Clarabel if not given.
+        problem: the problem to solve.
+        backend: the solver and its settings; Clarabel if not given.
 
     Raises:
         SolverError: the solvers fail numerically.
@@ -49,7 +49,7 @@ def minimum_violation(problem: Problem, backend: Backend | None = None) -> Plan:
 
 
 def _least_around(problem: Problem, reference: Plan | None, backend: Backend | None) -> Plan:
-    """Return the minimum violation with obstacles linearised around a reference, if any."""
+    """Return the plan of minimum violation with obstacles linearised around a reference, if any."""
     planes = elastic_planes(problem, backend)
     planes.keep_to(elastic(problem, problem.linearized(reference)))
     if reference is None:
@@ -60,17 +60,17 @@ def _least_around(problem: Problem, reference: Plan | None, backend: Backend | N
 
 
 def minimum_distance_violation(plan: Plan, backend: Backend | None = None) -> Plan:
-    """Return a plan that keeps goals and limits, and violates distances as little as can be.
+    """Return a plan that satisfies goals and limits, and violates distances as little as possible.
 
-    The total over obstacles, pairs and instants is made small, linearised again and again. Vehicles
-    that begin beyond limits of position or velocity come back at a penalty.
+    Successive linearisations reduce the total violation over obstacles, pairs and instants. For
+    vehicles that begin beyond limits of position or velocity, these limits are soft.
 
     Args:
-        plan: a motion that keeps goals and limits.
-        backend: Clarabel if not given.
+        plan: a motion that satisfies goals and limits.
+        backend: the solver and its settings; Clarabel if not given.
 
     Raises:
-        InfeasibleError: the motion violates limits, and no other was found.
+        InfeasibleError: the motion found violates hard limits.
     """
     subproblem = Subproblem(Problem.of(plan.scenario), decoupled, backend)
     problem = subproblem.problem
@@ -84,14 +84,14 @@ def minimum_distance_violation(plan: Plan, backend: Backend | None = None) -> Pl
         ]
 
     step = SoftRows(subproblem, limits)
-    found = least_violating(subproblem, plan, step, most=_PENALTIES)
+    found = least_violating(subproblem, plan, step, most=_MAX_PENALTIES)
     if not subproblem.holds(found) and (violated := _violated_limits(found, limits(1.0))):
         raise InfeasibleError(violated, statistics=found.statistics)
     return found
 
 
 def _violated_limits(plan: Plan, limits: Sequence[Constraint]) -> dict[str, tuple[str, ...]]:
-    """Return by vehicle the names of hard limits that a plan violates."""
+    """Return the names of the hard limits that a plan violates, for each vehicle by name."""
     motion, everyone = plan.motion(), np.arange(len(plan.accelerations))
     violated: dict[str, tuple[str, ...]] = {}
     for limit in limits:
@@ -108,11 +108,10 @@ def _violated_limits(plan: Plan, limits: Sequence[Constraint]) -> dict[str, tupl
 def elastic(
     problem: Problem, constraints: Sequence[Constraint], penalty: float = 1.0
 ) -> list[Constraint]:
-    """Return the goals and some constraints, to be violated at a penalty in each quantity's scale.
+    """Return the goals and some constraints, softened with penalties scaled by quantity.
 
-    The scale is the largest of the vehicles'. Acceleration boxes remain as they are; curved sets
-    of accelerations do not, since tangent planes would come to an end late where nothing but
-    violations costs anything.
+    The scale of a quantity is the largest of all vehicles. Acceleration boxes stay hard. Curved
+    sets of accelerations do not: tangent planes converge slowly where only violations have a cost.
     """
     fleet = problem.scenario.fleet
     unit = float(fleet.scale("acceleration").max())
@@ -127,7 +126,7 @@ def elastic(
 def elastic_planes(
     problem: Problem, backend: Backend | None = None, vehicles: Sequence[int] | None = None
 ) -> CuttingPlanes:
-    """Return programs in which only violations cost anything, and goals may be missed."""
+    """Return programs in which only violations have a cost, and goals may be missed."""
     return CuttingPlanes(
         problem.of_violations(),
         backend,

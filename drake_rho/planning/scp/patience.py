@@ -1,4 +1,4 @@
-"""Tests of when a feasibility restoration is given up."""
+"""Stopping tests of a feasibility restoration that makes no progress."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
 
 PATIENCE = 20
-"""Penalties after which a restoration is given up if there are no fewer violating vehicles."""
+"""Penalties without a decrease in violating vehicles after which a restoration stops."""
 
 _STALLED, _FALL = 4, 0.98
-"""Penalties after which it is given up, where nobody has to keep apart, if the worst violation has
-not fallen to this part: what is left then is the least that linearising around it leads to."""
+"""Penalties after which a restoration without a separation stops unless the worst violation has
+fallen to this fraction. The violation has then converged to the least that linearisation finds."""
 
-_SAME, _ARRIVED = 0.05, 3
-"""Part of the least extent of anything avoided by which motions may differ that come to the same
-end; and the penalties after which that can be told."""
+_SAME, _SETTLING = 0.05, 3
+"""Largest difference between motions that count as the same dead end, as a fraction of the least
+extent of anything avoided; and the penalties after which this is tested."""
 
 
 class DeadEnds:
-    """Ends of restorations of one scenario without a plan, each once.
+    """Distinct motions at which restorations of one scenario ended without a plan.
 
     Args:
-        scenario: of the restorations.
+        scenario: the scenario of the restorations.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -33,54 +33,53 @@ class DeadEnds:
         self._positions = list[FloatArray]()
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of dead ends."""
         return len(self._positions)
 
     def is_near(self, plan: Plan) -> bool:
-        """Return whether a plan is close to one of them all the time."""
+        """Return whether a plan is close to some dead end at every knot."""
         return any(np.abs(plan.positions - end).max() < self._near for end in self._positions)
 
     def add(self, plan: Plan) -> None:
-        """Note where a restoration ended, unless one has ended there."""
+        """Add the plan at which a restoration ended, unless it is close to a known dead end."""
         if not self.is_near(plan):
             self._positions.append(plan.positions)
 
 
 class Patience:
-    """Test of when a restoration is given up.
+    """Stopping test of one restoration.
 
     Args:
-        subproblem: that is restored.
-        dead_ends: of others before it, if there are any.
+        subproblem: the subproblem that the restoration solves.
+        dead_ends: the dead ends of earlier restorations, if there are any.
     """
 
     def __init__(self, subproblem: Subproblem, dead_ends: DeadEnds | None) -> None:
         self._subproblem, self._dead_ends = subproblem, dead_ends
-        apart = subproblem.problem.scenario.separation is not None
-        self._left, self._worst = len(subproblem.problem) + 1, np.inf
-        self._steps = self._since_left = self._since_worst = 0
-        self._apart = apart
+        self._has_separation = subproblem.problem.scenario.separation is not None
+        self._fewest, self._worst = len(subproblem.problem) + 1, np.inf
+        self._steps = self._since_fewest = self._since_worst = 0
 
     def ends(self, plan: Plan) -> bool:
-        """Return whether the next penalty is not worth its time after this plan."""
+        """Return whether the restoration stops after this plan, as another penalty is of no use."""
         found = self._subproblem.violations(plan)
-        left, worst = len(found.vehicles), found.worst
+        number, worst = len(found.vehicles), found.worst
         self._steps += 1
-        self._since_left += 1
+        self._since_fewest += 1
         self._since_worst += 1
-        if worst < _FALL * self._worst or left < self._left:
+        if worst < _FALL * self._worst or number < self._fewest:
             self._worst, self._since_worst = worst, 0
-        if left < self._left:
-            self._left, self._since_left = left, 0
-        stalled = self._since_worst >= _STALLED and not self._apart
-        if self._since_left >= PATIENCE or stalled:
+        if number < self._fewest:
+            self._fewest, self._since_fewest = number, 0
+        stalled = self._since_worst >= _STALLED and not self._has_separation
+        if self._since_fewest >= PATIENCE or stalled:
             return True
         known = self._dead_ends
-        return known is not None and self._steps >= _ARRIVED and known.is_near(plan)
+        return known is not None and self._steps >= _SETTLING and known.is_near(plan)
 
 
 def least_extent(scenario: Scenario) -> float:
-    """Return the least extent of anything that is avoided [m]."""
+    """Return the least extent of any obstacle or of the separation [m]."""
     extents = [float(obstacle.shape.extent.min()) for _, obstacle in scenario.known]
     if scenario.separation is not None:
         extents.append(scenario.separation.distance)

@@ -1,4 +1,4 @@
-"""Feasibility restoration: linearised anew at rising penalties until nothing is violated."""
+"""Feasibility restoration: repeated linearisation with rising penalties until all rows hold."""
 
 from __future__ import annotations
 
@@ -15,50 +15,50 @@ from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.scp.patience import DeadEnds, Patience, least_extent
-from drake_rho.planning.scp.sequential_convex import in_words
+from drake_rho.planning.scp.sequential_convex import progress_line
 from drake_rho.planning.scp.subproblem import Subproblem
 
 Follow = Callable[[Plan, Plan], Plan]
-"""The next reference, made of a reference and the plan that was found around it."""
+"""Function that makes the next reference from a reference and the plan found around it."""
 
 MAX_RESTORATIONS = 100
-"""Bound on the penalties of one restoration."""
+"""Largest number of penalties in one restoration."""
 
 GROWTH = 3.0
-"""Factor by which the penalty grows."""
+"""Factor by which the penalty grows from one step to the next."""
 
-_BACK = 3
-"""Penalties that are tried in one step, each after the first one step less."""
+_ATTEMPTS = 3
+"""Penalties tried in one step: after a numerical failure, that of the previous step is used."""
 
-_CLOSER = 10.0
-"""Times the first penalty for a reference that is a path among obstacles and dynamically
-inconsistent: what is drawn aside from it too far comes out on other sides of them."""
+_PATH_FACTOR = 10.0
+"""Factor on the first penalty if the reference is a dynamically inconsistent path among obstacles.
+Motions that deviate from it too far pass obstacles on other sides."""
 
 _ROUNDS_AMONG_OBSTACLES = 4
-"""Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles:
-with fewer they come out inside of some, and on the wrong side of others."""
+"""Rounds of rows in the first steps of a restoration that has to bring vehicles round obstacles.
+With fewer rounds, motions end inside some obstacles and pass others on the wrong side."""
 
-_AGAIN = 0.5
-"""Part of a violation that was too large for hard rows, from which on these are tried again."""
+_RETRY = 0.5
+"""Fraction of the last violation at which hard rows failed; below it they are tried again."""
 
 
 class Step(Protocol):
-    """One step of a restoration."""
+    """One step of a feasibility restoration."""
 
-    steepest: float
-    """times the first penalty up to which penalties grow"""
+    max_growth: float
+    """largest penalty, as a multiple of the first"""
 
     def __call__(self, reference: Plan, penalty: float, number: int) -> Plan:
-        """Return a plan that violates less; it may still violate something.
+        """Return a plan found around a reference; it may still violate something.
 
         Args:
-            reference: positions of the same vehicles at the same knots.
-            penalty: cost of each metre by which a vehicle is too close.
-            number: steps before: the first gives each encounter one normal, and later ones are
-                solved more exactly.
+            reference: a motion of the same vehicles at the same knots.
+            penalty: the cost of each metre by which a vehicle is too close.
+            number: the number of earlier steps. Step 0 has one normal per encounter, and later
+                steps are solved more exactly.
 
         Raises:
-            InfeasibleError: the constraints without any obstacle or pair cannot be met.
+            InfeasibleError: the constraints cannot be met even without obstacles and pairs.
             SolverError: the solvers fail numerically.
         """
         ...
@@ -67,32 +67,33 @@ class Step(Protocol):
 class SoftRows:
     """Steps in which rows of obstacles and pairs may be violated at the penalty.
 
-    As soon as a reference violates little, the rows are tried as hard ones. Vehicles that fly the
-    reference, and violate nothing, go on flying it. Rows of obstacles are soft only where the
-    reference violates more than the separation of pairs.
+    Once the violations of a reference are small, hard rows are tried. Until then, vehicles that
+    violate nothing keep the reference. Rows of obstacles are soft only if the reference
+    violates something other than the separation of pairs.
 
     Args:
-        subproblem: solved in each step.
-        limits: constraints beside obstacles and pairs, at a penalty; the problem's if not given.
+        subproblem: the subproblem that each step solves.
+        limits: function from the penalty to all constraints except obstacles and pairs; those of
+            the problem if not given.
     """
 
-    steepest = 1e5
+    max_growth = 1e5
 
     def __init__(
         self, subproblem: Subproblem, limits: Callable[[float], list[Constraint]] | None = None
     ) -> None:
         self._subproblem, self._limits = subproblem, limits
-        self._too_much = np.inf
+        self._failed_violation = np.inf
 
     def __call__(self, reference: Plan, penalty: float, number: int) -> Plan:
-        """Return a step's plan, as every `Step` does."""
+        """Return the plan of a step, as every `Step` does."""
         problem, found = self._subproblem.problem, self._subproblem.violations(reference)
         worst = found.worst
-        if found.is_small and worst < _AGAIN * self._too_much:
+        if found.is_small and worst < _RETRY * self._failed_violation:
             try:
-                return self._subproblem.around(reference)
-            except (InfeasibleError, SolverError):  # not yet
-                self._too_much = worst
+                return self._subproblem.solve_around(reference)
+            except (InfeasibleError, SolverError):  # hard rows come too early
+                self._failed_violation = worst
         motion, rounds = reference.motion(), number // 2
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
         constraints = list(problem.convex) if self._limits is None else self._limits(penalty)
@@ -108,7 +109,7 @@ class SoftRows:
                 of=found.vehicles,
             )
             constraints.append(dataclasses.replace(pairs, rounds=rounds))
-        return self._subproblem.solved(reference, constraints, found.vehicles)
+        return self._subproblem.solve_with(reference, constraints, found.vehicles)
 
 
 def restore_feasibility(
@@ -122,21 +123,21 @@ def restore_feasibility(
     follow: Follow | None = None,
     dead_ends: DeadEnds | None = None,
 ) -> Plan:
-    """Return a plan that keeps all constraints, from a motion that need not.
+    """Return a plan that satisfies all constraints, starting from a motion that may violate some.
 
-    The penalty grows from one linearisation to the next. Of a pair each vehicle yields half, so
-    that all are planned side by side.
+    The penalty grows from one linearisation to the next. Each vehicle of a pair has half the
+    responsibility, so that all vehicles can be planned in parallel.
 
     Args:
-        subproblem: decoupled.
-        plan: where to begin; its positions may be dynamically inconsistent.
+        subproblem: the subproblem to solve, decoupled.
+        plan: the initial motion; its positions may be dynamically inconsistent.
         step: one step; `SoftRows` of the subproblem if not given.
-        offset: steps that count as taken before the first.
-        most: bound on the penalties.
-        progress: called after each linearisation.
-        follow: the next reference, as long as a plan violates much; the plan itself if not given.
-        dead_ends: of other restorations: one that comes near them is given up. If this one ends
-            without a plan, it is added.
+        offset: the number of steps that count as taken already.
+        most: the largest number of penalties.
+        progress: receives a line of text after each linearisation.
+        follow: makes the next reference while violations are large; the plan itself if not given.
+        dead_ends: ends of earlier restorations, near which this one stops. If it finds no plan, its
+            own end is added.
 
     Raises:
         InfeasibleError: no plan was found.
@@ -170,9 +171,9 @@ def least_violating(
     follow: Follow | None = None,
     dead_ends: DeadEnds | None = None,
 ) -> Plan:
-    """Return the last plan of a restoration, which may still violate something.
+    """Return the last plan of a restoration, which may still violate constraints.
 
-    Args are those of `restore_feasibility`.
+    The arguments are those of `restore_feasibility`.
     """
     patience, spent, reference = Patience(subproblem, dead_ends), plan.statistics, plan
     first = _first_penalty(subproblem, plan)
@@ -181,14 +182,14 @@ def least_violating(
             break
         check_time()
         try:
-            after = _stepped(step, reference, first * min(GROWTH**number, step.steepest), number)
-        except (InfeasibleError, SolverError):  # by rounding, where there is no slack at all
+            after = _try_step(step, reference, first * min(GROWTH**number, step.max_growth), number)
+        except (InfeasibleError, SolverError):  # rounding errors, where constraints lack slack
             break
         spent += after.statistics
         if progress is not None:
-            progress(_in_words(subproblem, after, spent.linearisations))
-        far = follow is not None and not subproblem.violations(after).is_small
-        plan, reference = after, follow(reference, after) if follow and far else after
+            progress(_progress_line(subproblem, after, spent.linearisations))
+        large = follow is not None and not subproblem.violations(after).is_small
+        plan, reference = after, follow(reference, after) if follow and large else after
         if patience.ends(after):
             break
     return plan.with_statistics(
@@ -196,15 +197,15 @@ def least_violating(
     )
 
 
-def _stepped(step: Step, reference: Plan, penalty: float, number: int) -> Plan:
-    """Return a step's plan, at a penalty that is less by as much as solvers ask for.
+def _try_step(step: Step, reference: Plan, penalty: float, number: int) -> Plan:
+    """Return the plan of a step, at a lower penalty if solvers fail numerically.
 
     Raises:
-        InfeasibleError: the constraints without any obstacle or pair cannot be met.
+        InfeasibleError: the constraints cannot be met even without obstacles and pairs.
         SolverError: the solvers fail numerically at lower penalties too.
     """
     spent = Statistics()
-    for back in range(_BACK):
+    for back in range(_ATTEMPTS):
         try:
             after = step(reference, penalty / GROWTH**back, max(number - back, 0))
         except SolverError as error:
@@ -215,20 +216,20 @@ def _stepped(step: Step, reference: Plan, penalty: float, number: int) -> Plan:
     raise failure
 
 
-def _in_words(subproblem: Subproblem, plan: Plan, linearisations: int) -> str:
-    """Return what is told after each linearisation."""
-    found, words = subproblem.violations(plan), in_words(linearisations, plan.cost)
+def _progress_line(subproblem: Subproblem, plan: Plan, linearisations: int) -> str:
+    """Return the line that reports progress after a linearisation."""
+    found, line = subproblem.violations(plan), progress_line(linearisations, plan.cost)
     if found.worst == 0.0:
-        return words
-    return f"{words}, worst violation {found.worst:.3g} m, {len(found.vehicles)} vehicles violating"
+        return line
+    return f"{line}, worst violation {found.worst:.3g} m, {len(found.vehicles)} vehicles violating"
 
 
 def _first_penalty(subproblem: Subproblem, plan: Plan) -> float:
-    """Return what a metre is worth at first: the cost of moving aside, and of the plan, a metre."""
+    """Return the first penalty: the cost per metre of the plan and of an evasive motion."""
     scenario, motion = subproblem.problem.scenario, subproblem.problem.effort.motion
     effort = float(np.sum(motion.accelerations**2))
     extent, T = least_extent(scenario), scenario.grid.duration
-    aside = scenario.grid.knots * (4.0 * extent / T**2) ** 2
-    first = (max(plan.cost, effort) / len(scenario.vehicles) + aside) / extent
+    evasion = scenario.grid.knots * (4.0 * extent / T**2) ** 2
+    first = (max(plan.cost, effort) / len(scenario.vehicles) + evasion) / extent
     consistent = len(subproblem.violations(plan).inconsistent) == 0
-    return first if consistent else _CLOSER * first
+    return first if consistent else _PATH_FACTOR * first

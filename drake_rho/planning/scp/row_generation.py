@@ -1,4 +1,4 @@
-"""The one loop that adds rows."""
+"""Row generation: the loop that adds violated rows and solves again."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from collections.abc import Callable
 from drake_rho.planning.call.time_limit import check_time
 
 
-def generate_rows(look: Callable[[], bool], solve: Callable[[], None], most: int) -> bool:
-    """Add violated rows and solve with them, in turn, until none is violated.
+def generate_rows(search: Callable[[], bool], solve: Callable[[], None], most: int) -> bool:
+    """Alternate between adding violated rows and solving until no row is violated.
 
-    The rows may be hard or soft, about vehicles by themselves, coupled or in groups: that is for
-    `look` and `solve` to know.
+    `search` and `solve` determine whether rows are hard or soft, and whether vehicles are
+    independent, coupled or in groups.
 
     Args:
-        look: adds rows that the motions violate, and returns whether there were any.
-        solve: finds motions that keep the rows that are in.
-        most: bound on the rounds.
+        search: adds the rows that the motions violate; returns whether there were any.
+        solve: finds motions that satisfy the rows in the working set.
+        most: the largest number of rounds.
 
     Returns:
-        Whether nothing is violated; False where rows were still added in the last round.
+        Whether nothing is violated; False if the last round still added rows.
     """
     for _ in range(most):
         check_time()
-        if not look():
+        if not search():
             return True
         solve()
     return False

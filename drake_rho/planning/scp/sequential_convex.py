@@ -1,6 +1,6 @@
-"""Sequential convex programming: constraints are linearised around one plan after another.
+"""Sequential convex programming: linearise constraints around the latest plan, solve, and repeat.
 
-Every iterate keeps all constraints, and no iterate costs more than the one before.
+Every iterate satisfies all constraints, and no iterate costs more than the one before.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ class Improvement(Protocol):
     """One iteration of sequential convex programming."""
 
     def __call__(self, plan: Plan, vehicles: IntArray, tolerance: float) -> tuple[Plan, bool]:
-        """Return a plan that may cost less, and whether it is known that no other step would help.
+        """Return a plan that may cost less, and whether the iteration is known to have converged.
 
         Args:
-            plan: keeps every constraint.
-            vehicles: which are planned anew, rising indices.
-            tolerance: relative fall of the cost that is small enough.
+            plan: a plan that satisfies every constraint.
+            vehicles: indices of the vehicles to plan again, ascending.
+            tolerance: the relative decrease of the cost at which a plan has converged.
 
         Raises:
-            InfeasibleError: there is none.
+            InfeasibleError: the linearised program has no solution.
             SolverError: the solvers fail numerically.
         """
         ...
@@ -52,22 +52,23 @@ def sequential_convex(
     most: int = DEFAULTS.max_iterations,
     progress: Progress | None = None,
 ) -> Plan:
-    """Linearise obstacles and pairs around one plan after another until the cost stops falling.
+    """Linearise obstacles and pairs around the latest plan until the cost converges.
 
     Args:
-        subproblem: solved in each iteration.
-        plan: where to begin; it keeps every constraint.
-        tolerance: relative fall of the cost at which a plan has converged: of each vehicle by
-            itself, of fleets that keep apart as a whole.
-        improve: one iteration; the subproblem around the plan if not given.
-        labels: the same for vehicles that stop together, shape (N,), if not as above.
-        most: bound on the linearisations.
-        progress: called after each.
+        subproblem: the convex subproblem of each iteration.
+        plan: the initial plan, which satisfies every constraint.
+        tolerance: the relative decrease of the cost at which a plan has converged. A fleet with a
+            separation converges as a whole, other vehicles each on their own.
+        improve: one iteration; if not given, the subproblem is solved around the plan.
+        labels: equal numbers for vehicles that converge together, shape (N,); if not given, as
+            described for `tolerance`.
+        most: the largest number of linearisations.
+        progress: receives a line of text after each linearisation.
 
     Returns:
-        The last plan; `statistics.converged` says whether its cost fell by less than the tolerance.
+        The last plan; `statistics.converged` tells whether its cost fell by less than `tolerance`.
     """
-    labels = subproblem.stopping_together if labels is None else labels
+    labels = subproblem.converging_together if labels is None else labels
     falling, spent = np.arange(len(plan.accelerations)), plan.statistics
     converged = cut = False
     fall: float | None = None
@@ -75,20 +76,20 @@ def sequential_convex(
         try:
             check_time()
             if improve is None:
-                after, settled = subproblem.around(plan, falling), False
+                after, converged = subproblem.solve_around(plan, falling), False
             else:
-                after, settled = improve(plan, falling, tolerance)
-        except (InfeasibleError, SolverError):  # by rounding, where there is no slack at all
+                after, converged = improve(plan, falling, tolerance)
+        except (InfeasibleError, SolverError):  # rounding errors, where constraints lack slack
             break
         except OutOfTimeError:
             cut = True
             break
         spent += after.statistics
         if progress is not None:
-            progress(in_words(spent.linearisations, after.cost))
+            progress(progress_line(spent.linearisations, after.cost))
         fall = max(0.0, 1.0 - after.cost / plan.cost) if plan.cost > 0.0 else 0.0
         plan, falling = _better(plan, after, labels, falling, tolerance)
-        if converged := len(falling) == 0 or settled:
+        if converged := len(falling) == 0 or converged:
             break
     return plan.with_statistics(
         dataclasses.replace(
@@ -97,8 +98,8 @@ def sequential_convex(
     )
 
 
-def in_words(linearisations: int, cost: float) -> str:
-    """Return what is told after each linearisation."""
+def progress_line(linearisations: int, cost: float) -> str:
+    """Return the line that reports progress after a linearisation."""
     times = "once" if linearisations == 1 else f"{linearisations} times"
     return f"linearised {times}, cost {cost:.6g} m²/s⁴"
 
@@ -106,7 +107,7 @@ def in_words(linearisations: int, cost: float) -> str:
 def _better(
     plan: Plan, after: Plan, labels: IntArray, falling: IntArray, tolerance: float
 ) -> tuple[Plan, IntArray]:
-    """Return the better plan of those that stop together, and which vehicles go on."""
+    """Return the better plan of each set of vehicles that converge together, and who continues."""
     differences = plan.accelerations**2 - after.accelerations**2
     fallen = np.bincount(labels, np.sum(differences, axis=(1, 2)))[labels]
     falling = falling[fallen[falling] > tolerance * plan.cost]
@@ -122,12 +123,12 @@ def _better(
 @checked
 @with_wall_time
 def scp_step(plan: Plan, *, solver: Solver | SolverName | None = None) -> Plan:
-    """Return the plan of least cost with obstacles linearised around `plan`: one iteration.
+    """Run one iteration: return the plan of least cost with obstacles linearised around `plan`.
 
-    Pairs, if there is a separation, are linearised too, and coupled.
+    If the scenario has a separation, pairs are linearised too, and coupled.
 
     Raises:
-        InfeasibleError: there is none.
+        InfeasibleError: the linearised program has no solution.
         SolverError: the solvers fail numerically.
     """
-    return Subproblem(Problem.of(plan.scenario), coupled, Backend.of(solver)).around(plan)
+    return Subproblem(Problem.of(plan.scenario), coupled, Backend.of(solver)).solve_around(plan)

@@ -1,4 +1,4 @@
-"""The convex problem around one reference after another."""
+"""Convex subproblem: the problem with obstacles and pairs linearised around a reference."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def plan_around(problem: Problem, reference: Plan | None, backend: Backend | Non
     """Return the plan of least cost with obstacles linearised (15) around a reference.
 
     Args:
-        problem: its separation is left out.
-        reference: a motion of the same vehicles on the same grid; None leaves obstacles out.
-        backend: Clarabel if not given.
+        problem: the problem to solve; its separation is omitted.
+        reference: a motion of the same vehicles on the same grid; None omits obstacles.
+        backend: the solver and its settings; Clarabel if not given.
 
     Raises:
         InfeasibleError: the linearised program of a vehicle has no solution.
@@ -39,7 +39,7 @@ def plan_around(problem: Problem, reference: Plan | None, backend: Backend | Non
 
 
 def coupling_for(scenario: Scenario, options: Options = DEFAULTS) -> Coupling:
-    """Return how a fleet is kept apart by default: the larger it is, the less coupled."""
+    """Return the default coupling of a fleet: the larger the fleet, the less coupled."""
     count = len(scenario.vehicles)
     if count <= options.max_coupled:
         return coupled
@@ -47,19 +47,19 @@ def coupling_for(scenario: Scenario, options: Options = DEFAULTS) -> Coupling:
 
 
 class Subproblem:
-    """Convex subproblems of one problem, solved around one reference after another.
+    """Convex subproblems of one problem, solved around successive references.
 
-    Rows that are active in one solution are in the next program from the start.
+    Rows that are active in one solution start the working set of the next.
 
     Args:
-        problem: to be solved.
-        coupling: how pairs are kept apart, if the scenario requires it.
-        backend: Clarabel if not given.
+        problem: the problem to solve.
+        coupling: the coupling of pairs, if the scenario has a separation.
+        backend: the solver and its settings; Clarabel if not given.
 
     Attributes:
-        problem: as given.
-        backend: as given.
-        coupling: as given.
+        problem: the problem to solve.
+        backend: the solver and its settings.
+        coupling: the coupling of pairs.
         planes: the programs that were solved last; None before the first.
     """
 
@@ -69,55 +69,60 @@ class Subproblem:
         self.problem, self.coupling, self.backend = problem, coupling, backend or Backend()
         self.planes: CuttingPlanes | None = None
         self._cones, self._warm = ConicPrograms(problem.effort), list[HalfSpaces]()
-        self._looked: tuple[Plan, Violations] | None = None
+        self._evaluated: tuple[Plan, Violations] | None = None
 
     def restarted(self) -> Subproblem:
-        """Return this subproblem without rows of solutions, to begin from another reference.
+        """Return this subproblem without the rows of earlier solutions, for another reference.
 
-        What it found of limits goes on to hold: whose curved sets come to no end as tangent planes.
+        The choice of cones is inherited: it records the vehicles whose curved sets do not converge
+        as tangent planes.
         """
         fresh = Subproblem(self.problem, self.coupling, self.backend)
         fresh._cones = self._cones
         return fresh
 
-    def begin_with(self, rows: Sequence[HalfSpaces]) -> None:
-        """Put rows in the next program from the start, in place of those of the last solution."""
+    def warm_start(self, rows: Sequence[HalfSpaces]) -> None:
+        """Start the next working set with these rows, in place of those of the last solution."""
         self._warm = list(rows)
 
-    def around(self, reference: Plan, vehicles: IntArray | None = None) -> Plan:
+    def solve_around(self, reference: Plan, vehicles: IntArray | None = None) -> Plan:
         """Return the plan of least cost with obstacles and pairs linearised around a reference.
 
-        Where a coupled fleet has none, it has none decoupled either, and then each vehicle's
-        reasons can be told.
+        If the coupled program of a fleet is infeasible, so are the decoupled ones. They are solved
+        then, because their error names the conflict of each vehicle.
 
         Args:
             reference: a motion of the same vehicles on the same grid.
-            vehicles: which of them are planned, rising indices; the others fly the reference.
+            vehicles: indices of the planned vehicles, ascending; others keep the reference.
 
         Raises:
-            InfeasibleError: there is none.
+            InfeasibleError: the linearised program has no solution.
             SolverError: the solvers fail numerically.
         """
         constraints = self.problem.linearized(reference, self.coupling, vehicles=vehicles)
         try:
-            return self.solved(reference, constraints, vehicles)
+            return self.solve_with(reference, constraints, vehicles)
         except InfeasibleError:
             if self.problem.scenario.separation is None or not self.coupling.together:
                 raise
         other = Subproblem(self.problem, decoupled, self.backend)
-        plan = other.around(reference)
+        plan = other.solve_around(reference)
         self.planes = other.planes
         return plan
 
-    def solved(
+    def solve_with(
         self, reference: Plan, constraints: Sequence[Constraint], vehicles: IntArray | None = None
     ) -> Plan:
         """Return the plan of least cost with given constraints.
 
         Args:
-            reference: that they are linearised around.
-            constraints: all that hold, or may be violated at a penalty.
-            vehicles: as for `around`, which also says what is raised.
+            reference: the plan around which the constraints are linearised.
+            constraints: all constraints, hard or soft.
+            vehicles: indices of the planned vehicles, ascending; others keep the reference.
+
+        Raises:
+            InfeasibleError: the program has no solution.
+            SolverError: the solvers fail numerically.
         """
         by_key = {constraint.key: constraint for constraint in constraints}
         planes = CuttingPlanes(
@@ -134,19 +139,19 @@ class Subproblem:
         return planes.plan(reference)
 
     def violations(self, plan: Plan) -> Violations:
-        """Return what a plan violates, looked for once."""
-        if self._looked is None or self._looked[0] is not plan:
+        """Return the violations of a plan; those of the last plan are cached."""
+        if self._evaluated is None or self._evaluated[0] is not plan:
             self.problem.check_fits(plan)
-            self._looked = plan, violations_of(self.problem, plan, self._looked)
-        return self._looked[1]
+            self._evaluated = plan, violations_of(self.problem, plan, self._evaluated)
+        return self._evaluated[1]
 
     def holds(self, plan: Plan) -> bool:
         """Return whether a plan violates nothing."""
         return self.violations(plan).none
 
     @property
-    def stopping_together(self) -> IntArray:
-        """Labels, the same for vehicles whose iterations stop together, shape (N,)."""
+    def converging_together(self) -> IntArray:
+        """Labels of vehicles, equal for those that converge together, shape (N,)."""
         count = len(self.problem)
-        apart = self.problem.scenario.separation is not None
-        return np.zeros(count, dtype=int) if apart else np.arange(count)
+        separated = self.problem.scenario.separation is not None
+        return np.zeros(count, dtype=int) if separated else np.arange(count)

@@ -1,4 +1,4 @@
-"""Violations of a motion that is no plan yet: too close to something, or out of limits."""
+"""Violations of a motion that is not a plan yet: of distances, of limits and of the dynamics."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import TOLERANCE, Scenario
 
 _SMALL = 0.05
-"""Part of a separation, or of an obstacle's least extent, by which vehicles may be too close and
-rows are tried as hard ones."""
+"""Largest violation at which hard rows are tried, as a fraction of the separation or of an
+obstacle's least extent."""
 
 _TOLERATED = 0.99
-"""Part of the verifier's tolerance up to which coming too close counts as none. Programs require
-less, and solvers give about that: a motion that is held against them would not become another by
-being linearised anew."""
+"""Fraction of the verifier's tolerance up to which a distance counts as kept. Programs require a
+smaller violation and solvers reach about that one, so a stricter test would reject motions that
+further linearisation does not change."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Violations:
-    """Violations of a motion; where it is too close, the worst instants of each step."""
+    """Violations of a motion; those of distances at the worst instants of each time step."""
 
     scenario: Scenario
-    """of the motion"""
+    """scenario of the motion"""
     pairs: CloseApproaches
-    """vehicles that are too close to each other"""
+    """approaches of vehicles that are too close to each other"""
     inside: dict[int, CloseApproaches]
-    """by the number of an obstacle, vehicles that come too close to it, and by how much: distances
-    from what is required, below zero"""
+    """approaches of vehicles that are too close to an obstacle, by its number; their distances are
+    measured from the required clearance and negative"""
     inconsistent: IntArray
-    """vehicles whose positions are not those that their accelerations lead to, shape (U,)"""
+    """vehicles with dynamically inconsistent positions, ascending, shape (U,)"""
     beyond: IntArray
-    """vehicles that violate limits of their own, or miss their goals, shape (B,)"""
+    """vehicles that violate their own limits or miss their goals, ascending, shape (B,)"""
 
     @property
     def none(self) -> bool:
@@ -53,12 +53,12 @@ class Violations:
 
     @property
     def is_of_pairs_only(self) -> bool:
-        """Whether everything holds but for the separation of pairs."""
+        """Whether all constraints hold except perhaps the separation of pairs."""
         return not self.inside and len(self.inconsistent) + len(self.beyond) == 0
 
     @cached_property
     def vehicles(self) -> IntArray:
-        """Vehicles that violate something, rising."""
+        """Indices of the vehicles that violate something, ascending."""
         obstacles = [found.one for found in self.inside.values()]
         return np.unique(
             np.concatenate(
@@ -67,108 +67,109 @@ class Violations:
         )
 
     @property
-    def _apart(self) -> float:
+    def _separation(self) -> float:
         separation = self.scenario.separation
         return 0.0 if separation is None else separation.distance
 
     @cached_property
     def worst(self) -> float:
-        """Largest distance by which anything is too close [m], of pairs in their separation's."""
+        """Largest violation of a distance [m]; for pairs in the norm of their separation."""
         inside = (-each.distances for each in self.inside.values())
-        short = [self._apart - self.pairs.distances, *inside]
-        return max((float(each.max()) for each in short if len(each) > 0), default=0.0)
+        depths = [self._separation - self.pairs.distances, *inside]
+        return max((float(each.max()) for each in depths if len(each) > 0), default=0.0)
 
     @property
     def is_small(self) -> bool:
-        """Whether the motion is dynamically consistent, within limits, and nearly clear."""
+        """Whether the motion is dynamically consistent and within limits, with small violations."""
         return len(self.inconsistent) + len(self.beyond) == 0 and self.is_nearly_clear
 
     @cached_property
     def is_nearly_clear(self) -> bool:
-        """Whether what is too close is so by little."""
-        if np.any(self.pairs.distances <= (1.0 - _SMALL) * self._apart):
+        """Whether all violations of distances are small."""
+        if np.any(self.pairs.distances <= (1.0 - _SMALL) * self._separation):
             return False
         for number, found in self.inside.items():
-            little = _SMALL * self.scenario.bodies[number - 1].shape.extent.min()
-            if np.any(found.distances < -little):
+            small = _SMALL * self.scenario.bodies[number - 1].shape.extent.min()
+            if np.any(found.distances < -small):
                 return False
         return True
 
     def error(self, spent: Statistics) -> InfeasibleError:
-        """Return the error that names for each vehicle what it is too close to, and when most."""
+        """Return the error that names violated distances and their worst times by vehicle."""
         scenario = self.scenario
         names = [vehicle.name for vehicle in scenario.vehicles]
         reasons: dict[str, dict[str, str]] = {}
-        touched: dict[str, set[int]] = {}
+        obstacles: dict[str, set[int]] = {}
 
-        def note(vehicle: int, what: str, time: float, number: int) -> None:
+        def add(vehicle: int, name: str, time: float, number: int) -> None:
             at = clock_time(scenario.grid.start + time, 4)
-            reasons.setdefault(names[vehicle], {}).setdefault(what, f"{what} at {at}")
-            touched.setdefault(names[vehicle], set()).add(number)
+            reasons.setdefault(names[vehicle], {}).setdefault(name, f"{name} at {at}")
+            obstacles.setdefault(names[vehicle], set()).add(number)
 
         for one, other, time in _worst_first(self.pairs):
-            note(one, f"{NAME} from {names[other]}", time, 0)
-            note(other, f"{NAME} from {names[one]}", time, 0)
+            add(one, f"{NAME} from {names[other]}", time, 0)
+            add(other, f"{NAME} from {names[one]}", time, 0)
         for number, found in self.inside.items():
             for one, _, time in _worst_first(found):
-                note(one, scenario.obstacle_name(number), time, number)
+                add(one, scenario.obstacle_name(number), time, number)
         return InfeasibleError(
             {name: tuple(each.values()) for name, each in reasons.items()},
             statistics=spent,
             scenario=scenario,
-            obstacles={name: frozenset(numbers) for name, numbers in touched.items()},
+            obstacles={name: frozenset(numbers) for name, numbers in obstacles.items()},
         )
 
 
 def violations_of(
     problem: Problem, plan: Plan, before: tuple[Plan, Violations] | None = None
 ) -> Violations:
-    """Return what a plan violates, or a reference that is dynamically inconsistent.
+    """Return the violations of a plan, or of a reference that may be dynamically inconsistent.
 
     Args:
-        problem: to be solved.
-        plan: of the same vehicles.
-        before: another plan and its violations; vehicles that fly the same are not looked at again.
+        problem: the problem that the plan is for.
+        plan: a motion of the problem's vehicles.
+        before: another plan and its violations; vehicles with equal motions are not checked again.
     """
     scenario, motion = problem.scenario, plan.motion()
-    between, apart, margins = scenario.between_knots, scenario.separation, problem.margins
+    between, required, margins = scenario.between_knots, scenario.separation, problem.margins
     obstacles = problem.obstacles_around(motion)
     approaches = [(each.obstacle_number, _too_deep(each, motion)) for each in obstacles]
     inside = {n: found for n, found in approaches if n is not None and len(found) > 0}
-    moved = None if before is None else _moved(before[0].motion(), motion)
+    changed = None if before is None else _changed(before[0].motion(), motion)
     pairs = NO_APPROACHES
-    if apart is not None:
+    if required is not None:
         finer = motion.subdivided(margins.pieces)
-        pairs = violating_pairs(apart, finer, margins.inner, between=between, of=moved)
-        pairs = pairs.select(pairs.distances < apart.distance - _TOLERATED * apart.tolerance)
-    looked = np.arange(len(scenario.vehicles)) if moved is None else moved
-    inconsistent = _inconsistent(scenario, motion, looked)
-    beyond = _beyond(problem, motion, looked)
-    if before is not None and moved is not None:
+        pairs = violating_pairs(required, finer, margins.inner, between=between, of=changed)
+        least = required.distance - _TOLERATED * required.tolerance
+        pairs = pairs.select(pairs.distances < least)
+    checked = np.arange(len(scenario.vehicles)) if changed is None else changed
+    inconsistent = _inconsistent(scenario, motion, checked)
+    beyond = _beyond(problem, motion, checked)
+    if before is not None and changed is not None:
         old = before[1]
         pairs = pairs.union(
-            old.pairs.select(~np.isin(old.pairs.one, moved) & ~np.isin(old.pairs.other, moved))
+            old.pairs.select(~np.isin(old.pairs.one, changed) & ~np.isin(old.pairs.other, changed))
         )
-        inconsistent = np.union1d(inconsistent, np.setdiff1d(old.inconsistent, moved))
-        beyond = np.union1d(beyond, np.setdiff1d(old.beyond, moved))
+        inconsistent = np.union1d(inconsistent, np.setdiff1d(old.inconsistent, changed))
+        beyond = np.union1d(beyond, np.setdiff1d(old.beyond, changed))
     return Violations(scenario, pairs, inside, inconsistent, beyond)
 
 
 def _too_deep(obstacle: KeepOutOfObstacle, motion: Motion) -> CloseApproaches:
-    """Return where a motion comes too close to an obstacle by more than is tolerated."""
+    """Return the approaches to an obstacle that are too close by more than the tolerance."""
     found = obstacle.approaches(motion)
     return found.select(found.distances < -_TOLERATED * obstacle.tolerances[found.one])
 
 
-def _moved(before: Motion, after: Motion) -> IntArray:
-    """Return the vehicles that fly something else, or whose positions differ."""
+def _changed(before: Motion, after: Motion) -> IntArray:
+    """Return the vehicles whose accelerations or positions differ between two motions."""
     same = np.all(before.accelerations == after.accelerations, axis=(1, 2))
     same &= np.all(before.positions == after.positions, axis=(1, 2))
     return np.flatnonzero(~same)
 
 
 def _inconsistent(scenario: Scenario, motion: Motion, vehicles: IntArray) -> IntArray:
-    """Return the vehicles whose positions are not those that their accelerations lead to."""
+    """Return the vehicles whose positions do not follow from their accelerations."""
     fleet = scenario.fleet
     start = fleet.start_positions[vehicles], fleet.start_velocities[vehicles]
     positions, _ = roll_out(*start, motion.accelerations[vehicles], motion.step)
@@ -181,8 +182,8 @@ def _beyond(problem: Problem, motion: Motion, vehicles: IntArray) -> IntArray:
     """Return the vehicles that violate limits, miss waypoints, or miss their goals."""
     fleet = problem.scenario.fleet
     missed = np.abs(motion.positions[:, -1] - fleet.goal_positions).max(axis=1)
-    late = np.abs(motion.velocities[:, -1] - fleet.goal_velocities).max(axis=1)
-    off = (missed > TOLERANCE * fleet.lengths) | (late > TOLERANCE * fleet.scale("velocity"))
+    speed = np.abs(motion.velocities[:, -1] - fleet.goal_velocities).max(axis=1)
+    off = (missed > TOLERANCE * fleet.lengths) | (speed > TOLERANCE * fleet.scale("velocity"))
     found = [vehicles[off[vehicles]]]
     for constraint in problem.convex:
         for between in (False, True)[: 1 + (constraint.searches > 0)]:
@@ -192,7 +193,7 @@ def _beyond(problem: Problem, motion: Motion, vehicles: IntArray) -> IntArray:
 
 
 def _worst_first(found: CloseApproaches) -> list[tuple[int, int, float]]:
-    """Return the vehicles and times of approaches, those of least distance first."""
+    """Return the vehicles and times of approaches, in ascending order of distance."""
     order = np.argsort(found.distances, kind="stable")
     worst = found.select(order)
     return list(zip(worst.one.tolist(), worst.other.tolist(), worst.times.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Which rows are in the programs, and what their last solutions say of them."""
+"""Working set: the rows in the programs, with the multipliers of the last solutions."""
 
 from __future__ import annotations
 
@@ -13,45 +13,45 @@ from drake_rho.planning.programs.parallel import Answers
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
 
-_TOUCHING = 100.0
-"""Tolerances within which a row counts as active."""
+_ACTIVE = 100.0
+"""Largest margin, in tolerances, at which a row counts as active."""
 
-_SIDES = 256
-"""Bound on the sides of a box."""
+_MAX_SIDES = 256
+"""Largest number of sides that a row key can distinguish."""
 
-_AS_MUCH = 0.01
-"""Relative difference up to which a cut is broken as much as another at the same instant."""
+_EQUAL_CUTS = 0.01
+"""Relative difference up to which two cuts of the same instant count as equally violated."""
 
-_FINEST = 2**20
-"""Parts of a step that are told apart in a key, if there are bits enough."""
+_MAX_FRACTIONS = 2**20
+"""Largest number of fractions of a time step that a row key distinguishes, if its bits suffice."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RowKeys:
-    """Integers for the rows of one constraint: vehicle, partner, side and time, packed."""
+    """Integer keys of the rows of one constraint, packed from vehicle, partner, side and time."""
 
     vehicles: int
-    """N"""
+    """number of vehicles, N"""
     grid: Grid
-    """step and knots"""
+    """time step and knots"""
 
     def of(self, rows: HalfSpaces) -> IntArray:
-        """Return one integer for each row of a constraint, shape (R,), the same for equal rows."""
-        radix = self.vehicles**2 * _SIDES
-        parts = min(_FINEST, 2**62 // (radix * self.grid.knots))
+        """Return an integer for each row of a constraint, equal for equal rows, shape (R,)."""
+        radix = self.vehicles**2 * _MAX_SIDES
+        parts = min(_MAX_FRACTIONS, 2**62 // (radix * self.grid.knots))
         instants = np.rint(rows.times * (parts / self.grid.step)).astype(np.int64)
         keys: IntArray = rows.vehicles * self.vehicles + rows.partners
-        return (keys * _SIDES + rows.sides) * (parts * self.grid.knots) + instants
+        return (keys * _MAX_SIDES + rows.sides) * (parts * self.grid.knots) + instants
 
 
 class WorkingSet:
-    """The rows that are in, and for each vehicle the program that was solved last.
+    """Rows in the programs, and the last solved program of each vehicle.
 
     Args:
-        keys: integers by which rows of a constraint are told apart.
+        keys: the integers that identify the rows of a constraint.
 
     Attributes:
-        rows: by the key of their constraint, in the order they were added.
+        rows: the rows by the key of their constraint, in the order in which they were added.
     """
 
     def __init__(self, keys: RowKeys) -> None:
@@ -62,15 +62,15 @@ class WorkingSet:
         self._solved: dict[int, tuple[Answers, int]] = {}
 
     def __len__(self) -> int:
-        """Return the number of rows that are in."""
+        """Return the number of rows in the working set."""
         return sum(map(len, self.rows.values()))
 
     def known(self, rows: HalfSpaces, motion: Motion) -> BoolArray:
-        """Return which rows of one constraint are in already, shape (R,).
+        """Return flags of the rows of one constraint that are in the working set, shape (R,).
 
         Args:
-            rows: that may be added.
-            motion: of all vehicles, for which they were written.
+            rows: the candidate rows.
+            motion: the motion of all vehicles for which the rows were written.
         """
         if rows.constraint.key not in self.rows:
             return np.zeros(len(rows), dtype=bool)
@@ -82,34 +82,34 @@ class WorkingSet:
         return known
 
     def _known_cuts(self, rows: HalfSpaces, motion: Motion) -> BoolArray:
-        """`known` for a curved set, of which each new normal is another cut.
+        """Return flags of the known rows of a curved set, in which each new normal is another cut.
 
-        A cut is known where one at the same instant is broken as much, to `_AS_MUCH`. What keeps to
-        its cuts breaks none, so that a constraint that must hold is cut until it does; and one that
-        may be broken, until its cuts tell by how much it is.
+        A cut is known if another of the same instant is violated as much, up to `_EQUAL_CUTS`. A
+        solution satisfies all hard cuts in its program, so that a hard constraint is cut until it
+        holds. A soft constraint is cut until the cuts measure its violation.
         """
         old = self.rows[rows.constraint.key]
         keys, theirs = (
             self._keys.of(dataclasses.replace(part, sides=np.zeros(len(part), dtype=int)))
             for part in (rows, old)
         )
-        order = np.lexsort((old.margins(motion), theirs))  # of each instant the worst first
+        order = np.lexsort((old.margins(motion), theirs))  # the worst cut of an instant is first
         place = np.searchsorted(theirs[order], keys)
         worst = order[np.minimum(place, len(old) - 1)]
-        there, margins = theirs[worst] == keys, rows.margins(motion)
-        close = old.select(worst).margins(motion) <= margins + _AS_MUCH * np.abs(margins)
-        known: BoolArray = there & close
+        exists, margins = theirs[worst] == keys, rows.margins(motion)
+        as_deep = old.select(worst).margins(motion) <= margins + _EQUAL_CUTS * np.abs(margins)
+        known: BoolArray = exists & as_deep
         return known
 
     def enter(self, rows: HalfSpaces, motion: Motion) -> tuple[HalfSpaces, HalfSpaces]:
-        """Put those rows in that are not in yet.
+        """Add the rows that are not in the working set yet.
 
         Args:
-            rows: of one constraint.
-            motion: of all vehicles, as last solved.
+            rows: the rows of one constraint.
+            motion: the motion of all vehicles in the last solutions.
 
         Returns:
-            The rows that are new, and those that were in, must hold, and are not kept.
+            The new rows, and the known hard rows that the motion violates.
         """
         known = self.known(rows, motion)
         if not known.any():
@@ -118,32 +118,32 @@ class WorkingSet:
         new = rows.select(~known)
         if len(new) > 0:
             self.add(new)
-        lost = known & (rows.margins(motion) < -rows.tolerances)
-        lost &= np.isinf(rows.constraint.penalty)
-        return new, rows.select(lost)
+        unsatisfied = known & (rows.margins(motion) < -rows.tolerances)
+        unsatisfied &= np.isinf(rows.constraint.penalty)
+        return new, rows.select(unsatisfied)
 
     def add(self, rows: HalfSpaces) -> None:
-        """Put rows in that are not known."""
-        if len(rows) == 0:  # of a reference around which none of the rows before are asked for
+        """Add rows that are not known."""
+        if len(rows) == 0:  # no earlier row is required around a new reference
             return
         if rows.constraint.curved:
             self._cuts += 1
             rows = dataclasses.replace(rows, sides=np.full(len(rows), self._cuts))
         key = rows.constraint.key
         self.rows[key] = self.rows[key].union(rows) if key in self.rows else rows
-        if not rows.constraint.curved:  # whose cuts are compared by what they say
+        if not rows.constraint.curved:  # cuts of curved sets are compared by their margins
             self._not_indexed.setdefault(key, []).append(rows)
 
     def exchange(self, group: IntArray, rows: HalfSpaces) -> None:
-        """Put rows of a curved set in, in place of all that a group of vehicles has of it."""
+        """Replace all rows of a curved set that a group of vehicles has."""
         old = self.rows.pop(rows.constraint.key, rows.constraint.none)
         self.add(old.select(~np.isin(old.vehicles, group)))
         self.add(rows)
 
     def _index(self, key: Hashable) -> IntArray:
-        """Return the sorted keys of a constraint's rows, with what was added since the last look.
+        """Return the sorted keys of a constraint's rows, including those added since the last call.
 
-        Many programs need none.
+        The index is built on demand, since many programs need none.
         """
         if new := self._not_indexed.pop(key, []):
             old = [self._known[key]] if key in self._known else []
@@ -151,7 +151,7 @@ class WorkingSet:
         return self._known[key]
 
     def of(self, vehicles: IntArray, count: int) -> list[HalfSpaces]:
-        """Return the rows of some of `count` vehicles, constraint by constraint."""
+        """Return the rows of some of `count` vehicles, by constraint."""
         rows = list(self.rows.values())
         if len(vehicles) == count:
             return rows
@@ -161,21 +161,21 @@ class WorkingSet:
         return [part for part in chosen if len(part) > 0]
 
     def active(self, motion: Motion) -> list[HalfSpaces]:
-        """Return the rows at whose bounds a motion is, constraint by constraint."""
-        touching = (
-            part.select(part.margins(motion) < _TOUCHING * part.tolerances)
+        """Return the rows that are active at a motion, by constraint."""
+        active = (
+            part.select(part.margins(motion) < _ACTIVE * part.tolerances)
             for part in self.rows.values()
         )
-        return [part for part in touching if len(part) > 0]
+        return [part for part in active if len(part) > 0]
 
-    def solved(self, answers: Answers) -> None:
-        """Note what was found for some groups."""
+    def record(self, answers: Answers) -> None:
+        """Record the solutions of the programs of some groups."""
         for index, group in enumerate(answers.groups.tolist()):
             for vehicle in group:
                 self._solved[vehicle] = answers, index
 
     def group(self, vehicle: int) -> IntArray:
-        """Return the vehicles that share a vehicle's program, itself among them."""
+        """Return all vehicles in the last program of a vehicle, including itself."""
         if vehicle not in self._solved:
             return np.array([vehicle])
         answers, index = self._solved[vehicle]
@@ -185,10 +185,9 @@ class WorkingSet:
     def multipliers(self, vehicle: int) -> list[tuple[HalfSpaces, FloatArray]]:
         """Return the rows in a vehicle's program and their multipliers y >= 0.
 
-        For rows of length one and the cost in units squared, as the program is written. Where
-        rows couple the vehicle to others, those of the whole group are given. Of a program without
-        a solution they are weights with which its rows contradict each other, where the solver
-        gives any (Farkas).
+        The multipliers are those of the program as it is written, with unit rows and the cost in
+        units squared. If the vehicle is coupled to others, the rows are those of the whole group.
+        For an infeasible program the weights are a Farkas certificate, if the solver returns one.
         """
         if vehicle not in self._solved:
             return []
