@@ -18,6 +18,12 @@ from drake_rho.planning.constraints.coupling import Coupling
 from drake_rho.planning.constraints.margins import PlanMargins, margins_of
 from drake_rho.planning.constraints.obstacles import KeepOutOfObstacle, obstacles_of
 from drake_rho.planning.constraints.separation import KeepApart, pairs_of
+from drake_rho.planning.constraints.tightening import (
+    NO_SLACK,
+    largest_tolerable_wind,
+    missing_slack,
+    without_wind,
+)
 from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.scenario.fields import IntArray
@@ -140,6 +146,23 @@ class Problem:
             words = "{} vehicles on {} knots, {:g} s apart"
             got, expected = words.format(*theirs), words.format(*ours)
             raise ValueError(f"reference: got {got}, expected {expected}")
+
+    def check_tightening_slack(self) -> None:
+        """Check that limits, starts and goals leave sufficient slack for the disturbance, if any.
+
+        A flight that is under way is not checked here: its windows are checked when they are
+        planned.
+
+        Raises:
+            InfeasibleError: the slack is insufficient; the error has the largest tolerable wind.
+        """
+        scenario = self.scenario
+        if scenario.disturbance is None or scenario.under_way:
+            return
+        if conflicts := missing_slack(scenario, self.margins):
+            calm = dataclasses.replace(self, scenario=without_wind(scenario)).margins
+            wind = largest_tolerable_wind(scenario, self.margins, calm)
+            raise InfeasibleError(conflicts, scenario=scenario, bearable=wind, because=NO_SLACK)
 
     def without_obstacles(self) -> Problem:
         """Return this problem without obstacles."""

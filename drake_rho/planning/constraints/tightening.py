@@ -9,8 +9,7 @@ import numpy as np
 
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.close_pairs import max_pair_margin
-from drake_rho.planning.constraints.margins import Margins, PlanMargins, margins_of
-from drake_rho.planning.errors import InfeasibleError
+from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.parts import UNITS, Quantity
 from drake_rho.scenario.records import Scenario
@@ -85,21 +84,6 @@ class TighteningSlack:
         return f"{self.name} ({self.where} {depth:.3g} {unit} inside, of {needed[vehicle]:.3g})"
 
 
-def check_tightening_slack(scenario: Scenario, margins: PlanMargins) -> None:
-    """Check that limits, starts and goals leave sufficient slack for the disturbance, if any.
-
-    A flight that is under way is not checked here: its windows are checked when they are planned.
-
-    Raises:
-        InfeasibleError: the slack is insufficient; the error has the largest tolerable wind.
-    """
-    if scenario.disturbance is None or scenario.under_way:
-        return
-    if conflicts := missing_slack(scenario, margins):
-        bearable = _largest_tolerable(scenario, margins)
-        raise InfeasibleError(conflicts, scenario=scenario, bearable=bearable, because=NO_SLACK)
-
-
 def missing_slack(
     scenario: Scenario, margins: PlanMargins, *, under_way: bool = False
 ) -> dict[str, tuple[str, ...]]:
@@ -126,23 +110,32 @@ def starts_beyond_limits(scenario: Scenario, margins: PlanMargins) -> bool:
     return any(np.any(each.missing(_MEASURED_START) > 0.0) for each in slacks)
 
 
-def _largest_tolerable(scenario: Scenario, margins: PlanMargins) -> float:
+def without_wind(scenario: Scenario) -> Scenario:
+    """Return a disturbed scenario with the same feedback and no wind."""
+    tube = tube_of(scenario)
+    calm = unchecked(tube.disturbance, acceleration=0.0, tracking=tube.tracking)
+    return scenario.with_disturbance(calm)
+
+
+def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanMargins) -> float:
     """Return the largest wind with sufficient slack for the same feedback [m/s²].
 
     The radii of the error tube are affine in the wind.
+
+    Args:
+        scenario: the disturbed scenario.
+        margins: the margins of its plans.
+        calm: the margins of the same scenario without wind.
     """
-    tube = tube_of(scenario)
-    calm = unchecked(tube.disturbance, acceleration=0.0, tracking=tube.tracking)
-    without = margins_of(scenario.with_disturbance(calm), margins.pieces)
     part = 1.0
     for windy, still in zip(
-        _slacks(scenario, margins.inner), _slacks(scenario, without.inner), strict=True
+        _slacks(scenario, margins.inner), _slacks(scenario, calm.inner), strict=True
     ):
         more = windy.needed - still.needed
         left = windy.available + windy.tolerances - still.needed
         tolerable = np.divide(left, more, out=np.where(left < 0.0, 0.0, np.inf), where=more > 0.0)
         part = min(part, float(np.min(tolerable)))
-    return max(0.0, part) * tube.disturbance.acceleration
+    return max(0.0, part) * tube_of(scenario).disturbance.acceleration
 
 
 def _slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:

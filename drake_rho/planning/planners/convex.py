@@ -10,7 +10,6 @@ from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.time_limit import with_time_limit
 from drake_rho.planning.call.wall_time import with_wall_time
-from drake_rho.planning.constraints.tightening import check_tightening_slack
 from drake_rho.planning.errors import InfeasibleError
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend, Solver, SolverName
@@ -97,7 +96,7 @@ def linearised_once(
         SolverError: the solvers fail numerically.
     """
     scenario = problem.scenario
-    check_tightening_slack(scenario, problem.margins)
+    problem.check_tightening_slack()
     try:
         return _plan(problem, reference, backend)
     except InfeasibleError as error:

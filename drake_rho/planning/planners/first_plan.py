@@ -18,7 +18,6 @@ from drake_rho.planning.call.options import Options
 from drake_rho.planning.call.progress import Progress, tell, within
 from drake_rho.planning.call.time_limit import within_time
 from drake_rho.planning.constraints.coupling import decoupled
-from drake_rho.planning.constraints.tightening import check_tightening_slack
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.convex import linearised_once
 from drake_rho.planning.planners.from_paths import PathResult, no_plan, plan_along_paths
@@ -63,7 +62,7 @@ class FirstPlan:
         Args and errors are those of `plan`.
         """
         scenario = problem.scenario
-        check_tightening_slack(scenario, problem.margins)
+        problem.check_tightening_slack()
         if scenario.separation is not None:
             return self._of_fleet(problem, reference)
         try:
@@ -244,7 +243,7 @@ def plan_near(
 
     def find(problem: Problem) -> Plan:
         scenario = problem.scenario
-        check_tightening_slack(scenario, problem.margins)
+        problem.check_tightening_slack()
         if not scenario.known and scenario.separation is None:
             return linearised_once(problem, None, backend)
         subproblem = Subproblem(problem, decoupled, backend)
