@@ -10,7 +10,7 @@ import drake_rho as rho
 from benchmarks.fleets import Trial, attempts, findings, percent
 from benchmarks.race import Skipped
 from benchmarks.tables import Cell, Goal, Table
-from benchmarks.worlds import COLUMNS, JUDGED, plan_within, published, row, step_of, unhindered
+from benchmarks.worlds import COLUMNS, CHECKED, plan_within, published, row, step_of, unhindered
 
 KINDS = {
     "forest": ("forest10.json", (11.0, 10.0, 9.5)),
@@ -51,7 +51,7 @@ def run(folder: Path | None = None, stores: Path | None = None) -> Table:
         title="B6: forests and mazes of the LSC-DR planner, ten vehicles",
         columns=COLUMNS,
         rows=(*(row(*key, trials) for key, trials in found.items()), *_PUBLISHED),
-        notes=(findings(every), _WORK, JUDGED, _LIMITATIONS),
+        notes=(findings(every), _WORK, CHECKED, _LIMITATIONS),
         goals=tuple(
             Goal(f"{kind}, {duration:g} s: failures [%]", 0.0, 100.0 - percent(trials))
             for (kind, duration), trials in found.items()

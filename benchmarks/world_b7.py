@@ -10,7 +10,7 @@ import numpy as np
 import drake_rho as rho
 from benchmarks.fleets import attempts, findings, percent
 from benchmarks.tables import Goal, Table
-from benchmarks.worlds import COLUMNS, JUDGED, plan_within, published, row, unhindered
+from benchmarks.worlds import COLUMNS, CHECKED, plan_within, published, row, unhindered
 
 BOXES = (10, 20, 50)
 """Numbers of moving boxes."""
@@ -51,7 +51,7 @@ def run(seeds: int = 20, stores: Path | None = None) -> Table:
             published("10 boxes", "RMADER, published", None, 100.0),
             published("10 boxes", "next best, published", None, 83.0),
         ),
-        notes=(findings(every), _WORK, JUDGED, _LIMITATIONS),
+        notes=(findings(every), _WORK, CHECKED, _LIMITATIONS),
         goals=tuple(
             Goal(f"{boxes} boxes, failures [%]", 0.0, 100.0 - percent(trials))
             for boxes, trials in found.items()

@@ -20,7 +20,7 @@ from benchmarks.convex_sets import GCS, Lap, fly
 from benchmarks.fleets import THIS_PACKAGE, Trial, attempts, findings
 from benchmarks.oracle import Answer
 from benchmarks.tables import Cell, Goal, Table
-from benchmarks.worlds import JUDGED, certified, percent_above, plan_within
+from benchmarks.worlds import CHECKED, certified, percent_above, plan_within
 
 OBSTACLES = (5, 10, 20, 40, 60)
 """Numbers of spheres and boxes."""
@@ -74,7 +74,7 @@ def run(seeds: int = 50, stores: Path | None = None) -> Table:
         title="B8: one vehicle in random fields of spheres and boxes",
         columns=COLUMNS,
         rows=tuple(rows),
-        notes=(_of_the_oracle(answers, plans), findings(plans), *_NOTES, JUDGED, _LIMITATIONS),
+        notes=(_of_the_oracle(answers, plans), findings(plans), *_NOTES, CHECKED, _LIMITATIONS),
         goals=(
             Goal(
                 "draws with a path, failures [%]",

@@ -116,7 +116,7 @@ def published(
     return (world, flight, method, draws, success, None, None, None, metres, None, None)
 
 
-JUDGED = """\
+CHECKED = """\
 A plan counts if neither `verify` nor dense samples find a violation at any instant. There are 100
 samples of each step, integrated anew from the accelerations alone by code that shares nothing with
 the package's checks, for pairs, obstacles with the vehicles' radii, and the boxes of positions,

@@ -188,12 +188,12 @@ def test_a_tail_is_accepted_with_the_tolerance_of_its_plan(short: float) -> None
 
 def test_windows_without_a_disturbance_are_not_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> str:
-        raise AssertionError("a window was judged")
+        raise AssertionError("a window was checked")
 
     monkeypatch.setattr("drake_rho.planning.horizon.windows.first_violation", refused)
     scenario = single(limits=rho.Limits(acceleration=box(3.0)), between_knots=True)
     rho.plan_rho(scenario)
-    with pytest.raises(AssertionError, match="judged"):
+    with pytest.raises(AssertionError, match="checked"):
         rho.plan_rho(unchecked(scenario, disturbance=rho.Disturbance(0.1)))
 
 

@@ -209,13 +209,13 @@ def _excess(plan: rho.Plan, check: rho.Check, tube: rho.ErrorTube, times: FloatA
     if name.startswith("obstacle"):
         (obstacle,) = scenario.bodies
         late = obstacle.known_from > max(grid.start, 0.0)
-        judged = np.ones(len(times), dtype=bool)
+        checked = np.ones(len(times), dtype=bool)
         if late:
-            judged = (times >= obstacle.known_from) != ("before" in name)
-            judged |= np.abs(times - obstacle.known_from) < 1e-9 * grid.step * (len(times) == 1)
+            checked = (times >= obstacle.known_from) != ("before" in name)
+            checked |= np.abs(times - obstacle.known_from) < 1e-9 * grid.step * (len(times) == 1)
         x = p - places(obstacle, times)
         kept = scenario.vehicles[i].radius + obstacle.deviation
-        return np.asarray((kept + off - obstacle.shape.signed_distance(x))[judged])
+        return np.asarray((kept + off - obstacle.shape.signed_distance(x))[checked])
     assert scenario.separation is not None
     shape, worst = scenario.separation.shape, np.full(len(times), -np.inf)
     for j in range(len(scenario.vehicles)):
@@ -225,7 +225,7 @@ def _excess(plan: rho.Plan, check: rho.Check, tube: rho.ErrorTube, times: FloatA
     return worst
 
 
-def judged(flown: rho.Plan | rho.Flight) -> list[rho.Check]:
+def checked(flown: rho.Plan | rho.Flight) -> list[rho.Check]:
     """Return the checks in which errors count."""
     reported = ("dynamics", "goal", "jerk box")
     return [each for each in rho.verify(flown).checks if each.constraint not in reported]
@@ -242,7 +242,7 @@ def test_the_reported_excess_is_the_worst_of_the_tube_and_attained(kind: str, se
     apart = plan.scenario.separation
     assert apart is not None
     moved = float(np.abs(places(obstacle, plan.times)).max())
-    for check in judged(flown):
+    for check in checked(flown):
         large = {"m": places_ + moved, "m/s": np.abs(plan.velocities).max()}
         scale = large.get(check.unit, GRAVITY + np.abs(plan.accelerations).max())
         rounding = 1e-9 * (scale + check.errors + abs(check.value))
@@ -340,18 +340,18 @@ def test_a_hundredth_of_the_radius_beyond_the_limit_is_a_violation(name: str) ->
     scenario = unchecked(scenario, vehicles=(first, second)).of_vehicles([0, 1])
     a = np.stack([FLOWN, np.zeros((8, 3))])
 
-    def judge(asked: rho.Scenario) -> rho.Check:
+    def check(asked: rho.Scenario) -> rho.Check:
         report = rho.verify(rho.Plan.from_accelerations(asked, a))
         own = [each for each in report.checks if each.vehicle == "solo"]
         return [each for each in own if each.constraint == name][-1]  # at all times
 
-    wide = judge(scenario)
+    wide = check(scenario)
     assert wide.errors > 1e3 * wide.tolerance
     touching = tightened(scenario, wide, -wide.excess)
-    there = judge(touching)
+    there = check(touching)
     assert there.holds
     assert there.excess == pytest.approx(0.0, abs=0.1 * there.tolerance)
-    cut = judge(tightened(touching, there, 0.01 * there.errors + there.tolerance))
+    cut = check(tightened(touching, there, 0.01 * there.errors + there.tolerance))
     assert not cut.holds
 
 
