@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from drake_rho.motion.files import PlanFileError, load, save
     from drake_rho.motion.flight import Flight, Window
     from drake_rho.motion.plan import Plan
+    from drake_rho.motion.samples import Samples
     from drake_rho.motion.scenario_tube import error_tube, largest_disturbance
     from drake_rho.motion.simulation import Simulation
     from drake_rho.motion.statistics import Statistics
@@ -103,6 +104,7 @@ __all__ = [
     "RecedingHorizonController",
     "Report",
     "Results",
+    "Samples",
     "Scenario",
     "ScenarioError",
     "Separation",
@@ -194,6 +196,7 @@ _NAMES = {
     "drake_rho.motion.files": ("PlanFileError", "load", "save"),
     "drake_rho.motion.flight": ("Flight", "Window"),
     "drake_rho.motion.plan": ("Plan",),
+    "drake_rho.motion.samples": ("Samples",),
     "drake_rho.motion.scenario_tube": ("error_tube", "largest_disturbance"),
     "drake_rho.motion.simulation": ("Simulation",),
     "drake_rho.motion.statistics": ("Statistics",),

@@ -13,8 +13,8 @@ import numpy as np
 from drake_rho.exports.format import Format, exported, planned
 from drake_rho.exports.milliseconds import milliseconds
 from drake_rho.exports.record import Exported
-from drake_rho.motion.flown import Flown
-from drake_rho.motion.samples import Samples, sample
+from drake_rho.motion.flown import Flown, sample
+from drake_rho.motion.samples import Samples
 from drake_rho.motion.tables import write_rows
 from drake_rho.system.files import atomic_write
 

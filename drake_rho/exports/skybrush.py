@@ -11,8 +11,7 @@ from drake_rho.exports.folders import file_names, write_archive, write_folder
 from drake_rho.exports.format import Format, exported
 from drake_rho.exports.milliseconds import milliseconds
 from drake_rho.exports.record import Exported
-from drake_rho.motion.flown import Flown
-from drake_rho.motion.samples import sample
+from drake_rho.motion.flown import Flown, sample
 from drake_rho.motion.tables import write_rows
 from drake_rho.scenario.fields import FloatArray, IntArray
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from drake_rho.exports.format import Format, exported
 from drake_rho.exports.record import Exported
 from drake_rho.motion.documents import write_document
-from drake_rho.motion.flown import Flown
-from drake_rho.motion.samples import sample, with_knots
+from drake_rho.motion.flown import Flown, sample
+from drake_rho.motion.samples import with_knots
 from drake_rho.motion.tables import write_table
 from drake_rho.system.files import atomic_write
 

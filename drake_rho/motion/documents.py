@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from drake_rho.motion.flown import Flown
+from drake_rho.motion.flown import Flown, sample
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.samples import sample, with_knots
+from drake_rho.motion.samples import with_knots
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.fields import LARGEST
 from drake_rho.scenario.files import scenario_from_json, scenario_to_json

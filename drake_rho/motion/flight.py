@@ -5,10 +5,13 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
+import numpy.typing as npt
+
 from drake_rho.motion.plan import Plan, summary
+from drake_rho.motion.samples import Samples
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.described import Described
-from drake_rho.scenario.fields import unchecked
+from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.records import Scenario
 
 
@@ -112,6 +115,25 @@ class Flight(metaclass=Described):
     def cost(self) -> float:
         """Performance index (13) of the flown trajectories [m²/s⁴]."""
         return self.plan.cost
+
+    def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:
+        """Return positions, velocities and accelerations at times; they are exact at any time.
+
+        Args:
+            times: times on the scenario's clock [s], shape (T,), or a single one.
+            vehicle: name of one vehicle; all vehicles if not given.
+
+        Returns:
+            The record that `Plan.at` returns for the flown trajectories.
+
+        Raises:
+            ValueError: a time is outside the flight, or there is no such vehicle.
+        """
+        return self.plan.at(times, vehicle)
+
+    def sampled(self, elapsed: FloatArray) -> Samples:
+        """Return the flown states at times since the first knot [s]."""
+        return self.plan.sampled(elapsed)
 
     @property
     def sightings(self) -> tuple[Sighting, ...]:

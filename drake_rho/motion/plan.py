@@ -6,8 +6,10 @@ import dataclasses
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from drake_rho.motion.dynamics import Motion
+from drake_rho.motion.samples import Samples, times_of
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.arguments import checked
@@ -144,6 +146,34 @@ class Plan(metaclass=Described):
     def cost(self) -> float:
         """Performance index f (13), the sum of squared accelerations [m²/s⁴]."""
         return float(np.sum(self.accelerations**2))
+
+    @checked
+    def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:
+        """Return positions, velocities and accelerations at times; they are exact at any time.
+
+        Args:
+            times: times on the scenario's clock [s], shape (T,), or a single one.
+            vehicle: name of one vehicle; all vehicles if not given.
+
+        Returns:
+            A record with arrays of shape (N, T, 3), or (T, 3) for one vehicle. Accelerations are
+            those of the step that begins at a knot, at the last knot of the step that ends there.
+
+        Raises:
+            ValueError: a time is outside the flight, or there is no such vehicle.
+        """
+        index = None if vehicle is None else self.scenario.index_of(vehicle)
+        samples = self.sampled(times_of(self.scenario.grid, times))
+        return samples if index is None else samples.of(index)
+
+    def sampled(self, elapsed: FloatArray) -> Samples:
+        """Return the states at times since the first knot [s]; at knots, the plan's own numbers."""
+        motion, knots = self.motion(), self.scenario.grid.elapsed
+        p, v, a = (motion.at(each, elapsed) for each in ("position", "velocity", "acceleration"))
+        k = np.minimum(np.searchsorted(knots, elapsed), len(knots) - 1)
+        there = knots[k] == elapsed
+        p[:, there], v[:, there] = self.positions[:, k[there]], self.velocities[:, k[there]]
+        return Samples(self.scenario.names, self.scenario.grid.start + elapsed, p, v, a)
 
     def states(self, knot: int) -> FloatArray:
         """Return positions [m] and velocities [m/s] at a knot counted from 0, shape (N, 6)."""

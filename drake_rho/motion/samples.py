@@ -1,4 +1,4 @@
-"""States of planned or flown motions at sample times, as written to tables and documents."""
+"""States of planned or flown motions at sample times, and the choice of such times."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
+import numpy.typing as npt
 
-from drake_rho.motion.flown import Flown
-from drake_rho.motion.plan import Plan
-from drake_rho.motion.simulation import Simulation
-from drake_rho.scenario.fields import LARGEST, FloatArray, IntArray
+from drake_rho.scenario.described import Described
+from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Grid
 
@@ -18,30 +17,100 @@ RATES = (0.0, 1000.0)
 """Range of sample rates [1/s], from above the first to the second inclusive: clocks of autopilots
 and of drone shows count milliseconds."""
 
+COLUMNS = (
+    "vehicle",
+    "time [s]",
+    *("x [m]", "y [m]", "z [m]"),
+    *("vx [m/s]", "vy [m/s]", "vz [m/s]"),
+    *("ax [m/s^2]", "ay [m/s^2]", "az [m/s^2]"),
+)
+"""Column names, in plain ASCII: not every program that reads tables detects the encoding."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Samples:
-    """States of N vehicles at M times."""
+class Samples(metaclass=Described):
+    """States of vehicles at times: what `at` of a plan, a flight or a simulation returns.
+
+    Arrays are of shape (N, T, 3), or (T, 3) for one vehicle that was named.
+
+    Examples:
+        >>> plan = rho.plan(rho.load_scenario("paper"))
+        >>> plan.at([0.0, 12.5, 24.5]).positions.shape
+        (4, 3, 3)
+        >>> plan.at(24.5, vehicle="UAV-1").positions.round(1).tolist()
+        [[2789.0, 1535.6, 2126.7]]
+    """
 
     names: tuple[str, ...]
     """names of the vehicles"""
     times: FloatArray
-    """times on the scenario's clock, increasing [s], shape (M,)"""
+    """times on the scenario's clock [s], shape (T,)"""
     positions: FloatArray
-    """positions [m], shape (N, M, 3)"""
+    """positions [m], shape (N, T, 3) or (T, 3)"""
     velocities: FloatArray
-    """velocities [m/s], shape (N, M, 3)"""
+    """velocities [m/s], shape (N, T, 3) or (T, 3)"""
     accelerations: FloatArray
-    """accelerations that begin at each time, 0 at the end of the flight [m/s²], shape (N, M, 3)"""
+    """accelerations that begin at each time [m/s²], shape (N, T, 3) or (T, 3)"""
+
+    def __repr__(self) -> str:
+        """Return a text such as '<Samples of 4 vehicles at 3 times>', without arrays."""
+        vehicles = self.names[0] if len(self.names) == 1 else f"{len(self.names)} vehicles"
+        count = len(self.times)
+        return f"<Samples of {vehicles} at {count} time{'s' if count != 1 else ''}>"
 
     @property
     def states(self) -> FloatArray:
-        """Positions, velocities and accelerations side by side, shape (N, M, 9)."""
+        """Positions, velocities and accelerations side by side, shape (N, T, 9) or (T, 9)."""
         return np.concatenate([self.positions, self.velocities, self.accelerations], axis=-1)
 
+    def columns(self) -> dict[str, list[str] | list[float]]:
+        """Return a table with one row per vehicle and time, as columns by name and unit.
+
+        The columns are those of exported CSV files; `pandas.DataFrame(samples.columns())` is the
+        same table.
+        """
+        count = len(self.times)
+        named = [name for name in self.names for _ in range(count)]
+        numbers = self.states.reshape(-1, 9)
+        times = np.tile(self.times, len(self.names))
+        table = np.concatenate([times[:, None], numbers], axis=1).T.tolist()
+        return dict(zip(COLUMNS, [named, *table], strict=True))
+
     def by_vehicle(self) -> Iterator[tuple[str, FloatArray]]:
-        """Iterate over the vehicles' names and states, each of shape (M, 9)."""
-        yield from zip(self.names, self.states, strict=True)
+        """Iterate over the vehicles' names and states, each of shape (T, 9)."""
+        states = self.states.reshape(len(self.names), len(self.times), 9)
+        yield from zip(self.names, states, strict=True)
+
+    def of(self, index: int) -> Samples:
+        """Return the samples of one vehicle, arrays of shape (T, 3)."""
+        p, v, a = self.positions[index], self.velocities[index], self.accelerations[index]
+        return Samples(self.names[index : index + 1], self.times, p, v, a)
+
+
+def times_of(grid: Grid, times: npt.ArrayLike) -> FloatArray:
+    """Return times since the first knot [s], shape (T,), for times on the scenario's clock.
+
+    Times that equal a knot but for rounding become the knot's.
+
+    Args:
+        grid: the grid of the flight.
+        times: times on the scenario's clock [s], shape (T,), or a single one.
+
+    Raises:
+        ValueError: the times have another shape, or one of them is outside the flight.
+    """
+    asked = np.asarray(times, dtype=np.float64)
+    if asked.ndim > 1:
+        raise ValueError(f"times: got shape {asked.shape}, expected (T,) or a single time")
+    asked, knots = np.atleast_1d(asked), grid.elapsed
+    inside = (asked >= grid.start - grid.rounding) & (asked <= grid.end + grid.rounding)
+    if not inside.all():
+        got = asked[np.argmin(inside)]
+        expected = f"times of the flight, from {grid.start:.12g} to {grid.end:.12g} s"
+        raise ValueError(f"times: got {got:.12g} s, expected {expected}")
+    elapsed = asked - grid.start
+    nearest = knots[np.clip(np.rint(elapsed / grid.step).astype(np.int64), 0, len(knots) - 1)]
+    return np.where(np.abs(elapsed - nearest) <= grid.rounding, nearest, elapsed)
 
 
 def check_rate(rate: float | None) -> None:
@@ -53,48 +122,6 @@ def check_rate(rate: float | None) -> None:
     if rate is not None and not RATES[0] < rate <= RATES[1]:  # also true for NaN
         expected = f"above {RATES[0]:g} and up to {RATES[1]:g} samples a second"
         raise ValueError(f"rate: got {rate:g}, expected {expected}")
-
-
-def sample(flown: Flown, elapsed: FloatArray) -> Samples:
-    """Return the states at some times since the first knot [s], shape (M,).
-
-    States at knots equal those of the plan to the last digit. From the last knot on, positions and
-    velocities remain constant and accelerations are zero. For a flight, the states are those of
-    the flown plan; for a simulation, those of the true motion.
-
-    Raises:
-        ValueError: a number is so large that it would be rejected when read again.
-    """
-    scenario = flown.scenario
-    known = np.minimum(elapsed, scenario.grid.elapsed[-1])
-    if flown.simulation is not None:
-        p, v, a = _true(flown.simulation, known)
-    else:
-        p, v, a = _planned(flown.plan, known)
-    ended = elapsed >= scenario.grid.elapsed[-1] - SAME_TIME * scenario.grid.step
-    names = tuple(vehicle.name for vehicle in scenario.vehicles)
-    a = np.where(ended[:, None], 0.0, a)
-    if not all(np.all(np.abs(each) <= LARGEST) for each in (p, v, a)):
-        raise ValueError(
-            f"{scenario.name}: got states beyond {LARGEST:g}, expected those of a flight"
-        )
-    return Samples(names, scenario.grid.start + elapsed, p, v, a)
-
-
-def _planned(plan: Plan, elapsed: FloatArray) -> tuple[FloatArray, ...]:
-    motion, knots = plan.motion(), plan.scenario.grid.elapsed
-    p, v, a = (motion.at(each, elapsed) for each in ("position", "velocity", "acceleration"))
-    k = np.minimum(np.searchsorted(knots, elapsed), len(knots) - 1)
-    there = knots[k] == elapsed
-    p[:, there], v[:, there] = plan.positions[:, k[there]], plan.velocities[:, k[there]]
-    return p, v, a
-
-
-def _true(simulation: Simulation, elapsed: FloatArray) -> tuple[FloatArray, ...]:
-    times = simulation.scenario.grid.start + elapsed
-    m = np.searchsorted(np.asarray(simulation.elapsed), elapsed, side="right") - 1
-    a = simulation.accelerations[np.clip(m, 0, len(simulation.times) - 2)]
-    return *simulation.states(times), np.moveaxis(a, 0, 1)
 
 
 def evenly(grid: Grid, rate: float) -> FloatArray:

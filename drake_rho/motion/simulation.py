@@ -11,9 +11,11 @@ import numpy.typing as npt
 
 from drake_rho.motion.flight import Flight, Sighting, Window
 from drake_rho.motion.plan import Plan, summary
+from drake_rho.motion.samples import Samples, times_of
 from drake_rho.motion.scenario_tube import error_tube, tube_of
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import ErrorTube
+from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.parts import Quantity
@@ -137,6 +139,32 @@ class Simulation(metaclass=Described):
         """
         deviations = self.accelerations - self.commands[:-1] - self.wind[:-1]
         return read_only(np.linalg.norm(deviations, axis=2).max(axis=0))
+
+    @checked
+    def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:
+        """Return true positions, velocities and accelerations at times.
+
+        Args:
+            times: times on the scenario's clock [s], shape (T,), or a single one.
+            vehicle: name of one vehicle; all vehicles if not given.
+
+        Returns:
+            A record with arrays of shape (N, T, 3), or (T, 3) for one vehicle. Accelerations are
+            the mean ones from each recorded time to the next.
+
+        Raises:
+            ValueError: a time is outside the flight, or there is no such vehicle.
+        """
+        index = None if vehicle is None else self.scenario.index_of(vehicle)
+        samples = self.sampled(times_of(self.scenario.grid, times))
+        return samples if index is None else samples.of(index)
+
+    def sampled(self, elapsed: FloatArray) -> Samples:
+        """Return the true states at times since the first knot [s]."""
+        times = self.scenario.grid.start + elapsed
+        m = np.searchsorted(self._since_start, elapsed, side="right") - 1
+        a = self.accelerations[np.clip(m, 0, len(self.times) - 2)]
+        return Samples(self.scenario.names, times, *self.states(times), np.moveaxis(a, 0, 1))
 
     def states(self, times: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return true positions [m] and velocities [m/s] at times on the scenario's clock [s].

@@ -10,18 +10,9 @@ from typing import IO
 import numpy as np
 
 from drake_rho.motion.plan import Plan
-from drake_rho.motion.samples import Samples, knots_among
+from drake_rho.motion.samples import COLUMNS, Samples, knots_among
 from drake_rho.scenario.fields import LARGEST, FloatArray
 from drake_rho.scenario.records import Scenario
-
-COLUMNS = (
-    "vehicle",
-    "time [s]",
-    *("x [m]", "y [m]", "z [m]"),
-    *("vx [m/s]", "vy [m/s]", "vz [m/s]"),
-    *("ax [m/s^2]", "ay [m/s^2]", "az [m/s^2]"),
-)
-"""Column names, in plain ASCII: not every program that reads tables detects the encoding."""
 
 
 def write_rows(file: IO[bytes], rows: Iterable[Iterable[object]]) -> None:
@@ -33,11 +24,8 @@ def write_rows(file: IO[bytes], rows: Iterable[Iterable[object]]) -> None:
 
 def write_table(file: IO[bytes], samples: Samples) -> None:
     """Write a header and all states, vehicle by vehicle."""
-    write_rows(file, [COLUMNS])
-    times = samples.times.tolist()
-    for name, states in samples.by_vehicle():
-        rows = zip(times, states.tolist(), strict=True)
-        write_rows(file, ([name, time, *numbers] for time, numbers in rows))
+    columns = samples.columns()
+    write_rows(file, [tuple(columns), *zip(*columns.values(), strict=True)])
 
 
 def is_table(text: str) -> bool:

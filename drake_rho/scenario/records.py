@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from difflib import get_close_matches
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Self
 
@@ -277,17 +278,28 @@ class Scenario:
             under_way=True,
         )
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the vehicles, in their order."""
+        return tuple(vehicle.name for vehicle in self.vehicles)
+
     def index_of(self, name: str) -> int:
         """Return the index in `vehicles` of the vehicle called `name`.
 
         Raises:
-            ValueError: there is no such vehicle.
+            ValueError: there is no such vehicle; the error suggests the nearest name.
         """
-        names = [vehicle.name for vehicle in self.vehicles]
+        names = self.names
         if name not in names:
-            raise ValueError(f"vehicle: got {name!r}, expected one of {', '.join(names)}")
+            few = len(names) <= _NAMES_LISTED
+            expected = f"one of {', '.join(names)}" if few else f"one of {len(names)} vehicles"
+            close = "".join(f"; did you mean {each}?" for each in get_close_matches(name, names, 1))
+            raise ValueError(f"vehicle: got {name!r}, expected {expected}{close}")
         return names.index(name)
 
+
+_NAMES_LISTED = 12
+"""Largest number of vehicles whose names an error lists."""
 
 _COMPUTED_FROM: dict[str, set[str]] = {
     "bodies": {"obstacles"},
