@@ -10,7 +10,7 @@ import drake_rho as rho
 from benchmarks.fleets import Trial, attempts, findings, percent
 from benchmarks.race import Skipped
 from benchmarks.tables import Cell, Goal, Table
-from benchmarks.worlds import COLUMNS, CHECKED, plan_within, published, row, step_of, unhindered
+from benchmarks.worlds import CHECKED, COLUMNS, plan_within, published, row, step_of, unhindered
 
 KINDS = {
     "forest": ("forest10.json", (11.0, 10.0, 9.5)),

@@ -10,7 +10,7 @@ import numpy as np
 import drake_rho as rho
 from benchmarks.fleets import attempts, findings, percent
 from benchmarks.tables import Goal, Table
-from benchmarks.worlds import COLUMNS, CHECKED, plan_within, published, row, unhindered
+from benchmarks.worlds import CHECKED, COLUMNS, plan_within, published, row, unhindered
 
 BOXES = (10, 20, 50)
 """Numbers of moving boxes."""
