@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 import drake_rho as rho
-from drake_rho.simulation.closed_loop import fly
+from drake_rho.simulation.closed_loop import fly, fly_plan
 from drake_rho.simulation.quadrotors import AttitudeController, quadrotors
 from drake_rho.simulation.systems import WindSource
 from tests.disturbed import KINDS, disturbed, winds_for
@@ -56,6 +56,50 @@ def test_a_simulation_is_reproduced_bit_by_bit_with_the_windows_of_plan_rho() ->
     still, flight = rho.simulate(scenario), rho.plan_rho(scenario)
     for window, twin in zip(still.flight.windows, flight.windows, strict=True):
         np.testing.assert_allclose(window.plan.accelerations, twin.plan.accelerations, atol=1e-9)
+
+
+def test_a_plan_and_a_flight_are_tracked_as_they_are() -> None:
+    scenario = disturbed(3)
+    plan = rho.plan(scenario)
+    wind = rho.winds.constant(scenario, [0.0, 1.0, 0.0])
+    tracked, twin = rho.simulate(plan, wind=wind), fly_plan(scenario, plan, wind=wind)
+    assert len(tracked.windows) == 1
+    np.testing.assert_array_equal(tracked.plan.accelerations, plan.accelerations)
+    for name in ARRAYS:
+        np.testing.assert_allclose(getattr(tracked, name), getattr(twin, name), atol=1e-9)
+    assert rho.verify(tracked).ok
+    flight = rho.plan_rho(scenario, replan_every=6)
+    again = rho.simulate(flight, wind=wind)
+    np.testing.assert_array_equal(again.plan.accelerations, flight.plan.accelerations)
+
+
+def test_a_plan_without_a_disturbance_flies_without_feedback_or_with_one_that_is_given() -> None:
+    plan = rho.plan(single())
+    gust = rho.Disturbance(0.2, feedback_every=0.1)
+
+    def wind(time: float, positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+        return np.full_like(positions, 0.2 / np.sqrt(3.0))
+
+    free = rho.simulate(plan, wind=wind)
+    elapsed = plan.scenario.grid.duration
+    assert free.errors()[-1, 0] == pytest.approx(0.2 * elapsed**2 / 2.0, rel=1e-9)
+    assert "flown without feedback: the scenario has no disturbance" in rho.verify(free).notes
+    held = rho.simulate(plan, wind=wind, disturbance=gust)
+    assert held.scenario.disturbance == gust
+    assert 0.0 < held.errors()[-1, 0] < 0.2 * free.errors()[-1, 0]
+    assert np.all(held.errors() <= held.radii()[:, None] + 1e-9)
+    assert not any("without feedback" in note for note in rho.verify(held).notes)
+    for arguments, words in (
+        ({"disturbance": gust}, "disturbance: got one of 0.2 m/s², expected none: .* has its own"),
+        ({"replan_every": 3}, "replan_every: got 3, expected none for a plan"),
+        ({"planner": rho.plan_scp}, "planner: got plan_scp, expected none for a plan"),
+        ({"fallback": None}, "fallback: got None, expected none for a plan"),
+        ({"wind": lambda t, p, v: p[:-1]}, r"wind: got shape \(0, 3\)"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            rho.simulate(held.plan if "disturbance" in arguments else plan, **arguments)
+    with pytest.raises(TypeError, match="scenario: got an object of type Simulation"):
+        rho.simulate(held)  # type: ignore[arg-type]
 
 
 def test_a_scenario_without_a_disturbance_can_be_simulated() -> None:

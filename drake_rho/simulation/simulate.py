@@ -1,11 +1,14 @@
-"""`simulate`: closed-loop simulation of a receding horizon in wind, in Drake's simulator."""
+"""`simulate`: closed-loop simulation of a scenario, a plan or a flight in wind, in Drake."""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Literal
 
 import numpy as np
 
+from drake_rho.motion.flight import Flight
+from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.planning.call.progress import Progress
 from drake_rho.planning.horizon.receding_horizon import RecedingHorizon
@@ -13,38 +16,50 @@ from drake_rho.planning.horizon.windows import Planner
 from drake_rho.planning.planners.convex import plan_convex
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.records import Disturbance, Scenario
 from drake_rho.simulation import winds
+from drake_rho.simulation.closed_loop import OnePlan, adopted
 from drake_rho.simulation.diagram import simulated
+from drake_rho.simulation.feedback import Horizon
 from drake_rho.simulation.winds import Wind
+
+_EVERY = 5
+"""Default number of steps flown of each window."""
 
 
 @checked
 def simulate(
-    scenario: Scenario,
+    scenario: Scenario | Plan | Flight,
     *,
-    replan_every: int = 5,
+    replan_every: int = _EVERY,
     planner: Planner = plan_convex,
     fallback: Planner | None = best_plan,
     wind: Wind | None = None,
+    disturbance: Disturbance | None = None,
     plant: Literal["quadrotor"] | None = None,
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
 ) -> Simulation:
-    """Fly a scenario with a receding horizon and feedback in wind, in Drake's simulator.
+    """Fly in wind with feedback, in Drake's simulator.
+
+    A scenario is flown with a receding horizon, which plans windows during the flight. A plan, or
+    the plan of a flight, is tracked as it is, with the feedback of its scenario. Without a
+    disturbance there is no feedback, and `verify` notes this.
 
     Args:
-        scenario: scenario to fly; without a `disturbance` there is no feedback between windows.
-        replan_every: number of steps flown of each window.
-        planner: planner of a window.
-        fallback: planner of a window for which `planner` finds no plan.
+        scenario: scenario to fly, or the plan or flight to track.
+        replan_every: number of steps flown of each window; of a scenario only.
+        planner: planner of a window; of a scenario only.
+        fallback: planner of a window for which `planner` finds no plan; of a scenario only.
         wind: a wind of `rho.winds`, `rho.worst_case`, or a function of time [s], positions [m] and
             velocities [m/s], (N, 3) each, to accelerations [m/s²], (N, 3); none if not given.
+        disturbance: disturbance to fly with, which determines the feedback, for a scenario that has
+            none of its own.
         plant: point masses if not given; `"quadrotor"` for Drake's `QuadrotorPlant`, each with a
             controller of thrust and attitude.
         rng: source of random estimation errors; without it there are none, unless the wind brings
             its own.
-        progress: called with a short text when a window begins, as 'window 3 of 10'.
+        progress: called with a short text when a window of a scenario begins, as 'window 3 of 10'.
 
     Returns:
         The true motion, with windows, winds and commands. Equal arguments and equally seeded
@@ -60,12 +75,62 @@ def simulate(
         >>> flown = rho.simulate(scenario, wind=rho.winds.constant(scenario, [0, 1, 0]))
         >>> rho.verify(flown).ok
         True
+
+        A plan without a disturbance is tracked in gusts, with the feedback for winds up to 1 m/s².
+
+        >>> plan = rho.plan(rho.load_scenario("paper"))
+        >>> gusts = lambda t, p, v: np.sin([[0.1 * t, 0, 0]]) * np.ones_like(p)
+        >>> flown = rho.simulate(plan, wind=gusts, disturbance=rho.Disturbance(1.0))
+        >>> float(flown.errors().max()) < float(flown.radii().max())
+        True
     """
-    horizon = RecedingHorizon(
-        scenario,
-        replan_every=replan_every,
-        planner=planner,
-        fallback=fallback,
-        progress=progress,
-    )
+    horizon: Horizon
+    if isinstance(scenario, Scenario):
+        horizon = RecedingHorizon(
+            _disturbed(scenario, disturbance),
+            replan_every=replan_every,
+            planner=planner,
+            fallback=fallback,
+            progress=progress,
+        )
+    else:
+        _check_no_windows(scenario, replan_every, planner, fallback)
+        plan = scenario.plan
+        horizon = OnePlan(adopted(_disturbed(plan.scenario, disturbance), plan))
     return simulated(horizon, winds.none() if wind is None else wind, plant, rng)
+
+
+def _disturbed(scenario: Scenario, disturbance: Disturbance | None) -> Scenario:
+    """Return the scenario to fly, with a disturbance if one is given.
+
+    Raises:
+        ValueError: the scenario has a disturbance of its own.
+    """
+    if disturbance is None:
+        return scenario
+    if scenario.disturbance is not None:
+        got, own = (each.acceleration for each in (disturbance, scenario.disturbance))
+        expected = f"none: {scenario.name} has its own, of {own:g} m/s²"
+        raise ValueError(f"disturbance: got one of {got:g} m/s², expected {expected}")
+    return dataclasses.replace(scenario, disturbance=disturbance)
+
+
+def _check_no_windows(
+    flown: Plan | Flight, replan_every: int, planner: Planner, fallback: Planner | None
+) -> None:
+    """Check that nothing is said about windows, which the flight of a plan does not have.
+
+    Raises:
+        ValueError: an argument differs from its default.
+    """
+    given = {
+        "replan_every": (replan_every, _EVERY),
+        "planner": (planner, plan_convex),
+        "fallback": (fallback, best_plan),
+    }
+    for name, (value, default) in given.items():
+        if value != default:
+            expected = f"none for a {flown.kind}, which is tracked as it is"
+            raise ValueError(
+                f"{name}: got {getattr(value, '__name__', value)}, expected {expected}"
+            )

@@ -63,6 +63,7 @@ def notes_on_simulation(simulation: Simulation, trajectory: PiecewiseTrajectory)
         note
         for note in (
             _windows(simulation),
+            _no_feedback(simulation),
             _outside_tube(simulation),
             _largest_errors(simulation),
             _plant(simulation, trajectory),
@@ -81,6 +82,13 @@ def _windows(simulation: Simulation) -> str:
     if without > 0:
         words.append(f"{without} of them had no plan that meets every constraint")
     return ", ".join(words)
+
+
+def _no_feedback(simulation: Simulation) -> str:
+    """Return a note if nothing corrects deviations from the plan."""
+    if simulation.scenario.disturbance is not None:
+        return ""
+    return "flown without feedback: the scenario has no disturbance"
 
 
 def _outside_tube(simulation: Simulation) -> str:
