@@ -69,7 +69,7 @@ TREATMENT = {
     "separation": "quadratics of the separation's ellipsoid; left out in large fleets",
     "disturbance": "a bound for the plan's margins, and one without them",
 }
-"""What counts in the lower bound, of every kind of requirement."""
+"""Contribution of every kind of requirement to the lower bound."""
 
 
 _CONVERGED = 1e-8

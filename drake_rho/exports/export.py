@@ -39,7 +39,7 @@ TREATMENT = {
     "separation": "what is left of the distance is compared with the deviation",
     "disturbance": "what is left is compared with the deviation beside the errors",
 }
-"""What exports say of every kind of requirement."""
+"""Treatment of every kind of requirement in exports."""
 
 
 @checked

@@ -52,7 +52,7 @@ TREATMENT = {
     "separation": "aimed at: both vehicles of the closest pair",
     "disturbance": "its bound is what is used up",
 }
-"""What the wind is aimed at, of every kind of requirement."""
+"""Target of the attacking wind for every kind of requirement."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
