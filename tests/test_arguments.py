@@ -170,9 +170,9 @@ def test_all_number_types_are_accepted_and_generators_are_not_consumed() -> None
             "gurobi",
             "solver: got 'gurobi', expected a Drake solver, Daqp, 'clarabel', 'daqp', 'osqp'",
         ),
-        (GurobiSolver(), "solver: got Gurobi, expected one available and enabled here"),
-        (MobyLcpSolver(), "solver: got Moby LCP, expected one of quadratic programs"),
-        (CsdpSolver(), "solver: got CSDP, expected one of quadratic programs"),
+        (GurobiSolver(), "solver: got Gurobi, expected one available and enabled"),
+        (MobyLcpSolver(), "solver: got Moby LCP, expected one for quadratic programs"),
+        (CsdpSolver(), "solver: got CSDP, expected one for quadratic programs"),
     ],
 )
 def test_an_unavailable_solver_is_refused_even_where_no_program_is_solved(

@@ -154,6 +154,17 @@ def test_every_link_of_a_document_exists(document: str) -> None:
         assert (ROOT / document).parent.joinpath(link).exists(), link
 
 
+@pytest.mark.parametrize("document", sorted(set(DOCUMENTS) - {"CHANGELOG.md"}))
+def test_every_module_named_in_a_document_exists(document: str) -> None:
+    for path in re.findall(r"`([\w/]+\.py)[`:]", (ROOT / document).read_text()):
+        assert list(ROOT.glob(f"*/{path}")) or (ROOT / path).exists() or _is_module(path), path
+
+
+def _is_module(name: str) -> bool:
+    """Return whether a name without a folder is that of a module of the package."""
+    return "/" not in name and any(ROOT.glob(f"*/**/{name}"))
+
+
 def test_every_public_name_exists_once() -> None:
     assert len(set(rho.__all__)) == len(rho.__all__)
     assert all(hasattr(rho, name) for name in rho.__all__)

@@ -64,7 +64,7 @@ def test_missing_programs_are_reported_before_any_work(
     with pytest.raises(ValueError, match=r"expected a file that ends in \.mp4 or \.gif"):
         check_film("film.avi")
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(FilmError, match=r"no ffmpeg here.*install it"):
+    with pytest.raises(FilmError, match=r"needs ffmpeg.*install it"):
         check_film("film.mp4")
     monkeypatch.undo()
     monkeypatch.setattr(browser, "NAMES", ())

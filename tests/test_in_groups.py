@@ -154,7 +154,7 @@ def test_the_dual_qp_satisfies_its_rows_at_the_cost_of_drake(
     cost = float(np.sum(program.motion.accelerations**2))
     assert cost == pytest.approx(_by_drake(effort, everyone, rows), rel=INDEX)
     np.testing.assert_allclose(program.motion.positions[:, -1], scenario.fleet.goal_positions)
-    for part, multipliers in program.pressing():  # these rows are necessary
+    for part, multipliers in program.active_rows():  # these rows are necessary
         assert np.abs(part.margins(program.motion)).max() < 1e-6
         assert multipliers.min() > 0.0
 
@@ -210,7 +210,7 @@ def test_soft_rows_are_violated_where_that_costs_less(scenario: rho.Scenario, fi
     for part in rows:
         hard.add(part)
     hard.solve()
-    pressures = np.concatenate([multipliers for _, multipliers in hard.pressing()])
+    pressures = np.concatenate([multipliers for _, multipliers in hard.active_rows()])
     penalty = float(np.median(pressures))
     soft = [
         dataclasses.replace(part, constraint=dataclasses.replace(part.constraint, penalty=penalty))

@@ -65,6 +65,14 @@ def test_volumes_are_those_of_closed_forms(shape: Shape, volume: float) -> None:
     assert _volume(surface(shape)) == pytest.approx(volume, rel=0.02)
 
 
+@pytest.mark.parametrize("shape", SHAPES[:2] + SHAPES[3:6], ids=str)
+def test_a_shape_without_faces_of_its_own_is_drawn_from_its_distance(shape: Shape) -> None:
+    drawn, own = surface.dispatch(object)(shape), surface(shape)
+    corners = np.concatenate(drawn.faces)
+    np.testing.assert_allclose(shape.signed_distance(corners), 0.0, atol=1e-8 * shape.size)
+    assert _volume(drawn) == pytest.approx(_volume(own), rel=0.05)
+
+
 def test_flat_faces_and_edges_are_complete() -> None:
     for shape in (SHAPES[2], SHAPES[6]):
         drawn = surface(shape)

@@ -68,7 +68,7 @@ def _on_screen(page: Page) -> np.ndarray:
         """() => {
             viewer.render();
             const pane = viewer.dom_element;
-            return drakeRho.told.vehicles.map(({ path }) => {
+            return drakeRho.data.vehicles.map(({ path }) => {
                 const { object } = viewer.scene_tree.find(["flight", "vehicles", path]);
                 object.updateWorldMatrix(true, false);
                 const place = new MeshCat.THREE.Vector3().setFromMatrixPosition(object.matrixWorld);
@@ -126,7 +126,7 @@ def test_the_papers_page_shows_the_values_of_the_plan(paper: rho.Flight, tmp_pat
                 numbers = [_number(text) for text in row[1:]]
                 np.testing.assert_allclose(numbers, [speed, least], rtol=5e-3, atol=5e-4)
             _keep(page, f"paper_{time:g}")
-        least = page.evaluate("drakeRho.told.curves[1].least")
+        least = page.evaluate("drakeRho.data.curves[1].least")
         times = np.linspace(0.0, 49.0, 100_001)
         offsets = np.linalg.norm(motion.at("position", times) - sphere.center, axis=2)
         assert least[1] == pytest.approx(offsets.min() - sphere.radius, abs=1e-3)

@@ -38,6 +38,7 @@ from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.kinds import LIMITS
 from drake_rho.verification.verify import verify
 
 MOST_CERTIFIED_TOGETHER = 25
@@ -52,15 +53,7 @@ _MAX_POLISHINGS = 30
 TREATMENT = {
     "dynamics": "exact in the Lagrangian, whose unknowns are accelerations",
     "goals": "equalities of the Lagrangian",
-    "position": "multipliers of its rows, which hold for every plan",
-    "velocity": "multipliers of its rows, which hold for every plan",
-    "acceleration": "multipliers of its rows, which hold for every plan",
-    "jerk": "multipliers of its rows, which hold for every plan",
-    "max_speed": "multipliers of its rows, which hold for every plan",
-    "max_acceleration": "multipliers of its rows, which hold for every plan",
-    "max_thrust": "multipliers of its rows, which hold for every plan",
-    "max_tilt": "multipliers of its rows, which hold for every plan",
-    "max_jerk": "multipliers of its rows, which hold for every plan",
+    **dict.fromkeys(LIMITS, "multipliers of its rows, which hold for every plan"),
     "waypoints": "multipliers of its rows, which hold for every plan",
     "obstacles": "quadratics of balls and ellipsoids inside; others are left out (`not_counted`)",
     "moving obstacles": "as obstacles, where they are at the time",
@@ -69,7 +62,7 @@ TREATMENT = {
     "separation": "quadratics of the separation's ellipsoid; left out in large fleets",
     "disturbance": "a bound for the plan's margins, and one without them",
 }
-"""What counts in the lower bound, of every kind of requirement."""
+"""Contribution of every kind of requirement to the lower bound."""
 
 
 _CONVERGED = 1e-8

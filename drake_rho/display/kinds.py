@@ -22,4 +22,4 @@ TREATMENT = {
     "separation": "`separation_figure`, and shells in the scene",
     "disturbance": "`errors_figure`, and the tube's radius in the scene",
 }
-"""How every kind of requirement is shown."""
+"""Display of every kind of requirement."""

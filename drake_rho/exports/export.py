@@ -12,6 +12,7 @@ from drake_rho.exports.skybrush import Skybrush
 from drake_rho.exports.states import Csv, Json
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.kinds import LIMITS
 
 FORMATS: dict[str, Format] = {
     each.name: each for each in (Csv(), Json(), Crazyswarm(), Skybrush(), Px4())
@@ -22,15 +23,7 @@ FORMATS: dict[str, Format] = {
 TREATMENT = {
     "dynamics": "the motion, with its deviation where a format cannot hold it",
     "goals": "the end of the motion",
-    "position": "not in the files of other programs; verified before",
-    "velocity": "not in the files of other programs; verified before",
-    "acceleration": "not in the files of other programs; verified before",
-    "jerk": "not in the files of other programs; verified before",
-    "max_speed": "not in the files of other programs; verified before",
-    "max_acceleration": "not in the files of other programs; verified before",
-    "max_thrust": "not in the files of other programs; verified before",
-    "max_tilt": "not in the files of other programs; verified before",
-    "max_jerk": "not in the files of other programs; verified before",
+    **dict.fromkeys(LIMITS, "not in the files of other programs; verified before"),
     "waypoints": "passed by the motion; not marked",
     "obstacles": "not in the files; what is left of the distance is compared with the deviation",
     "moving obstacles": "as obstacles",
@@ -39,7 +32,7 @@ TREATMENT = {
     "separation": "what is left of the distance is compared with the deviation",
     "disturbance": "what is left is compared with the deviation beside the errors",
 }
-"""What exports say of every kind of requirement."""
+"""Treatment of every kind of requirement in exports."""
 
 
 @checked

@@ -1,4 +1,4 @@
-"""How plans are found.
+"""Planning: from a scenario to a plan or a flight in windows.
 
 A `Scenario` comes in; a `Plan` or a `Flight` goes out, or an `InfeasibleError` with its reason.
 `planners` and `horizon` are what users call. They iterate convex subproblems (`scp`), which are

@@ -1,4 +1,7 @@
-"""The motions of least cost that reach the goals, in closed form, and what programs start from."""
+"""Motions of minimum effort, in closed form: the cheapest that reach the goals.
+
+Programs have changes of these motions as their unknowns.
+"""
 
 from __future__ import annotations
 
@@ -17,59 +20,59 @@ from drake_rho.scenario.shapes.base import TOLERANCE
 
 @dataclasses.dataclass(frozen=True)
 class Goals:
-    """The terminal equalities (12) of each axis: `rows` times the accelerations are `values`."""
+    """Terminal equalities (12) of each axis: rows @ accelerations = values."""
 
     rows: FloatArray
-    """orthonormal, shape (2 or 1, K-1); shape (0, K-1) where the goals are not asked for"""
+    """orthonormal rows, shape (2 or 1, K-1); shape (0, K-1) if goals are not required"""
     values: FloatArray
-    """[m/s²], shape (N, 2, 1 or 0, 3)"""
+    """right-hand sides [m/s²], shape (N, 2, 1 or 0, 3)"""
 
     def met_by(self, accelerations: FloatArray, vehicles: IntArray) -> FloatArray:
-        """Return accelerations with the least change that closes what a solver leaves of (12).
+        """Return the nearest accelerations that satisfy (12), for those of an inexact solution.
 
         Args:
-            accelerations: of `vehicles` [m/s²], shape (P, K-1, 3).
-            vehicles: their indices, shape (P,).
+            accelerations: accelerations of `vehicles` [m/s²], shape (P, K-1, 3).
+            vehicles: the indices of the vehicles, shape (P,).
         """
-        missed = self.rows @ accelerations - self.values[vehicles]
-        closed: FloatArray = accelerations - self.rows.T @ missed
-        return closed
+        residual = self.rows @ accelerations - self.values[vehicles]
+        nearest: FloatArray = accelerations - self.rows.T @ residual
+        return nearest
 
 
 @dataclasses.dataclass(frozen=True)
 class Changes:
-    """Changes of motions that leave their goals where they are, in which programs are written."""
+    """Changes of motions in the null space of the goals: the unknowns of programs."""
 
     grid: Grid
-    """of the scenario"""
+    """grid of the scenario"""
     goals: FloatArray
     """rows of (12), as in `Goals`"""
     units: FloatArray
-    """acceleration that counts as one [m/s²], shape (N,)"""
+    """unit of each vehicle's accelerations in programs [m/s²], shape (N,)"""
     free: bool = False
-    """whether changes cost nothing, and only slack does: goals may be missed then"""
+    """whether changes cost nothing: goals may then be missed, and only violations cost"""
 
     def inside(self, rows: FloatArray) -> FloatArray:
-        """Return the part of rows (R, K-1) that leaves the goal alone; twice, for rounding."""
-        for _ in range(2):
+        """Return rows (R, K-1) projected onto the null space of the goals."""
+        for _ in range(2):  # the second projection removes rounding errors
             rows = rows - (rows @ self.goals.T) @ self.goals
         return rows
 
 
 @dataclasses.dataclass(frozen=True)
 class MinimumEffort:
-    """The motions of least cost of a scenario, whose changes its programs are about."""
+    """Motions of minimum effort of all vehicles of a scenario."""
 
     grid: Grid
-    """of the scenario"""
+    """grid of the scenario"""
     goals: Goals
-    """what accelerations have to keep to"""
+    """terminal equalities of accelerations"""
     motion: Motion
-    """of all vehicles, the cheapest that reaches the goals, with nothing else asked"""
+    """cheapest motions of all vehicles that reach the goals, without other constraints"""
     units: FloatArray
-    """acceleration that counts as one [m/s²], shape (N,)"""
+    """unit of each vehicle's accelerations in programs [m/s²], shape (N,)"""
     unreachable: BoolArray
-    """which vehicles one step cannot bring to their goals, shape (N,)"""
+    """flags of vehicles whose goals cannot be reached in a single step, shape (N,)"""
 
     @classmethod
     def of(cls, scenario: Scenario) -> MinimumEffort:
@@ -88,7 +91,7 @@ class MinimumEffort:
 
     @cached_property
     def changes(self) -> Changes:
-        """Changes in which programs are written."""
+        """Changes of these motions, the unknowns of programs."""
         return Changes(self.grid, self.goals.rows, self.units, free=len(self.goals.rows) == 0)
 
     def without_goals(self) -> MinimumEffort:
@@ -98,13 +101,13 @@ class MinimumEffort:
 
 
 class TerminalState:
-    """Terminal conditions on velocity and position, as equations of accelerations, by (10), (11).
+    """Terminal conditions on velocity and position as equations of accelerations, (10)-(11).
 
     Args:
-        grid: knots and step.
+        grid: the grid of the flight.
 
     Attributes:
-        rows: orthonormal, what the goal decides, shape (2, K-1); (1, 1) for a single step.
+        rows: orthonormal rows of the equations, shape (2, K-1); (1, 1) for a single step.
     """
 
     def __init__(self, grid: Grid) -> None:
@@ -112,21 +115,22 @@ class TerminalState:
         self.rows, self._triangle = _factors(grid.step, grid.knots)
 
     def changes(self, fleet: Fleet) -> tuple[FloatArray, FloatArray]:
-        """Return the changes of velocity and of position that are required [m/s, m], (N, 3)."""
+        """Return the required changes of velocity [m/s] and of position [m], (N, 3) each."""
         faster = fleet.goal_velocities - fleet.start_velocities
-        way = fleet.goal_positions - fleet.start_positions
-        return faster, way - self.grid.duration * fleet.start_velocities
+        further = fleet.goal_positions - fleet.start_positions
+        return faster, further - self.grid.duration * fleet.start_velocities
 
     def values(self, faster: FloatArray, further: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (12) in terms of `rows`; linear in the required changes.
 
         Args:
-            faster: velocity to gain [m/s], shape (N, 3).
-            further: way to gain on that of the first velocity [m], shape (N, 3).
+            faster: required change of velocity [m/s], shape (N, 3).
+            further: required change of position, in addition to that by the initial velocity [m],
+                shape (N, 3).
 
         Returns:
-            Products of the rows with the accelerations [m/s²], shape (N, 2 or 1, 3), and what they
-            leave of `further`: with one step what the velocity does not decide, else nothing.
+            Products of the rows with the accelerations [m/s²], shape (N, 2 or 1, 3), and the
+            remainder of `further`: zero, except for a single step.
         """
         triangle, T = self._triangle, self.grid.duration
         first = faster / triangle[0, 0]
@@ -139,7 +143,7 @@ class TerminalState:
 
 @lru_cache(maxsize=256)
 def _factors(step: float, knots: int) -> tuple[FloatArray, FloatArray]:
-    """Return the QR factors of the responses of velocity and position at T: rows and a triangle."""
+    """Return QR factors, orthonormal rows and a triangle, of the responses at the last knot."""
     T = step * (knots - 1)
     velocity, position = (response(each, step, knots, [T])[0] for each in ("velocity", "position"))
     basis, triangle = np.linalg.qr(np.stack([velocity, position / T], axis=1))

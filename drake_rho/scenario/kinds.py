@@ -8,10 +8,14 @@ scenario of which it has not checked every kind.
 from __future__ import annotations
 
 import dataclasses
+from typing import get_args
 
 from drake_rho.scenario.limits import Limits
-from drake_rho.scenario.norms import NORMS
+from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
+
+BOXES: tuple[Quantity, ...] = get_args(Quantity)
+"""Kinds that are boxes of a quantity."""
 
 LIMITS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(Limits))
 """Kinds that are fields of `Limits`."""
@@ -44,9 +48,5 @@ def kinds_of(scenario: Scenario) -> set[str]:
         "separation": scenario.separation is not None and len(scenario.vehicles) > 1,
         "disturbance": scenario.disturbance is not None,
     }
-    limits = {
-        kind
-        for kind in LIMITS
-        if (kind in fleet.norms if kind in NORMS else fleet.bounds(kind) is not None)  # type: ignore[arg-type]  # else a quantity
-    }
-    return {"dynamics", "goals"} | limits | {kind for kind, there in has.items() if there}
+    boxes = {each for each in BOXES if fleet.bounds(each) is not None}
+    return {"dynamics", "goals", *boxes, *fleet.norms, *(kind for kind in has if has[kind])}

@@ -54,14 +54,15 @@ def _kind(value: object) -> str:
     return next((kind for kind, keys in _KINDS.items() if close.intersection(keys)), "Sphere")
 
 
-AnyShape = Annotated[
+_Shapes = (
     Annotated[Sphere, Tag("Sphere")]
     | Annotated[Box, Tag("Box")]
     | Annotated[Ellipsoid, Tag("Ellipsoid")]
     | Annotated[Cylinder, Tag("Cylinder")]
-    | Annotated[Polytope, Tag("Polytope")],
-    Discriminator(_kind),
-]
+    | Annotated[Polytope, Tag("Polytope")]
+)
+
+AnyShape = Annotated[_Shapes, Discriminator(_kind)]
 """One of the shapes, identified by its keys in a file."""
 
 
@@ -227,12 +228,7 @@ def _has_shape(value: object) -> object:
 
 
 AnyObstacle = Annotated[
-    Annotated[Sphere, Tag("Sphere")]
-    | Annotated[Box, Tag("Box")]
-    | Annotated[Ellipsoid, Tag("Ellipsoid")]
-    | Annotated[Cylinder, Tag("Cylinder")]
-    | Annotated[Polytope, Tag("Polytope")]
-    | Annotated[Obstacle, Tag("Obstacle")],
+    _Shapes | Annotated[Obstacle, Tag("Obstacle")],
     Discriminator(_kind),
     BeforeValidator(_has_shape),
 ]

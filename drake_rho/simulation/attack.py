@@ -21,6 +21,7 @@ from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.fleet import Bounds
+from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import adopted, fly_plan
 from drake_rho.simulation.winds import WindOverTime
@@ -35,15 +36,8 @@ from drake_rho.verification.tubes import Tubes
 TREATMENT = {
     "dynamics": "not aimed at: verified along the flight",
     "goals": "not aimed at: verified along the flight",
+    **dict.fromkeys(LIMITS, "not aimed at: verified along the flight"),
     "position": "aimed at: the side that is closest",
-    "velocity": "not aimed at: verified along the flight",
-    "acceleration": "not aimed at: verified along the flight",
-    "jerk": "not aimed at: verified along the flight",
-    "max_speed": "not aimed at: verified along the flight",
-    "max_acceleration": "not aimed at: verified along the flight",
-    "max_thrust": "not aimed at: verified along the flight",
-    "max_tilt": "not aimed at: verified along the flight",
-    "max_jerk": "not aimed at: verified along the flight",
     "waypoints": "not aimed at: verified along the flight",
     "obstacles": "aimed at: the surface that is closest",
     "moving obstacles": "aimed at, where it is at the time",
@@ -52,7 +46,7 @@ TREATMENT = {
     "separation": "aimed at: both vehicles of the closest pair",
     "disturbance": "its bound is what is used up",
 }
-"""What the wind is aimed at, of every kind of requirement."""
+"""Target of the attacking wind for every kind of requirement."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

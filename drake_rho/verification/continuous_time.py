@@ -57,7 +57,7 @@ class Least:
     """Least value found for each owner of steps; NaN where it cannot be computed."""
 
     values: FloatArray
-    """[m], shape (N,)"""
+    """distances [m], shape (N,)"""
     steps: IntArray
     """index of the step of the least value, shape (N,); -1 where none is below the initial value"""
     moments: FloatArray

@@ -25,12 +25,12 @@ TREATMENT = {
     "waypoints": "distance at the waypoint's time",
     "obstacles": "distance at the knots and at every instant",
     "moving obstacles": f"{_OF_OBSTACLES}, where it is at the time",
-    "late obstacles": f"{_OF_OBSTACLES}, from when it is known; before that it is told apart",
+    "late obstacles": f"{_OF_OBSTACLES}, once it is known; before that in a row of its own",
     "active obstacles": f"{_OF_OBSTACLES}, in its interval of time",
     "separation": "distance of every pair at the knots and at every instant",
     "disturbance": "every check with the radius of the errors",
 }
-"""What is verified of every kind of requirement."""
+"""Verification of every kind of requirement."""
 
 _WITHOUT_COLUMNS = {
     "dynamics",  # records of quadrotors have dynamics of their own
@@ -39,24 +39,24 @@ _WITHOUT_COLUMNS = {
     "active obstacles",
     "disturbance",
 }
-"""Kinds that need not have a check of their own."""
+"""Kinds that need no check of their own."""
 
 
 def refuse_unchecked(scenario: Scenario, columns: Iterable[Column]) -> None:
-    """See that every kind of requirement of a scenario was checked.
+    """Raise an error if a kind of requirement of a scenario was not checked.
 
     Raises:
-        NotImplementedError: one was not, so that nothing can be said of the scenario.
+        NotImplementedError: a kind was not checked, so that a report would be incomplete.
     """
     refuse_unknown(scenario)
     _refuse(kinds_of(scenario) - _WITHOUT_COLUMNS - {column.kind for column in columns})
 
 
 def refuse_unknown(scenario: Scenario) -> None:
-    """See that the verifier knows every kind of requirement of a scenario.
+    """Raise an error if the verifier does not know a kind of requirement of a scenario.
 
     Raises:
-        NotImplementedError: it does not.
+        NotImplementedError: a kind is unknown.
     """
     _refuse(kinds_of(scenario) - TREATMENT.keys())
 

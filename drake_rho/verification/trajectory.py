@@ -26,7 +26,7 @@ class PiecewiseTrajectory:
     durations: FloatArray
     """durations of the pieces [s], shape (J,)"""
     knots: BoolArray
-    """which instants are knots, shape (J + 1,)"""
+    """flags of instants that are knots, shape (J + 1,)"""
     positions: FloatArray
     """positions at the instants [m], shape (N, J + 1, 3)"""
     velocities: FloatArray

@@ -15,6 +15,8 @@ from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 
 _AROUND = 40
 """Number of points around a circle; the first and last coincide."""
+_BISECTIONS = 30
+"""Number of bisections, after which corners are exact to 1e-9 of the shape's size."""
 _FLAT = 1e-6
 """Tolerance for triangles of one facet: of the normals' angle, and of the offset over the size."""
 
@@ -31,8 +33,18 @@ class Surface:
 
 @singledispatch
 def surface(shape: Shape) -> Surface:
-    """Approximate the surface of a bounded shape by flat faces with their corners on it."""
-    raise NotImplementedError(f"{type(shape).__name__} has no surface to be drawn")
+    """Approximate the surface of a bounded shape by flat faces with their corners on it.
+
+    A shape without a function of its own, which has to contain its centre, is drawn as smooth: its
+    corners are on rays from the centre, at distances found by bisection of `Shape.signed_distance`.
+    """
+    rays = shape.extent * _unit_sphere()
+    inside, outside = np.zeros(rays.shape[:-1]), np.full(rays.shape[:-1], 2.0)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (inside + outside)
+        within = shape.signed_distance(middle[..., None] * rays) < 0.0
+        inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
+    return Surface(list(inside[..., None] * rays), [])
 
 
 @surface.register

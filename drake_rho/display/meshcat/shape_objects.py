@@ -9,16 +9,27 @@ from pydrake import geometry
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
+from drake_rho.display.common.shape_faces import surface
 from drake_rho.scenario.shapes.base import Shape
 from drake_rho.scenario.shapes.cylinders import Cylinder
-from drake_rho.scenario.shapes.polyhedra import Box, Polytope
+from drake_rho.scenario.shapes.polyhedra import Box
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 
 
 @singledispatch
 def put(shape: Shape, meshcat: Meshcat, path: str, colour: Rgba) -> None:
-    """Add a bounded shape at a path of the scene tree, with its centre at the path's origin."""
-    raise NotImplementedError(f"{type(shape).__name__} has no object in Meshcat")
+    """Add a bounded shape at a path of the scene tree, with its centre at the path's origin.
+
+    Shapes without an object of Drake's are drawn by the faces of their `surface`.
+    """
+    faces = surface(shape).faces
+    # no shared vertices, so that faces are shaded flat
+    corners = np.concatenate(
+        [face[[0, k, k + 1]] for face in faces for k in range(1, len(face) - 1)]
+    )
+    triangles = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+    mesh = np.asfortranarray(corners.T), np.asfortranarray(triangles.T)
+    meshcat.SetTriangleMesh(path, *mesh, rgba=colour)
 
 
 @put.register
@@ -44,11 +55,3 @@ def _(shape: Cylinder, meshcat: Meshcat, path: str, colour: Rgba) -> None:
     along = np.eye(3)["xyz".index(shape.axis)]  # Drake's cylinders lie along z
     turn = RotationMatrix.MakeFromOneVector(along, 2)
     meshcat.SetTransform(path, RigidTransform(turn, np.zeros(3)))
-
-
-@put.register
-def _(shape: Polytope, meshcat: Meshcat, path: str, colour: Rgba) -> None:
-    corners = (shape.triangles - shape.center).reshape(-1, 3)  # no shared vertices: flat shading
-    faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
-    mesh = np.asfortranarray(corners.T), np.asfortranarray(faces.T)
-    meshcat.SetTriangleMesh(path, *mesh, rgba=colour)

@@ -1,4 +1,4 @@
-"""A browser that nobody sees, for films and for tests: one that is installed, by Playwright."""
+"""Headless browser for films and tests: an installed one, driven by Playwright."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-# Without a screen or a graphics card, as root, and without asking anybody on the network.
+# Without a screen, a graphics card or network requests, and also as root.
 ARGUMENTS = (
     "--no-sandbox",
     "--use-gl=angle",
@@ -29,7 +29,7 @@ ARGUMENTS = (
 
 
 class BrowserError(DrakeRhoError):
-    """There is no browser that could be driven; says what to install."""
+    """Missing browser or driver; the message says what to install."""
 
 
 @contextmanager
@@ -42,12 +42,12 @@ def browser() -> Iterator[Browser]:
     try:
         from playwright.sync_api import Error, sync_playwright
     except ImportError:
-        raise BrowserError("no Playwright here: pip install 'drake-rho[film]'") from None
+        raise BrowserError("Playwright is not installed: pip install 'drake-rho[film]'") from None
     installed = next(filter(None, map(shutil.which, NAMES)), None)
     driver = sync_playwright()
     try:
         playwright = driver.start()
-    except Exception as error:  # of no type of its own, where the driver does not start
+    except Exception as error:  # the driver's errors have no type of their own
         raise BrowserError(f"Playwright's driver does not start: {error}") from None
     try:
         path = installed or playwright.chromium.executable_path
@@ -59,8 +59,8 @@ def browser() -> Iterator[Browser]:
         try:
             found = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
         except Error as error:
-            said = error.message.splitlines()[0]
-            raise BrowserError(f"{path} does not start: {said}") from None
+            message = error.message.splitlines()[0]
+            raise BrowserError(f"{path} does not start: {message}") from None
         yield found
         found.close()
     finally:

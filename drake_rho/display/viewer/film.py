@@ -1,4 +1,4 @@
-"""Films of the page that shows a flight, frame by frame through a browser that nobody sees."""
+"""Films of a viewer page, recorded frame by frame in a headless browser."""
 
 from __future__ import annotations
 
@@ -21,63 +21,68 @@ from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.system.files import atomic_write
 
 ENDINGS = (".mp4", ".gif")
-"""Of films."""
+"""File endings of films."""
 _LONGEST = 20.0
-"""Longest film whose pace is not asked for [s]."""
+"""Longest film if no rate is given [s]."""
 _RATES = {".mp4": 30.0, ".gif": 12.5}
-"""Frames a second; a GIF counts in hundredths of a second."""
+"""Frames per second; a GIF counts in hundredths of a second."""
 _SIZES = {".mp4": (1280, 720), ".gif": (1120, 630)}
-"""Width and height of the page [px]."""
+"""Width and height of the recorded page [px]."""
 _GIF_WIDTH = 840
-"""Of the pictures in a GIF, to which the page is brought down [px]."""
+"""Width of the frames of a GIF, to which the page is scaled down [px]."""
 _COMMON, _RARE = 96, 159
-"""Colours of a GIF for what is large, as the background, and for all else, as names and lines."""
+"""Numbers of colours of a GIF for large areas, such as the background, and for small details."""
 _SAMPLES = 6
-"""Pictures of a film by which the colours are chosen."""
+"""Number of frames from which the colours of a GIF are chosen."""
 _ENCODER = (
     *("ffmpeg", "-loglevel", "error", "-y", "-f", "image2pipe", "-c:v", "mjpeg"),
     *("-framerate", f"{_RATES['.mp4']:g}", "-i", "-"),
     *("-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"),
 )
-"""What makes a film that plays everywhere of JPEG pictures."""
+"""Command that encodes JPEG frames as a film that plays everywhere."""
 
 
 class FilmError(DrakeRhoError):
-    """No film can be made here; says what to install."""
+    """Missing or failing program for films; the message names it."""
 
 
 def check_film(path: str | Path) -> None:
-    """Find out before any work whether a film can be made.
+    """Check, before any work, that a film can be recorded.
 
     Raises:
-        ValueError: the ending is none of a film.
+        ValueError: the ending is not that of a film.
         FilmError: ffmpeg is missing.
-        BrowserError: the browser is.
+        BrowserError: the browser is missing.
     """
     ending = Path(path).suffix.lower()
     if ending not in ENDINGS:
         raise ValueError(f"film: got {str(path)!r}, expected a file that ends in .mp4 or .gif")
     if ending == ".mp4" and shutil.which("ffmpeg") is None:
-        raise FilmError("no ffmpeg here, which a .mp4 needs: install it, or ask for a .gif")
+        raise FilmError(
+            "an .mp4 needs ffmpeg, which is not installed: install it, or choose a .gif"
+        )
     with browser():
         pass
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Footage:
-    """What a film consists of."""
+    """Times of a film's frames and its rate."""
 
     times: FloatArray
-    """of its frames, since the first knot [s], shape (M,)"""
+    """times of the frames since the first knot [s], shape (M,)"""
     rate: float
-    """seconds of flight in a second of film"""
+    """seconds of flight per second of film"""
 
     @classmethod
     def of(cls, duration: float, ending: str, rate: float | None = None) -> Footage:
-        """All of a flight of `duration` [s], to its last instant.
+        """Return the frames of a whole flight, including its last instant.
 
-        At `rate` seconds of flight in a second of a film with this ending; if not given, at 1, or
-        at what makes a film of 20 s.
+        Args:
+            duration: duration of the flight [s].
+            ending: file ending of the film.
+            rate: seconds of flight per second of film; if not given, 1 for flights of up to 20 s,
+                and for longer ones the rate at which the film takes 20 s.
         """
         rate = max(1.0, duration / _LONGEST) if rate is None else rate
         step = rate / _RATES[ending]
@@ -93,19 +98,19 @@ def write_film(
     before: str = "",
     progress: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write a film of a page of `viewer_page`.
+    """Write a film of a page that `viewer_page` returned.
 
     Args:
-        page: HTML.
-        path: of the film, ending in .mp4 or .gif; written whole or not at all.
-        footage: its frames.
-        before: JavaScript that is run first, as `drakeRho.theme(true)`.
+        page: the page, HTML.
+        path: file of the film, ending in .mp4 or .gif; written completely or not at all.
+        footage: frames of the film.
+        before: JavaScript to run first, such as `drakeRho.theme(true)`.
         progress: called after every frame.
 
     Raises:
-        ValueError: the ending is none of a film.
+        ValueError: the ending is not that of a film.
         FilmError: ffmpeg is missing or fails.
-        BrowserError: there is no browser.
+        BrowserError: the browser is missing.
         OSError: the file cannot be written.
     """
     check_film(path)
@@ -126,7 +131,7 @@ def _pictures(
     before: str,
     progress: Callable[[], None],
 ) -> Generator[bytes, None, None]:
-    """Yield the page at several times, as JPEG for a film and as PNG for a GIF."""
+    """Yield the frames of the page, as JPEG for an MP4 and as PNG for a GIF."""
     wide, high = _SIZES[ending]
     kind = {"format": "jpeg", "quality": 95} if ending == ".mp4" else {"format": "png"}
     with browser() as found:
@@ -154,13 +159,13 @@ def _write_mp4(pictures: Iterator[bytes], path: Path) -> None:
                 encoder.stdin.write(picture)
         except BrokenPipeError:
             pass  # the error is raised below
-        _, said = encoder.communicate()
+        _, message = encoder.communicate()
     if encoder.returncode != 0:
-        raise FilmError(f"ffmpeg failed: {said.decode(errors='replace').strip()}")
+        raise FilmError(f"ffmpeg failed: {message.decode(errors='replace').strip()}")
 
 
 def _write_gif(pictures: Iterator[bytes], path: Path) -> None:
-    """Pictures with one palette: what does not change from one to the next costs nothing."""
+    """Write frames with one palette, so that unchanged areas take no space."""
     from PIL import Image  # slow to load
 
     frames = []

@@ -1,8 +1,8 @@
-"""One page that shows a flight: Drake's Meshcat scene, and over it names, numbers and controls.
+"""Page that shows a flight: Drake's Meshcat scene with an overlay of names, numbers and controls.
 
-The page is Meshcat's own but for title and icon, with three things at its end: a block of JSON with
-all that the overlay says, its style, and its script. These are in `overlay/`; the script is one
-module in several files, which are joined in the order of their names. It needs no network.
+The page is Meshcat's, with another title and icon. The overlay is added at its end: a block of JSON
+with all data, a style sheet and a script. Style and script are in `overlay/`; the script is one
+module in several files, joined in the order of their names. The page needs no network.
 """
 
 from __future__ import annotations
@@ -11,44 +11,44 @@ import json
 from importlib.resources import files
 
 from drake_rho.display.meshcat.animation import Stage, draw, start_meshcat
-from drake_rho.display.viewer.payload import told
+from drake_rho.display.viewer.payload import payload
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 
 _OVERLAY = files("drake_rho.display.viewer") / "overlay"
 _END = "</body>"
 _IDENTIFIER = "drake-rho"
-"""Of the block of data in the page."""
+"""Identifier of the block of data in the page."""
 
 
 @checked
 def viewer_page(flown: Flown, *, rate: float | None = None, trails: bool | None = None) -> str:
-    """Return a plan, a flight or a simulation as one page that opens from disk, without a network.
+    """Return a page that shows a plan, a flight or a simulation, and opens without a network.
 
-    Over the scene of `animate` stand time, speed and clearance of every vehicle, and the least
-    separation and clearance beside their limits over time, in numbers that Python computed. Names
-    follow the vehicles. What is shown, in which colours and from where can be chosen.
+    In addition to the scene of `animate`, the page shows the time, each vehicle's speed and
+    clearance, and plots of the least separation and clearance with their limits. All numbers are
+    computed in Python. Names follow the vehicles. Layers, colours and the camera can be chosen.
 
     Args:
-        flown: what to show.
-        rate: seconds of flight in a second of playback, as in `animate`.
-        trails: whether to draw them, as in `animate`.
+        flown: plan, flight or simulation to show.
+        rate: seconds of flight per second of playback, as in `animate`.
+        trails: whether to draw trails, as in `animate`.
 
     Returns:
         The page, HTML.
 
     Raises:
         ValueError: `rate` is not positive.
-        OSError: no port is free; Meshcat needs one for as long as this takes.
+        OSError: no port is free; Meshcat needs one during this call.
     """
     stage = Stage.of(flown, rate)
     meshcat = start_meshcat()
     draw(meshcat, stage, trails=stage.few_enough_for_trails if trails is None else trails)
-    return with_overlay(meshcat.StaticHtml(), told(stage))
+    return with_overlay(meshcat.StaticHtml(), payload(stage))
 
 
 def with_overlay(page: str, data: dict[str, object]) -> str:
-    """Meshcat's page with the overlay in it, which says what the data hold."""
+    """Return Meshcat's page with the overlay, which shows the data."""
     head, end, tail = page.rpartition(_END)
     return "".join(
         [
@@ -73,6 +73,6 @@ def _overlay(ending: str) -> str:
 
 
 def _embedded(data: dict[str, object]) -> str:
-    """JSON that ends no script and begins no comment, whatever its texts hold."""
+    """Return data as JSON in which no text can end the script or begin a comment."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

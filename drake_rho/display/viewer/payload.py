@@ -1,4 +1,4 @@
-"""What the overlay of a page is told: numbers, names and what there is to see, as plain JSON."""
+"""Data of the page's overlay: numbers, names, layers and the legend, as plain JSON."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.shapes.base import TOLERANCE
 
 _DIGITS = 7
-"""Digits of the scene's size that lengths and speeds are told to."""
+"""Digits of lengths and speeds, relative to the size of the scene."""
 
 
-def told(stage: Stage) -> dict[str, object]:
-    """All that the page says of a stage, in SI units; times are since the first knot."""
+def payload(stage: Stage) -> dict[str, object]:
+    """Return all data of a stage that the page shows, in SI units, times from the first knot."""
     scenario, scene, playback = stage.shown.scenario, stage.scene, stage.playback
     found = Readings.of(stage.shown, playback.times)
     decimals = max(4, _DIGITS - int(np.floor(np.log10(scene.size))))
@@ -75,7 +75,7 @@ def _vehicles(stage: Stage) -> list[dict[str, object]]:
 
 
 def _obstacles(stage: Stage) -> list[dict[str, object]]:
-    """Names, and how far above its middle each ends [m]; one without a name has its number."""
+    """Return the obstacles' names or numbers, and the heights of their tops above their centres."""
     return [
         {
             "name": f"obstacle {number}" if obstacle.name is None else obstacle.name,
@@ -90,24 +90,28 @@ def _curves(stage: Stage, found: Readings, decimals: int) -> list[dict[str, obje
     scenario = stage.shown.scenario
     vehicles = [brief(vehicle.name) for vehicle in scenario.vehicles]
     bodies = [brief(str(each["name"])) for each in _obstacles(stage)]
-    told = []
+    curves = []
     if found.pairs is not None:
         apart = scenario.separation
-        how = "" if apart is None or apart.is_round else f"heights divided by {apart.downwash:g}"
-        told.append(_curve("Least separation", how, found.pairs, vehicles, vehicles))
+        how = (
+            ""
+            if apart is None or apart.is_round
+            else f"vertical distances divided by {apart.downwash:g}"
+        )
+        curves.append(_curve("Least separation", how, found.pairs, vehicles, vehicles))
     if found.obstacles is not None:
         padded = bool(np.any(scenario.fleet.radii > 0.0))
-        how = "from obstacles, less the vehicle's radius" if padded else "from obstacles"
-        told.append(_curve("Least clearance", how, found.obstacles, vehicles, bodies))
-    for each in told:
+        how = "from obstacles, minus the vehicle's radius" if padded else "from obstacles"
+        curves.append(_curve("Least clearance", how, found.obstacles, vehicles, bodies))
+    for each in curves:
         each["values"] = _finite(np.round(each["values"], decimals)[None])[0]
-    return told
+    return curves
 
 
 def _curve(
     title: str, how: str, curve: Curve, vehicles: list[str], others: list[str]
 ) -> dict[str, Any]:
-    who, whom = curve.closest
+    one, other = curve.closest
     m = int(np.argmin(curve.values))
     return {
         "title": title,
@@ -116,12 +120,12 @@ def _curve(
         "values": curve.values,
         "limit": curve.limit,
         "least": [float(curve.times[m]), float(curve.values[m])],
-        "closest": [vehicles[who], others[whom]],
+        "closest": [vehicles[one], others[other]],
     }
 
 
 def _ranges(found: Readings) -> dict[str, list[float]]:
-    """From where to where colours go: speeds from 0, clearances up to what is usual."""
+    """Return the ranges of the colour scales: speeds from 0, clearances up to their median."""
     ranges = {"speed": [0.0, float(found.speeds.max())]}
     known = found.clearances[np.isfinite(found.clearances)]
     if known.size > 0:
@@ -130,7 +134,7 @@ def _ranges(found: Readings) -> dict[str, list[float]]:
 
 
 def _layers(stage: Stage) -> list[dict[str, object]]:
-    """Return what can be shown or hidden: titles, and paths in the scene tree."""
+    """Return the layers that can be shown or hidden: titles, and paths in the scene tree."""
     scenario, detailed = stage.shown.scenario, not stage.scene.light
     simulation = stage.flown.simulation if detailed else None
     entries = [
@@ -144,7 +148,7 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
         ("Shells", [], scenario.separation is not None),
         ("Names", [], True),
     ]
-    return [{"title": title, "paths": paths} for title, paths, there in entries if there]
+    return [{"title": title, "paths": paths} for title, paths, exists in entries if exists]
 
 
 def _legend(stage: Stage) -> list[dict[str, str]]:
@@ -154,46 +158,44 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     if (note := stage.vehicles.note) is not None:
         entries.append((stage.vehicles.kinds[0], note))
     if detailed:
-        entries.append(("ends", "start, and larger the goal"))
+        entries.append(("ends", "start (small) and goal (large)"))
     else:
         entries.append(("goal", "goal"))
     if detailed and len(stage.flown.windows) > 0:
-        entries.append(
-            ("prediction", "rest of the plan that is flown, in the colour of its window")
-        )
+        entries.append(("prediction", "prediction of the current window"))
     if scenario.bodies:
-        entries.append(("obstacle", "to keep out of"))
+        entries.append(("obstacle", "obstacle"))
     if any(obstacle.known_from > max(scenario.grid.start, 0.0) for obstacle in scenario.bodies):
-        entries.append(("unknown", "the same, not known yet"))
+        entries.append(("unknown", "obstacle that is not known yet"))
     if any(obstacle.active is not None for obstacle in scenario.bodies):
-        entries.append(("obstacle", "shown while it is active, where that is for a time"))
+        entries.append(("obstacle", "obstacles with a time window are shown while active"))
     if np.any(scenario.fleet.radii > 0.0) and detailed:
-        entries.append(("radius", "radius, kept from obstacles"))
+        entries.append(("radius", "vehicle's radius, the required distance from obstacles"))
     if scenario.separation is not None:
-        far = f"{scenario.separation.distance:g} m"
-        entries.append(("shell", f"half the separation of {far}: shells do not overlap"))
+        shells = f"half the required separation of {scenario.separation.distance:g} m"
+        entries.append(("shell", f"{shells}: shells must not overlap"))
     if stage.flown.simulation is not None and detailed:
         entries += _disturbed(stage, stage.flown.simulation)
     return [{"sign": sign, "text": text} for sign, text in entries]
 
 
 def _disturbed(stage: Stage, simulation: Simulation) -> list[tuple[str, str]]:
-    entries = [("planned", "faint: where the plan has it")]
+    entries = [("planned", "faint: planned position")]
     if has_tube(simulation):
         most = float(simulation.radii().max())
-        small = ", too little to be seen" if most < 2e-3 * stage.scene.size else ""
-        entries.append(("tube", f"where it can be, at most {most:.2g} m from there{small}"))
+        small = ", too small to be visible" if most < 2e-3 * stage.scene.size else ""
+        entries.append(("tube", f"error tube, at most {most:.2g} m around the plan{small}"))
     if (most := strongest_wind(simulation)) > 0.0:
-        entries.append(("wind", f"wind, full length for {most:.3g} m/s²"))
+        entries.append(("wind", f"wind; the longest arrow is {most:.3g} m/s²"))
     return entries
 
 
 def _finite(values: FloatArray) -> list[list[float | None]]:
-    """Numbers as lists, with None where there is no end."""
+    """Return numbers as lists, with None for infinite ones."""
     known = np.isfinite(values)
     if np.all(known):
         return values.tolist()  # type: ignore[no-any-return]
     return [
-        [value if there else None for value, there in zip(row, which, strict=True)]
+        [value if finite else None for value, finite in zip(row, which, strict=True)]
         for row, which in zip(values.tolist(), known.tolist(), strict=True)
     ]

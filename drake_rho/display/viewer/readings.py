@@ -1,9 +1,9 @@
-"""What a viewer reads off while vehicles fly: speeds, clearances, and the least of all over time.
+"""Numbers that the viewer shows over time: speeds, clearances, and their minima over the fleet.
 
-A clearance here is what is left until a limit is reached: the distance from an obstacle's surface
-less the vehicle's radius and how far the obstacle may be off its track, or the distance of another
-vehicle, as the separation measures it, less the separation. Where there is no separation other
-vehicles do not count.
+A clearance is the distance minus its limit. For an obstacle it is the distance from the surface
+minus the vehicle's radius and the obstacle's largest deviation from its track. For another vehicle
+it is the distance, scaled for downwash, minus the separation. Without a separation, other vehicles
+are ignored.
 """
 
 from __future__ import annotations
@@ -22,35 +22,34 @@ from drake_rho.scenario.parts import Separation
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Curve:
-    """The least of a distance over time, with its limit."""
+    """Minimum of a distance over the fleet as a function of time, with its limit."""
 
     times: FloatArray
-    """since the first knot, rising, that of the least among them [s], shape (M,)"""
+    """increasing times since the first knot, including that of the minimum [s], shape (M,)"""
     values: FloatArray
-    """how much it is [m], shape (M,)"""
+    """distances [m], shape (M,)"""
     limit: float | None
-    """what it keeps above [m]; nothing if the scenario asks for nothing"""
+    """required distance [m]; None if the scenario requires none"""
     closest: tuple[int, int]
-    """index of the vehicle that is closest of all, and of the vehicle or obstacle that it is to"""
+    """index of the vehicle at the minimum, and of the other vehicle or the obstacle"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Readings:
-    """Numbers of every vehicle over time."""
+    """Speeds and clearances of all vehicles over time."""
 
     times: FloatArray
-    """since the first knot [s], shape (M,)"""
+    """times since the first knot [s], shape (M,)"""
     speeds: FloatArray
-    """[m/s], shape (N, M)"""
+    """speeds [m/s], shape (N, M)"""
     clearances: FloatArray
-    """[m], inf where there is nothing to keep clear of, shape (N, M)"""
+    """least clearances [m], infinite if nothing is to be avoided, shape (N, M)"""
     nearest: IntArray
-    """to what: index of an obstacle, or the number of obstacles and a vehicle's index, shape (N, M)
-    """
+    """index of the nearest obstacle or, plus the number of obstacles, vehicle, shape (N, M)"""
     obstacles: Curve | None
-    """clearance of the closest vehicle from obstacles; nothing where there are none"""
+    """clearance of the closest vehicle from obstacles; None without obstacles"""
     pairs: Curve | None
-    """distance of the closest two vehicles; nothing of a single one"""
+    """distance of the closest two vehicles; None for a single vehicle"""
 
     @classmethod
     def of(cls, shown: Drawn, times: FloatArray) -> Readings:
@@ -71,7 +70,7 @@ class Readings:
 
 
 def _from_obstacles(shown: Drawn, times: FloatArray, clear: FloatArray) -> Curve | None:
-    """Return the clearance from obstacles; None where none is active in the flight."""
+    """Return the clearance from obstacles; None if none is active during the flight."""
     found = least_clearances(shown, shown.scenario.bodies)
     if not np.isfinite(found.clearances).any():
         return None
@@ -98,7 +97,7 @@ def _between_two(shown: Drawn, times: FloatArray, away: FloatArray) -> Curve:
 def _with(
     times: FloatArray, values: FloatArray, time: float, value: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a curve with one more point, which replaces one at the same time."""
+    """Return times and values with another point, which replaces a point at the same time."""
     place = int(np.searchsorted(times, time - 1e-9))
     if place < len(times) and times[place] <= time + 1e-9:
         values = values.copy()

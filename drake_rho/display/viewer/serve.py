@@ -1,4 +1,4 @@
-"""A page on a port of this machine, for as long as somebody looks at it."""
+"""Server of a viewer page on a local port."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drake_rho.display.meshcat.ports import address_of, on_free_port
 
 
 class PageServer:
-    """Serves one page, and nothing else, until it is closed."""
+    """Server of a single page, which runs until it is closed."""
 
     def __init__(self, server: ThreadingHTTPServer, host: str) -> None:
         self._server = server
@@ -21,7 +21,7 @@ class PageServer:
         self._thread.start()
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop serving."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
@@ -31,12 +31,12 @@ def serve(page: str, *, host: str = "localhost", port: int | None = None) -> Pag
     """Serve a page.
 
     Args:
-        page: HTML.
-        host: network interface; "*" is every one.
+        page: the page, HTML.
+        host: network interface; "*" for all interfaces.
         port: first port to try, at least 1024; 7000 if not given.
 
     Raises:
-        OSError: no port is free, or there is no such interface.
+        OSError: no port is free, or the interface does not exist.
         ValueError: the port is out of range.
     """
     content = page.encode()
@@ -53,7 +53,7 @@ def serve(page: str, *, host: str = "localhost", port: int | None = None) -> Pag
             self.wfile.write(content)
 
         def log_message(self, *_: object) -> None:
-            """Say nothing of requests."""
+            """Log nothing."""
 
     address = "" if host == "*" else address_of(host)
 

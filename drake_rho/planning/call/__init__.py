@@ -1,4 +1,4 @@
-"""What comes with every call of a planner: options, progress, a time limit and the wall time.
+"""Features common to all calls of planners: options, progress, time limit and wall time.
 
 A function that plans is decorated with the last two; options and progress are its arguments.
 """

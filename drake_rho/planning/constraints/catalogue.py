@@ -7,6 +7,8 @@ from drake_rho.planning.constraints.boxes import boxes_of
 from drake_rho.planning.constraints.margins import PlanMargins
 from drake_rho.planning.constraints.norms import norms_of
 from drake_rho.planning.constraints.waypoints import waypoints_of
+from drake_rho.scenario.kinds import BOXES
+from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.records import Scenario
 
 
@@ -19,21 +21,11 @@ def convex_constraints(scenario: Scenario, margins: PlanMargins) -> list[Constra
     ]
 
 
-_BOX = "rows of the sides that a motion exceeds"
-_NORM = "tangent planes where a motion is outside, cones where these do not converge"
-
-TREATMENT = {
+TREATMENT: dict[str, str] = {
     "dynamics": "states are affine in the accelerations, which are the unknowns",
     "goals": "equalities of the accelerations, satisfied throughout the space of programs",
-    "position": _BOX,
-    "velocity": _BOX,
-    "acceleration": _BOX,
-    "jerk": _BOX,
-    "max_speed": _NORM,
-    "max_acceleration": _NORM,
-    "max_thrust": _NORM,
-    "max_tilt": _NORM,
-    "max_jerk": _NORM,
+    **dict.fromkeys(BOXES, "rows of the sides that a motion exceeds"),
+    **dict.fromkeys(NORMS, "tangent planes where a motion is outside, or cones"),
     "waypoints": "tangent planes of the ball of positions at the waypoint's time",
     "obstacles": "half-spaces around a reference (`Problem.linearized`)",
     "moving obstacles": "half-spaces at the obstacle's position at the time",

@@ -11,6 +11,7 @@ from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.close_pairs import max_pair_margin
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.scenario.fields import FloatArray, unchecked
+from drake_rho.scenario.norms import NORMS
 from drake_rho.scenario.parts import UNITS, Quantity
 from drake_rho.scenario.records import Scenario
 
@@ -22,16 +23,14 @@ _ENDS = {0: "start", -1: "goal"}
 NO_SLACK = "no room for the errors that the disturbance leads to"
 """Reason in messages why a scenario without sufficient tightening slack has no plan."""
 
-TREATMENT = {
+TREATMENT: dict[str, str] = {
     "dynamics": "exact: nothing to tighten",
     "goals": "reached by the nominal motion; reports note where flights end",
+    **dict.fromkeys(NORMS, "its radius, starts and goals against that of its quantity's error"),
     "position": "half its width, starts and goals against the position's radius",
     "velocity": "half its width, starts and goals against the velocity's radius",
     "acceleration": "half its width against the feedback's radius",
     "jerk": "limits the plan alone, which has no error: no margin",
-    "max_speed": "its radius, starts and goals against the velocity's radius",
-    "max_acceleration": "its radius against the feedback's radius",
-    "max_thrust": "its radius against the feedback's radius",
     "max_tilt": "not compared: a cone has no centre, so programs decide",
     "max_jerk": "limits the plan alone, which has no error: no margin",
     "waypoints": "their distance tolerance against the position's radius",

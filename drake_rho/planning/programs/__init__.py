@@ -1,5 +1,5 @@
-"""Rows to a quadratic program to a solution, without any loop.
+"""Quadratic programs: from rows to a solution, without iteration.
 
 Rows of half-spaces come in; accelerations and multipliers go out. A program is written in the form
-that suits its size (dual, reduced, sparse or conic), and solvers are asked one after another.
+that suits its size (dual, reduced, sparse or conic); if a solver fails on it, others follow.
 """

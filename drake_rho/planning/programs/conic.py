@@ -1,10 +1,10 @@
-"""Programs with curved sets as second-order cones, where tangent planes come to no end.
+"""Programs with curved sets as second-order cones, for sets whose tangent planes do not converge.
 
-Tangent planes find most solutions in a few small programs. Where a set leaves nearly no room, each
-round of them only halves what is left outside, and thousands of nearly parallel planes take the
-solvers' digits. There the sets themselves enter one program, which Clarabel takes as it is. Its
-multipliers say which tangent planes lead to the same solution or, where there is none, contradict
-each other (conic duality), so that everything else goes on to know nothing but rows.
+Tangent planes find most solutions in a few small programs. Where a set is nearly empty, each round
+of planes only halves the violation, and thousands of nearly parallel planes make programs
+ill-conditioned. The sets themselves then enter one program, which Clarabel solves. By conic
+duality, its multipliers determine the tangent planes that lead to the same solution or, if there is
+none, contradict each other. All other modules therefore handle rows only.
 """
 
 from __future__ import annotations
@@ -32,35 +32,35 @@ from drake_rho.planning.programs.solve import solve
 from drake_rho.planning.programs.sparse import SparseRows, scale_of, without_rows
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
-_NO_PART = 1e-9
-"""Part of the largest multiplier up to which a set has no part in a solution."""
+_INACTIVE = 1e-9
+"""Multiplier of a set, relative to the largest one, up to which the set is inactive."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ConicAnswer:
-    """What was found for one group of vehicles, in terms of rows."""
+    """Solution of the program of one group of vehicles, in terms of rows."""
 
     accelerations: FloatArray
-    """u in units; they mean nothing where there is no solution, shape (G, K-1, 3)"""
+    """u in units, shape (G, K-1, 3); meaningless if there is no solution"""
     feasible: bool
-    """whether there is a solution; if not, it is proved that there is none"""
+    """whether there is a solution; if false, it is proved that there is none"""
     exact: bool
-    """whether it is one to the solver's tolerances"""
+    """whether the solution meets the solver's tolerances"""
     multipliers: FloatArray
-    """of the rows that were given, if these have length one, shape (R,)"""
+    """multipliers of the given rows, scaled to length one, shape (R,)"""
     tangents: list[tuple[HalfSpaces, FloatArray]]
-    """the tangent planes of each set that take part, and their multipliers"""
+    """active tangent planes of each set, with their multipliers"""
     solver: str
-    """which solver found it"""
+    """name of the solver"""
     seconds: float
-    """time that the solver reports for itself [s]"""
+    """time reported by the solver [s]"""
 
     def answers(self, group: IntArray, rows: Sequence[HalfSpaces]) -> Answers:
-        """Return the same as the answer of a program of rows alone.
+        """Return the solution in the form of an answer to a program of rows only.
 
         Args:
             group: the indices of the vehicles, shape (G,).
-            rows: those that were given and the tangent planes, constraint by constraint.
+            rows: the given rows and the tangent planes, constraint by constraint.
         """
         tangents = {planes.constraint.key: y for planes, y in self.tangents}
         given, y = self.multipliers, list[FloatArray]()
@@ -84,23 +84,23 @@ class ConicAnswer:
 
 
 class ConicPrograms:
-    """Programs of one scenario's vehicles with curved sets as they are.
+    """Programs of one scenario's vehicles with curved sets as cones.
 
-    Restorations solve hundreds of them that differ in their rows only, and the cones take longest
-    to write: programs without rows are kept and copied.
+    A feasibility restoration solves hundreds of programs that differ in their rows only, and cones
+    take longest to write. Programs without rows are therefore stored and copied.
 
     Args:
-        effort: minimum effort of the scenario, which changes are about and are added to.
+        effort: the minimum-effort motions, to which solutions are changes.
 
     Attributes:
-        needed: whose sets enter from the start, as tangent planes of them came to no end in one of
-            the programs, shape (N,).
+        needed: flags of vehicles whose sets enter as cones from the start, because their tangent
+            planes did not converge in an earlier program, shape (N,).
     """
 
     def __init__(self, effort: MinimumEffort) -> None:
         self.needed: BoolArray = np.zeros(len(effort.units), dtype=bool)
         self._effort = effort
-        self._begun: dict[tuple[object, ...], _IterationOffset] = {}
+        self._without_rows: dict[tuple[object, ...], _ProgramWithoutRows] = {}
 
     def solve(
         self,
@@ -113,28 +113,28 @@ class ConicPrograms:
         """Solve the program of a group of vehicles.
 
         Args:
-            group: the indices of the vehicles, rising, shape (G,).
-            rows: of everything else, constraint by constraint.
-            sets: the constraints with curved sets; those of one key and penalty are the same
-                whenever they are given.
-            rough: whether few digits do.
+            group: the indices of the vehicles, ascending, shape (G,).
+            rows: the rows of all other constraints, constraint by constraint.
+            sets: the constraints with curved sets; two with the same key and penalty are equal in
+                all calls.
+            rough: whether a solution of low accuracy is sufficient.
 
         Raises:
             SolverError: Clarabel fails numerically.
         """
         changes, given = self._effort.changes, about(self._effort.motion, rows)
-        begun = self._before_rows(group, given, sets)
-        program, lengths = begun.program.Clone(), np.zeros(0)
+        common = self._program_without_rows(group, given, sets)
+        program, lengths = common.program.Clone(), np.zeros(0)
         if count := sum(map(len, given)):
-            sparse = SparseRows(changes, group, given, beside=begun.axes)
+            sparse = SparseRows(changes, group, given, beside=common.axes)
             matrix, needed, penalties, lengths = sparse.matrix()
-            add_rows(program, matrix, needed, penalties, slacks_of(given), begun.x)
+            add_rows(program, matrix, needed, penalties, slacks_of(given), common.x)
         solution, steps = (
             solve([program], Backend(accuracy="rough" if rough else "full"))[0],
             changes.grid.knots - 1,
         )
         y = solution.multipliers()
-        ends = np.cumsum([len(each) for each in begun.cones])
+        ends = np.cumsum([len(each) for each in common.cones])
         duals = np.split(y[count:].reshape(-1, 4), ends[:-1])
         return ConicAnswer(
             solution.x[: 3 * steps * len(group)].reshape(-1, steps, 3),
@@ -143,25 +143,25 @@ class ConicPrograms:
             np.maximum(y[:count], 0.0) * lengths,
             [
                 cone.tangents(own, long)
-                for cone, own, long in zip(begun.cones, duals, begun.lengths, strict=True)
+                for cone, own, long in zip(common.cones, duals, common.lengths, strict=True)
             ],
             solution.solver,
             solution.seconds,
         )
 
-    def _before_rows(
+    def _program_without_rows(
         self, group: IntArray, rows: Sequence[Rows], sets: Sequence[KeepInSets]
-    ) -> _IterationOffset:
-        """Return the program with its sets only, for rows of the quantities of these."""
+    ) -> _ProgramWithoutRows:
+        """Return the program with its sets only; it has the variables that the rows need."""
         quantities = frozenset(part.quantity for part in rows)
         key = *group.tolist(), quantities, *((each.key, each.penalty) for each in sets)
-        if key not in self._begun:
-            self._begun[key] = self._write(group, rows, sets)
-        return self._begun[key]
+        if key not in self._without_rows:
+            self._without_rows[key] = self._write(group, rows, sets)
+        return self._without_rows[key]
 
     def _write(
         self, group: IntArray, rows: Sequence[Rows], sets: Sequence[KeepInSets]
-    ) -> _IterationOffset:
+    ) -> _ProgramWithoutRows:
         changes, motion = self._effort.changes, self._effort.motion
         cones = [cone for each in sets if len(cone := Cones.of(each, motion, group)) > 0]
         axes = about(motion, [cone.axes for cone in cones])
@@ -174,59 +174,59 @@ class ConicPrograms:
         for cone, own in zip(cones, parts, strict=True):
             scale = unit * scale_of(cone.constraint.quantity, step)
             cone.add(program, x, matrix[own], needed[own], penalties[own], scale)
-        return _IterationOffset(program, x, cones, axes, [lengths[own] for own in parts])
+        return _ProgramWithoutRows(program, x, cones, axes, [lengths[own] for own in parts])
 
 
-class _IterationOffset(NamedTuple):
-    """A program before its rows."""
+class _ProgramWithoutRows(NamedTuple):
+    """Program with cones, to which rows can be added."""
 
     program: MathematicalProgram
-    """with the cones"""
+    """the program"""
     x: np.ndarray
-    """its variables but slacks"""
+    """its variables, except for slacks"""
     cones: list[Cones]
-    """one for each constraint"""
+    """cones of each constraint"""
     axes: list[Rows]
-    """the values in them, one for each constraint"""
+    """rows whose values are in the cones, for each constraint"""
     lengths: list[FloatArray]
-    """factors that turn multipliers of the axes into those of rows of length one"""
+    """factors by which multipliers of the axes become those of rows of length one"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cones:
-    """A constraint's sets as cones: norm(B y) <= a · y + reach, y the value less the set's place.
+    """Sets of a constraint as cones norm(B y) <= a · y + c, where y is the value minus the origin.
 
-    The margin by which values stay inside is taken off the reach.
+    The constants c include the constraint's margins.
     """
 
     constraint: KeepInSets
-    """whose sets they are"""
+    """the constraint"""
     vehicles: IntArray
-    """whose value is in each, shape (R,)"""
+    """index of the vehicle of each cone, shape (R,)"""
     times: FloatArray
-    """when, since the first knot [s], shape (R,)"""
+    """time of each cone since the first knot [s], shape (R,)"""
     matrices: FloatArray
-    """a above B, shape (R, 4, 3)"""
-    reaches: FloatArray
-    """in the quantity's unit, shape (R,)"""
+    """rows a and B stacked, shape (R, 4, 3)"""
+    constants: FloatArray
+    """c, in the quantity's unit, shape (R,)"""
 
     @classmethod
     def of(cls, constraint: KeepInSets, motion: Motion, group: IntArray) -> Self:
-        """Return the cones of some vehicles at all instants at which they are asked for."""
+        """Return the cones of some vehicles at all instants at which the constraint applies."""
         required = constraint.required_values(motion, group)
-        matrices, reaches = constraint.sets.cones(required.vehicles)
-        limited = np.isfinite(reaches)
-        who, times = required.vehicles[limited], required.times[limited]
-        reaches = reaches[limited] - constraint.margin(times)
-        return cls(constraint, who, times, matrices[limited], reaches)
+        matrices, constants = constraint.sets.cones(required.vehicles)
+        limited = np.isfinite(constants)
+        vehicles, times = required.vehicles[limited], required.times[limited]
+        constants = constants[limited] - constraint.margin(times)
+        return cls(constraint, vehicles, times, matrices[limited], constants)
 
     def __len__(self) -> int:
-        """R."""
+        """Return the number of cones, R."""
         return len(self.times)
 
     @cached_property
     def axes(self) -> HalfSpaces:
-        """Rows whose margins are y, axis by axis of each instant, shape (3 R,)."""
+        """Rows whose values are the components of y, three for each cone, 3 R rows."""
         vehicles, times = np.repeat(self.vehicles, 3), np.repeat(self.times, 3)
         return HalfSpaces(
             self.constraint,
@@ -248,22 +248,22 @@ class Cones:
         penalties: FloatArray,
         scale: float,
     ) -> None:
-        """Add the cones to a program, with a slack for each where they may be left.
+        """Add the cones to a program; each cone of a soft constraint has a slack.
 
         Args:
-            program: in the sparse form.
+            program: a program in the sparse form.
             x: its variables.
-            matrix: of the axes, shape (3 R, V): y is `scale` times matrix @ x - needed.
-            needed: shape (3 R,).
-            penalties: what it costs to be outside by `scale`, shape (3 R,).
-            scale: in the quantity's unit.
+            matrix: coefficients of the axes, shape (3 R, V): y is `scale` (matrix @ x - needed).
+            needed: right-hand sides of the axes, shape (3 R,).
+            penalties: penalties of a violation by `scale`, shape (3 R,).
+            scale: the unit of values in the program, in the quantity's unit.
         """
         values = program.NewContinuousVariables(len(self), 4)
         identity, zero = np.eye(4), np.zeros(4)
         each = np.arange(len(self) + 1)
         transform = bsr_array((self.matrices, each[:-1], each))  # block-diagonal
         offsets = -(transform @ needed).reshape(-1, 4)
-        offsets[:, 0] += self.reaches / scale
+        offsets[:, 0] += self.constants / scale
         parts, variables = [transform @ matrix, -eye_array(values.size)], [x, values.reshape(-1)]
         if np.isfinite(self.constraint.penalty):
             slacks = program.NewContinuousVariables(len(self))
@@ -279,19 +279,19 @@ class Cones:
             program.AddLorentzConeConstraint(identity, zero, value)
 
     def tangents(self, duals: FloatArray, lengths: FloatArray) -> tuple[HalfSpaces, FloatArray]:
-        """Return the half-spaces that multipliers of the cones stand for, and their multipliers.
+        """Return the tangent half-spaces of the active cones, and their multipliers.
 
-        With (p, q), norm(q) <= p, the multiplier of a cone, everything inside has
-        p (a · y + reach) + q · B y >= 0. Where the cone takes part, norm(q) is p.
+        If (p, q) is the multiplier of a cone, norm(q) <= p, all values inside satisfy
+        p (a · y + c) + q · B y >= 0. If the cone is active, norm(q) is p.
 
         Args:
-            duals: shape (R, 4).
-            lengths: factors that turn multipliers of the axes into those of rows of length one,
+            duals: the multipliers of the cones, shape (R, 4).
+            lengths: factors by which multipliers of the axes become those of rows of length one,
                 shape (3 R,).
         """
-        pulls = np.einsum("ri,rij->rj", duals, self.matrices)
-        sizes = np.linalg.norm(pulls, axis=1)
-        part = np.flatnonzero(sizes > _NO_PART * sizes.max(initial=0.0))
-        outward = -pulls[part] / sizes[part, None]
-        rows = self.constraint.rows(self.vehicles[part], self.times[part], outward)
-        return rows, sizes[part] * lengths[::3][part]
+        inward = np.einsum("ri,rij->rj", duals, self.matrices)
+        sizes = np.linalg.norm(inward, axis=1)
+        active = np.flatnonzero(sizes > _INACTIVE * sizes.max(initial=0.0))
+        outward = -inward[active] / sizes[active, None]
+        rows = self.constraint.rows(self.vehicles[active], self.times[active], outward)
+        return rows, sizes[active] * lengths[::3][active]

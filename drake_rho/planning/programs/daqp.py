@@ -1,9 +1,9 @@
 """DAQP, an active-set solver for small dense programs, beside Drake's solvers.
 
-It solves hard rows in its own form, and rows that may be violated by their dual
-(`drake_rho.planning.programs.dual`). No answer is taken on trust: a solution has to meet the
-optimality conditions, and a program counts as one without a solution only with weights that prove
-it. What does not pass, is linear, or is sparse, goes on to Drake's solvers (`solve`).
+DAQP solves programs with hard rows directly, and programs with soft rows by their dual
+(`drake_rho.planning.programs.dual`). Answers are checked: a solution has to meet the optimality
+conditions, and infeasibility has to be proved by weights. Linear and sparse programs, and those for
+which the check fails, go to Drake's solvers (`drake_rho.planning.programs.solve`).
 """
 
 from __future__ import annotations
@@ -23,65 +23,65 @@ from drake_rho.scenario.fields import FloatArray
 NAME = "DAQP"
 
 _OPTIONS = {"primal_tol": 1e-10, "iter_limit": 2000}
-"""Largest violation of a row of length one: two digits less than those for which the loop adds
-rows. Small programs take as many iterations as they have rows."""
+"""Largest violation of a row of length one, a hundredth of that for which rows are added, and the
+largest number of iterations: small programs need as many as they have rows."""
 
 _INFINITE = 1e30
-"""What DAQP takes for it."""
+"""Value that DAQP regards as infinite."""
 
 _OPTIMAL, _INFEASIBLE = 1, -1
-"""Exit flags."""
+"""Exit flags of DAQP."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Daqp(metaclass=Described):
-    """DAQP as `solver=`, beside Drake's solvers: fast where programs are small and dense.
+    """DAQP as `solver=`, in addition to Drake's solvers: fast for small, dense programs.
 
-    Linear programs, programs in the sparse form, and what DAQP does not solve to the package's
-    tolerances are solved by Clarabel.
+    Clarabel solves linear programs, programs in the sparse form, and those that DAQP does not solve
+    to this package's tolerances.
 
     Raises:
-        NotInstalledError: the package daqp is not there; it is an ImportError.
+        NotInstalledError: the package daqp is not installed; the error is an ImportError.
     """
 
     def __post_init__(self) -> None:
         _package()
 
     def available(self) -> bool:
-        """Return True: else it could not have been made."""
+        """Return True: the constructor requires the package."""
         return True
 
     def enabled(self) -> bool:
-        """Return True: it needs no licence."""
+        """Return True: DAQP needs no licence."""
         return True
 
     def solver_id(self) -> SolverId:
-        """Return its name, as Drake's solvers have one."""
+        """Return the name in the form of Drake's solvers."""
         return SolverId(NAME)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HardAnswer:
-    """DAQP's answer to the least norm(x)² with hard rows matrix @ x >= needed."""
+    """Answer of DAQP to: minimise norm(x)² subject to hard rows matrix @ x >= needed."""
 
     x: FloatArray
-    """shape (V,); means nothing unless `optimal`"""
+    """solution, shape (V,); meaningless unless `optimal`"""
     y: FloatArray
-    """multipliers with x = matrix.T @ y, shape (R,); mean nothing unless `optimal`"""
+    """multipliers with x = matrix.T @ y, shape (R,); meaningless unless `optimal`"""
     optimal: bool
-    """whether DAQP takes x for the solution"""
+    """whether DAQP reports x as the solution"""
     infeasible: bool
-    """whether DAQP says that there is no solution"""
+    """whether DAQP reports that there is no solution"""
     seconds: float
-    """time that it reports for itself [s]"""
+    """time reported by DAQP [s]"""
 
 
 def with_hard_rows(matrix: FloatArray, needed: FloatArray) -> HardAnswer:
-    """Return what DAQP says of the point of least norm that keeps all rows.
+    """Return DAQP's answer for the point of least norm that satisfies all rows.
 
     Args:
-        matrix: shape (R, V).
-        needed: shape (R,).
+        matrix: the coefficients, shape (R, V).
+        needed: the right-hand sides, shape (R,).
     """
     matrix, needed = np.ascontiguousarray(matrix), np.ascontiguousarray(needed)
     upper, sense = np.full(len(needed), _INFINITE), np.zeros(len(needed), dtype=np.int32)
@@ -93,15 +93,15 @@ def with_hard_rows(matrix: FloatArray, needed: FloatArray) -> HardAnswer:
 def bounded_least_squares(
     gram: FloatArray, needed: FloatArray, most: FloatArray
 ) -> FloatArray | None:
-    """Return the y, 0 <= y <= most, that DAQP finds to minimise y · gram @ y / 2 - needed · y.
+    """Return DAQP's minimiser y of y · gram @ y / 2 - needed · y subject to 0 <= y <= most.
 
     Args:
-        gram: positive definite, shape (R, R).
-        needed: shape (R,).
-        most: above 0, may be infinite, shape (R,).
+        gram: the Gram matrix, positive definite, shape (R, R).
+        needed: the right-hand sides, shape (R,).
+        most: the upper bounds, positive and possibly infinite, shape (R,).
 
     Returns:
-        y, those at a bound exactly so, shape (R,); None where it finds none.
+        y, exactly at its active bounds, shape (R,); None if DAQP fails.
     """
     count = len(needed)
     lower, sense = np.zeros(count), np.zeros(count, dtype=np.int32)
@@ -114,7 +114,7 @@ def bounded_least_squares(
 
 @cache
 def _package() -> Any:
-    """Return the package, which is not needed where this solver is not asked for."""
+    """Return the package, which is needed only if this solver is chosen."""
     try:
         return importlib.import_module("daqp")
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Small dense programs as plain arrays, from which Drake's are written where Drake solves them."""
+"""Small dense programs as arrays, converted to Drake's type only if a solver of Drake needs it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.sparse import coo_array, csc_array, csc_matrix, hstack
 from drake_rho.scenario.fields import FloatArray, IntArray
 
 _BLOCK = 150
-"""Most variables in one quadratic cost: Drake takes a dense matrix for each."""
+"""Largest number of variables in one quadratic cost, whose matrix is dense in Drake."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,24 +23,24 @@ class DenseProgram:
     """
 
     matrix: FloatArray
-    """shape (R, V)"""
+    """coefficients of the rows, shape (R, V)"""
     needed: FloatArray
-    """shape (R,)"""
+    """right-hand sides, shape (R,)"""
     penalties: FloatArray
-    """what it costs to break a row by one, shape (R,)"""
+    """penalties of a violation by one, shape (R,)"""
     slacks: IntArray
-    """the number of each row's slack: soft rows with the same number share it, shape (R,)"""
+    """index of each row's slack, which several soft rows can share, shape (R,)"""
     linear: bool = False
-    """whether only slack costs anything"""
+    """whether only slacks cost anything"""
 
     @property
     def soft(self) -> bool:
-        """Whether any row may be broken."""
+        """Whether any row may be violated."""
         return bool(np.isfinite(self.penalties).any())
 
     @cached_property
     def written(self) -> MathematicalProgram:
-        """The same for Drake: its variables are x, then the slacks."""
+        """The program as Drake's type; its variables are x, then the slacks."""
         common, x = _common(self.matrix.shape[1], self.linear)
         program = common.Clone()
         add_rows(program, self.matrix, self.needed, self.penalties, self.slacks, x)
@@ -48,12 +48,12 @@ class DenseProgram:
 
 
 Program = MathematicalProgram | DenseProgram
-"""What solvers take."""
+"""Program of either form."""
 
 
 @lru_cache(maxsize=64)
 def _common(size: int, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
-    """Return the part that all programs of so many variables have in common, and the variables."""
+    """Return the part that all programs with `size` variables share, and the variables."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(size)
     if not linear:
@@ -62,7 +62,7 @@ def _common(size: int, linear: bool) -> tuple[MathematicalProgram, np.ndarray]:
 
 
 def add_cost(to: MathematicalProgram, x: np.ndarray) -> None:
-    """(13): f less that of minimum effort, in units squared: the sum of squares."""
+    """Add (13), f minus that of minimum effort in squared units: the sum of squares."""
     for first in range(0, len(x), _BLOCK):
         block = x[first : first + _BLOCK]
         hessian, linear = _sum_of_squares(len(block))
@@ -71,7 +71,7 @@ def add_cost(to: MathematicalProgram, x: np.ndarray) -> None:
 
 @lru_cache(maxsize=_BLOCK)
 def _sum_of_squares(size: int) -> tuple[FloatArray, FloatArray]:
-    """Hessian and linear part of norm(x)² for so many variables."""
+    """Return the Hessian and the linear part of norm(x)² for `size` variables."""
     return 2.0 * np.eye(size), np.zeros(size)
 
 
@@ -83,16 +83,16 @@ def add_rows(
     slacks: IntArray,
     x: np.ndarray,
 ) -> Binding[LinearConstraint]:
-    """(4) to (8) and pairs, made linear: matrix @ x >= needed, or less at a cost."""
+    """Add linearised constraints as rows matrix @ x >= needed; soft rows have slacks."""
     if np.any(np.isfinite(penalties)):
         matrix, x = _with_slack(to, matrix, penalties, slacks, x)
     if not isinstance(matrix, np.ndarray):
-        matrix = csc_matrix(matrix)  # what Drake knows
+        matrix = csc_matrix(matrix)  # the type that Drake accepts
     return to.AddLinearConstraint(matrix, needed, _infinite(len(needed)), x)
 
 
 def slack_columns(penalties: FloatArray, slacks: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return the soft rows, for each the place of its slack, and the penalty of each slack."""
+    """Return the soft rows, the index of each one's slack, and the penalty of each slack."""
     rows = np.flatnonzero(np.isfinite(penalties))
     _, first, columns = np.unique(slacks[rows], return_index=True, return_inverse=True)
     return rows, columns, penalties[rows[first]]
@@ -105,7 +105,7 @@ def _with_slack(
     slacks: IntArray,
     x: np.ndarray,
 ) -> tuple[FloatArray | csc_array, np.ndarray]:
-    """Rows and variables with the slacks of the soft rows, at their penalty in the cost."""
+    """Return rows and variables with slacks of the soft rows, and add their penalties."""
     rows, columns, costs = slack_columns(penalties, slacks)
     slack = to.NewContinuousVariables(len(costs))
     to.AddBoundingBoxConstraint(np.zeros(len(costs)), _infinite(len(costs)), slack)

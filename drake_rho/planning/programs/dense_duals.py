@@ -1,4 +1,4 @@
-"""Dense programs by their duals, with DAQP."""
+"""Solution of dense programs with DAQP, directly or by their duals."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from drake_rho.planning.programs.solution import Solution
 from drake_rho.scenario.fields import FloatArray
 
 _RIDGE = 1e-13
-"""Added to the squares of rows' lengths, as part of the largest, so that dependent ones have a
-factor."""
+"""Addition to the diagonal of the Gram matrix, relative to its largest entry: linearly dependent
+rows then have a Cholesky factor too."""
 
 _REFINEMENTS = 2
-"""Times that what the ridge has left in active rows is taken off."""
+"""Number of refinements, which remove the residual that the ridge leaves in active rows."""
 
 _ZERO = 1e-11
-"""Length below which a row counts as zero, in DAQP as well."""
+"""Length below which a row counts as zero, as it does in DAQP."""
 
 _FAR = 1e8
-"""Norm of x, in units of the bounds, beyond which there is no solution."""
+"""Norm of x, relative to the right-hand sides, beyond which a program counts as infeasible."""
 
 
 def solved(program: DenseProgram) -> Solution | None:
-    """Return the solution, or the proof that there is none; None where DAQP finds neither."""
+    """Return the solution or a proof that there is none; None if DAQP finds neither."""
     return _soft(program) if program.soft else _hard(program)
 
 
 def _hard(program: DenseProgram) -> Solution | None:
-    """Return the point of least norm that keeps all rows, in DAQP's own form of a program."""
+    """Return the point of least norm that satisfies all rows; None if DAQP fails."""
     found = daqp.with_hard_rows(program.matrix, program.needed)
     if found.infeasible:
         return _refuted(program, found.seconds)
@@ -44,10 +44,10 @@ def _hard(program: DenseProgram) -> Solution | None:
 
 
 def _soft(program: DenseProgram) -> Solution | None:
-    """Return the point of least cost where rows may be violated, each by a slack of its own."""
+    """Return the point of least cost, each soft row with its own slack; None if DAQP fails."""
     soft = program.slacks[np.isfinite(program.penalties)]
     if len(np.unique(soft)) < len(soft):
-        return None  # penalties bound sums of multipliers
+        return None  # for shared slacks, penalties bound sums of multipliers
     start, most = time.perf_counter(), program.penalties / 2.0
     gram = program.matrix @ program.matrix.T
     ridge = _RIDGE * gram.max() * np.eye(len(gram))
@@ -65,7 +65,7 @@ def _soft(program: DenseProgram) -> Solution | None:
 
 
 def _refuted(program: DenseProgram, seconds: float) -> Solution | None:
-    """Return that there is no solution, with weights that prove it; None if there are none."""
+    """Return the proof that there is no solution; None if no weights prove it."""
     hard = np.isinf(program.penalties)
     weights = contradiction(program.matrix[hard], program.needed[hard])
     if weights is None:
@@ -79,27 +79,27 @@ def _refuted(program: DenseProgram, seconds: float) -> Solution | None:
 def contradiction(matrix: FloatArray, needed: FloatArray) -> FloatArray | None:
     """Return weights y >= 0 with matrix.T @ y = 0 and needed · y > 0; None if there are none.
 
-    By Farkas' lemma they prove that no x has matrix @ x >= needed. By Lawson and Hanson: y >= 0
-    that bring (matrix.T @ y, needed · y) closest to (0, 1) reach it if rows contradict each other;
-    else what they leave over points to the x of least norm.
+    By Farkas' lemma they prove that no x satisfies matrix @ x >= needed. Following Lawson and
+    Hanson, the y >= 0 for which (matrix.T @ y, needed · y) is closest to (0, 1) attains it if rows
+    contradict each other; otherwise the residual is parallel to the x of least norm.
 
     Args:
-        matrix: shape (R, V).
-        needed: shape (R,).
+        matrix: the coefficients, shape (R, V).
+        needed: the right-hand sides, shape (R,).
     """
-    if len(needed) == 0:  # which nnls would free twice
+    if len(needed) == 0:  # scipy's nnls crashes without columns
         return None
     lengths = np.linalg.norm(matrix, axis=1)
-    alone = (lengths < _ZERO) & (needed > _ZERO)
-    if alone.any():  # 0 x >= b > 0
-        return np.where(alone, 1.0, 0.0)
+    impossible = (lengths < _ZERO) & (needed > _ZERO)
+    if impossible.any():  # 0 x >= b > 0
+        return np.where(impossible, 1.0, 0.0)
     lengths = np.where(lengths < _ZERO, np.inf, lengths)
     least = needed / lengths
     least /= max(np.abs(least).max(), np.finfo(float).tiny)
     rows = np.concatenate([(matrix / lengths[:, None]).T, least[None]])
     try:
         weights, left = nnls(rows, np.append(np.zeros(len(rows) - 1), 1.0))
-    except RuntimeError:  # it did not come to an end
+    except RuntimeError:  # too many iterations
         return None
     found: FloatArray = weights / lengths
     return found if left < 1.0 / _FAR else None

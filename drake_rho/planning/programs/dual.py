@@ -1,12 +1,12 @@
-"""The dual of a program with rows: one function solves it, one check judges every answer.
+"""Dual of a quadratic program: one function solves it, one check verifies every answer.
 
-With u the unknowns [unit of the rows] and s slack,
+With unknowns u, in the unit of the rows, and slacks s,
 
     minimise norm(u)² + p · s   subject to   M u + s >= b, s >= 0
 
-has the solution u = M' y, where y minimises y' G y / 2 - b · y within 0 <= y <= p / 2, with the
-Gram matrix G = M M': least squares within bounds, whose size is the number of rows. Hard rows have
-no upper bound. y is half of what the cost rises with each unit that a row requires.
+has the solution u = M' y, where y minimises y' G y / 2 - b · y subject to 0 <= y <= p / 2 and
+G = M M' is the Gram matrix. This is a least-squares problem with bounds, with one unknown per row.
+Multipliers of hard rows have no upper bound. y is half the derivative of the cost in b.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from drake_rho.planning.programs import daqp
 from drake_rho.scenario.fields import FloatArray
 
 KKT_TOLERANCE = 1e-9
-"""Largest violation of an optimality condition, as part of the largest entry of b or of one."""
+"""Largest violation of an optimality condition, relative to the largest entry of b or to one."""
 
 _MOST = 10
-"""Bound on the changes of the set of active rows, in numbers of rows."""
+"""Largest number of changes of the active set, relative to the number of rows."""
 
 
 def multipliers_of(
@@ -37,17 +37,17 @@ def multipliers_of(
     *,
     by_daqp: bool = False,
 ) -> FloatArray:
-    """Return the y, 0 <= y <= most, that minimises y · gram @ y / 2 - needed · y.
+    """Return the minimiser y of y · gram @ y / 2 - needed · y subject to 0 <= y <= most.
 
-    Non-negative least squares (scipy) solve it without upper bounds, DAQP with bounds if it is
-    asked for, and an active-set method of this package where these do not.
+    Without upper bounds the method is scipy's non-negative least squares, with bounds DAQP if it is
+    the chosen solver. Otherwise, or if these fail, it is an active-set method of this package.
 
     Args:
         gram: G, positive definite, shape (R, R).
         needed: b, shape (R,).
-        most: above 0, may be infinite, shape (R,).
+        most: the upper bounds, positive and possibly infinite, shape (R,).
         begin: initial guess of the active-set method, shape (R,); zero if not given.
-        by_daqp: whether to ask DAQP where there are bounds.
+        by_daqp: whether DAQP solves problems with upper bounds.
 
     Raises:
         SolverError: no method finds multipliers that meet the optimality conditions.
@@ -61,17 +61,17 @@ def multipliers_of(
 def is_optimal(slope: FloatArray, needed: FloatArray, y: FloatArray, most: FloatArray) -> bool:
     """Return whether multipliers meet the KKT conditions to `KKT_TOLERANCE`.
 
-    Rows at y = 0 are kept (slope >= 0), rows at y = most are violated or active (slope <= 0), and
-    all others are active.
+    Rows with y = 0 are satisfied (slope >= 0), rows with y = most are violated or active
+    (slope <= 0), and all others are active.
 
     Args:
         slope: G y - b, which is M u - b, shape (R,).
         needed: b, shape (R,).
-        y: shape (R,).
-        most: upper bounds of y, shape (R,).
+        y: the multipliers, shape (R,).
+        most: the upper bounds of y, shape (R,).
     """
     tolerance = KKT_TOLERANCE * max(1.0, float(np.abs(needed).max(initial=0.0)))
-    wrong = slope * np.where(slope < 0.0, y < most, y > 0.0)  # and NaN where a slope is
+    wrong = slope * np.where(slope < 0.0, y < most, y > 0.0)  # NaN if a slope is
     return bool(((y >= 0.0) & (y <= most) & (np.abs(wrong) <= tolerance)).all())
 
 
@@ -82,7 +82,7 @@ def _candidates(
     begin: FloatArray | None,
     by_daqp: bool,
 ) -> Iterator[FloatArray | None]:
-    """Yield what each method finds, None where it fails."""
+    """Yield the result of each method; None if it fails."""
     if np.isinf(most).all():
         yield _unbounded(gram, needed)
     elif by_daqp:
@@ -95,9 +95,9 @@ def _bounded(
 ) -> FloatArray | None:
     """Return y by the active-set method of Lawson and Hanson, with Stark and Parker's bounds.
 
-    Several multipliers leave their bounds at once, all whose slope is half as steep as the
-    steepest. The cost falls no less: those that would leave again at once stay before they move.
-    What is zero in the initial guess, and whose row is violated, begins as free.
+    All multipliers whose slope is more than half the steepest leave their bounds at once. The cost
+    still falls, because a multiplier that would be infeasible returns to its bound before others
+    move. Multipliers that are zero in the initial guess are free at first if their row is violated.
     """
     y = np.minimum(np.maximum(begin, 0.0), most)
     full = y >= most
@@ -131,16 +131,16 @@ def _bounded(
             gone = (steep > 0.5 * worst).nonzero()[0]
             bounds = y[gone]
             free[gone], full[gone] = True, False
-        if bounds.any():  # some are at their upper bounds now, or no longer
+        if bounds.any():  # the set at upper bounds has changed
             left = needed - gram @ np.where(full, most, 0.0)
     return None
 
 
 def _unbounded(gram: FloatArray, needed: FloatArray) -> FloatArray | None:
-    """Return y without upper bounds: non-negative least squares."""
+    """Return y by non-negative least squares, without upper bounds; None if this fails."""
     factor, failed = dpotrf(gram, lower=True, clean=True)
     if not failed:
-        with suppress(RuntimeError):  # it comes to no end
+        with suppress(RuntimeError):  # too many iterations
             y: FloatArray = nnls(factor.T, dtrtrs(factor, needed, lower=True)[0])[0]
             return y
     return None

@@ -1,10 +1,10 @@
-"""Programs of groups of vehicles by their duals: approximate, and fast.
+"""Fast, approximate solution of the programs of groups of vehicles by their duals.
 
-The unknowns are the accelerations of a group less those of minimum effort
-(`drake_rho.planning.programs.dual`). Of the rows only the Gram matrix is needed.
+The unknowns are the accelerations of a group minus those of minimum effort. The dual
+(`drake_rho.planning.programs.dual`) needs only the Gram matrix of the rows.
 
-A row is a response in time times a normal in space times the signs of one vehicle or two, and so is
-the inner product of two rows that of these three.
+A row is the product of a response in time, a normal in space and the signs of one or two vehicles.
+The inner product of two rows is therefore the product of three inner products.
 """
 
 from __future__ import annotations
@@ -26,48 +26,49 @@ from drake_rho.scenario.parts import Quantity
 from drake_rho.system.threads import single_threaded_blas
 
 _RIDGE = 1e-9
-"""What is added to the squared length of rows, which are of length one: rows of neighbouring
-instants are almost the same, and may contradict each other."""
+"""Addition to the squared length of rows, which have length one: rows of neighbouring instants are
+almost equal and may contradict each other."""
 
 _FIXED = 1e-9
-"""Part of a row's length that is left where the goals decide all the rest, and it is left out."""
+"""Relative length of a row after projection onto the null space of the goals, below which the
+goals alone determine its value, and the row is omitted."""
 
 _BLOCK = 8000
-"""Rows in a block, those of some hundred vehicles: tens of milliseconds of work. It does not depend
-on who does it, so that neither do the last digits of what is found."""
+"""Number of rows in a block: those of about a hundred vehicles, or tens of milliseconds of work. It
+does not depend on the number of workers, so that results are equal to the last digit."""
 
 _QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Duals:
-    """Rows of some groups, one group after the other, as processes can be sent them."""
+    """Rows of several groups, sorted by group, in a form that can be sent to processes."""
 
     changes: Changes
-    """what they are about"""
+    """changes of minimum-effort motions that rows refer to"""
     by_daqp: bool
-    """whether DAQP was asked for"""
+    """whether DAQP is the chosen solver"""
     groups: IntArray
-    """the number of the group of each row, rising, shape (R,)"""
+    """number of each row's group, ascending, shape (R,)"""
     one: IntArray
-    """the vehicle of each, shape (R,)"""
+    """index of each row's vehicle, shape (R,)"""
     other: IntArray
-    """the vehicle whose part is taken off, or -1, shape (R,)"""
+    """index of the vehicle whose value is subtracted, or -1, shape (R,)"""
     quantities: IntArray
-    """what they bound, as numbers of `_QUANTITIES`, shape (R,)"""
+    """bounded quantities, as indices in `_QUANTITIES`, shape (R,)"""
     times: FloatArray
-    """when [s], shape (R,)"""
+    """times since the first knot [s], shape (R,)"""
     normals: FloatArray
     """unit vectors, shape (R, 3)"""
     needed: FloatArray
-    """what the motions of minimum effort leave to be done, in the quantity's unit, shape (R,)"""
+    """required changes of the minimum-effort motions, in the quantity's unit, shape (R,)"""
     most: FloatArray
-    """bounds on the multipliers: half the cost of each unit of slack, shape (R,)"""
+    """upper bounds of the multipliers, half the penalties, shape (R,)"""
     multipliers: FloatArray
-    """where to begin, shape (R,)"""
+    """initial guess of the multipliers, shape (R,)"""
 
     def __len__(self) -> int:
-        """R."""
+        """Return the number of rows, R."""
         return len(self.times)
 
     def select(self, rows: IntArray | slice) -> Duals:
@@ -75,7 +76,7 @@ class Duals:
         return Duals(self.changes, self.by_daqp, *some_of(self._arrays(), rows))
 
     def union(self, more: Duals) -> Duals:
-        """Return these rows, then more."""
+        """Return these rows followed by more."""
         pairs = zip(self._arrays(), more._arrays(), strict=True)
         return Duals(self.changes, self.by_daqp, *map(np.concatenate, pairs))
 
@@ -94,14 +95,14 @@ class Duals:
 
     @single_threaded_blas()
     def solved(self) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Return multipliers, vehicles, and what is added to their accelerations (V, K-1, 3).
+        """Return multipliers, vehicles, and changes of their accelerations, shape (V, K-1, 3).
 
         Raises:
-            SolverError: the multipliers of a group are not found.
+            SolverError: no multipliers are found for a group.
         """
         inside, which, lengths = self._responses()
         scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
-        normals, needed = scales[:, None] * self.normals, scales * self.needed  # of length one
+        normals, needed = scales[:, None] * self.normals, scales * self.needed  # of unit length
         begins = np.flatnonzero(np.diff(self.groups, prepend=-1))
         units = np.maximum(np.maximum.reduceat(np.abs(needed), begins), np.finfo(float).tiny)
         unit = np.repeat(units, np.diff(begins, append=len(self)))
@@ -117,22 +118,23 @@ class Duals:
                 gram *= signs.T @ signs
             gram.flat[:: len(gram) + 1] += _RIDGE
             y[own] = multipliers_of(gram, needed[own], most[own], begin[own], by_daqp=self.by_daqp)
-            push = (unit[first] * y[own])[:, None] * normals[own]
+            weighted = (unit[first] * y[own])[:, None] * normals[own]
             vehicles.append(several)
             if signs is None:
-                added.append((responses.T @ push)[None])
+                added.append((responses.T @ weighted)[None])
             else:
-                parts = [(signs * push[:, axis]) @ responses for axis in range(3)]
+                parts = [(signs * weighted[:, axis]) @ responses for axis in range(3)]
                 added.append(np.stack(parts, axis=2))
         return unit * scales * y, np.concatenate(vehicles), np.concatenate(added)
 
     def _responses(self) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Responses that leave goals alone (U, K-1), which of them is each row's, and its length.
+        """Return different projected responses (U, K-1), the index of each row's, and its length.
 
-        A row that the goals decide has length zero.
+        Responses are projected onto the null space of the goals. A row whose value the goals alone
+        determine has length zero.
         """
         grid = self.changes.grid
-        keys = self.quantities + 1j * self.times  # sorted several times as fast as pairs of them
+        keys = self.quantities + 1j * self.times  # sorts several times as fast as pairs
         instants, which = np.unique(keys, return_inverse=True)
         numbers, times = instants.real.astype(int), instants.imag
         every = np.zeros((len(instants), grid.knots - 1))
@@ -145,7 +147,7 @@ class Duals:
         return inside, which, lengths[which] * np.where(self.other >= 0, np.sqrt(2.0), 1.0)
 
     def _signs(self, own: slice) -> tuple[IntArray, FloatArray | None]:
-        """Return a group's vehicles, and their signs in its rows, (G, R); None if it is one."""
+        """Return a group's vehicles, and their signs in its rows, (G, R); None for one vehicle."""
         one, other = self.one[own], self.other[own]
         if other.max() < 0 and (one == one[0]).all():
             return one[:1], None
@@ -156,17 +158,17 @@ class Duals:
 
 
 class GroupDuals:
-    """The motions of least cost that keep some rows, which are added by and by.
+    """Motions of least cost subject to rows, to which further rows can be added.
 
     Args:
-        effort: of the scenario.
-        groups: for each vehicle the number of its group, shape (N,).
-        motion: what those fly who have no rows; motions of minimum effort if not given.
-        backend: DAQP is asked where it is the solver; others have no part here.
+        effort: the minimum-effort motions of the scenario.
+        groups: the number of each vehicle's group, shape (N,).
+        motion: the motions of vehicles without rows; minimum-effort motions if not given.
+        backend: its executor is used, and DAQP if this is the solver.
 
     Attributes:
-        motion: of all vehicles, as last solved.
-        programs: how many were solved.
+        motion: latest motions of all vehicles.
+        programs: number of programs that were solved.
     """
 
     def __init__(
@@ -191,11 +193,11 @@ class GroupDuals:
         self._pending = np.zeros(len(groups), dtype=bool)
 
     def __len__(self) -> int:
-        """How many rows there are."""
+        """Return the number of rows."""
         return len(self._rows)
 
     def add(self, rows: HalfSpaces) -> None:
-        """Add rows; the vehicles of those that couple two are of the same group."""
+        """Add rows; two vehicles that a row couples are in the same group."""
         constraint = rows.constraint
         self._parts.append(rows)
         more = Duals(
@@ -215,10 +217,10 @@ class GroupDuals:
         self._pending[more.groups] = True
 
     def solve(self) -> None:
-        """Find the motions of the groups that have new rows.
+        """Solve the programs of the groups that have new rows.
 
         Raises:
-            SolverError: it comes to no end.
+            SolverError: no multipliers are found for a group.
         """
         rows = np.flatnonzero(self._pending[self._rows.groups])
         rows = rows[np.argsort(self._rows.groups[rows], kind="stable")]
@@ -229,12 +231,12 @@ class GroupDuals:
         blocks, least = list(_in_blocks(own)), self._effort.motion.accelerations
         places = np.split(rows, np.cumsum(list(map(len, blocks)))[:-1])
 
-        def flown() -> Iterator[tuple[IntArray, FloatArray]]:
+        def solutions() -> Iterator[tuple[IntArray, FloatArray]]:
             for place, (y, vehicles, added) in zip(places, self._solved(blocks), strict=True):
                 self._rows.multipliers[place] = y
                 yield vehicles, least[vehicles] + added
 
-        self.motion = self.motion.with_parts(flown())  # while others are still being solved
+        self.motion = self.motion.with_parts(solutions())  # while other blocks are being solved
         self.programs += len(np.unique(own.groups))
 
     def _solved(self, blocks: list[Duals]) -> Iterator[tuple[FloatArray, IntArray, FloatArray]]:
@@ -242,10 +244,10 @@ class GroupDuals:
             return map(Duals.solved, blocks)
         return self._executor.map(Duals.solved, blocks)
 
-    def pressing(self) -> list[tuple[HalfSpaces, FloatArray]]:
-        """Return the rows with multipliers above zero, as they were added, and these.
+    def active_rows(self) -> list[tuple[HalfSpaces, FloatArray]]:
+        """Return the rows with positive multipliers, part by part as added, and their multipliers.
 
-        A multiplier is half of what the cost rises with each unit that a row asks for.
+        A multiplier is half the derivative of the cost with respect to the row's right-hand side.
         """
         if not self._parts:
             return []
@@ -255,7 +257,7 @@ class GroupDuals:
 
 
 def _in_blocks(rows: Duals) -> Iterator[Duals]:
-    """Yield about `_BLOCK` rows at a time; those of a group stay together."""
+    """Yield blocks of about `_BLOCK` rows; rows of a group are in one block."""
     begins = np.flatnonzero(np.diff(rows.groups, prepend=-1))
     cuts = begins[np.flatnonzero(np.diff(begins // _BLOCK, prepend=-1))]
     for first, last in pairwise([*cuts.tolist(), len(rows)]):

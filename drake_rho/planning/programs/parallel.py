@@ -1,4 +1,4 @@
-"""The programs of many vehicles, in blocks: here or, block by block, on other processes."""
+"""Programs of many vehicles in blocks, solved in this process or in others."""
 
 from __future__ import annotations
 
@@ -19,57 +19,57 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.system.threads import single_threaded_blas
 
 _BLOCK = 128
-"""Vehicles in a block: some tens of milliseconds of work, whoever does it. It does not depend on
-how many workers there are, so that neither do the last digits of a plan."""
+"""Number of vehicles in a block: tens of milliseconds of work. It does not depend on the number of
+workers, so that plans are equal to the last digit."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answers:
-    """What was found for groups of equally many vehicles and rows."""
+    """Solutions of the programs of groups with equal numbers of vehicles and of rows."""
 
     groups: IntArray
     """indices of the vehicles, shape (B, G)"""
     accelerations: FloatArray
-    """u in units; they mean nothing where there is no solution, shape (B, G, K-1, 3)"""
+    """u in units, shape (B, G, K-1, 3); meaningless if there is no solution"""
     feasible: BoolArray
-    """whether there is a solution; if not, it is proved that there is none, shape (B,)"""
+    """whether there is a solution; if false, it is proved that there is none, shape (B,)"""
     exact: BoolArray
-    """whether it is one to the solver's tolerances, shape (B,)"""
+    """whether the solution meets the solver's tolerances, shape (B,)"""
     weights: Sequence[Callable[[], FloatArray]]
     """multipliers of each program's rows, as in `Solution`"""
     lengths: FloatArray
-    """factors that turn them into those of rows of length one, shape (B, R)"""
+    """factors by which `weights` become those of rows of length one, shape (B, R)"""
     solver: str
-    """which solver found the last"""
+    """name of the solver of the last program"""
     seconds: float
-    """time that the solver reports for itself [s]"""
+    """time reported by the solvers [s]"""
 
     def multipliers(self, index: int) -> FloatArray:
-        """Return the multipliers of one group's rows, of length one: y >= 0, shape (R,)."""
+        """Return the multipliers y >= 0 of one group's rows, scaled to length one, shape (R,)."""
         y: FloatArray = np.maximum(self.weights[index](), 0.0) * self.lengths[index]
         return y
 
     def sent(self) -> Answers:
-        """Return the same, as it can be sent from one process to another."""
+        """Return the answers in a form that can be sent to another process."""
         found = [partial(np.asarray, weights()) for weights in self.weights]
         return dataclasses.replace(self, weights=found)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Block:
-    """What another process needs to know of a block of vehicles."""
+    """Block of vehicles in a form that can be sent to another process."""
 
     changes: Changes
     rows: Sequence[Rows]
     backend: Backend
 
     def batches(self) -> Iterator[Batch]:
-        dense = self.backend.is_dense and not self.changes.free  # linear programs are for others
+        dense = self.backend.is_dense and not self.changes.free  # DAQP: no linear ones
         return programs_of(self.changes, self.rows, dense=dense)
 
     @single_threaded_blas()
     def solved(self) -> list[Answers]:
-        """Solve all programs, one after the other: other workers have other blocks."""
+        """Solve all programs one after the other; other workers solve other blocks."""
         answers = list[Answers]()
         for batch in self.batches():
             found = solve(batch.programs, self.backend)
@@ -82,12 +82,12 @@ def solve_all(
 ) -> list[Answers]:
     """Write and solve the programs of all vehicles that have rows.
 
-    The answers are the same to the last digit, wherever they are found.
+    Answers do not depend, to the last digit, on the process that computes them.
 
     Args:
-        changes: what the rows are about.
-        rows: constraint by constraint.
-        backend: Clarabel, here and to full accuracy, if not given.
+        changes: the changes of minimum-effort motions that rows refer to.
+        rows: the rows, constraint by constraint.
+        backend: if not given, Clarabel in this process, to full accuracy.
 
     Raises:
         SolverError: the solvers fail numerically.
@@ -112,7 +112,7 @@ def solve_all(
 
 
 def _in_blocks(vehicles: int, rows: Sequence[Rows]) -> Iterator[Sequence[Rows]]:
-    """Yield the rows of about `_BLOCK` vehicles at a time; those of a group stay together."""
+    """Yield the rows of blocks of about `_BLOCK` vehicles; rows of a group are in one block."""
     has_rows = np.zeros(vehicles, dtype=bool)
     for part in rows:
         has_rows[part.vehicles] = True

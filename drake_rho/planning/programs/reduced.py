@@ -1,18 +1,20 @@
 """The quadratic program (16), on Drake's `MathematicalProgram`.
 
-With u the accelerations of a vehicle, or of several that rows couple, less those of minimum effort:
+Let u be the accelerations of a vehicle, or of several that rows couple, minus those of minimum
+effort:
 
     minimise    norm(u)² + sum of penalties · slacks        (13), (14)
-    subject to  G u = 0                                      (12), with (1)-(3): the goal stays
+    subject to  G u = 0                                      (12), with (1)-(3): same final state
                 M u + slack >= b, slack >= 0                 (4)-(7), (15) and pairs, as rows
 
-Rows are affine in u by (10)-(11). Accelerations are in a unit of the scenario's scale and rows have
-length one (in the sparse form, entries of about one), so that the numbers a solver sees depend
-neither on the scale nor on the place. Only soft rows have slack. There are two forms, both exact,
-of which the cheaper one is written:
+Rows are affine in u by (10)-(11). Accelerations are in a unit of the scenario's scale, and rows are
+scaled to length one (in the sparse form, to entries of about one), so that programs depend neither
+on the scale nor on the origin of coordinates. Only soft rows have slacks. There are two exact
+forms; the cheaper one is used:
 
-- reduced space: u lies in the span of the rows of M, less what G decides, since what is orthogonal
-  to all of them only costs: one variable for each row instead of 3 (K - 1), and no equalities.
+- reduced space: u lies in the span of the rows of M, projected onto the null space of G, because a
+  component orthogonal to all rows only adds cost. There is one variable for each row instead of
+  3 (K - 1), and there are no equalities.
 - sparse (`drake_rho.planning.programs.sparse`): velocities and positions are variables too, with
   (1) and (2) as equalities, so that every row has a few entries.
 """
@@ -36,22 +38,22 @@ from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.parts import Grid
 
 _FEW = 32
-"""Rows up to which a program is written in the reduced space, whatever they are."""
+"""Number of rows up to which programs are always written in the reduced space."""
 
 _SPARSE = 2000
-"""Operations that each number of a sparse program costs, measured from 50 to 5000 knots within a
-factor of two. The reduced space of R rows costs about R² (3 K + 5 R)."""
+"""Operations per nonzero entry of a sparse program, measured from 50 to 5000 knots within a factor
+of two. A program of R rows in the reduced space needs about R² (3 K + 5 R) operations."""
 
 _DENSE = 8.0
-"""How many of these operations a solver of dense programs does in the time of one."""
+"""Number of these operations that a solver of dense programs does in the time of one."""
 
-Begun = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
-"""Sparse programs before their rows, and their variables; by how many vehicles and variables."""
+Templates = dict[tuple[int, int], tuple[MathematicalProgram, np.ndarray]]
+"""Sparse programs without rows, and their variables, by the numbers of vehicles and variables."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Batch:
-    """Programs of groups of equally many vehicles and rows, one for each group.
+    """Programs of groups with equal numbers of vehicles and of rows, one for each group.
 
     A group is one vehicle, or several that rows couple.
     """
@@ -59,18 +61,19 @@ class Batch:
     groups: IntArray
     """indices of the vehicles in the scenario, shape (B, G)"""
     programs: Sequence[Program]
-    """one for each group; its linear constraints are M and b, in the half-spaces' order"""
+    """program of each group; its linear constraints are M and b, in the order of the half-spaces"""
     basis: FloatArray | None
-    """u = basis @ variables, shape (B, 3 G (K-1), V); None if u are the first of the variables"""
+    """matrix with u = basis @ variables, shape (B, 3 G (K-1), V); None if u are the first
+    variables"""
     lengths: FloatArray
-    """factors that turn multipliers into those of rows of length one, shape (B, R)"""
+    """factors by which multipliers become those of rows of length one, shape (B, R)"""
 
     def accelerations(self, solutions: Sequence[Solution], steps: int) -> FloatArray:
         """Return the accelerations u, in units, shape (B, G, K-1, 3).
 
         Args:
-            solutions: one for each program.
-            steps: K - 1.
+            solutions: the solution of each program.
+            steps: the number of steps, K - 1.
         """
         (count, vehicles), basis = self.groups.shape, self.basis
         size = 3 * steps * vehicles if basis is None else basis.shape[2]
@@ -85,39 +88,39 @@ def programs_of(
     *,
     dense: bool = False,
 ) -> Iterator[Batch]:
-    """Yield the programs of all vehicles that have rows, the largest first, written one by one.
+    """Yield the programs of all vehicles with rows, the largest first, each written when needed.
 
     Args:
-        changes: what the rows are about.
-        rows: constraint by constraint; those of a group keep their order.
-        dense: whether they are for a solver of dense programs, as `Daqp` is: it takes hard rows as
-            they are, and more of them before the sparse form is cheaper.
+        changes: the changes of minimum-effort motions that rows refer to.
+        rows: the rows, constraint by constraint; their order within a group remains.
+        dense: whether the solver is one of dense programs, such as `Daqp`. It needs no basis of the
+            rows' span, and the sparse form pays off for more rows only.
     """
     groups = groups_of(len(changes.units), [part for part in rows if part.coupled])
     count = np.bincount(np.concatenate([groups[part.vehicles] for part in rows]))
     size = np.bincount(groups)[: len(count)]
     in_sparse = _cheaper_sparse(changes.grid.knots - 1, size, count, _DENSE if dense else 1.0)
-    alone = ~in_sparse & (size == 1)
-    if not alone.all():
-        begun: Begun = {}
-        for group, own in each_of(np.flatnonzero(~alone & (count > 0)), groups, rows):
+    single = ~in_sparse & (size == 1)
+    if not single.all():
+        templates: Templates = {}
+        for group, own in each_of(np.flatnonzero(~single & (count > 0)), groups, rows):
             vehicles = np.flatnonzero(groups == group)
             if in_sparse[group]:
-                yield _sparse(changes, vehicles, own, begun)
+                yield _sparse(changes, vehicles, own, templates)
             else:
                 yield _reduced_group(changes, vehicles, own, dense)
-        rows = [part.select(alone[groups[part.vehicles]]) for part in rows]
+        rows = [part.select(single[groups[part.vehicles]]) for part in rows]
     yield from _reduced(changes, [part for part in rows if len(part) > 0], dense)
 
 
 def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: float) -> BoolArray:
-    """Return for which groups, of so many vehicles and rows each, the sparse form is cheaper.
+    """Return flags of the groups for which the sparse form is cheaper.
 
     Args:
-        steps: K - 1.
-        vehicles: of each group.
-        rows: of each group.
-        operations: in the time of one of the reduced space's with Clarabel.
+        steps: the number of steps, K - 1.
+        vehicles: the number of vehicles of each group.
+        rows: the number of rows of each group.
+        operations: how many operations in the reduced space take the time of one with Clarabel.
     """
     many: BoolArray = rows > _FEW
     if not many.any():
@@ -128,9 +131,9 @@ def _cheaper_sparse(steps: int, vehicles: IntArray, rows: IntArray, operations: 
 
 
 def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Batch]:
-    """Yield programs of single vehicles in the reduced space; those of a size together.
+    """Yield programs of single vehicles in the reduced space, in batches of equal size.
 
-    What is as wide as a row is made for one size after the other, which fits into caches.
+    Large arrays are computed for one batch at a time, so that they fit into caches.
     """
     if not rows:
         return
@@ -164,9 +167,9 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
 
 
 def _responses(grid: Grid, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray]:
-    """Return responses of rows (U, K-1), and which of them is that of each row, shape (R,).
+    """Return the different responses, shape (U, K-1), and the index of each row's, shape (R,).
 
-    Of many rows most are at the same knots, of one vehicle or another.
+    Many rows of different vehicles refer to the same knots and so share a response.
     """
     responses, which, first = list[FloatArray](), list[IntArray](), 0
     for part in rows:
@@ -181,7 +184,7 @@ def _responses(grid: Grid, rows: Sequence[Rows]) -> tuple[FloatArray, IntArray]:
 
 
 def _reduced_group(changes: Changes, group: IntArray, rows: Sequence[Rows], dense: bool) -> Batch:
-    """Return one program, in the reduced space."""
+    """Return the program of one group in the reduced space."""
     matrix, needed, penalties = rows_of(changes, group, rows)
     entries = matrix.toarray().reshape(len(needed) * len(group), -1, 3)
     inside = np.stack([changes.inside(entries[:, :, axis]) for axis in range(3)], axis=2)
@@ -191,9 +194,9 @@ def _reduced_group(changes: Changes, group: IntArray, rows: Sequence[Rows], dens
 
 
 def slacks_of(rows: Sequence[Rows]) -> IntArray:
-    """Return the number of each half-space's slack, constraint by constraint, shape (R,)."""
+    """Return the index of each half-space's slack, constraint by constraint, shape (R,)."""
     if all(not part.soft for part in rows):
-        return np.zeros(sum(map(len, rows)), dtype=int)  # there are none
+        return np.zeros(sum(map(len, rows)), dtype=int)  # no slacks
     first = np.cumsum([0, *(1 + part.slacks.max(initial=-1) for part in rows)])[:-1]
     return np.concatenate([n + part.slacks for n, part in zip(first, rows, strict=True)])
 
@@ -201,10 +204,10 @@ def slacks_of(rows: Sequence[Rows]) -> IntArray:
 def rows_of(
     changes: Changes, group: IntArray, rows: Sequence[Rows]
 ) -> tuple[csc_array, FloatArray, FloatArray]:
-    """Return half-spaces as rows M @ u >= b of length one, u of a group, in its unit.
+    """Return half-spaces as rows M @ u >= b of length one, with u of a group in its unit.
 
     Returns:
-        M (R, 3 G (K-1)), b (R,), and what it costs to break a row by one, (R,).
+        M, shape (R, 3 G (K-1)), b, shape (R,), and penalties of a violation by one, shape (R,).
     """
     step, knots, unit = changes.grid.step, changes.grid.knots, changes.units[group].max()
     place = np.zeros(len(changes.units), dtype=int)
@@ -243,15 +246,15 @@ def _in_span(
 ) -> Batch:
     """Return programs in coordinates of an orthonormal basis of the span of their rows.
 
-    What DAQP does with rows as they are takes less time than to make that basis.
+    For DAQP no basis is computed, because this would take longer than to solve without one.
 
     Args:
-        groups: whose, shape (B, G).
-        matrices: rows that leave the goal alone, shape (B, R, 3 G (K-1)).
+        groups: the vehicles of each group, shape (B, G).
+        matrices: rows projected onto the null space of G, shape (B, R, 3 G (K-1)).
         needed: b, shape (B, R).
-        penalties: what it costs to break a row by one, shape (B, R).
-        slacks: the number of each row's slack, shape (B, R).
-        free: whether only slack costs anything.
+        penalties: penalties of a violation by one, shape (B, R).
+        slacks: the index of each row's slack, shape (B, R).
+        free: whether only violations cost anything.
         dense: as in `programs_of`.
     """
     basis: FloatArray | None = None
@@ -263,17 +266,17 @@ def _in_span(
     return Batch(groups, programs, basis, np.ones(needed.shape))
 
 
-def _sparse(changes: Changes, group: IntArray, rows: Sequence[Rows], begun: Begun) -> Batch:
-    """Return the program in the accelerations and in the states that its rows bound.
+def _sparse(changes: Changes, group: IntArray, rows: Sequence[Rows], templates: Templates) -> Batch:
+    """Return the program whose variables are accelerations and the states that rows refer to.
 
-    Variables, cost and dynamics take longer to write than the rows do, and are the same for many:
-    they are copied from `begun`, in which they are put if they are not there.
+    Variables, cost and dynamics take longer to write than rows and are the same in many programs:
+    they are copied from `templates`, to which new ones are added.
     """
     sparse = SparseRows(changes, group, rows)
     form = len(group), sparse.columns
-    if form not in begun:
-        begun[form] = without_rows(sparse)
-    common, x = begun[form]
+    if form not in templates:
+        templates[form] = without_rows(sparse)
+    common, x = templates[form]
     program = common.Clone()
     matrix, needed, penalties, lengths = sparse.matrix()
     add_rows(program, matrix, needed, penalties, slacks_of(rows), x)

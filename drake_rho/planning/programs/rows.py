@@ -1,4 +1,4 @@
-"""Rows as programs take them: arrays about changes of a motion, which processes can be sent."""
+"""Rows of programs: arrays that refer to changes of a motion and can be sent to processes."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from drake_rho.scenario.parts import Quantity
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of one constraint: normal · (what changes add to a quantity) + slack >= needed."""
+    """Rows of one constraint: normal · (change of a quantity) + slack >= needed."""
 
     quantity: Quantity
-    """what they bound"""
+    """bounded quantity"""
     penalty: float
-    """cost of each unit of slack; infinite where there is none"""
+    """cost of each unit of slack; infinite if there is no slack"""
     coupled: bool
-    """whether they bound what a vehicle's changes add less what its partner's do"""
+    """whether rows bound the change of a vehicle's quantity minus that of its partner's"""
     vehicles: IntArray
-    """shape (R,)"""
+    """index of each row's vehicle, shape (R,)"""
     partners: IntArray
-    """shape (R,)"""
+    """index of each row's other vehicle if `coupled`, shape (R,)"""
     times: FloatArray
-    """when [s], shape (R,)"""
+    """times since the first knot [s], shape (R,)"""
     normals: FloatArray
     """unit vectors, shape (R, 3)"""
     needed: FloatArray
-    """in the quantity's unit, shape (R,)"""
+    """required changes, in the quantity's unit, shape (R,)"""
     slacks: IntArray
-    """numbers, the same for rows that share a slack, shape (R,)"""
+    """index of each row's slack, equal for rows that share one, shape (R,)"""
 
     @classmethod
     def of(cls, part: HalfSpaces, motion: Motion) -> Self:
-        """Return half-spaces as rows about what is added to a motion of all vehicles."""
+        """Return half-spaces as rows that refer to changes of a motion of all vehicles."""
         return cls(
             part.constraint.quantity,
             part.constraint.penalty,
@@ -55,7 +55,7 @@ class Rows:
         )
 
     def __len__(self) -> int:
-        """R."""
+        """Return the number of rows, R."""
         return len(self.times)
 
     def select(self, rows: BoolArray | IntArray | slice) -> Rows:
@@ -72,16 +72,16 @@ class Rows:
 
     @property
     def soft(self) -> bool:
-        """Whether they may be broken."""
+        """Whether rows may be violated."""
         return bool(np.isfinite(self.penalty))
 
 
 def groups_of(vehicles: int, coupled: Sequence[Rows | HalfSpaces]) -> IntArray:
-    """Return the number of each vehicle's group: those that rows couple have the same.
+    """Return the number of each vehicle's group; vehicles that rows couple are in one group.
 
     Args:
-        vehicles: N.
-        coupled: rows about differences.
+        vehicles: the number of vehicles, N.
+        coupled: the rows that couple two vehicles.
     """
     if not coupled:
         return np.arange(vehicles)
@@ -95,15 +95,15 @@ def groups_of(vehicles: int, coupled: Sequence[Rows | HalfSpaces]) -> IntArray:
 def each_of(
     wanted: IntArray, numbers: IntArray, rows: Sequence[Rows]
 ) -> Iterator[tuple[int, list[Rows]]]:
-    """Yield the rows of parts of a fleet, sorted by part once, as there may be many.
+    """Yield the rows of parts of a fleet; rows are sorted by part once, since there may be many.
 
     Args:
-        wanted: numbers of parts.
+        wanted: the numbers of the parts to yield.
         numbers: the number of each vehicle's part, shape (N,).
-        rows: of all vehicles.
+        rows: the rows of all vehicles.
 
     Yields:
-        Each number that is wanted, and the rows of the vehicles that have it.
+        The number of each part, and the rows of its vehicles.
     """
     if len(wanted) == 0:
         return
@@ -116,5 +116,5 @@ def each_of(
 
 
 def about(motion: Motion, parts: Iterable[HalfSpaces]) -> list[Rows]:
-    """Return half-spaces, constraint by constraint, as rows about what is added to a motion."""
+    """Return half-spaces, constraint by constraint, as rows that refer to changes of a motion."""
     return [Rows.of(part, motion) for part in parts]

@@ -1,4 +1,4 @@
-"""What a solver says of one program, whichever it is."""
+"""Result of one program in a form common to all solvers: `Solution`."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from drake_rho.scenario.fields import FloatArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Solution:
-    """What a solver says of one program."""
+    """Result of one program."""
 
     x: FloatArray
-    """values of the program's variables; they mean nothing unless `feasible`"""
+    """values of the program's variables; meaningless unless `feasible`"""
     feasible: bool
-    """whether there is a solution; if not, the solver has proved that there is none"""
+    """whether there is a solution; if false, the solver has proved that there is none"""
     solver: str
-    """which solver said so"""
+    """name of the solver"""
     seconds: float
-    """time the solver reports for itself [s]"""
+    """time reported by the solver [s]"""
     multipliers: Callable[[], FloatArray]
-    """those of the program's linear constraints in their order, bounds of single variables and
-    equations left out: at least 0 for rows M x >= b. Those of cones come after them. Of a program
-    without a solution they are weights with which its rows contradict each other (Farkas), where
-    the solver gives any. Most are never asked for"""
+    """function, since most are not needed, that returns multipliers of the linear constraints in
+    their order, at least 0 for rows M x >= b, followed by those of cones. Bounds of variables and
+    equalities are omitted. If there is no solution, they are weights with which rows contradict
+    each other (Farkas), provided the solver returns any"""
     exact: bool = True
-    """whether it is one to the solver's tolerances; else it shows no more than where rows may be
-    missing"""
+    """whether the solution meets the solver's tolerances; an inexact one only indicates where rows
+    may be missing"""

@@ -1,4 +1,4 @@
-"""The only call of a solver, and the one place that judges what it says."""
+"""Calls of solvers, with further solvers where one fails numerically."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.system.threads import thread_pool
 
 
-def _is_told(record: logging.LogRecord) -> bool:
-    """Return whether a line of Drake's log is for users: not how a solver ended."""
+def _is_for_users(record: logging.LogRecord) -> bool:
+    """Return whether a line of Drake's log is of interest to users: not a solver's exit status."""
     return not record.getMessage().startswith("Clarabel returns")
 
 
-logging.getLogger("drake").addFilter(_is_told)
+logging.getLogger("drake").addFilter(_is_for_users)
 
 _Options = dict[str, float | int]
 
 _CLARABEL: _Options = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
-"""One to two digits tighter than Drake's defaults, so that a row kept by the solver is kept by the
-verifier too."""
+"""One to two digits tighter than Drake's defaults, so that a row satisfied for the solver is
+satisfied for the verifier too."""
 
 _CLARABEL_QUICK: _Options = {**_CLARABEL, "iterative_refinement_enable": 0}
-"""To the same tolerances, in two thirds of the time: the linear systems of its iterations, solved
-to fewer digits, lead to the same solution as long as rows are well scaled."""
+"""The same tolerances in two thirds of the time: linear systems are solved to fewer digits, which
+leads to the same solution as long as rows are well scaled."""
 
 _CLARABEL_AGAIN: _Options = {}
-"""Drake's defaults, 1e-8: for programs of many thousand variables, where rounding ends earlier."""
+"""Drake's defaults, 1e-8, for programs with many thousand variables and larger rounding errors."""
 
 _OSQP: _Options = {
     # At its default tolerances OSQP reports success with a cost that is wrong in the fourth
-    # digit; at these it agrees with Clarabel to 1e-6.
+    # digit; at these tolerances it agrees with Clarabel to 1e-6.
     "eps_abs": 1e-9,
     "eps_rel": 1e-9,
     "eps_prim_inf": 1e-9,
@@ -66,35 +66,35 @@ _OSQP: _Options = {
 }
 
 _LEAST_TIME = 1e-3
-"""Time that a solver has at least [s]."""
+"""Least time limit of a solver [s]."""
 
 _CHUNK = 40_000
-"""Squared variables of the programs that a thread is given at once, some ten milliseconds: less
-work than that is done where it is asked for, since to wake another core takes time too."""
+"""Sum of squared numbers of variables of the programs that a thread solves at once, about ten
+milliseconds of work. Less work is done in the calling thread, since starting another takes time."""
 
 MAX_RETRIES = 1
-"""How often programs are solved again whose solutions do not keep their rows."""
+"""Number of times that programs are solved again if solutions violate their rows."""
 
 _INFEASIBLE = {SolutionResult.kInfeasibleConstraints, SolutionResult.kInfeasibleOrUnbounded}
 
 
 def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[Solution]:
-    """Solve independent programs, here and one after the other.
+    """Solve independent programs one after the other in this process.
 
-    A program on which the solver fails numerically is given to others: Clarabel with tight and
-    then with its usual tolerances, and OSQP or, for one that is linear and thus none for OSQP, CLP.
-    Where all fail, the first solution that is almost one is given, if there is any.
+    If the solver fails numerically on a program, others follow: Clarabel with tight and then with
+    default tolerances, and OSQP or, for linear programs, CLP. If all fail, the first inexact
+    solution is returned, if there is one.
 
     Args:
         programs: convex quadratic programs, or linear ones.
-        backend: its executor is left alone; Clarabel to full accuracy if not given.
+        backend: its executor is not used; Clarabel to full accuracy if not given.
 
     Raises:
-        SolverError: no solver found a solution, almost one, or a proof that there is none.
+        SolverError: no solver found a solution or a proof that there is none.
     """
     backend = backend or Backend()
     solutions: dict[int, Solution] = {}
-    almost: dict[int, Solution] = {}
+    inexact: dict[int, Solution] = {}
     attempts: Iterable[tuple[Solver, _Options]] = _attempts(backend)
     if backend.others_first:
         own = name_of(backend.first)
@@ -106,19 +106,19 @@ def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[S
         left = [
             index
             for index, program in enumerate(programs)
-            if index not in solutions and _knows(attempt, program)
+            if index not in solutions and _accepts(attempt, program)
         ]
         if not left:
             continue
         answers = _solve_with(attempt, options, [programs[index] for index in left])
         for index, answer in zip(left, answers, strict=True):
             if answer is not None:
-                kept = solutions if answer.exact else almost
-                kept.setdefault(index, answer)
-    solutions = almost | solutions
+                found = solutions if answer.exact else inexact
+                found.setdefault(index, answer)
+    solutions = inexact | solutions
     failed = len(programs) - len(solutions)
     if failed:
-        check_time()  # which may be why
+        check_time()  # the time limit may be the reason
         raise SolverError(f"all solvers failed numerically on {failed} of {len(programs)} programs")
     return [solutions[index] for index in range(len(programs))]
 
@@ -126,13 +126,13 @@ def solve(programs: Sequence[Program], backend: Backend | None = None) -> list[S
 def solve_side_by_side(
     batches: Iterable[Sequence[Program]], backend: Backend | None = None
 ) -> list[list[Solution]]:
-    """Solve batches of programs on all cores, the first while the next are still being written.
+    """Solve batches of programs on all cores, the first while others are still being written.
 
-    The solvers themselves use one thread each.
+    Each solver uses one thread. Errors are those of `solve`.
 
     Args:
-        batches: programs, made when they are asked for.
-        backend: as for `solve`, which also says what is raised.
+        batches: the programs, written when the iterator yields them.
+        backend: as for `solve`.
 
     Returns:
         The solutions, batch by batch.
@@ -154,7 +154,7 @@ def solve_side_by_side(
 
 
 def _attempts(backend: Backend) -> Iterator[tuple[Solver, _Options]]:
-    """Yield solvers and their options in the order in which they are asked: mostly one."""
+    """Yield solvers and their options in order; usually the first one succeeds."""
     name = name_of(first := backend.first)
     if name != "Clarabel":
         yield first, _OSQP if name == "OSQP" else {}
@@ -168,10 +168,11 @@ def _attempts(backend: Backend) -> Iterator[tuple[Solver, _Options]]:
         yield ClpSolver(), {}
 
 
-def _knows(solver: Solver, program: Program) -> bool:
-    """Return whether the solver takes such a program: OSQP no linear ones, CLP no others.
+def _accepts(solver: Solver, program: Program) -> bool:
+    """Return whether a solver accepts a program.
 
-    DAQP takes dense quadratic programs only; cones are for Clarabel alone.
+    OSQP accepts no linear programs, CLP no others. DAQP accepts dense quadratic programs only, and
+    only Clarabel accepts cones.
     """
     dense = isinstance(program, DenseProgram)
     if not dense and program.lorentz_cone_constraints():
@@ -183,7 +184,7 @@ def _knows(solver: Solver, program: Program) -> bool:
 
 
 def _work(program: Program, dense: bool) -> int:
-    """Return the squared number of variables, or what takes a dense solver as long."""
+    """Return the squared number of variables, or the equivalent work of a dense solver."""
     if not isinstance(program, DenseProgram):
         return int(program.num_vars()) ** 2
     if dense:
@@ -201,28 +202,28 @@ def _solve_with(
         options.SetOption(solver.solver_id(), key, value)
     if name_of(solver) == "Clarabel" and (left := seconds_left()) < np.inf:
         options.SetOption(solver.solver_id(), "time_limit", max(left, _LEAST_TIME))
-    written = [each.written if isinstance(each, DenseProgram) else each for each in programs]
+    in_drake = [each.written if isinstance(each, DenseProgram) else each for each in programs]
     results = SolveInParallel(
-        progs=written,
+        progs=in_drake,
         solver_options=options,
         solver_id=solver.solver_id(),
         parallelism=Parallelism(1),
     )
     name = name_of(solver)
-    return [_judge(name, *each) for each in zip(written, results, strict=True)]
+    return [_solution(name, *each) for each in zip(in_drake, results, strict=True)]
 
 
-def _judge(
+def _solution(
     name: str, program: MathematicalProgram, result: MathematicalProgramResult
 ) -> Solution | None:
-    """Return the solution, or None if the solver failed."""
+    """Return a solver's result, or None if the solver failed."""
     feasible = bool(result.is_success())
     if not feasible and result.get_solution_result() not in _INFEASIBLE:
         return None
     details = result.get_solver_details()
-    exact = getattr(details, "status", "") != "AlmostSolved"  # Clarabel, far from its tolerances
+    exact = getattr(details, "status", "") != "AlmostSolved"  # Clarabel's name for a low accuracy
     seconds = 0.0
-    for field in ("solve_time", "run_time"):  # Clarabel's and OSQP's names for it
+    for field in ("solve_time", "run_time"):  # names of Clarabel and of OSQP
         seconds = float(getattr(details, field, seconds))
     multipliers = partial(_multipliers, program, result)
     return Solution(result.get_x_val(), feasible, name, seconds, multipliers, exact)

@@ -1,11 +1,11 @@
-"""Sparse rows, for vehicles that have many: velocities and positions as variables of their own.
+"""Sparse form of programs with many rows: velocities and positions are variables too.
 
-In terms of the accelerations alone a row of velocity or position has as many entries as steps lie
-before it. With (1) and (2) as equalities it has a few, and the program grows with K as the rows do.
+In terms of accelerations only, a row of a velocity or position has an entry for every step before
+it. With (1) and (2) as equalities it has a few entries, and the program grows linearly in K.
 
-The variables are u, then the velocities and the positions at the knots after the first, as far as
-rows need them, all counted from the motion of minimum effort. Velocities are in units of u h
-and positions of u h², so that (1) and (2) have entries of about one, however many steps there are.
+The variables are u, then the velocities and the positions at the knots after the first, if rows
+need them; all are differences from the minimum-effort motion. Velocities are in units of u h and
+positions in units of u h², so that (1) and (2) have entries of about one for any number of steps.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import Quantity
 
 _Term = tuple[IntArray, FloatArray]
-"""Where a row has entries, as numbers of vectors among the variables (-1 for none), and what."""
+"""Indices of the vectors of variables at which rows have entries (-1 for none), and factors."""
 
 
 class SparseRows:
     """Rows of a group of vehicles as sparse rows matrix @ x >= needed.
 
     Args:
-        changes: what the rows are about.
+        changes: the changes of minimum-effort motions that rows refer to.
         group: the indices of the vehicles, shape (G,).
-        rows: constraint by constraint.
-        beside: others in the same program, whose quantities its variables speak of too.
+        rows: the rows, constraint by constraint.
+        beside: other rows of the same program, whose quantities also need variables.
 
     Attributes:
-        changes: what the rows are about.
+        changes: the changes of minimum-effort motions that rows refer to.
         group: the indices of the vehicles, shape (G,).
-        steps: K - 1.
+        steps: the number of steps, K - 1.
     """
 
     def __init__(
@@ -53,9 +53,9 @@ class SparseRows:
     ) -> None:
         self.changes, self.group, self.steps = changes, group, changes.grid.knots - 1
         self._rows = [part for part in rows if len(part) > 0]
-        spoken_of = {part.quantity for part in (*self._rows, *beside)}
-        self._positions = "position" in spoken_of
-        self._velocities = self._positions or "velocity" in spoken_of
+        quantities = {part.quantity for part in (*self._rows, *beside)}
+        self._positions = "position" in quantities
+        self._velocities = self._positions or "velocity" in quantities
 
     @property
     def columns(self) -> int:
@@ -63,7 +63,7 @@ class SparseRows:
         return 3 * self.steps * len(self.group) * (1 + self._velocities + self._positions)
 
     def dynamics(self) -> Iterator[csc_matrix]:
-        """Yield (1) and (2) for the states there are: matrices whose product with x is zero."""
+        """Yield (1) and (2) for the states among the variables: matrices with matrix @ x = 0."""
         blocks = 1 + self._velocities + self._positions
         for order in range(1, blocks):
             yield _dynamics(self.steps, len(self.group), order, blocks)
@@ -72,8 +72,8 @@ class SparseRows:
         """Return the rows.
 
         Returns:
-            The matrix, `needed`, what it costs to break a row by one, and factors that turn the
-            multipliers of the rows into those of rows of length one.
+            The matrix, `needed`, penalties of a violation by one, and factors by which multipliers
+            of the rows become those of rows of length one.
         """
         grid, unit = self.changes.grid, self.changes.units[self.group].max()
         places, entries, needed, penalties, lengths = [], [], [], [], []
@@ -100,7 +100,7 @@ class SparseRows:
         return matrix, np.concatenate(needed), np.concatenate(penalties), np.concatenate(lengths)
 
     def _terms(self, rows: Rows) -> list[_Term]:
-        """Return the terms that a quantity, in its scale, is the sum of."""
+        """Return the terms whose sum is the rows' quantity, in its scale."""
         terms = self._terms_of(rows, rows.vehicles)
         if rows.coupled:
             less = self._terms_of(rows, rows.partners)
@@ -110,7 +110,7 @@ class SparseRows:
     def _terms_of(self, rows: Rows, vehicles: IntArray) -> list[_Term]:
         n, h = self.steps, self.changes.grid.step
         one, all_steps = np.ones(len(rows)), n * len(self.group)
-        u = n * np.searchsorted(self.group, vehicles)  # where the vehicle's variables begin
+        u = n * np.searchsorted(self.group, vehicles)  # index of the vehicle's first vector
         if rows.quantity in ("acceleration", "jerk"):
             k = step_at(rows.times, h)
             if rows.quantity == "acceleration":
@@ -118,7 +118,7 @@ class SparseRows:
             return [(u + k, one), (np.where(k > 0, u + k - 1, -1), -one)]
         k = np.minimum(step_at(rows.times, h), n - 1)
         s = rows.times / h - k
-        # knots count from 0, the states' variables from the first knot after that
+        # knots count from 0; the first state variable belongs to knot 1
         velocities = np.where(k > 0, all_steps + u + k - 1, -1)
         if rows.quantity == "velocity":
             return [(velocities, one), (u + k, s)]
@@ -127,12 +127,12 @@ class SparseRows:
 
 
 def scale_of(quantity: Quantity, step: float) -> float:
-    """Return what one of a quantity in a sparse program's rows is, accelerations being one."""
+    """Return the unit of a quantity in rows of sparse programs, for a unit acceleration of 1."""
     return step ** {"position": 2, "velocity": 1, "acceleration": 0, "jerk": -1}[quantity]
 
 
 def without_rows(sparse: SparseRows) -> tuple[MathematicalProgram, np.ndarray]:
-    """Return a sparse program with its cost, goal and dynamics only, and its variables."""
+    """Return a sparse program with only its cost, goal and dynamics, and its variables."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(sparse.columns)
     u = x[: 3 * sparse.steps * len(sparse.group)]
@@ -146,7 +146,7 @@ def without_rows(sparse: SparseRows) -> tuple[MathematicalProgram, np.ndarray]:
 
 
 def add_goal(to: MathematicalProgram, changes: Changes, u: np.ndarray) -> None:
-    """(12): position and velocity at the last knot stay those of minimum effort."""
+    """Add (12): position and velocity at the last knot remain those of minimum effort."""
     rows, steps = changes.goals, changes.grid.knots - 1
     for first in range(0, len(u) if len(rows) > 0 else 0, 3 * steps):
         for axis in range(3):
@@ -156,13 +156,13 @@ def add_goal(to: MathematicalProgram, changes: Changes, u: np.ndarray) -> None:
 
 @lru_cache(maxsize=16)
 def _dynamics(steps: int, vehicles: int, order: int, blocks: int) -> csc_matrix:
-    """(1), for order 1, or (2), for order 2, of all vehicles and axes.
+    """Return (1), for order 1, or (2), for order 2, of all vehicles and axes.
 
     Args:
-        steps: K - 1.
-        vehicles: G.
+        steps: the number of steps, K - 1.
+        vehicles: the number of vehicles, G.
         order: 1 or 2.
-        blocks: kinds of variables: accelerations, velocities, positions.
+        blocks: the number of kinds of variables: accelerations, velocities, positions.
     """
     one = eye_array(steps)
     before = diags_array([np.ones(steps - 1)], offsets=[-1], shape=(steps, steps))

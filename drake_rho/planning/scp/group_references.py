@@ -215,7 +215,7 @@ class InGroups:
         """Record the active rows, and form groups of the pairs with the largest multiplier sums."""
         assert self.groups is not None  # noqa: S101  # set before the linearisation
         active, weighted = dict[Hashable, HalfSpaces](), list[FloatArray]()
-        for rows, multipliers in program.pressing():
+        for rows, multipliers in program.active_rows():
             if rows.constraint.key in (PAIRS, _BETWEEN_GROUPS):
                 first, second = np.sort([rows.vehicles, rows.partners], axis=0)
                 rows = dataclasses.replace(rows, constraint=pairs, vehicles=first, partners=second)

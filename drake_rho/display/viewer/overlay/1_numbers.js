@@ -1,32 +1,32 @@
-// What is laid over Drake's Meshcat: names, numbers and controls.
+// Overlay of names, numbers and controls over Drake's Meshcat.
 //
-// The scene and its recording are Meshcat's, in the global `viewer`. This module owns the time: it
-// moves the recording to it, and says what the block of data, computed in Python, holds for it. All
-// names are set as text, never as markup. `window.drakeRho` is what films and tests hold on to.
+// The scene and its recording are Meshcat's, in the global `viewer`. This module holds the current
+// time, seeks the recording to it, and shows the numbers of the block of data, which Python computed.
+// All names are inserted as text, never as markup. Films and tests use `window.drakeRho`.
 "use strict";
 
-const told = JSON.parse(document.getElementById("drake-rho").textContent);
+const data = JSON.parse(document.getElementById("drake-rho").textContent);
 const THREE = MeshCat.THREE;
-const VIEWS = { free: told.view, top: [-90, 89.9], side: [-90, 0] }; // azimuth, elevation [deg]
+const VIEWS = { free: data.view, top: [-90, 89.9], side: [-90, 0] }; // azimuth, elevation [deg]
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8];
-const FOLDED = 8; // rows of a fleet that is folded
+const FOLDED = 8; // rows of a folded table
 const SCALES = {
-  // from low to high, evenly spaced: viridis, and from red (nothing left) over yellow to blue
+  // from low to high, evenly spaced: viridis, and red (no clearance) to yellow to blue
   speed: ["#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725"],
   clearance: ["#c4161c", "#f4803c", "#fbd14b", "#8fc9b5", "#3f8fc4", "#2c5aa0"],
 };
 const state = {
   time: 0, playing: true, speed: 1, loop: true, view: "free", follow: null, colour: "vehicle",
-  sort: "order", descending: false, unfolded: told.vehicles.length <= FOLDED + 4, tween: null, film: false,
+  sort: "order", descending: false, unfolded: data.vehicles.length <= FOLDED + 4, tween: null, film: false,
 };
-if (!state.unfolded) state.sort = "clearance"; // of a fleet those that have least room
-let order = told.vehicles.map((_, index) => index); // of the rows, from the top
-let ordered = 0; // when they were last sorted [ms]
+if (!state.unfolded) state.sort = "clearance"; // the least clearances of a fleet first
+let order = data.vehicles.map((_, index) => index); // vehicles of the rows, from the top
+let ordered = 0; // time at which the rows were last sorted [ms]
 
 // ---------------------------------------------------------------- numbers
 
-/** Frame at or before a time, and how far the time is on the way to the next one. */
-function frameAt(time, times = told.times) {
+/** Return the frame at or before a time, and the fraction of the interval to the next frame. */
+function frameAt(time, times = data.times) {
   let low = 0;
   let high = times.length - 1;
   while (high - low > 1) {
@@ -43,15 +43,15 @@ function between(values, [frame, part]) {
   return one === null || next === null ? null : one + part * (next - one);
 }
 
-/** What is read off at the present time. */
+/** Return all numbers at the current time. */
 function readings() {
   const at = frameAt(state.time);
   return {
-    time: told.start + state.time,
-    speeds: told.speeds.map((values) => between(values, at)),
-    clearances: told.clearances.map((values) => between(values, at)),
-    nearest: told.nearest.map((values) => values[at[0] + Math.round(at[1])] ?? values.at(-1)),
-    curves: told.curves.map((curve) => between(curve.values, frameAt(state.time, curve.times))),
+    time: data.start + state.time,
+    speeds: data.speeds.map((values) => between(values, at)),
+    clearances: data.clearances.map((values) => between(values, at)),
+    nearest: data.nearest.map((values) => values[at[0] + Math.round(at[1])] ?? values.at(-1)),
+    curves: data.curves.map((curve) => between(curve.values, frameAt(state.time, curve.times))),
   };
 }
 
@@ -63,10 +63,10 @@ function inDigits(value, unit = "") {
   return unit ? `${text} ${unit}` : text;
 }
 
-/** What is nearest to a vehicle: an obstacle's name or a vehicle's. */
+/** Return the name of the nearest obstacle or vehicle. */
 function nearestName(number) {
-  const bodies = told.obstacles.length;
-  return number < bodies ? told.obstacles[number].name : told.vehicles[number - bodies].name;
+  const bodies = data.obstacles.length;
+  return number < bodies ? data.obstacles[number].name : data.vehicles[number - bodies].name;
 }
 
 // ---------------------------------------------------------------- elements
@@ -101,7 +101,7 @@ function choice(parent, title, options, action) {
   return made;
 }
 
-document.title = `${told.name} – drake_rho`;
+document.title = `${data.name} – drake_rho`;
 const overlay = element(document.body, "div");
 overlay.id = "overlay";
 const labels = element(overlay, "div", "labels");

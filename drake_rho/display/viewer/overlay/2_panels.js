@@ -1,9 +1,9 @@
-// What is said beside the scene: time, vehicles and plots, and the controls.
+// Panels beside the scene: time, table of vehicles, plots and controls.
 
 // ---------------------------------------------------------------- title, tools, transport
 
 const title = element(overlay, "section", "card headline");
-element(title, "h1", "", told.name).title = told.name;
+element(title, "h1", "", data.name).title = data.name;
 const clock = element(title, "div", "clock num");
 const clockValue = element(clock, "span");
 element(clock, "small", "", "s");
@@ -17,15 +17,15 @@ const views = Object.fromEntries(
   ]),
 );
 const followed = choice(
-  tools, "follow a vehicle", [["", "Follow…"], ...told.vehicles.map(({ label }, index) => [index, label])],
+  tools, "follow a vehicle", [["", "Follow…"], ...data.vehicles.map(({ label }, index) => [index, label])],
   (value) => follow(value === "" ? null : Number(value)),
 );
 const coloured = choice(
-  tools, "colour by", [["vehicle", "Colour: vehicle"], ...Object.keys(told.ranges).map((by) => [by, `Colour: ${by}`])],
+  tools, "colour by", [["vehicle", "Colour: vehicle"], ...Object.keys(data.ranges).map((by) => [by, `Colour: ${by}`])],
   colourBy,
 );
 const menu = element(tools, "div", "menu");
-button(menu, "Show ▾", "what is shown", () => menu.classList.toggle("open"));
+button(menu, "Show ▾", "layers", () => menu.classList.toggle("open"));
 const layers = element(menu, "div", "card");
 button(tools, "◐", "light or dark (d)", () => theme(!dark()));
 button(tools, "▤", "numbers (n)", () => fold(!document.body.classList.contains("folded")));
@@ -34,11 +34,11 @@ const transport = element(overlay, "nav", "card transport");
 const playButton = button(transport, "", "play or pause (space)", () => play(!state.playing));
 playButton.className = "play";
 const slider = element(transport, "input");
-Object.assign(slider, { type: "range", min: 0, max: told.duration, step: "any", title: "time" });
+Object.assign(slider, { type: "range", min: 0, max: data.duration, step: "any", title: "time" });
 slider.addEventListener("input", () => seek(Number(slider.value)));
 const end = element(transport, "span", "soft num");
 choice(transport, "speed", SPEEDS.map((speed) => [speed, `${speed} ×`]), (value) => (state.speed = Number(value))).value = 1;
-const loopButton = button(transport, "↻", "again from the start (l)", () => loop(!state.loop));
+const loopButton = button(transport, "↻", "repeat (l)", () => loop(!state.loop));
 
 // ---------------------------------------------------------------- vehicles
 
@@ -62,7 +62,7 @@ const more = button(panel, "", "all vehicles", () => {
   update(true);
 });
 more.className = "more";
-more.hidden = told.vehicles.length <= FOLDED + 4;
+more.hidden = data.vehicles.length <= FOLDED + 4;
 
 const rows = [];
 function row(place) {
@@ -78,7 +78,7 @@ function row(place) {
 }
 
 function sorted(now) {
-  const order = told.vehicles.map((_, index) => index);
+  const order = data.vehicles.map((_, index) => index);
   const values = { speed: now.speeds, clearance: now.clearances }[state.sort];
   const key = values ? (index) => values[index] ?? Infinity : (index) => index;
   return order.sort((one, other) => (key(one) - key(other) || one - other) * (state.descending ? -1 : 1));
@@ -86,7 +86,7 @@ function sorted(now) {
 
 function updateTable(now, atOnce) {
   if (atOnce || performance.now() - ordered > 1000) {
-    order = sorted(now); // once a second, to be read
+    order = sorted(now); // once a second, so that the table can be read
     ordered = performance.now();
   }
   const shown = state.unfolded ? order.length : FOLDED;
@@ -99,14 +99,14 @@ function updateTable(now, atOnce) {
     const each = row(place);
     if (each.vehicle !== index) {
       each.vehicle = index;
-      each.name.textContent = told.vehicles[index].label;
+      each.name.textContent = data.vehicles[index].label;
     }
     const clear = now.clearances[index];
     each.swatch.style.background = colourOf(index, now);
     each.speed.textContent = inDigits(now.speeds[index]);
     each.clearance.textContent = inDigits(clear);
-    each.clearance.classList.toggle("bad", clear !== null && clear < -told.tolerance);
-    each.line.title = told.vehicles[index].name + (clear === null ? "" : ` – nearest: ${nearestName(now.nearest[index])}`);
+    each.clearance.classList.toggle("bad", clear !== null && clear < -data.tolerance);
+    each.line.title = data.vehicles[index].name + (clear === null ? "" : ` – nearest: ${nearestName(now.nearest[index])}`);
     each.line.classList.toggle("followed", state.follow === index);
     each.line.hidden = false;
   }
@@ -118,7 +118,7 @@ function updateTable(now, atOnce) {
 
 const WIDE = 264;
 const HIGH = 74;
-const plots = told.curves.map((curve) => {
+const plots = data.curves.map((curve) => {
   const box = element(panel, "section", "plot");
   const header = element(box, "header");
   element(header, "span", "", curve.title).title = curve.how;
@@ -128,7 +128,7 @@ const plots = told.curves.map((curve) => {
   const highest = curve.values.reduce((most, value) => Math.max(most, value ?? most), curve.limit ?? 0);
   const bottom = Math.min(least, curve.limit ?? 0);
   const lowest = bottom - (curve.limit === null ? 0 : 0.12 * (highest - bottom));
-  const x = (time) => (time / told.duration) * WIDE;
+  const x = (time) => (time / data.duration) * WIDE;
   const y = (height) => HIGH - 4 - ((height - lowest) / (highest - lowest || 1)) * (HIGH - 10);
   drawing(svg, "path", { class: "curve", d: path(curve, x, y) });
   if (curve.limit !== null) {
@@ -138,19 +138,19 @@ const plots = told.curves.map((curve) => {
   drawing(svg, "circle", { class: "lowest", cx: x(when), cy: y(least), r: 3.2 });
   const now = drawing(svg, "line", { class: "now", y1: 0, y2: HIGH });
   const drag = (event) => {
-    if (event.buttons === 1) seek(((event.clientX - svg.getBoundingClientRect().left) / svg.clientWidth) * told.duration);
+    if (event.buttons === 1) seek(((event.clientX - svg.getBoundingClientRect().left) / svg.clientWidth) * data.duration);
   };
   svg.addEventListener("pointerdown", drag);
   svg.addEventListener("pointermove", drag);
-  const knots = told.knotsOnly ? ", asked at the knots only: closer between them is allowed" : "";
-  const limit = curve.limit === null ? "none is asked for" : `limit ${curve.limit} m${knots}`;
-  const [who, whom] = curve.closest;
-  element(box, "footer", "", `least ${inDigits(least, "m")} at ${inDigits(told.start + when, "s")}, ${who} – ${whom}; ${limit}`);
+  const knots = data.knotsOnly ? ", checked at the knots only" : "";
+  const limit = curve.limit === null ? "no separation required" : `limit ${curve.limit} m${knots}`;
+  const [one, other] = curve.closest;
+  element(box, "footer", "", `least ${inDigits(least, "m")} at ${inDigits(data.start + when, "s")}, ${one} – ${other}; ${limit}`);
   if (curve.how) element(box, "footer", "", curve.how);
   return { curve, value, now, x };
 });
 
-/** The path of a curve, with gaps where it has no value. */
+/** Return the SVG path of a curve, with gaps where it has no value. */
 function path(curve, x, y) {
   let pen = "M";
   return thinned(curve)
@@ -163,11 +163,11 @@ function path(curve, x, y) {
     .join("");
 }
 
-/** Points of a curve that show in a plot: of those in one pixel the lowest and the highest. */
+/** Return the points of a curve to plot: the lowest and the highest of each pixel. */
 function thinned({ times, values }) {
   const bins = new Map();
   values.forEach((value, m) => {
-    const bin = Math.floor((times[m] / told.duration) * WIDE * 2);
+    const bin = Math.floor((times[m] / data.duration) * WIDE * 2);
     const [low, high] = bins.get(bin) ?? [m, m];
     if (value === null || values[low] === null) bins.set(bin, [m, m]);
     else bins.set(bin, [value < values[low] ? m : low, value > values[high] ? m : high]);
@@ -179,7 +179,7 @@ function updatePlots(now) {
   plots.forEach(({ curve, value, now: line, x }, index) => {
     const present = now.curves[index];
     value.textContent = inDigits(present, "m");
-    value.classList.toggle("bad", curve.limit !== null && present !== null && present < curve.limit - told.tolerance);
+    value.classList.toggle("bad", curve.limit !== null && present !== null && present < curve.limit - data.tolerance);
     line.setAttribute("x1", x(state.time));
     line.setAttribute("x2", x(state.time));
   });

@@ -1,10 +1,10 @@
-// Colours: by what is asked and in both themes; and the legend.
+// Colours, in both themes, and the legend.
 
 // ---------------------------------------------------------------- colours and themes
 
 const dark = () => document.documentElement.classList.contains("dark");
 
-/** A colour as it is seen on the present background: greys turned round, dark ones lifted. */
+/** Return a colour for the current background: on a dark one greys are inverted, dark colours lightened. */
 function seen(colour) {
   if (!dark()) return colour;
   const hsl = colour.getHSL({}, "srgb");
@@ -13,14 +13,14 @@ function seen(colour) {
 }
 
 function onScale(by, value) {
-  const [low, high] = told.ranges[by];
+  const [low, high] = data.ranges[by];
   const stops = SCALES[by];
   const place = Math.min(1, Math.max(0, ((value ?? high) - low) / (high - low || 1))) * (stops.length - 1);
   const first = Math.min(Math.floor(place), stops.length - 2);
   return new THREE.Color(stops[first]).lerp(new THREE.Color(stops[first + 1]), place - first);
 }
 
-const own = told.vehicles.map(({ colour }) => new THREE.Color(colour));
+const own = data.vehicles.map(({ colour }) => new THREE.Color(colour));
 const inText = (colour) => `#${colour.getHexString()}`;
 
 function vehicleColour(index, now) {
@@ -35,7 +35,7 @@ function originalOf(material) {
   return originals.get(material);
 }
 
-/** Every material below a path of the scene that has a colour. */
+/** Return all coloured materials below a path of the scene. */
 function materials(path) {
   const found = [];
   node(path)?.object.traverse(({ material }) => {
@@ -53,14 +53,14 @@ function theme(toDark) {
   paint();
 }
 
-/** Give all that is in the scene its colour, in the present theme and by what is asked. */
+/** Colour the whole scene for the current theme and colour scale. */
 function paint() {
   for (const material of materials([])) material.color.copy(seen(originalOf(material)));
   paintTrails();
   for (const shell of shells) shell.material.color.copy(seen(shell.userData.colour));
   scale.parentElement.hidden = state.colour === "vehicle";
   if (state.colour !== "vehicle") {
-    const [low, high] = told.ranges[state.colour];
+    const [low, high] = data.ranges[state.colour];
     const unit = state.colour === "speed" ? "m/s" : "m";
     scale.style.background = `linear-gradient(90deg, ${SCALES[state.colour].join(", ")})`;
     scaleText.textContent = `${inDigits(low)} to ${inDigits(high, unit)}${state.colour === "speed" ? "" : " and more"}`;
@@ -68,13 +68,13 @@ function paint() {
   update(true);
 }
 
-/** Pieces of trails have the colour of what was when they were flown; those of a fleet their own. */
+/** Colour pieces of trails by the values when they were flown; large fleets keep their colours. */
 function paintTrails() {
-  if (state.colour === "vehicle" || told.light) return;
-  const values = state.colour === "speed" ? told.speeds : told.clearances;
-  told.vehicles.forEach(({ path }, index) => {
+  if (state.colour === "vehicle" || data.light) return;
+  const values = state.colour === "speed" ? data.speeds : data.clearances;
+  data.vehicles.forEach(({ path }, index) => {
     for (const name of Object.keys(node(["trails", path])?.children ?? {})) {
-      const middle = (Number(name) + 0.5) * told.step;
+      const middle = (Number(name) + 0.5) * data.step;
       const colour = onScale(state.colour, between(values[index], frameAt(middle)));
       for (const material of materials(["trails", path, name])) material.color.copy(colour);
     }
@@ -96,13 +96,13 @@ const SIGNS = {
     tube: ["path", { d: "M1 8 L19 8", "stroke-width": 9, opacity: 0.22 }],
   wind: ["path", { d: "M2 8 L17 8 M12 4 L18 8 L12 12" }],
 };
-const [form, line] = SIGNS[told.vehicles[0].airframe];
+const [form, line] = SIGNS[data.vehicles[0].airframe];
 SIGNS.planned = [form, { ...line, opacity: 0.4 }];
 const legend = element(panel, "section", "legend");
 const scaleLine = element(legend, "div");
 const scale = element(scaleLine, "span", "bar");
 const scaleText = element(scaleLine, "span", "num");
-for (const { sign, text } of told.legend) {
+for (const { sign, text } of data.legend) {
   const line = element(legend, "div");
   const svg = drawing(line, "svg", { viewBox: "0 0 20 16" });
   const [tag, attributes] = SIGNS[sign];

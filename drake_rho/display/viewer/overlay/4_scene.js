@@ -1,27 +1,27 @@
-// What is moved in the scene, and what stands at places in it: shells, cameras, names.
+// Scene: separation shells, cameras and labels.
 
 // ---------------------------------------------------------------- the scene
 
-/** A node of Meshcat's tree below /flight; `find` of its own would make what is not there. */
+/** Return a node of Meshcat's tree below /flight; Meshcat's `find` would create missing nodes. */
 function node(path) {
   return ["flight", ...path].reduce((found, name) => found?.children[name], viewer.scene_tree);
 }
 
-/** A place in the scenario's coordinates, z upwards, in those of the camera, y upwards. */
+/** Convert coordinates of the scenario (z up) to those of the camera (y up). */
 const inView = (x, y, z) => new THREE.Vector3(x, z, -y);
 let nodes = [];
 const placeOf = (index) => inView(...nodes[index].position.toArray());
 
 const shells = [];
-/** Half the separation around every vehicle; made when it is first asked for. */
+/** Show or hide shells of half the separation around all vehicles; they are made on first use. */
 function showShells(on) {
-  if (on && shells.length === 0 && told.shell) {
-    const ball = new THREE.SphereGeometry(1, told.light ? 12 : 32, told.light ? 8 : 20);
-    const opacity = told.light ? 0.1 : 0.16;
-    told.vehicles.forEach((_, index) => {
+  if (on && shells.length === 0 && data.shell) {
+    const ball = new THREE.SphereGeometry(1, data.light ? 12 : 32, data.light ? 8 : 20);
+    const opacity = data.light ? 0.1 : 0.16;
+    data.vehicles.forEach((_, index) => {
       const material = new THREE.MeshLambertMaterial({ transparent: true, opacity, depthWrite: false });
       const shell = new THREE.Mesh(ball, material);
-      shell.scale.set(...told.shell);
+      shell.scale.set(...data.shell);
       shell.userData.colour = own[index];
       node([]).object.add(shell);
       shells.push(shell);
@@ -31,7 +31,7 @@ function showShells(on) {
   paint();
 }
 
-for (const { title: words, paths } of told.layers) {
+for (const { title: words, paths } of data.layers) {
   const line = element(layers, "label");
   const box = element(line, "input");
   Object.assign(box, { type: "checkbox", checked: words !== "Shells" });
@@ -54,7 +54,7 @@ function show(layer, on) {
 }
 
 function colourVehicles(now) {
-  told.vehicles.forEach((_, index) => {
+  data.vehicles.forEach((_, index) => {
     const colour = vehicleColour(index, now);
     for (const material of bodies[index]) material.color.copy(colour);
   });
@@ -63,7 +63,7 @@ let bodies = [];
 
 // ---------------------------------------------------------------- cameras
 
-/** What of the window is under cards at its sides [px]; above, tools may be, or in narrow ones below. */
+/** Return the widths covered by cards at the edges of the window [px]; in narrow windows tools are below. */
 function free() {
   const right = panel.offsetWidth ? innerWidth - panel.offsetLeft : 0;
   const bars = [tools, transport].filter((bar) => bar.offsetWidth);
@@ -85,10 +85,10 @@ function direction([azimuth, elevation]) {
 }
 
 /**
- * From where all of the scene is seen in what is free of the window, and no further.
+ * Return the nearest camera position from which the whole scene fits into the free part of the window.
  *
- * A point that is `across` to one side and `depth` towards the camera is seen from the distance d
- * if |across - middle| <= k (d - depth), so the least d and its middle follow in closed form.
+ * A point at `across` sideways and `depth` towards the camera is visible from a distance d if
+ * |across - middle| <= k (d - depth), so the least d and its middle follow in closed form.
  */
 function whole(towards) {
   const right = new THREE.Vector3(0, 1, 0).cross(towards).normalize();
@@ -96,7 +96,7 @@ function whole(towards) {
   const { left, top, right: aside, bottom } = free();
   const [wide, high] = [viewer.dom_element.offsetWidth, viewer.dom_element.offsetHeight];
   const half = Math.tan((viewer.camera.fov * Math.PI) / 360);
-  const points = told.outline.map((point) => inView(...point));
+  const points = data.outline.map((point) => inView(...point));
   const fit = (axis, size) => {
     const k = (half * size) / high;
     const most = points.reduce((found, point) => Math.max(found, point.dot(axis) + k * point.dot(towards)), -Infinity);
@@ -106,7 +106,7 @@ function whole(towards) {
   const across = fit(right, wide - left - aside - 90);
   const above = fit(up, high - top - bottom - 60);
   const nearest = points.reduce((found, point) => Math.max(found, point.dot(towards)), -Infinity);
-  const distance = Math.max(across.distance, above.distance, nearest + told.seen);
+  const distance = Math.max(across.distance, above.distance, nearest + data.seen);
   const depth = points.reduce((sum, point) => sum + point.dot(towards), 0) / points.length;
   const inPlane = right.clone().multiplyScalar(across.middle).addScaledVector(up, above.middle);
   return {
@@ -132,7 +132,7 @@ function stepCamera(elapsed) {
   viewer.set_dirty();
 }
 
-/** Look from somewhere: at the vehicle that is followed, or else at the whole scene. */
+/** Set a view of the followed vehicle or, if there is none, of the whole scene. */
 function look(view, seconds = 0.5) {
   state.view = view;
   for (const [name, each] of Object.entries(views)) each.classList.toggle("on", name === view);
@@ -140,7 +140,7 @@ function look(view, seconds = 0.5) {
   const towards = direction(VIEWS[view]);
   if (state.follow === null) return moveCamera(whole(towards), seconds);
   const target = placeOf(state.follow);
-  const near = 16 * told.vehicles[state.follow].radius;
+  const near = 16 * data.vehicles[state.follow].radius;
   moveCamera({ target, position: target.clone().addScaledVector(towards, near) }, seconds);
 }
 
@@ -151,7 +151,7 @@ function follow(index, seconds = 0.5) {
   update(true);
 }
 
-/** Keep what is followed where it is in the window, from wherever the user looks at it. */
+/** Move the camera with the followed vehicle, in whatever view the user has chosen. */
 function keepFollowing() {
   if (state.follow === null) return;
   const place = placeOf(state.follow);
@@ -168,14 +168,14 @@ function keepFollowing() {
 
 // ---------------------------------------------------------------- names
 
-/** Labels of vehicles, of a fleet only of the one that is followed, and of obstacles with names. */
+/** Labels of vehicles (in large fleets only of the followed one) and of named obstacles. */
 const tags = [
-  ...told.vehicles.map(({ label, radius }, index) => ({ text: label, vehicle: index, above: 0.6 * radius })),
-  ...told.obstacles.map(({ label, above }, index) => ({ text: label, number: index + 1, above })),
+  ...data.vehicles.map(({ label, radius }, index) => ({ text: label, vehicle: index, above: 0.6 * radius })),
+  ...data.obstacles.map(({ label, above }, index) => ({ text: label, number: index + 1, above })),
 ].filter(({ text }) => text?.trim());
 
 function tagShown({ vehicle }) {
-  return vehicle === undefined || told.vehicles.length <= told.fleet || vehicle === state.follow;
+  return vehicle === undefined || data.vehicles.length <= data.fleet || vehicle === state.follow;
 }
 
 function updateLabels() {
@@ -203,7 +203,7 @@ function updateLabels() {
     const at = place.clone().project(camera);
     const top = place.clone().addScaledVector(up, shrunk).project(camera);
     if (tag.mark) {
-      // what is too small to be seen is marked where it is
+      // vehicles that are too small to be visible get a mark
       tag.mark.style.color = inText(bodies[tag.vehicle][0].color);
       tag.mark.hidden = ((top.y - at.y) / 2) * high > 5.5 || at.z > 1;
       tag.mark.style.transform = `translate(${((at.x + 1) / 2) * wide}px, ${((1 - at.y) / 2) * high}px)`;

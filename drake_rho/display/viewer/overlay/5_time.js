@@ -1,22 +1,21 @@
-// Time: it moves all that is shown.
+// Time: playback, keys and the update of everything shown.
 
+let lastWritten = 0; // time at which the table was last updated [ms]
 
-let lastWritten = 0; // when the table was [ms]
-
-/** Bring all to the present time; the table ten times a second, or at once. */
+/** Update everything to the current time; the table ten times a second, or at once. */
 function update(atOnce = false) {
-  viewer.animator.seek(state.time / told.rate);
+  viewer.animator.seek(state.time / data.rate);
   const now = readings();
-  clockValue.textContent = now.time.toFixed(told.duration < 100 ? 2 : 1).replace("-", "−");
+  clockValue.textContent = now.time.toFixed(data.duration < 100 ? 2 : 1).replace("-", "−");
   slider.value = state.time;
   const written = performance.now();
   if (atOnce || written - lastWritten > 100) {
     lastWritten = written;
     updateTable(now, atOnce);
-    const window = told.windows.findLastIndex((begin) => begin <= state.time + 1e-9) + 1;
-    const pace = state.speed * told.rate;
+    const window = data.windows.findLastIndex((begin) => begin <= state.time + 1e-9) + 1;
+    const pace = state.speed * data.rate;
     moment.textContent = [
-      window ? `window ${window} of ${told.windows.length}` : "", pace === 1 ? "" : `${Number(pace.toPrecision(3))} × real time`,
+      window ? `window ${window} of ${data.windows.length}` : "", pace === 1 ? "" : `${Number(pace.toPrecision(3))} × real time`,
     ].filter(Boolean).join(" · ");
   }
   updatePlots(now);
@@ -27,14 +26,14 @@ function update(atOnce = false) {
 }
 
 function seek(time) {
-  state.time = Math.min(told.duration, Math.max(0, time));
+  state.time = Math.min(data.duration, Math.max(0, time));
   update(true);
 }
 
 function play(on) {
   state.playing = on;
   playButton.textContent = on ? "❚❚" : "▶";
-  if (on && state.time >= told.duration) seek(0);
+  if (on && state.time >= data.duration) seek(0);
 }
 
 function loop(on) {
@@ -59,9 +58,9 @@ function tick(now) {
   before = now;
   stepCamera(elapsed);
   if (state.playing) {
-    state.time += elapsed * state.speed * told.rate;
-    if (state.time >= told.duration) {
-      state.time = state.loop ? 0 : told.duration;
+    state.time += elapsed * state.speed * data.rate;
+    if (state.time >= data.duration) {
+      state.time = state.loop ? 0 : data.duration;
       if (!state.loop) play(false);
     }
     update();
@@ -70,13 +69,13 @@ function tick(now) {
 }
 
 const KEYS = {
-  Space: () => play(!state.playing), ArrowLeft: () => seek(state.time - told.step), ArrowRight: () => seek(state.time + told.step),
-  Home: () => seek(0), End: () => seek(told.duration), KeyL: () => loop(!state.loop), KeyD: () => theme(!dark()),
+  Space: () => play(!state.playing), ArrowLeft: () => seek(state.time - data.step), ArrowRight: () => seek(state.time + data.step),
+  Home: () => seek(0), End: () => seek(data.duration), KeyL: () => loop(!state.loop), KeyD: () => theme(!dark()),
   KeyN: () => fold(!document.body.classList.contains("folded")), Escape: () => follow(null),
   Digit1: () => look("free"), Digit2: () => look("top"), Digit3: () => look("side"),
 };
 
-/** Meshcat's round things have corners; these have so many that they are not seen. */
+/** Replace Meshcat's coarse spheres by finer ones. */
 function round() {
   node(["obstacles"])?.object.traverse((each) => {
     const { type, parameters } = each.geometry ?? {};
@@ -91,17 +90,17 @@ function round() {
 function begin() {
   viewer.animator.pause();
   round();
-  nodes = told.vehicles.map(({ path }) => node(["vehicles", path]).object);
-  bodies = told.vehicles.map(({ path }) => materials(["vehicles", path]));
+  nodes = data.vehicles.map(({ path }) => node(["vehicles", path]).object);
+  bodies = data.vehicles.map(({ path }) => materials(["vehicles", path]));
   viewer.render_callback = updateLabels;
-  end.textContent = `${inDigits(told.start + told.duration)} s`;
+  end.textContent = `${inDigits(data.start + data.duration)} s`;
   addEventListener("resize", centred);
   addEventListener("keydown", (event) => {
     if (event.target.tagName === "SELECT" || event.ctrlKey || event.metaKey || !KEYS[event.code]) return;
     event.preventDefault();
     KEYS[event.code]();
   });
-  if (told.shell) showShells(false);
+  if (data.shell) showShells(false);
   if (innerWidth <= 700) document.body.classList.add("folded");
   loop(true);
   play(true);
@@ -109,12 +108,12 @@ function begin() {
   look("free", 0);
   requestAnimationFrame(tick);
   window.drakeRho = {
-    seek, play, loop, look, follow, colourBy, show, theme, fold, readings, tags, told,
-    /** Draw a time at once as a frame of a film, without controls, that plays at some rate. */
+    seek, play, loop, look, follow, colourBy, show, theme, fold, readings, tags, data,
+    /** Draw the frame of a film at a time, without controls; the film plays at the given rate. */
     frame(time, rate) {
       if (!state.film) {
         state.film = true;
-        state.speed = rate / told.rate;
+        state.speed = rate / data.rate;
         play(false);
         document.body.classList.add("film");
         look(state.view, 0);
@@ -125,9 +124,9 @@ function begin() {
   };
 }
 
-/** Begin when Meshcat has the whole scene: every vehicle, and its recording. */
+/** Start once Meshcat has all vehicles and the recording. */
 (function wait() {
-  const there = viewer.animator.actions.length > 0 && told.vehicles.every(({ path }) => node(["vehicles", path]));
+  const there = viewer.animator.actions.length > 0 && data.vehicles.every(({ path }) => node(["vehicles", path]));
   if (there) begin();
   else setTimeout(wait, 30);
 })();
