@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -103,7 +103,57 @@ class TrueMotion:
         return Motion(step, p, v, a, self.scenario.fleet.accelerations_before)
 
 
-def drawn(flown: Flown) -> Drawn:
+@dataclasses.dataclass(frozen=True, eq=False)
+class StraightLines:
+    """Straight lines from starts through waypoints to goals, of a scenario before it is planned.
+
+    Each vehicle moves along its lines at constant speeds that reach waypoints and goal in time.
+    """
+
+    scenario: Scenario
+    """scenario to show"""
+
+    kind: ClassVar = "scenario"
+    windows: ClassVar[tuple[()]] = ()
+    simulation: ClassVar[None] = None
+
+    @property
+    def plan(self) -> Drawn:
+        """The lines themselves."""
+        return self
+
+    @property
+    def times(self) -> FloatArray:
+        """Time of every knot [s], shape (K,)."""
+        return self.scenario.grid.times
+
+    @cached_property
+    def positions(self) -> FloatArray:
+        """Positions at the knots [m], shape (N, K, 3)."""
+        grid, lines = self.scenario.grid, []
+        for vehicle in self.scenario.vehicles:
+            passed = sorted(vehicle.waypoints, key=lambda waypoint: waypoint.time)
+            passed = [each for each in passed if grid.start < each.time < grid.end]
+            times = [grid.start, *(each.time for each in passed), grid.end]
+            ends = vehicle.start.position, vehicle.goal.position
+            places = np.array([ends[0], *(each.position for each in passed), ends[1]])
+            lines.append(np.stack([np.interp(grid.times, times, x) for x in places.T], axis=1))
+        return np.array(lines)
+
+    @property
+    def velocities(self) -> FloatArray:
+        """Velocities from each knot to the next, the last one repeated [m/s], shape (N, K, 3)."""
+        steps = np.diff(self.positions, axis=1) / self.scenario.grid.step
+        return np.concatenate([steps, steps[:, -1:]], axis=1)
+
+    def motion(self) -> Motion:
+        """Return the motion as a function of the time since the first knot."""
+        still = np.zeros((len(self.positions), self.scenario.grid.knots - 1, 3))
+        before = self.scenario.fleet.accelerations_before
+        return Motion(self.scenario.grid.step, self.positions, self.velocities, still, before)
+
+
+def drawn(flown: Flown | StraightLines) -> Drawn:
     """Return the motion to draw: of a flight its plan, of a simulation the true motion."""
     return flown.plan if flown.simulation is None else TrueMotion(flown.simulation)
 

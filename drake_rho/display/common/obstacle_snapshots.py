@@ -34,6 +34,8 @@ class Snapshot:
     """shape of the obstacle"""
     center: FloatArray
     """centre of its bounding box at that instant [m], shape (3,)"""
+    number: int
+    """number of the obstacle, from 1"""
     label: str = ""
     """text beside it, escaped for matplotlib"""
     faint: bool = False
@@ -105,7 +107,7 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
         if not obstacle.moves:
             (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
             words = ", ".join(filter(None, (label, active_in_words(obstacle))))
-            shown.append(Snapshot(obstacle.shape, center, words))
+            shown.append(Snapshot(obstacle.shape, center, number, words))
             continue
         clock, near = _near_scene(plan, obstacle, obstacles)
         if not np.any(near):
@@ -119,9 +121,9 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
             when = f"{round(time, 2):g} s" if few else ""
             if index == 0:
                 words = ", ".join(filter(None, (label, when)))
-                shown.append(Snapshot(obstacle.shape, center, words))
+                shown.append(Snapshot(obstacle.shape, center, number, words))
             elif moved:
-                shown.append(Snapshot(obstacle.shape, center, when, faint=True))
+                shown.append(Snapshot(obstacle.shape, center, number, when, faint=True))
     return shown
 
 
@@ -196,7 +198,7 @@ def _near_scene(
     seen.
     """
     resting = [
-        Snapshot(each.shape, each.centers(np.zeros(1))[0]).bounds
+        Snapshot(each.shape, each.centers(np.zeros(1))[0], 0).bounds
         for each in obstacles
         if not each.moves
     ]

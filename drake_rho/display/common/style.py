@@ -26,6 +26,8 @@ COLOURS = (
 MARKERS = ("o", "s", "^", "D", "v", "P")
 FORBIDDEN = "#888888"
 """Colour of regions that vehicles must not enter."""
+CONFLICT = "#D00000"
+"""Colour of what is in conflict in a scenario without a plan."""
 LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.8}
 PLANNED_STYLE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.0, "alpha": 0.8}
 """Style of planned motions beside the true motion."""

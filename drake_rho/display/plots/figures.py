@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -28,8 +29,10 @@ from drake_rho.display.plots.distances import (
     draw_least_clearances,
 )
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_format, check_width
+from drake_rho.display.plots.given_axes import given_axes
 from drake_rho.display.plots.legends import (
     add_below,
+    figure_of,
     vehicle_handles,
 )
 from drake_rho.display.plots.path_figure import paths_figure
@@ -55,6 +58,7 @@ def distances_figure(
     flown: Flown,
     *,
     obstacles: Sequence[Shape | Obstacle] | None = None,
+    ax: Axes | Sequence[Axes] | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:
     """Plot the vehicles' distances from the obstacles over time.
@@ -66,10 +70,12 @@ def distances_figure(
     Args:
         flown: plan, flight or simulation to draw.
         obstacles: obstacles to measure from; the scenario's if not given.
-        width: of the figure [in], see `paths_figure`.
+        ax: axes to draw in, one for each panel, without a legend; a new figure if not given.
+        width: of a new figure [in], see `paths_figure`.
 
     Raises:
-        ValueError: there is no obstacle, or the text would be illegible at the width.
+        ValueError: there is no obstacle, the number of axes differs from that of the panels, or the
+            text would be illegible at the width.
     """
     plan = drawn(flown)
     bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
@@ -77,71 +83,108 @@ def distances_figure(
         raise ValueError("obstacles: got none, expected at least one to measure from")
     handles = [*vehicle_handles(plan.scenario), _limit_handle(), *_planned_handles(plan)]
     if len(bodies) > _MAX_PANELS:
-        figure = _panels(width, 1, 1.35)
-        draw_least_clearances(figure.subplots(), plan, bodies)
-        return _with_legend(figure, handles)
-    figure = _panels(width, len(bodies), 1.1)
-    axes = figure.subplots(len(bodies), squeeze=False)[:, 0]
+        axes = _panels(ax, width, 1, 1.35)
+        draw_least_clearances(axes[0], plan, bodies)
+        return _with_legend(ax, axes, handles)
+    axes = _panels(ax, width, len(bodies), 1.1)
     spheres = [each.shape for each in bodies if isinstance(each.shape, Sphere)]
-    for index, (ax, body) in enumerate(zip(axes, bodies, strict=True)):
+    for index, (panel, body) in enumerate(zip(axes, bodies, strict=True)):
         name = None if body.name is None else as_text(brief(body.name))
         title = f"obstacle {short_label(index + 1, body) if len(bodies) > 1 else name}"
         title_of = title if len(bodies) > 1 or name is not None else None
         if len(spheres) == len(bodies):
-            draw_distances_from_centre(ax, plan, body, spheres[index], title=title_of)
+            draw_distances_from_centre(panel, plan, body, spheres[index], title=title_of)
         else:
-            draw_distances(ax, plan, body, title=title_of)
-    return _with_legend(figure, handles)
+            draw_distances(panel, plan, body, title=title_of)
+    return _with_legend(ax, axes, handles)
 
 
 @checked
 @styled
-def separation_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
+def separation_figure(
+    flown: Flown, *, ax: Axes | None = None, width: float = DOUBLE_COLUMN
+) -> Figure:
     """Plot the exact minimum distance between vehicles over time, with the required separation.
+
+    Args:
+        flown: plan, flight or simulation to draw.
+        ax: axes to draw in; a new figure if not given.
+        width: of a new figure [in], see `paths_figure`.
 
     Raises:
         ValueError: the scenario has no separation, or only one vehicle.
     """
-    figure = _panels(width, 1, 1.1)
+    axes = _panels(ax, width, 1, 1.1)
     plan = drawn(flown)
-    draw_separation(figure.subplots(), plan)
-    return _with_legend(figure, _planned_handles(plan))
+    draw_separation(axes[0], plan)
+    return _with_legend(ax, axes, _planned_handles(plan))
 
 
 @checked
 @styled
-def errors_figure(simulation: Simulation, *, width: float = DOUBLE_COLUMN) -> Figure:
+def errors_figure(
+    simulation: Simulation, *, ax: Sequence[Axes] | None = None, width: float = DOUBLE_COLUMN
+) -> Figure:
     """Plot the tracking errors and the feedback over time, with the radii of the error tube.
 
     If a window starts from the measured state, its errors and its tube start anew.
+
+    Args:
+        simulation: simulation to draw.
+        ax: three axes to draw in: position error, velocity error and feedback; a new figure if not
+            given.
+        width: of a new figure [in], see `paths_figure`.
+
+    Raises:
+        ValueError: the number of axes is not three.
     """
-    figure = _panels(width, 4, 0.8)
-    axes = figure.subplots(len(LABELS), sharex=True, height_ratios=(2, 1, 1))
-    for ax, quantity in zip(axes, LABELS, strict=True):
-        draw_errors(ax, simulation, quantity)
-    for ax in axes[:-1]:
-        ax.set_xlabel("")
+    axes = _panels(ax, width, len(LABELS), 0.8, rows=4, sharex=True, height_ratios=(2, 1, 1))
+    for panel, quantity in zip(axes, LABELS, strict=True):
+        draw_errors(panel, simulation, quantity)
+    for panel in axes[:-1]:
+        panel.set_xlabel("")
     handles = vehicle_handles(simulation.scenario)
     for handle in handles:
         handle.set_marker("none")
-    return _with_legend(figure, [*handles, tube_handle()])
+    return _with_legend(ax, axes, [*handles, tube_handle()])
 
 
 @checked
 @styled
-def velocities_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
-    """Plot velocity components over time with their bounds, and the speeds if they are limited."""
-    return _components(drawn(flown), draw_velocities, "velocity", width)
+def velocities_figure(
+    flown: Flown, *, ax: Sequence[Axes] | None = None, width: float = DOUBLE_COLUMN
+) -> Figure:
+    """Plot velocity components over time with their bounds, and the speeds if they are limited.
+
+    Args:
+        flown: plan, flight or simulation to draw.
+        ax: axes to draw in: three, and one for each limited norm; a new figure if not given.
+        width: of a new figure [in], see `paths_figure`.
+
+    Raises:
+        ValueError: the number of axes is another.
+    """
+    return _components(drawn(flown), draw_velocities, "velocity", ax, width)
 
 
 @checked
 @styled
-def accelerations_figure(flown: Flown, *, width: float = DOUBLE_COLUMN) -> Figure:
+def accelerations_figure(
+    flown: Flown, *, ax: Sequence[Axes] | None = None, width: float = DOUBLE_COLUMN
+) -> Figure:
     """Plot acceleration components over time, with their bounds.
 
     Further panels show norms (of the jerk too), thrusts and tilts, each if it is limited.
+
+    Args:
+        flown: plan, flight or simulation to draw.
+        ax: axes to draw in: three, and one for each further panel; a new figure if not given.
+        width: of a new figure [in], see `paths_figure`.
+
+    Raises:
+        ValueError: the number of axes is another.
     """
-    return _components(drawn(flown), draw_accelerations, "acceleration", width)
+    return _components(drawn(flown), draw_accelerations, "acceleration", ax, width)
 
 
 def write_figures(
@@ -181,23 +224,23 @@ def _components(
     plan: Drawn,
     draw: Callable[[Sequence[Axes], Drawn], list[Line2D]],
     quantity: Quantity,
+    ax: Sequence[Axes] | None,
     width: float,
 ) -> Figure:
     """Plot the components of a quantity and, below them, its limited norms."""
     limited = plan.scenario.fleet.norms
     shown = (quantity, "jerk") if quantity == "acceleration" else (quantity,)
     norms = [norm for norm in limited if limited[norm].kind.quantity in shown]
-    figure = _panels(width, 3 + len(norms), 0.6)
-    axes = list(figure.subplots(3 + len(norms), sharex=True))
+    axes = _panels(ax, width, 3 + len(norms), 0.6, sharex=True)
     draw(axes[:3], plan)
-    for norm, ax in zip(norms, axes[3:], strict=True):
-        draw_norm(ax, plan, norm)
-    for ax in axes[:-1]:
-        ax.set_xlabel("")
+    for norm, panel in zip(norms, axes[3:], strict=True):
+        draw_norm(panel, plan, norm)
+    for panel in axes[:-1]:
+        panel.set_xlabel("")
     handles = vehicle_handles(plan.scenario)
     if norms or plan.scenario.fleet.bounds(quantity) is not None:
         handles.append(_limit_handle())
-    return _with_legend(figure, handles)
+    return _with_legend(ax, axes, handles)
 
 
 def _planned_handles(plan: Drawn) -> list[Line2D]:
@@ -211,14 +254,38 @@ def _limit_handle() -> Line2D:
     return Line2D([], [], label="limit", **LIMIT_STYLE)
 
 
-def _with_legend(figure: Figure, handles: Sequence[Line2D]) -> Figure:
-    """Add a legend below the axes, and enlarge the figure so that these keep their height."""
-    height = add_below(figure, handles)
-    figure.set_figheight(figure.get_figheight() + max(0.0, height - _ONE_ROW))
+def _with_legend(
+    ax: Axes | Sequence[Axes] | None, axes: Sequence[Axes], handles: Sequence[Line2D]
+) -> Figure:
+    """Return the figure; a new one with a legend below axes that keep their height."""
+    figure = figure_of(axes[0])
+    if ax is None:
+        height = add_below(figure, handles)
+        figure.set_figheight(figure.get_figheight() + max(0.0, height - _ONE_ROW))
     return figure
 
 
-def _panels(width: float, count: int, part: float) -> Figure:
-    """Return an empty figure for stacked panels, each of `part` times the default height."""
-    height = 0.5 + count * part * (1.15 + 0.21 * check_width(width))
-    return Figure(figsize=(width, height), layout="constrained")
+def _panels(
+    ax: Axes | Sequence[Axes] | None,
+    width: float,
+    count: int,
+    part: float,
+    *,
+    rows: int | None = None,
+    **options: Any,
+) -> list[Axes]:
+    """Return the given axes or, in a new figure, stacked panels.
+
+    Args:
+        ax: given axes, if any.
+        width: width of a new figure [in].
+        count: number of panels.
+        part: height of a row, relative to the default height.
+        rows: height of the panels in rows; their number if not given.
+        options: further options of `Figure.subplots`.
+    """
+    if ax is not None:
+        return given_axes(ax, count)
+    height = 0.5 + (rows or count) * part * (1.15 + 0.21 * check_width(width))
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return list(figure.subplots(count, squeeze=False, **options)[:, 0])

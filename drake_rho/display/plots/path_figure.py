@@ -1,17 +1,24 @@
-"""Three-dimensional figure of the paths of a plan, a flight or a simulation."""
+"""Three-dimensional figure of the paths of a plan, a flight, a simulation or a scenario."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from math import ceil
+from typing import Self
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import drawn, planned
+from drake_rho.display.common.drawable import StraightLines, drawn, planned
+from drake_rho.display.common.names import as_text
 from drake_rho.display.common.obstacle_snapshots import (
+    Snapshot,
     approaches,
     as_obstacles,
     obstacle_notes,
@@ -21,10 +28,12 @@ from drake_rho.display.common.obstacle_snapshots import (
 from drake_rho.display.common.style import MAX_NAMED, window_colours
 from drake_rho.display.plots.axes3d import Area, SceneAxes, fit_scene, frame_scene
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
+from drake_rho.display.plots.given_axes import given_axes_in_space
 from drake_rho.display.plots.layout import EDGE, grow
 from drake_rho.display.plots.legends import (
     add_below,
     add_beside,
+    figure_of,
     in_width,
     start_handles,
     vehicle_handles,
@@ -35,16 +44,20 @@ from drake_rho.display.plots.publish import styled
 from drake_rho.display.plots.space import (
     MAX_LABELLED,
     draw_approaches,
+    draw_conflicts,
     draw_obstacle_labels,
     draw_obstacle_paths,
     draw_obstacles,
     draw_paths,
     draw_planned_paths,
+    draw_straight_lines,
     draw_windows,
 )
 from drake_rho.motion.flown import Flown
+from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.obstacles import Obstacle
+from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.shapes.base import Shape
 
 _LINE = 0.135
@@ -64,86 +77,152 @@ _HIGHEST = (1.1, 0.45)
 @checked
 @styled
 def paths_figure(
-    flown: Flown,
+    flown: Flown | Scenario,
     *,
+    conflicts: InfeasibleError | None = None,
     obstacles: Sequence[Shape | Obstacle] | None = None,
+    ax: Axes | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:
     """Plot the vehicles' paths and the obstacles in space, with a colour for each window.
 
-    A plan has no windows; each of its vehicles has a colour of its own.
+    A plan has no windows; each of its vehicles has a colour of its own. A scenario is drawn before
+    it is planned, with straight lines from starts through waypoints to goals.
 
     Args:
-        flown: plan, flight or simulation to draw.
+        flown: plan, flight, simulation or scenario to draw.
+        conflicts: the error of a scenario without a plan, whose vehicles and obstacles in conflict
+            are marked in red.
         obstacles: obstacles to draw; the scenario's if not given.
-        width: of the figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
+        ax: three-dimensional axes to draw in, without a legend and notes; a new figure if not
+            given.
+        width: of a new figure [in]; in IEEE journals 3.5 for one column, 7.16 for two.
 
     Raises:
-        ValueError: the text would be illegible at the width.
+        ValueError: the axes are not three-dimensional, or the text would be illegible at the width.
 
     Examples:
-        >>> figure = rho.paths_figure(rho.plan(rho.load_scenario("paper")))
+        >>> scenario = rho.load_scenario("paper")
+        >>> before = rho.paths_figure(scenario)
+        >>> figure = rho.paths_figure(rho.plan(scenario))
         >>> path = rho.save_figure(figure, folder / "paths.png")
     """
-    plan, figure = drawn(flown), Figure(figsize=(check_width(width), width))
-    bodies = as_obstacles(plan.scenario.obstacles if obstacles is None else obstacles)
-    shown, windows = snapshots(plan, bodies), flown.windows
-    in_windows = len(windows) > 1 or flown.kind == "flight"
-    ax = figure.add_subplot(axes_class=SceneAxes)
-    passed = [each.position for vehicle in plan.scenario.vehicles for each in vehicle.waypoints]
-    flights = [plan, *(window.plan for window in windows)]
-    places = [each.positions.reshape(-1, 3) for each in flights]
-    frame_scene(ax, np.concatenate([*places, np.reshape(passed, (-1, 3))]), shown)
-    named = in_windows and len(plan.positions) <= MAX_LABELLED
-    handles = (start_handles if in_windows else vehicle_handles)(plan.scenario)
-    handles = [] if named else handles
-    notes = _notes(figure, flown, bodies)
+    content = _Content.of(flown, obstacles, conflicts)
+    if ax is not None:
+        given = given_axes_in_space(ax)
+        content.frame(given)
+        content.draw(given)
+        return figure_of(ax)
+    figure = Figure(figsize=(check_width(width), width))
+    scene = figure.add_subplot(axes_class=SceneAxes)
+    content.frame(scene)
+    handles, notes = content.handles, content.notes(figure)
     below = 2 * EDGE + _LINE * len(notes)
-    beside = _BAR if in_windows else width_beside(figure, handles)
-    if beside is None or not (in_windows or width >= _MIN_BESIDE):
+    beside = _BAR if content.in_windows else width_beside(figure, handles)
+    if beside is None or not (content.in_windows or width >= _MIN_BESIDE):
         beside = 0.0
     max_height = _HIGHEST[0] + _HIGHEST[1] * width
     area = Area(EDGE, below, width - 2 * EDGE - beside, max_height)
-    scene = fit_scene(figure, ax, area)
-    beside_at = scene.x1 + (area.left + area.width - scene.x1) / 2  # middle of the unused width
+    box = fit_scene(figure, scene, area)
+    beside_at = box.x1 + (area.left + area.width - box.x1) / 2  # middle of the unused width
     grow(figure, above=EDGE)
-    draw_obstacles(ax, shown)
-    draw_obstacle_paths(ax, obstacle_paths(plan, bodies), shown)
-    draw_approaches(ax, approaches(plan, bodies))
-    draw_obstacle_labels(ax, shown)
-    if in_windows:
-        draw_windows(ax, flown, shown)
-        place = (beside_at + EDGE, scene.y0 + 0.2 * scene.height, _BAR_WIDTH, 0.6 * scene.height)
-        _add_window_bar(figure, len(windows), place)
-    else:
-        draw_paths(ax, plan, shown)
-        draw_planned_paths(ax, plan, shown)
+    content.draw(scene)
+    if content.in_windows:
+        place = (beside_at + EDGE, box.y0 + 0.2 * box.height, _BAR_WIDTH, 0.6 * box.height)
+        _add_window_bar(figure, len(content.flown.windows), place)
     for line, words in enumerate(notes):
         at = (EDGE + _LINE * line) / figure.get_figheight()
         figure.text(EDGE / width, at, words, fontsize=7, va="bottom")
-    if beside > 0.0 and not in_windows:
+    if beside > 0.0 and not content.in_windows:
         add_beside(figure, handles, beside_at)
     else:
         grow(figure, below=add_below(figure, handles))
     return figure
 
 
-def _notes(figure: Figure, flown: Flown, bodies: Sequence[Obstacle]) -> list[str]:
-    """Explain the marks and lines of paths, in lines as wide as the figure, the lowest first."""
-    plan, windows = drawn(flown), flown.windows
-    words = ["ring: start", "star: goal"]
-    if len(windows) > 1 or flown.kind == "flight":
-        words = ["thick: flown", "thin: the rest of each window's prediction", *words]
-    else:
-        if len(plan.positions) <= MAX_NAMED:
-            every = marks_every(len(plan.times), figure.get_figwidth())
-            words.append("a mark at every knot" if every == 1 else f"a mark every {every} knots")
-        words += ["dotted: planned"] if planned(plan) else []
-    if any(vehicle.waypoints for vehicle in plan.scenario.vehicles):
-        words.append("diamond: waypoint")
-    width = figure.get_figwidth() - 2 * EDGE
-    notes = ["; ".join(words), *obstacle_notes(plan, bodies)]
-    return [line for note in notes for line in in_width(figure, note, width).split("\n")][::-1]
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Content:
+    """Everything that a figure of paths shows."""
+
+    flown: Flown | StraightLines
+    bodies: tuple[Obstacle, ...]
+    shown: list[Snapshot]
+    conflicts: InfeasibleError | None
+
+    @classmethod
+    def of(
+        cls,
+        flown: Flown | Scenario,
+        obstacles: Sequence[Shape | Obstacle] | None,
+        conflicts: InfeasibleError | None,
+    ) -> Self:
+        """Return the content of a figure, with the scenario's obstacles if none are given."""
+        given = StraightLines(flown) if isinstance(flown, Scenario) else flown
+        bodies = as_obstacles(given.scenario.obstacles if obstacles is None else obstacles)
+        return cls(given, bodies, snapshots(drawn(given), bodies), conflicts)
+
+    @property
+    def in_windows(self) -> bool:
+        """Whether windows are drawn, each in its colour."""
+        return len(self.flown.windows) > 1 or self.flown.kind == "flight"
+
+    @property
+    def handles(self) -> list[Line2D]:
+        """Entries of the legend: vehicles that are not named beside their starts."""
+        scenario = self.flown.scenario
+        if self.in_windows:
+            return start_handles(scenario) if len(scenario.vehicles) > MAX_LABELLED else []
+        handles = vehicle_handles(scenario)
+        for handle in handles if isinstance(self.flown, StraightLines) else []:
+            handle.set(marker="none", linestyle="--")
+        return handles
+
+    def frame(self, ax: Axes3D) -> None:
+        """Set the limits of the axes around everything shown."""
+        passed = [each.position for one in self.flown.scenario.vehicles for each in one.waypoints]
+        flights = [drawn(self.flown), *(window.plan for window in self.flown.windows)]
+        places = [each.positions.reshape(-1, 3) for each in flights]
+        frame_scene(ax, np.concatenate([*places, np.reshape(passed, (-1, 3))]), self.shown)
+
+    def draw(self, ax: Axes3D) -> None:
+        """Draw obstacles, paths, starts and goals, and mark conflicts."""
+        plan, shown = drawn(self.flown), self.shown
+        draw_obstacles(ax, shown)
+        draw_obstacle_paths(ax, obstacle_paths(plan, self.bodies), shown)
+        draw_approaches(ax, approaches(plan, self.bodies))
+        draw_obstacle_labels(ax, shown)
+        if isinstance(self.flown, StraightLines):
+            draw_straight_lines(ax, self.flown, shown)
+        elif self.in_windows:
+            draw_windows(ax, self.flown, shown)
+        else:
+            draw_paths(ax, plan, shown)
+            draw_planned_paths(ax, plan, shown)
+        if self.conflicts is not None:
+            draw_conflicts(ax, plan.scenario, self.conflicts, shown)
+
+    def notes(self, figure: Figure) -> list[str]:
+        """Explain marks and lines, in lines of text as wide as the figure, the lowest first."""
+        plan, words = drawn(self.flown), ["ring: start", "star: goal"]
+        if isinstance(self.flown, StraightLines):
+            words.append("dashed: straight lines, not planned")
+        elif self.in_windows:
+            words = ["thick: flown", "thin: the rest of each window's prediction", *words]
+        else:
+            if len(plan.positions) <= MAX_NAMED:
+                every = marks_every(len(plan.times), figure.get_figwidth())
+                words.append(
+                    "a mark at every knot" if every == 1 else f"a mark every {every} knots"
+                )
+            words += ["dotted: planned"] if planned(plan) else []
+        if any(vehicle.waypoints for vehicle in plan.scenario.vehicles):
+            words.append("diamond: waypoint")
+        words += ["red: in conflict"] if self.conflicts is not None else []
+        width = figure.get_figwidth() - 2 * EDGE
+        notes = ["; ".join(words), *obstacle_notes(plan, self.bodies)]
+        if self.conflicts is not None:
+            notes.append(as_text(str(self.conflicts)))
+        return [line for note in notes for line in in_width(figure, note, width).split("\n")][::-1]
 
 
 def _add_window_bar(figure: Figure, count: int, place: tuple[float, ...]) -> None:

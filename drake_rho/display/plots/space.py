@@ -16,11 +16,12 @@ from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.common.drawable import Drawn, drawn, planned
+from drake_rho.display.common.drawable import Drawn, StraightLines, drawn, planned
 from drake_rho.display.common.names import as_text, brief
 from drake_rho.display.common.obstacle_snapshots import Snapshot
 from drake_rho.display.common.shape_faces import surface
 from drake_rho.display.common.style import (
+    CONFLICT,
     FORBIDDEN,
     MAX_NAMED,
     PLANNED_STYLE,
@@ -34,6 +35,7 @@ from drake_rho.display.plots.labels import Labels, around
 from drake_rho.display.plots.legends import width_of
 from drake_rho.display.plots.overlapping_curves import marks_every, overlapping_pieces
 from drake_rho.motion.flown import Flown
+from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.records import Scenario
@@ -149,6 +151,47 @@ def draw_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[
             draw_line(ax, piece.points, shown, **dashes)
     draw_ends(ax, plan.scenario)
     return lines
+
+
+def draw_straight_lines(
+    ax: Axes3D, lines: StraightLines, shown: Sequence[Snapshot] = ()
+) -> list[Line3D]:
+    """Draw straight lines of a scenario that is not planned, with starts, waypoints and goals."""
+    colours = vehicle_colours(len(lines.positions))
+    drawn = []
+    for index, vehicle in enumerate(lines.scenario.vehicles):
+        style: dict[str, Any] = {
+            "color": colours[index],
+            "linewidth": 0.9,
+            "linestyle": (0, (5, 3)),
+        }
+        pieces = draw_line(ax, lines.positions[index], shown, **style)
+        pieces[0].set_label(as_text(vehicle.name))
+        drawn += pieces
+    draw_ends(ax, lines.scenario)
+    return drawn
+
+
+def draw_conflicts(
+    ax: Axes3D, scenario: Scenario, error: InfeasibleError, shown: Sequence[Snapshot]
+) -> list[Artist]:
+    """Mark the vehicles and obstacles of an error in red: starts, goals and outlines."""
+    artists: list[Artist] = []
+    style: dict[str, Any] = {"color": CONFLICT, "zorder": _TOP, "linestyle": "none"}
+    for vehicle in scenario.vehicles:
+        if vehicle.name in error.conflicts:
+            ends = np.array([vehicle.start.position, vehicle.goal.position])
+            artists += ax.plot(*ends.T, marker="o", markersize=11, fillstyle="none", **style)
+    numbers = frozenset[int]().union(*error.obstacles.values())
+    lower, upper = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
+    for each in shown:
+        if each.number in numbers:
+            cut = each.truncated(lower, upper)
+            faces = [cut.center + face for face in surface(cut.shape).faces]
+            body = Poly3DCollection(faces, facecolors=CONFLICT, alpha=0.25, linewidth=0)
+            ax.add_collection3d(body)
+            artists.append(body)
+    return artists
 
 
 def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) -> list[Line3D]:
