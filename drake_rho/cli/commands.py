@@ -50,14 +50,19 @@ from drake_rho.cli.simulation import simulate
 from drake_rho.cli.sources import read, refuse_options
 from drake_rho.cli.streams import pipe_safe
 from drake_rho.cli.verification import certify, diagnose, verify
-from drake_rho.display.common.drawable import drawn
 from drake_rho.motion.files import load
 from drake_rho.motion.flown import Flown
 from drake_rho.paper.study import REPEATS, run_study
+from drake_rho.planning.call.options import Options
+from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.horizon.plan_rho import plan_rho
 from drake_rho.planning.planners.plan import plan as best_plan
 from drake_rho.scenario.files import scenario_schema
+from drake_rho.scenario.records import Scenario
 from drake_rho.system.files import atomic_write
+
+_PREVIEW = 5.0
+"""Time limit of planning for the conflicts that a preview marks [s]."""
 
 
 def reproduce(
@@ -139,6 +144,14 @@ def show(
     trails: Annotated[
         bool | None, typer.Option(help="Draw trails; by default for up to 100 vehicles.")
     ] = None,
+    before: Annotated[
+        bool,
+        typer.Option(
+            "--before",
+            help="Show the scenario before it is planned: starts, goals, obstacles, waypoints and "
+            "straight lines, with conflicts in red.",
+        ),
+    ] = False,
     duration: DurationOption = None,
     step: StepOption = None,
     world: WorldOption = None,
@@ -153,10 +166,18 @@ def show(
     check_film_option(film)
     check_interface(host)
     check_rate(rate)
+    conflicts = None
+    flown: Flown | Scenario
     with working("planning") as work:
-        flown = _load_or_plan(source, duration, step, world, work)
+        if before:
+            flown = _scenario_of(source, duration, step, world)
+            conflicts = _conflicts_of(flown, work)
+        else:
+            flown = _load_or_plan(source, duration, step, world, work)
+    if conflicts is not None:
+        remark(str(conflicts))
     with working("drawing"):
-        page = viewer_page(flown, rate=rate, trails=trails)
+        page = viewer_page(flown, conflicts=conflicts, rate=rate, trails=trails)
     if html is None and film is None:
         return _serve(page, host, port, browser=browser)
     written = []
@@ -165,7 +186,8 @@ def show(
             file.write(page.encode())
         written.append(f"one page in {html}")
     if film is not None:
-        _film(page, film, flown, rate)
+        scenario = flown if isinstance(flown, Scenario) else flown.scenario
+        _film(page, film, scenario.grid.duration, rate)
         written.append(f"a film in {film}")
     return tell(Shown(page=html, film=film), *written)
 
@@ -186,11 +208,10 @@ def _serve(page: str, host: str, port: int, *, browser: bool) -> int:
     return 0
 
 
-def _film(page: str, path: str, flown: Flown, rate: float | None) -> None:
+def _film(page: str, path: str, duration: float, rate: float | None) -> None:
     """Write a film of a page, and show the progress."""
     from drake_rho.display.viewer.film import Footage, write_film
 
-    duration = drawn(flown).scenario.grid.duration
     footage = Footage.of(duration, Path(path).suffix.lower(), rate)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     with bar(*columns, TimeElapsedColumn()) as progress:
@@ -198,11 +219,37 @@ def _film(page: str, path: str, flown: Flown, rate: float | None) -> None:
         write_film(page, path, footage, progress=lambda: progress.advance(task))
 
 
+def _scenario_of(
+    source: str, duration: float | None, step: float | None, world: str | None
+) -> Scenario:
+    """Return a scenario, or that of a file with a plan, a flight or a simulation."""
+    if _is_result(source):
+        refuse_options(source, duration, step, world)
+        return load(source).scenario
+    return read(source, duration, step, world)
+
+
+def _conflicts_of(scenario: Scenario, work: Work) -> InfeasibleError | None:
+    """Return the error of a scenario without a plan; None if there is one or time is over."""
+    try:
+        best_plan(scenario, progress=work, options=Options(time_limit=_PREVIEW))
+    except InfeasibleError as error:
+        return error
+    except (OutOfTimeError, SolverError):
+        return None
+    return None
+
+
+def _is_result(source: str) -> bool:
+    """Return whether a file holds a plan, a flight or a simulation."""
+    return source.endswith(".npz") or zipfile.is_zipfile(source)
+
+
 def _load_or_plan(
     source: str, duration: float | None, step: float | None, world: str | None, work: Work
 ) -> Flown:
     """Return the content of a file, or a new flight of a scenario; for a fleet, a new plan."""
-    if source.endswith(".npz") or zipfile.is_zipfile(source):
+    if _is_result(source):
         refuse_options(source, duration, step, world)
         return load(source)
     scenario = read(source, duration, step, world)

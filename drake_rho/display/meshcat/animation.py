@@ -7,15 +7,17 @@ import dataclasses
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from drake_rho.display.common.drawable import Drawn, drawn
+from drake_rho.display.common.drawable import Drawn, StraightLines, drawn
 from drake_rho.display.meshcat.obstacles import add_obstacles, record_obstacles
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.ports import address_of, on_free_port
 from drake_rho.display.meshcat.scene import (
     ROOT,
     Scene,
+    add_conflicts,
     add_ends,
     add_light_goals,
+    add_straight_lines,
     add_surroundings,
     set_camera,
 )
@@ -23,7 +25,9 @@ from drake_rho.display.meshcat.trails import record_light_trails, record_predict
 from drake_rho.display.meshcat.tubes_and_wind import add_disturbed, record_disturbed
 from drake_rho.display.meshcat.vehicles import Vehicles, add_vehicles, record_vehicles
 from drake_rho.motion.flown import Flown
+from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.records import Scenario
 
 _OBJECTS_PER_VEHICLE = 4
 """Moving objects per vehicle of a simulation: vehicle, ghost, ball of the tube, wind arrow."""
@@ -35,8 +39,8 @@ _MAX_TRAILS = 100
 class Stage:
     """Everything from which a scene is drawn: motions, geometry, playback, vehicles."""
 
-    flown: Flown
-    """plan, flight or simulation"""
+    flown: Flown | StraightLines
+    """plan, flight or simulation, or straight lines of a scenario"""
     shown: Drawn
     """motions to draw"""
     scene: Scene
@@ -45,9 +49,16 @@ class Stage:
     """mapping of flight time to playback time"""
     vehicles: Vehicles
     """appearance of the vehicles"""
+    conflicts: InfeasibleError | None = None
+    """error whose vehicles and obstacles are marked, if any"""
 
     @classmethod
-    def of(cls, flown: Flown, rate: float | None = None) -> Stage:
+    def of(
+        cls,
+        flown: Flown | Scenario,
+        rate: float | None = None,
+        conflicts: InfeasibleError | None = None,
+    ) -> Stage:
         """Prepare the display of `flown` at `rate` seconds of flight per second; see `animate`.
 
         Raises:
@@ -55,29 +66,32 @@ class Stage:
         """
         if rate is not None and not (np.isfinite(rate) and rate > 0.0):
             raise ValueError(f"rate: got {rate}, expected a positive number")
-        shown = drawn(flown)
+        given = StraightLines(flown) if isinstance(flown, Scenario) else flown
+        shown = drawn(given)
         scene = Scene.of(shown)
-        disturbed = flown.simulation is not None and not scene.light
+        disturbed = given.simulation is not None and not scene.light
         playback = Playback.of(shown, rate, _OBJECTS_PER_VEHICLE if disturbed else 1)
-        return cls(flown, shown, scene, playback, Vehicles.of(scene, shown, playback))
+        vehicles = Vehicles.of(scene, shown, playback)
+        return cls(given, shown, scene, playback, vehicles, conflicts)
 
     @property
     def few_enough_for_trails(self) -> bool:
         """Whether trails are drawn by default."""
-        return len(self.shown.positions) <= _MAX_TRAILS
+        return len(self.shown.positions) <= _MAX_TRAILS and self.flown.kind != "scenario"
 
 
 @checked
 def animate(
-    flown: Flown,
+    flown: Flown | Scenario,
     *,
+    conflicts: InfeasibleError | None = None,
     meshcat: Meshcat | None = None,
     host: str = "localhost",
     port: int | None = None,
     rate: float | None = None,
     trails: bool | None = None,
 ) -> Meshcat:
-    """Show a plan, a flight or a simulation in the browser, with Meshcat's time slider.
+    """Show a plan, flight, simulation or scenario in the browser, with Meshcat's time slider.
 
     Obstacles are translucent, and fainter until they become known; moving obstacles move. Trails
     grow as the vehicles fly. Starts are small balls and goals larger ones. For a `Flight`, the
@@ -96,11 +110,16 @@ def animate(
     the disturbance stays within the scenario's bounds, the vehicle is in that ball. An arrow shows
     the wind on the vehicle.
 
+    A `Scenario` is shown before it is planned: vehicles move along straight lines from their starts
+    through their waypoints to their goals.
+
     More than 24 vehicles make a light scene with few objects: goals are small, trails thin, and
     starts, predictions, ghosts and the wind are left out.
 
     Args:
-        flown: plan, flight or simulation to show.
+        flown: plan, flight, simulation or scenario to show.
+        conflicts: the error of a scenario without a plan, whose vehicles and obstacles in conflict
+            are marked in red.
         meshcat: Meshcat in which to show it, emptied first; a new server if not given.
         host: network interface of a new server; "*" for all interfaces.
         port: of a new server, or the next free one; from 7000 if not given.
@@ -115,7 +134,7 @@ def animate(
         ValueError: `rate` is not positive.
         OSError: no port is free.
     """
-    stage = Stage.of(flown, rate)
+    stage = Stage.of(flown, rate, conflicts)
     meshcat = start_meshcat(host, port) if meshcat is None else meshcat
     draw(meshcat, stage, trails=stage.few_enough_for_trails if trails is None else trails)
     return meshcat
@@ -128,11 +147,15 @@ def draw(meshcat: Meshcat, stage: Stage, *, trails: bool) -> None:
     meshcat.DeleteRecording()
     set_camera(meshcat, scene)
     add_surroundings(meshcat, scene, plan.scenario)
-    add_obstacles(meshcat, scene, plan)
+    add_obstacles(meshcat, scene, plan, stage.conflicts)
     if scene.light:
         add_light_goals(meshcat, scene, plan.scenario)
     else:
         add_ends(meshcat, scene, plan.scenario)
+    if isinstance(stage.flown, StraightLines):
+        add_straight_lines(meshcat, stage.flown)
+    if stage.conflicts is not None:
+        add_conflicts(meshcat, scene, plan.scenario, stage.conflicts)
     add_vehicles(meshcat, scene, plan, vehicles)
     meshcat.StartRecording(
         frames_per_second=playback.frames_per_second, set_visualizations_while_recording=False

@@ -8,32 +8,42 @@ known, and `edges`, if the shape has edges.
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.colors import to_rgb
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
 
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.obstacle_snapshots import obstacle_paths, truncated, truncated_centers
 from drake_rho.display.common.shape_faces import surface
+from drake_rho.display.common.style import CONFLICT
 from drake_rho.display.meshcat.playback import Playback
 from drake_rho.display.meshcat.scene import ROOT, Scene
 from drake_rho.display.meshcat.shape_objects import put
 from drake_rho.display.meshcat.trails import segments, show_between
+from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 
 _SOLID = Rgba(0.6, 0.63, 0.7, 0.5)
 _GHOST = Rgba(0.6, 0.63, 0.7, 0.12)
+_IN_CONFLICT = Rgba(*to_rgb(CONFLICT), 0.5)
 _EDGES = Rgba(0.5, 0.5, 0.55)
 _PATH = Rgba(0.6, 0.6, 0.65)
 
 
-def add_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn) -> None:
-    """Add all obstacles as they are at the first knot, and lines along the paths of moving ones."""
+def add_obstacles(
+    meshcat: Meshcat, scene: Scene, plan: Drawn, conflicts: InfeasibleError | None = None
+) -> None:
+    """Add all obstacles as they are at the first knot, and lines along the paths of moving ones.
+
+    Those in conflict are red.
+    """
     start, bodies = plan.scenario.grid.start, plan.scenario.bodies
+    marked = frozenset[int]().union(*conflicts.obstacles.values()) if conflicts else frozenset()
     for number, obstacle in enumerate(bodies, start=1):
         path = _path(number)
         shape = truncated(obstacle.shape, scene.lower, scene.upper)
-        put(shape, meshcat, f"{path}/known", _SOLID)
+        put(shape, meshcat, f"{path}/known", _IN_CONFLICT if number in marked else _SOLID)
         if _known_late(plan, obstacle):
             put(shape, meshcat, f"{path}/unknown", _GHOST)
         if edges := surface(shape).edges:

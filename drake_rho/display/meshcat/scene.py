@@ -16,11 +16,12 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.geometry import Sphere as Ball
 from pydrake.math import RigidTransform
 
-from drake_rho.display.common.drawable import Drawn
+from drake_rho.display.common.drawable import Drawn, StraightLines
 from drake_rho.display.common.names import as_path
 from drake_rho.display.common.obstacle_snapshots import snapshots
-from drake_rho.display.common.style import palette, vehicle_colours, view
+from drake_rho.display.common.style import CONFLICT, palette, vehicle_colours, view
 from drake_rho.display.meshcat.meshes import box_edges, ground_grid, octahedron, scattered
+from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Box, Scenario, Vehicle
 
@@ -144,7 +145,7 @@ def add_surroundings(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None
 
 
 def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
-    """Add starts and goals, as small and larger balls in the vehicles' colours."""
+    """Add starts (small balls), goals (large balls) and waypoints (octahedra), coloured."""
     size = 2.0 * scene.seen
     shared = Counter(tuple(vehicle.goal.position) for vehicle in scenario.vehicles)
     for vehicle, colour in coloured(scenario):
@@ -156,6 +157,31 @@ def add_ends(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:
             path = f"{ROOT}/{kind}/{as_path(vehicle.name)}"
             meshcat.SetObject(path, Ball(radius * size), shown)
             meshcat.SetTransform(path, RigidTransform(state.position))
+        if vehicle.waypoints:
+            passed = np.array([waypoint.position for waypoint in vehicle.waypoints])
+            marks = scattered(octahedron(0.16 * size), passed)
+            path = f"{ROOT}/waypoints/{as_path(vehicle.name)}"
+            meshcat.SetTriangleMesh(path, *marks, rgba=colour)
+
+
+def add_straight_lines(meshcat: Meshcat, lines: StraightLines) -> None:
+    """Add the straight lines of a scenario, from starts through waypoints to goals."""
+    for (vehicle, colour), positions in zip(coloured(lines.scenario), lines.positions, strict=True):
+        path = f"{ROOT}/lines/{as_path(vehicle.name)}"
+        meshcat.SetLine(path, np.asfortranarray(positions.T), 2.0, colour)
+
+
+def add_conflicts(
+    meshcat: Meshcat, scene: Scene, scenario: Scenario, error: InfeasibleError
+) -> None:
+    """Mark starts and goals of the vehicles in conflict with translucent red balls."""
+    red = Rgba(*to_rgb(CONFLICT), 0.35)
+    for vehicle in scenario.vehicles:
+        if vehicle.name in error.conflicts:
+            for kind, state in (("start", vehicle.start), ("goal", vehicle.goal)):
+                path = f"{ROOT}/conflicts/{as_path(vehicle.name)}/{kind}"
+                meshcat.SetObject(path, Ball(1.2 * scene.seen), red)
+                meshcat.SetTransform(path, RigidTransform(state.position))
 
 
 def add_light_goals(meshcat: Meshcat, scene: Scene, scenario: Scenario) -> None:

@@ -13,7 +13,9 @@ from importlib.resources import files
 from drake_rho.display.meshcat.animation import Stage, draw, start_meshcat
 from drake_rho.display.viewer.payload import payload
 from drake_rho.motion.flown import Flown
+from drake_rho.planning.errors import InfeasibleError
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.records import Scenario
 
 _OVERLAY = files("drake_rho.display.viewer") / "overlay"
 _END = "</body>"
@@ -22,15 +24,22 @@ _IDENTIFIER = "drake-rho"
 
 
 @checked
-def viewer_page(flown: Flown, *, rate: float | None = None, trails: bool | None = None) -> str:
-    """Return a page that shows a plan, a flight or a simulation, and opens without a network.
+def viewer_page(
+    flown: Flown | Scenario,
+    *,
+    conflicts: InfeasibleError | None = None,
+    rate: float | None = None,
+    trails: bool | None = None,
+) -> str:
+    """Return a page that shows a plan, flight, simulation or scenario, and needs no network.
 
     In addition to the scene of `animate`, the page shows the time, each vehicle's speed and
     clearance, and plots of the least separation and clearance with their limits. All numbers are
     computed in Python. Names follow the vehicles. Layers, colours and the camera can be chosen.
 
     Args:
-        flown: plan, flight or simulation to show.
+        flown: plan, flight or simulation to show, or a scenario before it is planned.
+        conflicts: the error of a scenario without a plan, as in `animate`.
         rate: seconds of flight per second of playback, as in `animate`.
         trails: whether to draw trails, as in `animate`.
 
@@ -41,7 +50,7 @@ def viewer_page(flown: Flown, *, rate: float | None = None, trails: bool | None 
         ValueError: `rate` is not positive.
         OSError: no port is free; Meshcat needs one during this call.
     """
-    stage = Stage.of(flown, rate)
+    stage = Stage.of(flown, rate, conflicts)
     meshcat = start_meshcat()
     draw(meshcat, stage, trails=stage.few_enough_for_trails if trails is None else trails)
     return with_overlay(meshcat.StaticHtml(), payload(stage))

@@ -41,6 +41,7 @@ def payload(stage: Stage) -> dict[str, object]:
         "clearances": _finite(np.round(found.clearances, decimals)),
         "nearest": found.nearest.tolist() if np.any(np.isfinite(found.clearances)) else [],
         "curves": _curves(stage, found, decimals),
+        "notice": "straight lines, not planned" if stage.flown.kind == "scenario" else "",
         "windows": first_times(stage.flown.windows),
         "knotsOnly": not scenario.between_knots,
         "tolerance": TOLERANCE * scene.size,
@@ -143,7 +144,7 @@ def _layers(stage: Stage) -> list[dict[str, object]]:
         ("Tubes", ["tube", "tubes"], simulation is not None and has_tube(simulation)),
         ("Plans", ["planned"], simulation is not None),
         ("Wind", ["wind"], simulation is not None and strongest_wind(simulation) > 0.0),
-        ("Starts and goals", ["starts", "goals"], True),
+        ("Starts and goals", ["starts", "goals", "waypoints", "lines"], True),
         ("Radii", ["radii"], detailed and bool(np.any(scenario.fleet.radii > 0.0))),
         ("Shells", [], scenario.separation is not None),
         ("Names", [], True),
@@ -157,8 +158,14 @@ def _legend(stage: Stage) -> list[dict[str, str]]:
     entries: list[tuple[str, str]] = []
     if (note := stage.vehicles.note) is not None:
         entries.append((stage.vehicles.kinds[0], note))
+    if stage.flown.kind == "scenario":
+        entries.append(("prediction", "straight lines, not planned"))
+    if stage.conflicts is not None:
+        entries.append(("conflict", "red: vehicles and obstacles in conflict"))
     if detailed:
         entries.append(("ends", "start (small) and goal (large)"))
+        if any(vehicle.waypoints for vehicle in scenario.vehicles):
+            entries.append(("goal", "waypoint"))
     else:
         entries.append(("goal", "goal"))
     if detailed and len(stage.flown.windows) > 0:

@@ -94,6 +94,7 @@ const SIGNS = {
   radius: ["circle", { cx: 10, cy: 8, r: 6, fill: "currentColor", stroke: "none", opacity: 0.25 }],
   shell: ["path", { d: "M6 8m-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0 M15 8m-4 0a4 5 0 1 0 8 0a4 5 0 1 0 -8 0", "stroke-width": 1 }],
     tube: ["path", { d: "M1 8 L19 8", "stroke-width": 9, opacity: 0.22 }],
+  conflict: ["circle", { cx: 10, cy: 8, r: 6, fill: "#d00000", stroke: "none", opacity: 0.5 }],
   wind: ["path", { d: "M2 8 L17 8 M12 4 L18 8 L12 12" }],
 };
 const [form, line] = SIGNS[data.vehicles[0].airframe];

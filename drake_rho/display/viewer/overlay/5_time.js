@@ -15,6 +15,7 @@ function update(atOnce = false) {
     const window = data.windows.findLastIndex((begin) => begin <= state.time + 1e-9) + 1;
     const pace = state.speed * data.rate;
     moment.textContent = [
+      data.notice,
       window ? `window ${window} of ${data.windows.length}` : "", pace === 1 ? "" : `${Number(pace.toPrecision(3))} × real time`,
     ].filter(Boolean).join(" · ");
   }
