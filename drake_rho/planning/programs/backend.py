@@ -74,7 +74,7 @@ class Backend:
 
     def here(self) -> Backend:
         """Return this backend without its executor."""
-        return dataclasses.replace(self, executor=None)
+        return self if self.executor is None else dataclasses.replace(self, executor=None)
 
 
 def name_of(solver: Solver) -> str:

@@ -11,7 +11,7 @@ from drake_rho.planning.call.options import SMALL_FLEET
 from drake_rho.planning.constraints.base import HalfSpaces
 from drake_rho.planning.errors import SolverError
 from drake_rho.planning.problem import Problem
-from drake_rho.planning.programs.backend import Backend
+from drake_rho.planning.programs.backend import Accuracy, Backend
 from drake_rho.planning.programs.parallel import Answers, solve_all
 from drake_rho.planning.programs.rows import about, groups_of
 from drake_rho.planning.programs.solve import MAX_RETRIES
@@ -39,7 +39,10 @@ class GroupPrograms:
     def __init__(self, problem: Problem, backend: Backend, curved: CurvedSets) -> None:
         self.motion = problem.effort.motion
         self.working = WorkingSet(RowKeys(len(problem), problem.scenario.grid))
-        self._problem, self._backend, self._curved = problem, backend, curved
+        self._problem, self._curved = problem, curved
+        # smaller fleets are solved to full accuracy at once
+        accuracy: Accuracy = "quick" if len(problem) > SMALL_FLEET else "full"
+        self._backend = dataclasses.replace(backend, accuracy=accuracy)
         self._inexact = np.zeros(len(problem), dtype=int)
         self._unsatisfied, self._retries = list[HalfSpaces](), 0
         self._solved, self._solver_name, self._solver_seconds = 0, "", 0.0
@@ -118,15 +121,12 @@ class GroupPrograms:
 
     def _solve_rows(self, vehicles: IntArray) -> list[Answers]:
         """Solve the programs of vehicles whose rows involve no cones."""
-        count = len(self._problem)
-        quick = count > SMALL_FLEET  # smaller fleets are solved to full accuracy
-        backend = dataclasses.replace(
-            self._backend,
-            accuracy="quick" if quick else "full",
-            others_first=self._retry() > 0,
-        )
-        rows = about(self._problem.effort.motion, self.working.of(vehicles, count))
-        return solve_all(self._problem.effort.changes, rows, backend)
+        backend = self._backend
+        if self._retry() > 0:
+            backend = dataclasses.replace(backend, others_first=True)
+        effort = self._problem.effort
+        rows = about(effort.motion, self.working.of(vehicles, len(self._problem)))
+        return solve_all(effort.changes, rows, backend)
 
     def _solve_conic(self, vehicles: IntArray) -> list[Answers]:
         """Solve programs with cones; store the equivalent tangent planes in the working set."""
