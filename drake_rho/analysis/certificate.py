@@ -6,6 +6,7 @@ import dataclasses
 
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.records import Scenario
+from drake_rho.system.html import html_table
 
 GLOBAL_GAP = 1e-6
 """Relative gap up to which a plan counts as globally optimal."""
@@ -17,6 +18,9 @@ _SHOWN = 3
 _MAX_ROWS = 20
 """Largest number of vehicles that a printed certificate shows: those with the largest gaps."""
 
+
+_HEADS = ("vehicle", "cost", "lower bound", "gap", "eigenvalue")
+"""Heads of a printed certificate's columns."""
 
 _COLUMNS = (
     "gap: (cost - lower bound) / cost",
@@ -125,28 +129,43 @@ class Certificate(metaclass=Described):
         return f"; the bound leaves out {shown}{more}"
 
     def __str__(self) -> str:
+        form = "{:<12} {:>14} {:>14} {:>9} {:>11}"
+        rows = (form.format(*each) for each in (_HEADS, *self._rows()))
+        return "\n".join([self._title(), *rows, *self._below()])
+
+    def _repr_html_(self) -> str:
+        """Return the printed certificate as a table for a notebook."""
+        return html_table(self._title(), _HEADS, self._rows(), self._below(), left=1)
+
+    def _title(self) -> str:
         verdict = "globally optimal" if self.is_globally_optimal else "not proved optimal"
         verdict = verdict if self.holds else "violates its constraints"
-        verdict = (
-            f"{verdict} (time was up)" if self.cut and not self.is_globally_optimal else verdict
-        )
-        lines = [
+        verdict += " (time was up)" if self.cut and not self.is_globally_optimal else ""
+        return (
             f"{self.scenario.name}: {verdict}; cost {self.cost:.6f} m²/s⁴, {self._above_bound()}"
             f"lower bound {self.lower_bound:.6f}; gap {self.gap:.1e} of the cost"
-            f"{self._planned_gap()}{self._left_out()}",
-            f"{'vehicle':<12} {'cost':>14} {'lower bound':>14} {'gap':>9} {'eigenvalue':>11}",
-        ]
+            f"{self._planned_gap()}{self._left_out()}"
+        )
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        """Return the cells of each vehicle; of many vehicles, of those with the largest gaps."""
         shown = self.vehicles
         if len(shown) > _MAX_ROWS:
             shown = tuple(sorted(shown, key=lambda each: each.lower_bound - each.cost)[:_MAX_ROWS])
-        lines += [
-            f"{each.vehicle:<12} {each.cost:>14.6f} {each.lower_bound:>14.6f} {each.gap:>9.1e} "
-            f"{each.least_eigenvalue:>11.4f}"
+        return [
+            (
+                each.vehicle,
+                f"{each.cost:.6f}",
+                f"{each.lower_bound:.6f}",
+                f"{each.gap:.1e}",
+                f"{each.least_eigenvalue:.4f}",
+            )
             for each in shown
         ]
-        more = len(self.vehicles) - len(shown)
-        rest = [f"… and {more} more, with smaller gaps"] if more else []
-        return "\n".join([*lines, *rest, *_COLUMNS])
+
+    def _below(self) -> list[str]:
+        more = len(self.vehicles) - _MAX_ROWS
+        return [*([f"… and {more} more, with smaller gaps"] if more > 0 else []), *_COLUMNS]
 
 
 def _gap(cost: float, lower_bound: float) -> float:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from drake_rho.motion.plan import Plan, summary
 from drake_rho.motion.samples import Samples
 from drake_rho.motion.statistics import Statistics
-from drake_rho.scenario.described import Described
+from drake_rho.scenario.described import Described, ShownInNotebooks
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.records import Scenario
 
@@ -79,7 +79,7 @@ class Sighting:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Flight(metaclass=Described):
+class Flight(ShownInNotebooks, metaclass=Described):
     """Flight of a scenario with a receding horizon."""
 
     plan: Plan

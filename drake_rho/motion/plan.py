@@ -13,7 +13,7 @@ from drake_rho.motion.samples import Samples, times_of
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.motion.statistics import Statistics
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.described import Described
+from drake_rho.scenario.described import Described, ShownInNotebooks
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only, unchecked
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
@@ -30,7 +30,7 @@ def summary(scenario: Scenario) -> str:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Plan(metaclass=Described):
+class Plan(ShownInNotebooks, metaclass=Described):
     """Trajectories of all vehicles of a scenario.
 
     Raises:

@@ -16,14 +16,14 @@ from drake_rho.motion.scenario_tube import error_tube, tube_of
 from drake_rho.motion.statistics import Statistics
 from drake_rho.motion.tube import ErrorTube
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.described import Described
+from drake_rho.scenario.described import Described, ShownInNotebooks
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Simulation(metaclass=Described):
+class Simulation(ShownInNotebooks, metaclass=Described):
     """Simulated flight of a scenario with a receding horizon and feedback.
 
     Command and wind are constant from each time to the next, so the motion of a point mass is

@@ -7,6 +7,7 @@ import dataclasses
 import inspect
 import textwrap
 from abc import ABCMeta
+from importlib import import_module
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -56,6 +57,16 @@ class Described(ABCMeta):
     @__doc__.setter
     def __doc__(cls, own: str | None) -> None:  # pydantic assigns the original docstring again
         vars(type)["__doc__"].__set__(cls, own)
+
+
+class ShownInNotebooks:
+    """Record that a notebook shows as a figure."""
+
+    def _repr_html_(self) -> str:
+        """Return the HTML by which a notebook shows the record."""
+        # `display` stands above all records; it is loaded only if a notebook asks for it
+        found: str = import_module("drake_rho.display.notebook").html_of(self)
+        return found
 
 
 def described(cls: type[_Class]) -> type[_Class]:

@@ -22,6 +22,7 @@ from drake_rho.scenario.consistency import (
     check_outside,
     check_waypoints,
 )
+from drake_rho.scenario.described import ShownInNotebooks
 from drake_rho.scenario.disturbance import Disturbance, Tracking
 from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
@@ -58,7 +59,7 @@ __all__ = [
 
 
 @record
-class Scenario:
+class Scenario(ShownInNotebooks):
     """Planning problem: vehicles, limits, obstacles and separation on a grid.
 
     Examples:

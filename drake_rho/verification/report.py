@@ -12,6 +12,7 @@ from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.records import Scenario
+from drake_rho.system.html import html_table
 
 AT_KNOTS, AT_ALL_TIMES = "at knots", "at all times"
 """Instants at which a constraint is verified, as named in `Check.part`."""
@@ -178,6 +179,12 @@ class Report(metaclass=Described):
         printed = self.printed()
         return "\n".join([_table(printed.title, printed.rows), *printed.below])
 
+    def _repr_html_(self) -> str:
+        """Return the printed report as a table for a notebook."""
+        printed = self.printed()
+        heads, *rows = _cells(printed.rows)
+        return html_table(printed.title, heads, rows, printed.below, left=2)
+
     def printed(self) -> Printed:
         """Return the contents of a printed report."""
         name, violations = self.scenario.name, self.violations
@@ -253,30 +260,39 @@ def verdict(check: Check) -> str:
     return "holds" if check.holds else "VIOLATED"
 
 
-def _table(title: str, rows: Sequence[Check]) -> str:
-    """Return rows under a title, with a column for the error radii if any is positive."""
-    width = max([35, *(len(check.what) for check in rows)])
-    errors = any(check.errors > 0.0 for check in rows)
-    form = f"{{:<12}} {{:<{width}}} {{:>9}} {{:>12}} {{:>12}} "
-    form += ("{:>11} " if errors else "") + "{:>11} {:<4}  {}"
-    heads = ("vehicle", "constraint", "time [s]", "value", "limit", "for errors", "excess", "", "")
-    lines = [title, form.format(*_cells(heads, errors))]
+_HEADS = ("vehicle", "constraint", "time [s]", "value", "limit", "for errors", "excess", "", "")
+"""Heads of a report's columns."""
+
+_ERRORS = _HEADS.index("for errors")
+"""Index of the column that a report without errors leaves out."""
+
+
+def _cells(rows: Sequence[Check]) -> list[tuple[str, ...]]:
+    """Return the heads and the cells of each row, with errors if any is positive."""
+    cells: list[tuple[str, ...]] = [_HEADS]
     for check in rows:
-        cells = (
-            check.vehicle,
-            check.what,
-            clock_number(check.time),
-            f"{check.value:.6g}",
-            f"{check.limit:.6g}",
-            f"{check.errors:.4g}" if check.errors > 0.0 else "",
-            f"{check.excess:+.2e}",
-            check.unit,
-            verdict(check),
+        cells.append(
+            (
+                check.vehicle,
+                check.what,
+                clock_number(check.time),
+                f"{check.value:.6g}",
+                f"{check.limit:.6g}",
+                f"{check.errors:.4g}" if check.errors > 0.0 else "",
+                f"{check.excess:+.2e}",
+                check.unit,
+                verdict(check),
+            )
         )
-        lines.append(form.format(*_cells(cells, errors)))
-    return "\n".join(line.rstrip() for line in lines)
+    if any(check.errors > 0.0 for check in rows):
+        return cells
+    return [each[:_ERRORS] + each[_ERRORS + 1 :] for each in cells]
 
 
-def _cells(cells: tuple[str, ...], errors: bool) -> tuple[str, ...]:
-    """Return a row's cells, without that of the errors if there are none."""
-    return cells if errors else cells[:5] + cells[6:]
+def _table(title: str, rows: Sequence[Check]) -> str:
+    """Return rows under a title."""
+    cells = _cells(rows)
+    width = max([35, *(len(check.what) for check in rows)])
+    form = f"{{:<12}} {{:<{width}}} {{:>9}} {{:>12}} {{:>12}} "
+    form += ("{:>11} " if len(cells[0]) == len(_HEADS) else "") + "{:>11} {:<4}  {}"
+    return "\n".join([title, *(form.format(*each).rstrip() for each in cells)])

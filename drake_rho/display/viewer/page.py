@@ -8,6 +8,7 @@ module in several files, joined in the order of their names. The page needs no n
 from __future__ import annotations
 
 import json
+from html import escape
 from importlib.resources import files
 
 from drake_rho.display.meshcat.animation import Stage, draw, start_meshcat
@@ -21,6 +22,17 @@ _OVERLAY = files("drake_rho.display.viewer") / "overlay"
 _END = "</body>"
 _IDENTIFIER = "drake-rho"
 """Identifier of the block of data in the page."""
+_HEIGHT = 600
+"""Height of the frame in a notebook [px]."""
+
+
+class Page(str):
+    """HTML of a page, which a notebook shows in a frame."""
+
+    def _repr_html_(self) -> str:
+        """Return a frame that contains the page."""
+        style = f"width:100%;height:{_HEIGHT}px;border:0"
+        return f'<iframe srcdoc="{escape(self)}" style="{style}"></iframe>'
 
 
 @checked
@@ -30,7 +42,7 @@ def viewer_page(
     conflicts: InfeasibleError | None = None,
     rate: float | None = None,
     trails: bool | None = None,
-) -> str:
+) -> Page:
     """Return a page that shows a plan, flight, simulation or scenario, and needs no network.
 
     In addition to the scene of `animate`, the page shows the time, each vehicle's speed and
@@ -44,7 +56,7 @@ def viewer_page(
         trails: whether to draw trails, as in `animate`.
 
     Returns:
-        The page, HTML.
+        The page, HTML; a notebook shows it.
 
     Raises:
         ValueError: `rate` is not positive.
@@ -53,7 +65,7 @@ def viewer_page(
     stage = Stage.of(flown, rate, conflicts)
     meshcat = start_meshcat()
     draw(meshcat, stage, trails=stage.few_enough_for_trails if trails is None else trails)
-    return with_overlay(meshcat.StaticHtml(), payload(stage))
+    return Page(with_overlay(meshcat.StaticHtml(), payload(stage)))
 
 
 def with_overlay(page: str, data: dict[str, object]) -> str:

@@ -1,0 +1,32 @@
+"""HTML of tables, for records that a notebook shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+_LEFT, _RIGHT = (f"text-align:{side};white-space:nowrap" for side in ("left", "right"))
+
+
+def html_table(
+    title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], below: Iterable[str], left: int
+) -> str:
+    """Return a table with a title above and lines of text below, whose cells do not wrap.
+
+    Args:
+        title: text above the table.
+        heads: heads of the columns.
+        rows: cells of each row.
+        below: lines of text below the table.
+        left: number of columns, from the left, with texts; the others hold numbers.
+    """
+
+    def line(tag: str, cells: Sequence[str]) -> str:
+        styles = [_LEFT] * left + [_RIGHT] * (len(cells) - left)
+        made = zip(cells, styles, strict=True)
+        return "".join(f'<{tag} style="{style}">{escape(cell)}</{tag}>' for cell, style in made)
+
+    body = "".join(f"<tr>{line('td', cells)}</tr>" for cells in rows)
+    rest = "".join(f"<div>{escape(words)}</div>" for words in below)
+    head = f"<thead><tr>{line('th', heads)}</tr></thead>"
+    return f"<div><b>{escape(title)}</b></div><table>{head}<tbody>{body}</tbody></table>{rest}"
