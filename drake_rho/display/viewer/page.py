@@ -29,6 +29,10 @@ _HEIGHT = 600
 class Page(str):
     """HTML of a page, which a notebook shows in a frame."""
 
+    def __repr__(self) -> str:
+        """Return a text such as '<Page of 2.7 MB>'."""
+        return f"<Page of {len(self) / 1e6:.1f} MB>"
+
     def _repr_html_(self) -> str:
         """Return a frame that contains the page."""
         style = f"width:100%;height:{_HEIGHT}px;border:0"
