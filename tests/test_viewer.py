@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,91 @@ def test_the_papers_page_shows_the_values_of_the_plan(paper: rho.Flight, tmp_pat
         for view in ("top", "side"):
             page.evaluate("view => drakeRho.look(view, 0)", view)
             _keep(page, f"paper_{view}")
+
+
+SIZES = {"desk": (1280, 800), "tablet": (820, 1180), "phone": (390, 844)}
+"""Windows, width and height [px]."""
+
+
+def _boxes(page: Page) -> dict[str, np.ndarray]:
+    """Return the edges of everything laid over the scene [px]: left, top, right, bottom."""
+    boxes: dict[str, np.ndarray] = page.evaluate(
+        """() => Object.fromEntries([".headline", ".tools", ".panel", ".transport", ".gauge"].map(
+            name => [name, document.querySelector(name).getBoundingClientRect()]
+        ).filter(([, box]) => box.width > 0).map(
+            ([name, box]) => [name, [box.left, box.top, box.right, box.bottom]]
+        ))"""
+    )
+    return {name: np.array(box) for name, box in boxes.items()}
+
+
+def _overlap(one: np.ndarray, other: np.ndarray) -> bool:
+    return bool(np.all(one[:2] < other[2:]) and np.all(other[:2] < one[2:]))
+
+
+def test_cards_overlap_neither_each_other_nor_a_vehicle_at_three_sizes(tmp_path: Path) -> None:
+    plan = _yard()
+    with _opened(rho.viewer_page(plan), tmp_path) as page:
+        for size, (wide, high) in SIZES.items():
+            page.set_viewport_size({"width": wide, "height": high})
+            for folded in (True, False):
+                page.evaluate("folded => drakeRho.fold(folded)", folded)
+                for view in ("free", "top", "side"):
+                    page.evaluate("view => drakeRho.look(view, 0)", view)
+                    page.evaluate("() => new Promise(requestAnimationFrame)")
+                    boxes = _boxes(page)
+                    assert (".panel" in boxes) != folded
+                    for name, box in boxes.items():
+                        assert np.all(box >= 0.0), (size, name)
+                        assert np.all(box <= [wide, high] * 2), (size, name)
+                    for (name, box), (other, another) in combinations(boxes.items(), 2):
+                        assert not _overlap(box, another), (size, folded, name, other)
+                    for time in (0.0, 4.0, 8.0):
+                        _read(page, time)
+                        for place in _on_screen(page):
+                            point = np.concatenate([place, place])
+                            under = [name for name, box in boxes.items() if _overlap(box, point)]
+                            assert under in ([], [".gauge"]), (size, folded, view, time)
+                _keep(page, f"yard_{size}_{'folded' if folded else 'open'}")
+
+
+def test_the_scale_bar_is_as_long_as_it_says_and_axes_point_as_in_the_scene(tmp_path: Path) -> None:
+    with _opened(rho.viewer_page(_yard()), tmp_path) as page:
+        for view in ("free", "top", "side"):
+            page.evaluate("view => drakeRho.look(view, 0)", view)
+            page.evaluate("() => new Promise(requestAnimationFrame)")
+            found = page.evaluate(
+                """() => {
+                    viewer.render();
+                    const { camera, controls } = viewer;
+                    const { offsetWidth, offsetHeight } = viewer.dom_element;
+                    const pixels = (point) => {
+                        const { x, y } = point.clone().project(camera);
+                        return [x * offsetWidth / 2, y * offsetHeight / 2];
+                    };
+                    const axis = (n) => new MeshCat.THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, n);
+                    const target = controls.target, right = axis(0);
+                    const [a, b] = [target, target.clone().add(right)].map(pixels);
+                    const ends = [[1, 0, 0], [0, 0, -1], [0, 1, 0]].map((unit) => pixels(
+                        target.clone().addScaledVector(new MeshCat.THREE.Vector3(...unit), 1e-3)
+                    ).map((value, index) => value - a[index]));
+                    return {
+                        metre: Math.hypot(b[0] - a[0], b[1] - a[1]),
+                        bar: document.querySelector(".gauge .length").offsetWidth,
+                        words: document.querySelector(".gauge .scale").innerText,
+                        ends,
+                        drawn: [...document.querySelectorAll(".gauge line")].map(
+                            (line) => [line.x2.baseVal.value, -line.y2.baseVal.value]
+                        ),
+                    };
+                }"""
+            )
+            length = float(found["words"].split()[0])
+            assert found["words"].split()[1] == "m"
+            assert found["bar"] == pytest.approx(length * found["metre"], abs=4.0)
+            for end, drawn in zip(np.array(found["ends"]), np.array(found["drawn"]), strict=True):
+                if np.linalg.norm(drawn) > 4.0:  # the axis does not point at the viewer
+                    assert end @ drawn > 0.95 * np.linalg.norm(end) * np.linalg.norm(drawn)
 
 
 @pytest.mark.slow

@@ -50,6 +50,8 @@ def check_time() -> None:
 def within_time(seconds: float | None) -> Iterator[None]:
     """Set a deadline for the block, no later than one that is in force already.
 
+    An `OutOfTimeError` that the block raises contains the time limit.
+
     Args:
         seconds: duration until the deadline [s]; None for no further deadline.
     """
@@ -59,6 +61,8 @@ def within_time(seconds: float | None) -> Iterator[None]:
     before = _ENDS.set(min(_ENDS.get(), time.perf_counter() + seconds))
     try:
         yield
+    except OutOfTimeError as error:
+        raise error.while_doing("", seconds) from None
     finally:
         _ENDS.reset(before)
 
@@ -96,7 +100,7 @@ def with_time_limit(planner: Callable[_Arguments, _Result]) -> Callable[_Argumen
             with within_time(seconds):
                 return planner(*args, **kwargs)
         except OutOfTimeError as error:
-            raise error.while_doing(recorded.last, seconds) from None
+            raise error.while_doing(recorded.last, None) from None
 
     return run
 

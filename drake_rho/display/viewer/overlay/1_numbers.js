@@ -60,7 +60,7 @@ function inDigits(value, unit = "") {
   const size = Math.abs(value);
   const decimals = size >= 100 || size === 0 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3;
   const text = value.toFixed(decimals).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
-  return unit ? `${text} ${unit}` : text;
+  return unit ? `${text}\u00a0${unit}` : text;
 }
 
 /** Return the name of the nearest obstacle or vehicle. */

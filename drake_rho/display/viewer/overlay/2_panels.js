@@ -46,7 +46,7 @@ const panel = element(overlay, "aside", "card panel");
 const scroller = element(panel, "div", "rows");
 const table = element(scroller, "table");
 const heads = element(element(table, "thead"), "tr");
-const COLUMNS = { order: "vehicle", speed: "speed [m/s]", clearance: "clearance [m]" };
+const COLUMNS = { order: "vehicle", speed: "speed\n[m/s]", clearance: "clearance\n[m]" };
 for (const [key, text] of Object.entries(COLUMNS)) {
   const head = element(heads, "th", "", text);
   head.dataset.key = key;
@@ -143,7 +143,7 @@ const plots = data.curves.map((curve) => {
   svg.addEventListener("pointerdown", drag);
   svg.addEventListener("pointermove", drag);
   const knots = data.knotsOnly ? ", checked at the knots only" : "";
-  const limit = curve.limit === null ? "no separation required" : `limit ${curve.limit} m${knots}`;
+  const limit = curve.limit === null ? "no separation required" : `limit ${curve.limit}\u00a0m${knots}`;
   const [one, other] = curve.closest;
   element(box, "footer", "", `least ${inDigits(least, "m")} at ${inDigits(data.start + when, "s")}, ${one} – ${other}; ${limit}`);
   if (curve.how) element(box, "footer", "", curve.how);

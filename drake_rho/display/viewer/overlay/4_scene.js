@@ -65,9 +65,10 @@ let bodies = [];
 
 /** Return the widths covered by cards at the edges of the window [px]; in narrow windows tools are below. */
 function free() {
-  const right = panel.offsetWidth ? innerWidth - panel.offsetLeft : 0;
-  const bars = [tools, transport].filter((bar) => bar.offsetWidth);
-  const [above, below] = [0, 1].map((low) => bars.filter((bar) => bar.offsetTop > innerHeight / 2 === Boolean(low)));
+  const sheet = panel.offsetWidth > innerWidth / 2; // on phones the panel is below the scene
+  const right = panel.offsetWidth && !sheet ? innerWidth - panel.offsetLeft : 0;
+  const bars = [tools, transport, ...(sheet ? [panel] : [])].filter((bar) => bar.offsetWidth);
+  const [above, below] = [0, 1].map((low) => bars.filter((bar) => bar.offsetTop + bar.offsetHeight / 2 > innerHeight / 2 === Boolean(low)));
   const top = Math.max(10, ...above.map((bar) => bar.offsetTop + bar.offsetHeight));
   return { left: 0, top, right, bottom: innerHeight - Math.min(innerHeight - 10, ...below.map((bar) => bar.offsetTop)) };
 }
@@ -166,6 +167,42 @@ function keepFollowing() {
   viewer.camera.position.add(moved);
 }
 
+// ---------------------------------------------------------------- scale and axes
+
+const gauge = element(overlay, "div", "gauge");
+const triad = drawing(gauge, "svg", { viewBox: "-26 -26 52 52" });
+const AXES = ["x", "y", "z"].map((name) => ({ line: drawing(triad, "line"), text: drawing(triad, "text"), name }));
+for (const { text, name } of AXES) text.textContent = name;
+const scaleBar = element(gauge, "div", "scale");
+const scaleWords = element(scaleBar, "div", "num");
+const scaleLength = element(scaleBar, "div", "length");
+
+/** Return the largest of 1, 2 and 5 times a power of ten that is at most a length. */
+function roundLength(most) {
+  const power = 10 ** Math.floor(Math.log10(most));
+  return power * [5, 2, 1].find((digit) => digit * power <= most * (1 + 1e-9));
+}
+
+/** Draw the axes as the camera sees them, and a scale bar that is exact at the point it looks at. */
+function updateGauge() {
+  const { camera, controls } = viewer;
+  AXES.forEach(({ line, text }, index) => {
+    const unit = inView(...[0, 1, 2].map((axis) => Number(axis === index)));
+    const { x, y } = unit.transformDirection(camera.matrixWorldInverse);
+    line.setAttribute("x2", 17 * x);
+    line.setAttribute("y2", -17 * y);
+    text.setAttribute("x", 24 * x);
+    text.setAttribute("y", -24 * y);
+    text.style.opacity = Math.hypot(x, y) < 0.2 ? 0 : 1;
+  });
+  const distance = camera.position.distanceTo(controls.target);
+  const perPixel = (2 * distance * Math.tan((camera.fov * Math.PI) / 360)) / viewer.dom_element.offsetHeight;
+  const length = roundLength(120 * perPixel);
+  scaleWords.textContent = length >= 1000 ? `${length / 1000} km` : `${Number(length.toPrecision(1))} m`;
+  scaleLength.style.width = `${length / perPixel}px`;
+  gauge.style.bottom = `${Math.max(16, free().bottom + 10)}px`;
+}
+
 // ---------------------------------------------------------------- names
 
 /** Labels of vehicles (in large fleets only of the followed one) and of named obstacles. */
@@ -181,6 +218,7 @@ function tagShown({ vehicle }) {
 function updateLabels() {
   const { camera } = viewer;
   camera.updateMatrixWorld();
+  updateGauge();
   const [wide, high] = [viewer.dom_element.offsetWidth, viewer.dom_element.offsetHeight];
   const up = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
   const placed = [];
