@@ -1,4 +1,4 @@
-"""Dual of a quadratic program: one function solves it, one check verifies every answer.
+"""Dual of a quadratic program with hard or soft rows: its solution and the check of KKT conditions.
 
 With unknowns u, in the unit of the rows, and slacks s,
 
