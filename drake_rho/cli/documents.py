@@ -1,4 +1,4 @@
-"""Documents of all other commands."""
+"""Documents of `assign`, `campaign`, `results`, `reproduce`, `show` and `export`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Radii of the error's balls at instants and over pieces of time.
+"""Radii of the error tube at instants and over pieces of time.
 
 `drake_rho.motion.sampled_loop` defines the units. A time is given by a sample, counted from 0, and
 the elapsed part of this sample.

@@ -1,4 +1,4 @@
-"""Nearest other of many vehicles at one instant, and the check of their separation."""
+"""Separation check of many vehicles at one instant, and the nearest other of each."""
 
 from __future__ import annotations
 

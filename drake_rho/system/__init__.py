@@ -1,4 +1,4 @@
-"""Plumbing below all rooms: threads, and files that are written whole or not at all.
+"""Utilities below all other packages: threads, and files written completely or not at all.
 
 It knows nothing of scenarios or plans.
 """

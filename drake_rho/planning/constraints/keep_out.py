@@ -1,4 +1,4 @@
-"""Collision avoidance: vehicles stay outside of a convex set S, which may move.
+"""Base class of collision avoidance: vehicles stay outside of a convex set, which may move.
 
 S is an obstacle (8) with a known trajectory c(t) of its centre, or a set around another vehicle.
 Let x be the position relative to the centre c, h the support function of S, and n a unit vector

@@ -1,4 +1,4 @@
-"""The paper's convex method: one linearisation of the obstacles, steps 1 to 3."""
+"""The paper's convex method: obstacles are linearised once, around a plan that ignores them."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.solvers import SolverId
@@ -60,8 +60,7 @@ class Daqp(metaclass=Described):
         return SolverId(NAME)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class HardAnswer:
+class HardAnswer(NamedTuple):
     """Answer of DAQP to: minimise norm(x)² subject to hard rows matrix @ x >= needed."""
 
     x: FloatArray

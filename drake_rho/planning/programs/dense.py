@@ -1,4 +1,4 @@
-"""Small dense programs as arrays, converted to Drake's type only if a solver of Drake needs it."""
+"""Small dense programs as arrays, with slacks of soft rows; Drake's type where Drake solves."""
 
 from __future__ import annotations
 

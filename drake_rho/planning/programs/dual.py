@@ -1,4 +1,4 @@
-"""Dual of a quadratic program: one function solves it, one check verifies every answer.
+"""Dual of a quadratic program with hard or soft rows: its solution and the check of KKT conditions.
 
 With unknowns u, in the unit of the rows, and slacks s,
 
@@ -62,7 +62,8 @@ def is_optimal(slope: FloatArray, needed: FloatArray, y: FloatArray, most: Float
     """Return whether multipliers meet the KKT conditions to `KKT_TOLERANCE`.
 
     Rows with y = 0 are satisfied (slope >= 0), rows with y = most are violated or active
-    (slope <= 0), and all others are active.
+    (slope <= 0), and all others are active. All this holds exactly if y is equal to its projected
+    gradient step, min(max(y - slope, 0), most); the difference is the natural residual.
 
     Args:
         slope: G y - b, which is M u - b, shape (R,).
@@ -71,8 +72,11 @@ def is_optimal(slope: FloatArray, needed: FloatArray, y: FloatArray, most: Float
         most: the upper bounds of y, shape (R,).
     """
     tolerance = KKT_TOLERANCE * max(1.0, float(np.abs(needed).max(initial=0.0)))
-    wrong = slope * np.where(slope < 0.0, y < most, y > 0.0)  # NaN if a slope is
-    return bool(((y >= 0.0) & (y <= most) & (np.abs(wrong) <= tolerance)).all())
+    residual = y - slope
+    np.maximum(residual, 0.0, out=residual)
+    np.minimum(residual, most, out=residual)
+    residual -= y
+    return bool(np.abs(residual).max(initial=0.0) <= tolerance)  # False if one is not a number
 
 
 def _candidates(

@@ -1,4 +1,4 @@
-"""Calls of solvers, with further solvers where one fails numerically."""
+"""Solution of programs, hard or soft, by a solver, and by others where it fails numerically."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cutting planes: solve, add the violated rows, and solve again.
+"""Cutting planes of a problem's vehicles: their programs, and the violated rows that are added.
 
 The first motions are those of minimum effort, which are known in closed form. Every constraint
 enters as a row when a motion violates it: first at the knots and, once the knots satisfy all, at

@@ -1,4 +1,4 @@
-"""Stopping tests of a feasibility restoration that makes no progress."""
+"""Stopping criteria of a feasibility restoration that makes no progress."""
 
 from __future__ import annotations
 
