@@ -18,7 +18,7 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 BUILDS = "what builds the site is installed by make docs and make lint"
 GUIDES = sorted([DOCS / "quick_start.md", *(DOCS / "guides").glob("*.md")])
-TASKS = 10
+TASKS = 15
 """Tasks of a newcomer, each with code to copy."""
 
 

@@ -181,3 +181,9 @@ def test_ctrl_c_on_the_command_line_stops_once_and_then_ends() -> None:
             signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) == before
     check_time()
+
+
+def test_a_first_window_out_of_time_names_the_limit_of_the_horizon() -> None:
+    horizon = rho.RecedingHorizon(HURRY, options=rho.Options(time_limit=1e-9))
+    with pytest.raises(rho.OutOfTimeError, match="the time limit of 1e-09 s was over"):
+        horizon.step(HURRY.fleet.start_states, HURRY.grid.start)
