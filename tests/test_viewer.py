@@ -198,8 +198,9 @@ def test_the_scale_bar_is_as_long_as_it_says_and_axes_point_as_in_the_scene(tmp_
                         const { x, y } = point.clone().project(camera);
                         return [x * offsetWidth / 2, y * offsetHeight / 2];
                     };
-                    const axis = (n) => new MeshCat.THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, n);
-                    const target = controls.target, right = axis(0);
+                    const right = new MeshCat.THREE.Vector3();
+                    right.setFromMatrixColumn(camera.matrixWorld, 0);
+                    const { target } = controls;
                     const [a, b] = [target, target.clone().add(right)].map(pixels);
                     const ends = [[1, 0, 0], [0, 0, -1], [0, 1, 0]].map((unit) => pixels(
                         target.clone().addScaledVector(new MeshCat.THREE.Vector3(...unit), 1e-3)
