@@ -110,5 +110,5 @@ def test_a_time_outside_the_flight_and_an_unknown_vehicle_are_refused(
 def test_of_a_large_fleet_the_nearest_name_is_suggested() -> None:
     scenario = rho.circle_swap(40, radius=20.0, duration=10.0, step=0.5)
     wrong = scenario.names[17] + "x"
-    with pytest.raises(ValueError, match="expected one of 40 vehicles; did you mean"):
+    with pytest.raises(ValueError, match="expected one of 40 names; did you mean"):
         scenario.index_of(wrong)

@@ -38,7 +38,7 @@ def evaluate(flown: Flown) -> Evaluation:
     return Evaluation(
         violated=_worst(report),
         cost=flown.cost,
-        obstacle_clearance=_least(report, "obstacle "),
+        obstacle_clearance=_least(report, "obstacles"),
         separation_clearance=_least(report, "separation"),
         tube_share=None if simulation is None else _share_of_tube(simulation),
         programs=flown.statistics.programs,
@@ -50,13 +50,9 @@ def _worst(report: Report) -> str:
     return f"{violations[0].constraint} of {violations[0].vehicle}" if violations else ""
 
 
-def _least(report: Report, constraint: str) -> float | None:
-    """Return the least clearance over the required checks of a constraint [m]."""
-    excess = [
-        check.excess
-        for check in report.checks
-        if check.asked and check.constraint.startswith(constraint)
-    ]
+def _least(report: Report, kind: str) -> float | None:
+    """Return the least clearance over the required checks of a kind [m]."""
+    excess = [check.excess for check in report.checks if check.asked and check.kind == kind]
     return -max(excess) if excess else None
 
 

@@ -56,7 +56,7 @@ def verified(
         step_s=flown.scenario.grid.step,
         ok=report.ok,
         cost=flown.cost,
-        clearance_m=_least(report, "obstacle "),
+        clearance_m=_least(report, "obstacles"),
         separation_m=_least(report, "separation"),
         windows=None if flown.flight is None else len(flown.windows),
         windows_without_plan=[
@@ -164,11 +164,7 @@ def _check(check: Check) -> CheckRow:
     return read_off(CheckRow, check, constraint=check.what, time_s=check.time)
 
 
-def _least(report: Report, constraint: str) -> float | None:
-    """Return the least value of the required checks whose constraint's name begins so."""
-    values = (
-        each.value
-        for each in report.checks
-        if each.asked and each.constraint.startswith(constraint)
-    )
+def _least(report: Report, kind: str) -> float | None:
+    """Return the least value of the required checks of a kind."""
+    values = (each.value for each in report.checks if each.asked and each.kind == kind)
     return min(values, default=None)

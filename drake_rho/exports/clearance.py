@@ -12,7 +12,8 @@ from drake_rho.scenario.records import Scenario
 from drake_rho.verification.report import Check
 from drake_rho.verification.verify import verify
 
-_SEPARATION = "separation"
+_DISTANCES = ("position", "obstacles", "separation")
+"""Kinds of requirements that are distances, which deviations reduce."""
 _NEGLIGIBLE = 1e-6
 """Clearance that is printed as nothing [m]."""
 
@@ -54,9 +55,7 @@ def spare(flown: Flown, deviations: FloatArray) -> Spare:
     """
     report, scenario = verify(flown), flown.scenario
     own = dict(zip((vehicle.name for vehicle in scenario.vehicles), deviations, strict=True))
-    distances = {"position box", _SEPARATION}
-    distances |= {scenario.obstacle_name(index + 1) for index in range(len(scenario.obstacles))}
-    checks = [check for check in report.checks if check.asked and check.constraint in distances]
+    checks = [check for check in report.checks if check.asked and check.kind in _DISTANCES]
     closer = [_closer_by(check, scenario, own) for check in checks]
     return Spare(
         min((-check.excess for check in checks), default=np.inf),
@@ -72,7 +71,7 @@ def _closer_by(check: Check, scenario: Scenario, deviations: dict[str, float]) -
     second, times the largest scale of the separation's ellipsoid.
     """
     own = deviations[check.vehicle]
-    if check.constraint != _SEPARATION or scenario.separation is None:
+    if check.kind != "separation" or scenario.separation is None:
         return own
     others = max(each for name, each in deviations.items() if name != check.vehicle)
     return float(scenario.separation.shape.scales.max()) * (own + others)

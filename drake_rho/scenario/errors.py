@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import pickle
 import reprlib
+from collections.abc import Sequence
+from difflib import get_close_matches
+
+_NAMES_LISTED = 12
+"""Largest number of names that an error lists."""
 
 
 class DrakeRhoError(Exception):
@@ -50,6 +55,13 @@ class ScenarioError(DrakeRhoError, ValueError):
         if not parent or not self.field or self.field.startswith("["):
             return ScenarioError(parent + self.field, self.value, self.expected)
         return ScenarioError(f"{parent}.{self.field}", self.value, self.expected)
+
+
+def one_of(names: Sequence[str], name: str) -> str:
+    """Return what an error expects in place of an unknown name: others, and the nearest one."""
+    few = ", ".join(names) if len(names) <= _NAMES_LISTED else f"{len(names)} names"
+    close = "".join(f"; did you mean {each}?" for each in get_close_matches(name, names, 1))
+    return f"one of {few}{close}"
 
 
 def shorten(value: object, longest: int = 80) -> str:

@@ -1,14 +1,9 @@
-"""The planning problem: a scenario of vehicles, limits, obstacles and separation on a grid.
-
-This module exports every record that a scenario is made of; most are defined in
-`drake_rho.scenario.parts`.
-"""
+"""The planning problem, `Scenario`, with all records that it is made of, for import from here."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from difflib import get_close_matches
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Self
 
@@ -24,6 +19,7 @@ from drake_rho.scenario.consistency import (
 )
 from drake_rho.scenario.described import ShownInNotebooks
 from drake_rho.scenario.disturbance import Disturbance, Tracking
+from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import Limits
@@ -290,17 +286,10 @@ class Scenario(ShownInNotebooks):
         Raises:
             ValueError: there is no such vehicle; the error suggests the nearest name.
         """
-        names = self.names
-        if name not in names:
-            few = len(names) <= _NAMES_LISTED
-            expected = f"one of {', '.join(names)}" if few else f"one of {len(names)} vehicles"
-            close = "".join(f"; did you mean {each}?" for each in get_close_matches(name, names, 1))
-            raise ValueError(f"vehicle: got {name!r}, expected {expected}{close}")
-        return names.index(name)
+        if name not in self.names:
+            raise ValueError(f"vehicle: got {name!r}, expected {one_of(self.names, name)}")
+        return self.names.index(name)
 
-
-_NAMES_LISTED = 12
-"""Largest number of vehicles whose names an error lists."""
 
 _COMPUTED_FROM: dict[str, set[str]] = {
     "bodies": {"obstacles"},

@@ -9,7 +9,7 @@ from pydantic import (
     ValidationError,
 )
 
-from drake_rho.scenario.errors import Description, ScenarioError
+from drake_rho.scenario.errors import Description, ScenarioError, one_of
 
 
 def scenario_error(error: ValidationError, root: type, parent: str = "") -> ScenarioError:
@@ -59,9 +59,7 @@ def _wrong_tag(details: Any, where: str, kinds: list[type]) -> ScenarioError | N
     fields = [getattr(kind, "__pydantic_fields__", {}) for kind in kinds]
     words = [word for each in fields if field in each for word in get_args(each[field].annotation)]
     value = details["input"].get(field, Description("nothing"))
-    close = get_close_matches(str(value), words, 1)
-    expected = f"one of {', '.join(words)}" + "".join(f"; did you mean {each}?" for each in close)
-    return ScenarioError(field, value, expected).inside(where)
+    return ScenarioError(field, value, one_of(words, str(value))).inside(where)
 
 
 def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], list[int | str]]:

@@ -33,6 +33,9 @@ class Check(metaclass=Described):
 
     vehicle: str
     """name of the vehicle"""
+    kind: str
+    """kind of the requirement: dynamics, goals, a field of `Limits`, waypoints, obstacles or
+    separation"""
     constraint: str
     """name of the constraint: dynamics, goal, position box, velocity box, acceleration box,
     jerk box, maximum speed, maximum acceleration, maximum thrust, maximum tilt, waypoint 1, …,
@@ -112,6 +115,7 @@ class Column:
                 continue
             yield Check(
                 vehicle=name,
+                kind=self.kind,
                 constraint=self.constraint,
                 part=part,
                 time=time,
@@ -202,11 +206,11 @@ class Report(metaclass=Described):
 
     def _without_far_obstacles(self, rows: list[Check]) -> tuple[list[Check], int]:
         """Return the rows without those of the furthest obstacles, and how many were left out."""
-        numbers = range(1, len(self.scenario.obstacles) + 1)
-        closest = {self.scenario.obstacle_name(number): -np.inf for number in numbers}
+        closest: dict[str, float] = {}
         for check in rows:
-            if check.constraint in closest:
-                closest[check.constraint] = max(closest[check.constraint], _excess(check))
+            if check.kind == "obstacles":
+                before = closest.get(check.constraint, -np.inf)
+                closest[check.constraint] = max(before, _excess(check))
         far = sorted(closest, key=lambda name: closest[name])[: max(0, len(closest) - _LONGEST)]
         return [check for check in rows if check.constraint not in far], len(far)
 
@@ -269,24 +273,23 @@ _ERRORS = _HEADS.index("for errors")
 
 def _cells(rows: Sequence[Check]) -> list[tuple[str, ...]]:
     """Return the heads and the cells of each row, with errors if any is positive."""
-    cells: list[tuple[str, ...]] = [_HEADS]
-    for check in rows:
-        cells.append(
-            (
-                check.vehicle,
-                check.what,
-                clock_number(check.time),
-                f"{check.value:.6g}",
-                f"{check.limit:.6g}",
-                f"{check.errors:.4g}" if check.errors > 0.0 else "",
-                f"{check.excess:+.2e}",
-                check.unit,
-                verdict(check),
-            )
+    cells = [
+        (
+            check.vehicle,
+            check.what,
+            clock_number(check.time),
+            f"{check.value:.6g}",
+            f"{check.limit:.6g}",
+            f"{check.errors:.4g}" if check.errors > 0.0 else "",
+            f"{check.excess:+.2e}",
+            check.unit,
+            verdict(check),
         )
+        for check in rows
+    ]
     if any(check.errors > 0.0 for check in rows):
-        return cells
-    return [each[:_ERRORS] + each[_ERRORS + 1 :] for each in cells]
+        return [_HEADS, *cells]
+    return [each[:_ERRORS] + each[_ERRORS + 1 :] for each in (_HEADS, *cells)]
 
 
 def _table(title: str, rows: Sequence[Check]) -> str:
