@@ -34,8 +34,7 @@ class Check(metaclass=Described):
     vehicle: str
     """name of the vehicle"""
     kind: str
-    """kind of the requirement: dynamics, goals, a field of `Limits`, waypoints, obstacles or
-    separation"""
+    """kind of requirement: dynamics, goals, a limit's field, waypoints, obstacles or separation"""
     constraint: str
     """name of the constraint: dynamics, goal, position box, velocity box, acceleration box,
     jerk box, maximum speed, maximum acceleration, maximum thrust, maximum tilt, waypoint 1, …,
