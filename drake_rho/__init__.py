@@ -251,9 +251,17 @@ def __getattr__(name: str) -> object:
         found = import_module("drake_rho.simulation.winds")
     elif name in _MODULE_OF:
         found = getattr(import_module(_MODULE_OF[name]), name)
+        records = import_module("drake_rho.scenario.described").ShownInNotebooks
+        records.html_of = staticmethod(_html_of)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = found
+    return found
+
+
+def _html_of(record: object) -> str:
+    """Return the HTML by which a notebook shows a record."""
+    found: str = import_module("drake_rho.display.notebook").html_of(record)
     return found
 
 

@@ -192,10 +192,10 @@ def test_plans_and_scenarios_show_themselves_in_a_notebook() -> None:
     scenario = single()
     plan = rho.plan(scenario)
     for record in (scenario, plan, rho.plan_rho(scenario), fly(disturbed(3))):
-        html = record._repr_html_()
+        html = str(record._repr_html_())
         (encoded,) = re.findall(r"base64,([^\"]+)\"", html)
         assert min(Image.open(io.BytesIO(base64.b64decode(encoded))).size) > 200
-    assert "<div>Plan of" in plan._repr_html_()
+    assert "<div>Plan of" in str(plan._repr_html_())
 
 
 def test_a_page_shows_itself_in_a_frame_and_is_short_in_print() -> None:

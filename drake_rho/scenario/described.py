@@ -7,9 +7,9 @@ import dataclasses
 import inspect
 import textwrap
 from abc import ABCMeta
-from importlib import import_module
+from collections.abc import Callable
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from drake_rho.scenario.errors import Description
 
@@ -62,11 +62,14 @@ class Described(ABCMeta):
 class ShownInNotebooks:
     """Record that a notebook shows as a figure."""
 
-    def _repr_html_(self) -> str:
-        """Return the HTML by which a notebook shows the record."""
-        # `display` stands above all records; it is loaded only if a notebook asks for it
-        found: str = import_module("drake_rho.display.notebook").html_of(self)
-        return found
+    html_of: ClassVar[Callable[[object], str] | None] = None
+    """function that returns the HTML of a record; the package sets it, since records know nothing
+    of their display"""
+
+    def _repr_html_(self) -> str | None:
+        """Return the HTML by which a notebook shows the record; None for its text."""
+        draw = type(self).html_of
+        return None if draw is None else draw(self)
 
 
 def described(cls: type[_Class]) -> type[_Class]:
