@@ -55,7 +55,7 @@ TREATMENT = {
     "goals": "equalities of the Lagrangian",
     **dict.fromkeys(LIMITS, "multipliers of its rows, which hold for every plan"),
     "waypoints": "multipliers of its rows, which hold for every plan",
-    "obstacles": "quadratics of balls and ellipsoids inside; others are left out (`not_counted`)",
+    "obstacles": "quadratics of balls and ellipsoids inside; others are left out (`left_out`)",
     "moving obstacles": "as obstacles, where they are at the time",
     "late obstacles": "as obstacles, where they are known at the start",
     "active obstacles": "as obstacles, at instants of the interval",

@@ -48,5 +48,6 @@ def kinds_of(scenario: Scenario) -> set[str]:
         "separation": scenario.separation is not None and len(scenario.vehicles) > 1,
         "disturbance": scenario.disturbance is not None,
     }
-    boxes = {each for each in BOXES if fleet.bounds(each) is not None}
-    return {"dynamics", "goals", *boxes, *fleet.norms, *(kind for kind in has if has[kind])}
+    given = [scenario.limits, *(each.limits for each in scenario.vehicles if each.limits)]
+    limits = {kind for kind in LIMITS if any(getattr(each, kind) is not None for each in given)}
+    return {"dynamics", "goals", *limits, *(kind for kind in has if has[kind])}
