@@ -7,6 +7,7 @@ import dataclasses
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.records import Scenario
 from drake_rho.system.html import html_table
+from drake_rho.system.numbers import percent
 
 GLOBAL_GAP = 1e-6
 """Relative gap up to which a plan counts as globally optimal."""
@@ -23,7 +24,7 @@ _HEADS = ("vehicle", "cost", "lower bound", "gap", "eigenvalue")
 """Heads of a printed certificate's columns."""
 
 _COLUMNS = (
-    "gap: (cost - lower bound) / cost",
+    "gap: (cost - lower bound) / cost; the optimum is between the two",
     "eigenvalue: least of the Lagrangian's Hessian; if above 0, a converged plan meets its bound",
 )
 """Explanation of the columns, printed below the table."""
@@ -110,16 +111,10 @@ class Certificate(metaclass=Described):
         """Least of the vehicles' eigenvalues."""
         return min(each.least_eigenvalue for each in self.vehicles)
 
-    def _above_bound(self) -> str:
-        if not self.lower_bound > 0.0:
-            return ""
-        percent = 100.0 * (self.cost / self.lower_bound - 1.0)
-        return f"{abs(percent):.3g} % {'below' if percent < 0.0 else 'above'} the "
-
     def _planned_gap(self) -> str:
         if self.scenario.disturbance is None:
             return ""
-        return f" ({self.planned_gap:.1e} with the margins that planners keep)"
+        return f" ({percent(self.planned_gap)} with the margins that planners keep)"
 
     def _left_out(self) -> str:
         if not self.left_out:
@@ -142,8 +137,8 @@ class Certificate(metaclass=Described):
         verdict = verdict if self.holds else "violates its constraints"
         verdict += " (time was up)" if self.cut and not self.is_globally_optimal else ""
         return (
-            f"{self.scenario.name}: {verdict}; cost {self.cost:.6f} m²/s⁴, {self._above_bound()}"
-            f"lower bound {self.lower_bound:.6f}; gap {self.gap:.1e} of the cost"
+            f"{self.scenario.name}: {verdict}; cost {self.cost:.6f} m²/s⁴, "
+            f"lower bound {self.lower_bound:.6f}; gap {_in_percent(self.gap)}"
             f"{self._planned_gap()}{self._left_out()}"
         )
 
@@ -157,7 +152,7 @@ class Certificate(metaclass=Described):
                 each.vehicle,
                 f"{each.cost:.6f}",
                 f"{each.lower_bound:.6f}",
-                f"{each.gap:.1e}",
+                _in_percent(each.gap),
                 f"{each.least_eigenvalue:.4f}",
             )
             for each in shown
@@ -166,6 +161,13 @@ class Certificate(metaclass=Described):
     def _below(self) -> list[str]:
         more = len(self.vehicles) - _MAX_ROWS
         return [*([f"… and {more} more, with smaller gaps"] if more > 0 else []), *_COLUMNS]
+
+
+def _in_percent(gap: float) -> str:
+    """Return a gap in per cent; one that is within the precision of plans as an upper bound."""
+    if abs(gap) <= GLOBAL_GAP:
+        return f"≤ {percent(GLOBAL_GAP)}"
+    return f"{'-' if gap < 0.0 else ''}{percent(gap)}"
 
 
 def _gap(cost: float, lower_bound: float) -> float:

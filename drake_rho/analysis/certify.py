@@ -21,13 +21,14 @@ from contextlib import suppress
 
 import numpy as np
 
+from drake_rho.analysis.ascent import CONVERGED, Ascent, best_bound
 from drake_rho.analysis.certificate import Certificate, VehicleCertificate
 from drake_rho.analysis.lagrangian import Lagrangian
 from drake_rho.motion.flight import Flight
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import ALONE
 from drake_rho.planning.call.progress import Progress, tell
-from drake_rho.planning.call.time_limit import check_time, seconds_left, with_time_limit
+from drake_rho.planning.call.time_limit import seconds_left, with_time_limit
 from drake_rho.planning.constraints.coupling import coupled
 from drake_rho.planning.errors import InfeasibleError, OutOfTimeError, SolverError
 from drake_rho.planning.planners.plan import plan_scp
@@ -63,10 +64,6 @@ TREATMENT = {
     "disturbance": "a bound for the plan's margins, and one without them",
 }
 """Contribution of every kind of requirement to the lower bound."""
-
-
-_CONVERGED = 1e-8
-"""Relative gap to a converged plan's cost at which a bound is not improved any more."""
 
 
 @checked
@@ -121,22 +118,26 @@ def certify(
     for number, group in enumerate(groups, start=1):
         name = scenario.vehicles[group[0]].name
         name = name if len(group) == 1 else f"{name} and {len(group) - 1} more"
-        tell(progress, f"bounding the cost of {name} ({number} of {len(groups)})")
+        task = f"bounding the cost of {name} ({number} of {len(groups)})"
+        tell(progress, task)
         if not proposals:
             certificates.append(_by_effort(name, plan, efforts, group))
             continue
+        cost = float(np.sum(plan.accelerations[group] ** 2))
         lagrangians = [Lagrangian(solved, group) for solved in proposals]
-        bounds = planned = [each.unit**2 * _best_bound(each) for each in lagrangians]
+        climbs = len(proposals) * (2 if disturbed else 1)
+        ascent = Ascent(progress, task, cost, climbs)
+        bounds = planned = [each.unit**2 * best_bound(each, ascent) for each in lagrangians]
         if disturbed:
             looser = [Lagrangian(solved, group, as_planned=False) for solved in proposals]
-            bounds = [each.unit**2 * _best_bound(each) for each in looser]
+            bounds = [each.unit**2 * best_bound(each, ascent) for each in looser]
         here = lagrangians[0]
         left_out |= set[str]().union(*(each.left_out for each in lagrangians))
         stationarity, complementarity = here.kkt_residuals()
         certificates.append(
             VehicleCertificate(
                 vehicle=name,
-                cost=float(np.sum(plan.accelerations[group] ** 2)),
+                cost=cost,
                 lower_bound=max(0.0, *bounds),
                 least_eigenvalue=2.0 * here.curvature(here.weights),
                 stationarity=stationarity,
@@ -152,7 +153,7 @@ def certify(
 
 def _by_effort(name: str, plan: Plan, efforts: FloatArray, group: IntArray) -> VehicleCertificate:
     """Return the certificate of a group from its minimum effort alone, without multipliers."""
-    bound = float(np.sum(efforts[group])) * (1.0 - _CONVERGED)
+    bound = float(np.sum(efforts[group])) * (1.0 - CONVERGED)
     return VehicleCertificate(
         vehicle=name,
         cost=float(np.sum(plan.accelerations[group] ** 2)),
@@ -217,52 +218,3 @@ def _groups(vehicles: int, proposals: Sequence[CuttingPlanes]) -> list[IntArray]
             met = np.unique(label[solved.working.group(vehicle)])
             label[np.isin(label, met)] = met[0]
     return [np.flatnonzero(label == each) for each in np.unique(label)]
-
-
-def _best_bound(lagrangian: Lagrangian) -> float:
-    """Return the largest minimum of the Lagrangian that is found, in the Lagrangian's unit.
-
-    The multipliers of the converged program are tried first; if the Lagrangian is convex there,
-    they are optimal. Else the obstacles' multipliers are scaled down until it is convex. Then the
-    minimum, a concave function of the multipliers whose gradient consists of the constraints'
-    violations, is maximised.
-    """
-    weights, multipliers = lagrangian.weights, lagrangian.multipliers
-    first = lagrangian.minimum(weights, multipliers)
-    index = float(np.sum(lagrangian.solution**2))
-    if first.value >= index * (1 - _CONVERGED) or len(weights) + len(multipliers) == 0:
-        return first.value
-    loss = 1.0 - lagrangian.curvature(weights)  # proportional to the weights
-    scaled = weights * min(1.0, 0.98 / loss if loss > 0.0 else 1.0)
-    return max(first.value, _climb(lagrangian, scaled, multipliers))
-
-
-def _climb(lagrangian: Lagrangian, weights: FloatArray, multipliers: FloatArray) -> float:
-    """Maximise the Lagrangian's minimum over λ, y >= 0, from multipliers for which it is convex."""
-    from scipy.optimize import minimize  # imported here because it is slow to load
-
-    start = np.concatenate([weights, multipliers])
-    sizes = np.maximum(start, 1e-3 * start.max())
-    best = -np.inf
-
-    def descend(x: FloatArray) -> tuple[float, FloatArray]:
-        nonlocal best
-        check_time()
-        given = np.maximum(x, 0.0) * sizes
-        found = lagrangian.minimum(given[: len(weights)], given[len(weights) :])
-        if not np.isfinite(found.value):
-            return 1e3 * scale, np.zeros_like(x)
-        best = max(best, found.value)
-        return -found.value, -np.concatenate(lagrangian.slopes(found.at)) * sizes
-
-    scale = float(np.sum(lagrangian.solution**2)) + 1.0
-    with suppress(OutOfTimeError):
-        minimize(
-            descend,
-            start / sizes,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[(0.0, None)] * len(start),
-            options={"maxiter": 300},
-        )
-    return best

@@ -28,7 +28,7 @@ from drake_rho.planning.programs.backend import Backend, Solver, SolverName
 from drake_rho.planning.scp.minimum_violation import minimum_violation
 from drake_rho.scenario.arguments import checked
 from drake_rho.scenario.records import Box, Limits, Scenario, Vehicle
-from drake_rho.verification.report import Check
+from drake_rho.verification.check import Check
 from drake_rho.verification.verify import verify
 
 PRECISION = 1e-4

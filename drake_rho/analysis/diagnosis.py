@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.records import Scenario
-from drake_rho.verification.report import Check
+from drake_rho.verification.check import Check
 
 _LINES, _REASONS, _SHOWN = 12, 3, 5
 """Largest numbers of lines of a printed diagnosis, and of vehicles and violations in it."""

@@ -24,7 +24,8 @@ from drake_rho.exports.record import Exported as Written
 from drake_rho.motion.flown import Flown
 from drake_rho.paper.study import Example, Study
 from drake_rho.scenario.records import Scenario
-from drake_rho.verification.report import Check, Report
+from drake_rho.verification.check import Check
+from drake_rho.verification.report import Report
 
 
 def verified(
@@ -58,6 +59,8 @@ def verified(
         cost=flown.cost,
         clearance_m=_least(report, "obstacles"),
         separation_m=_least(report, "separation"),
+        top_speed_mps=report.summary.top_speed,
+        least_effort=report.summary.least_effort,
         windows=None if flown.flight is None else len(flown.windows),
         windows_without_plan=[
             read_off(WindowRow, each, first_knot=each.first_knot + 1, reason=each.infeasible)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from rich.markup import escape
@@ -14,12 +15,18 @@ from drake_rho.cli.summary import simulation_table
 from drake_rho.motion.files import save
 from drake_rho.motion.flight import Window
 from drake_rho.motion.flown import Flown
-from drake_rho.verification.report import Report, verdict
+from drake_rho.verification.printed import TEXTS
+from drake_rho.verification.report import Report
 from drake_rho.verification.verify import verify
 
 
 def finish(
-    flown: Flown, output: str | None, drawing: Drawing | None, wind: str | None = None
+    flown: Flown,
+    output: str | None = None,
+    drawing: Drawing | None = None,
+    wind: str | None = None,
+    *,
+    every_row: bool = False,
 ) -> int:
     """Save, draw and verify a result, print the report and return the exit status.
 
@@ -30,6 +37,7 @@ def finish(
         output: file to save it to, if any.
         drawing: figures to draw, if any.
         wind: description of the wind, if any.
+        every_row: whether to print every row of the report.
     """
     if output is not None:  # before anything is printed: a closed pipe must not lose the work
         save(flown, output)
@@ -49,33 +57,28 @@ def finish(
         verified = verify(flown)
     document = described.verified(flown, verified, wind=wind, file=output, figures=drawn)
     heading = [f"wind: {wind}"] if wind is not None else []
-    return tell(document, *heading, *_text(flown, verified), *written)
+    return tell(document, *heading, *_text(flown, verified, every_row), *written)
 
 
-def report(flown: Flown) -> int:
-    """Verify a result, print the report and return the exit status, 0 if it holds, else 1."""
-    return finish(flown, None, None)
-
-
-def _text(flown: Flown, verified: Report) -> Iterator[str | Table]:
-    """Yield the report, then the cost and the work of planning, or the errors of a simulation."""
-    yield from _report(verified)
+def _text(flown: Flown, verified: Report, every_row: bool) -> Iterator[str | Table]:
+    """Yield the report, then the work of planning, or the errors of a simulation."""
+    yield from _report(verified, every_row)
     if flown.simulation is not None:
         yield from _windows_without_plan(flown.windows)
         yield simulation_table(flown.simulation)
         return
     numbers = flown.statistics
     yield (
-        f"cost {flown.cost:.6f} m²/s⁴; step {flown.scenario.grid.step:g} s; "
-        f"{numbers.programs} programs, {numbers.seconds:.3f} s, {numbers.solver or 'no solver'}"
+        f"planned in {numbers.seconds:.3f} s: {numbers.programs} programs, "
+        f"{numbers.solver or 'no solver'}; step {flown.scenario.grid.step:g} s"
     )
     if flown.flight is not None:
         without = sum(bool(window.infeasible) for window in flown.windows)
         yield f"{len(flown.windows)} windows, {without} of them without a plan of their own"
         yield from _windows_without_plan(flown.windows)
     if numbers.tolerance is not None and numbers.converged:
-        decrease = f"less than {100 * numbers.tolerance:g} %"
-        yield f"converged: the last linearisation lowered the cost by {decrease}"
+        digits = math.floor(-math.log10(numbers.tolerance) + 1e-9)
+        yield f"converged: the cost has settled to {digits} digits"
     if numbers.cut:
         last = "no linearisation had lowered it yet"
         if numbers.last_fall is not None:
@@ -85,24 +88,23 @@ def _text(flown: Flown, verified: Report) -> Iterator[str | Table]:
         yield "not converged: the iteration stopped before the cost converged"
 
 
-def _report(verified: Report) -> Iterator[str | Table]:
-    """Yield the report as text, or as a table that fits where a terminal is narrower than that."""
-    if not out.is_terminal or max(map(len, str(verified).splitlines())) <= out.width:
-        yield str(verified)
+def _report(verified: Report, every_row: bool) -> Iterator[str | Table]:
+    """Yield the report as text, or as tables that fit where a terminal is narrower than that."""
+    printed = verified.printed(every_row=every_row)
+    text = str(printed)
+    if not out.is_terminal or max(map(len, text.splitlines())) <= out.width:
+        yield text
         return
-    printed = verified.printed()
+    facts = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_header=False)
+    for fact in printed.facts:
+        facts.add_row(*map(escape, fact))
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in ("vehicle", "constraint"):
-        table.add_column(name)
-    for name in ("time \\[s]", "value", "limit", "excess"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    table.add_column("")
-    for check in printed.rows:
-        numbers = (f"{each:.4g}" for each in (check.time, check.value, check.limit))
-        result = (f"{check.excess:+.1e}", check.unit, verdict(check))
-        table.add_row(escape(check.vehicle), escape(check.what), *numbers, *result)
+    for number, head in enumerate(printed.heads):
+        table.add_column(escape(head), justify="left" if number < TEXTS else "right")
+    for row in printed.rows:
+        table.add_row(*map(escape, row))
     yield printed.title
+    yield facts
     yield table
     yield from printed.below
 

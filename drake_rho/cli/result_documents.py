@@ -111,6 +111,10 @@ class Verified(Document):
     """least distance from the surface of an obstacle; null without obstacles"""
     separation_m: float | None
     """least distance between two vehicles in the norm of the separation; null without one"""
+    top_speed_mps: float | None
+    """largest speed of all vehicles"""
+    least_effort: float
+    """least cost without limits, obstacles and separation, a lower bound on the cost of plans"""
     windows: int | None
     """number of windows of the receding horizon; null for a plan"""
     windows_without_plan: list[WindowRow]

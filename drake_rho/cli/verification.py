@@ -21,7 +21,7 @@ from drake_rho.cli.options import (
     TimeLimitOption,
     WorldOption,
 )
-from drake_rho.cli.reports import report
+from drake_rho.cli.reports import finish
 from drake_rho.cli.sources import load_result, read
 from drake_rho.planning.programs.backend import SOLVERS
 
@@ -34,9 +34,16 @@ def verify(
             help="A file (.npz) saved by 'plan', 'fly' or 'simulate', or a plan exported as JSON.",
         ),
     ],
+    every_row: Annotated[
+        bool,
+        typer.Option(
+            "--all",
+            help="Print every row, also of equalities, with values and limits.",
+        ),
+    ] = False,
 ) -> int:
     """Verify every constraint of a plan, flight or simulation."""
-    return report(load_result(file))
+    return finish(load_result(file), every_row=every_row)
 
 
 def certify(

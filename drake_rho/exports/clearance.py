@@ -9,7 +9,7 @@ import numpy as np
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.records import Scenario
-from drake_rho.verification.report import Check
+from drake_rho.verification.check import Check
 from drake_rho.verification.verify import verify
 
 _DISTANCES = ("position", "obstacles", "separation")

@@ -27,8 +27,8 @@ from drake_rho.simulation.closed_loop import adopted, fly_plan
 from drake_rho.simulation.winds import WindOverTime
 from drake_rho.simulation.worst_case import WorstCase, worst_case
 from drake_rho.verification.boxes import check_position_box
+from drake_rho.verification.check import PRECISION, Column
 from drake_rho.verification.obstacles import check_obstacle
-from drake_rho.verification.report import PRECISION, Column
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes

@@ -9,7 +9,13 @@ _LEFT, _RIGHT = (f"text-align:{side};white-space:nowrap" for side in ("left", "r
 
 
 def html_table(
-    title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], below: Iterable[str], left: int
+    title: str,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    below: Iterable[str],
+    *,
+    left: int,
+    above: Iterable[str] = (),
 ) -> str:
     """Return a table with a title above and lines of text below, whose cells do not wrap.
 
@@ -19,6 +25,7 @@ def html_table(
         rows: cells of each row.
         below: lines of text below the table.
         left: number of columns, from the left, with texts; the others hold numbers.
+        above: lines of text between the title and the table.
     """
 
     def line(tag: str, cells: Sequence[str]) -> str:
@@ -27,6 +34,9 @@ def html_table(
         return "".join(f'<{tag} style="{style}">{escape(cell)}</{tag}>' for cell, style in made)
 
     body = "".join(f"<tr>{line('td', cells)}</tr>" for cells in rows)
-    rest = "".join(f"<div>{escape(words)}</div>" for words in below)
+    first, rest = (
+        "".join(f"<div>{escape(words)}</div>" for words in lines) for lines in (above, below)
+    )
     head = f"<thead><tr>{line('th', heads)}</tr></thead>"
-    return f"<div><b>{escape(title)}</b></div><table>{head}<tbody>{body}</tbody></table>{rest}"
+    table = f"<table>{head}<tbody>{body}</tbody></table>"
+    return f"<div><b>{escape(title)}</b></div>{first}{table}{rest}"

@@ -16,8 +16,8 @@ from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.parts import UNITS
 from drake_rho.scenario.records import Quantity, Scenario
 from drake_rho.verification.between_samples import greatest_velocity
+from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import lowest_over_time
-from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from drake_rho.scenario.kinds import kinds_of
 from drake_rho.scenario.records import Scenario
-from drake_rho.verification.report import Column
+from drake_rho.verification.check import Column
 
 _OF_OBSTACLES = "in the check of the obstacle"
 

@@ -16,7 +16,7 @@ from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.norms import NormLimit
 from drake_rho.scenario.parts import UNITS
 from drake_rho.verification.between_samples import Maximum, greatest_velocity
-from drake_rho.verification.report import Column
+from drake_rho.verification.check import Column
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape
+from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.continuous_time import Least, least_over_time
-from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.steps import Steps
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 

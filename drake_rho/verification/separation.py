@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.closest_pairs import FAR, closest_at_all_times, closest_at_knots
-from drake_rho.verification.report import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.fields import BoolArray, FloatArray
 from drake_rho.scenario.parts import SAME_TIME
-from drake_rho.verification.report import Column
+from drake_rho.verification.check import Column
 from drake_rho.verification.states import check_flown, check_goal
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 

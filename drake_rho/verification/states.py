@@ -10,7 +10,7 @@ from drake_rho.motion.plan import Plan
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.parts import UNITS
 from drake_rho.scenario.records import TOLERANCE, Quantity, Scenario
-from drake_rho.verification.report import Column
+from drake_rho.verification.check import Column
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 

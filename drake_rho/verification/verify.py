@@ -11,14 +11,16 @@ from drake_rho.motion.flight import Sighting
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.arguments import checked
 from drake_rho.verification.boxes import check_boxes
+from drake_rho.verification.check import Check
 from drake_rho.verification.kinds import refuse_unchecked
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.notes import notes_on, notes_on_simulation, notes_on_tracks
 from drake_rho.verification.obstacles import check_obstacles
-from drake_rho.verification.report import Check, Report
+from drake_rho.verification.report import Report
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.simulated import check_simulated, trajectory_of
 from drake_rho.verification.states import check_planned
+from drake_rho.verification.summary import Summary
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
 from drake_rho.verification.waypoints import check_waypoints
@@ -68,6 +70,8 @@ def verify(flown: Flown) -> Report:
         >>> report = rho.verify(rho.plan(rho.load_scenario("paper")))
         >>> report.ok
         True
+        >>> print(report.clearance.vehicle, report.summary.fastest)
+        UAV-2 UAV-3
     """
     with np.errstate(over="ignore", invalid="ignore"):  # values that overflow become NaN or inf
         if (simulation := flown.simulation) is not None:
@@ -92,6 +96,7 @@ def verify(flown: Flown) -> Report:
             *check_obstacles(trajectory),
             *check_separation(trajectory),
         ]
+        summary = Summary.of(trajectory, flown.cost)
     scenario = trajectory.scenario
     refuse_unchecked(scenario, columns)
     names = [vehicle.name for vehicle in scenario.vehicles]
@@ -102,7 +107,7 @@ def verify(flown: Flown) -> Report:
         dataclasses.replace(each, avoided=_is_avoided(each) and each.obstacle not in hit)
         for each in flown.sightings
     )
-    return Report(scenario, checks, sightings, (*notes, *notes_on_tracks(scenario)))
+    return Report(scenario, checks, summary, sightings, (*notes, *notes_on_tracks(scenario)))
 
 
 def _is_avoided(sighting: Sighting) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drake_rho.verification.report import Column
+from drake_rho.verification.check import Column
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 
 

@@ -1,0 +1,128 @@
+"""`Check`: one constraint of one vehicle at its worst instant, and columns of them for a fleet."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from drake_rho.scenario.described import Described
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+
+AT_KNOTS, AT_ALL_TIMES = "at knots", "at all times"
+"""Instants at which a constraint is verified, as named in `Check.part`."""
+
+PRECISION = 0.01
+"""Precision of the worst values between the knots, as a fraction of a constraint's tolerance."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Check(metaclass=Described):
+    """Check of one constraint of one vehicle, at the instant where it is worst."""
+
+    vehicle: str
+    """name of the vehicle"""
+    kind: str
+    """kind of requirement: dynamics, goals, a limit's field, waypoints, obstacles or separation"""
+    constraint: str
+    """name of the constraint: dynamics, goal, position box, velocity box, acceleration box,
+    jerk box, maximum speed, maximum acceleration, maximum thrust, maximum tilt, waypoint 1, …,
+    obstacle 1, obstacle 2 (intruder), …, separation"""
+    part: str = ""
+    """side of a box, quantity of dynamics and goal, or partner and instants; empty if the
+    constraint has one part only"""
+    time: float
+    """time on the scenario's clock [s]"""
+    value: float
+    """value of the plan, in `unit`; for an obstacle the signed distance, negative inside"""
+    limit: float
+    """bound on the value, in `unit`, tightened by the error radius; for an obstacle the sum of the
+    vehicle's radius, the deviation of the obstacle's track, and the error radius"""
+    excess: float
+    """amount by which the value is beyond the limit, in `unit`; negative where the constraint holds
+    with a margin"""
+    tolerance: float
+    """excess that is attributed to rounding, in `unit`: `TOLERANCE` times the constraint's scale"""
+    errors: float = 0.0
+    """part of the limit that is reserved for errors, in `unit`: how far the vehicle may be from its
+    plan, or the sum for both vehicles of a pair; 0 without a disturbance"""
+    unit: str
+    """SI unit of value, limit, excess, tolerance and errors"""
+    asked: bool = True
+    """whether the scenario requires the constraint; others are reported but do not count"""
+
+    @property
+    def what(self) -> str:
+        """Constraint and part, in words."""
+        return f"{self.constraint} {self.part}".rstrip()
+
+    @property
+    def left(self) -> float:
+        """Distance of the value from its limit, in `unit`; negative if it is violated."""
+        return -self.excess
+
+    @property
+    def holds(self) -> bool:
+        """True if the excess is within the tolerance; False if it is NaN."""
+        return self.excess <= self.tolerance
+
+    @property
+    def badness(self) -> float:
+        """Excess for comparing checks of one constraint; NaN is the worst."""
+        return np.inf if np.isnan(self.excess) else self.excess
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Column:
+    """One check of every vehicle: the fields of `Check` as arrays of shape (N,)."""
+
+    kind: str  # of the requirement that is checked, one of `KINDS`
+    constraint: str
+    parts: Sequence[str]
+    times: FloatArray
+    values: FloatArray
+    limits: FloatArray
+    excess: FloatArray
+    tolerances: FloatArray
+    unit: str
+    asked: bool = True
+    always: bool = False  # whether it covers every instant, if another column covers the knots
+    partners: IntArray | None = None  # index of the other vehicle of each pair
+    errors: FloatArray | None = None  # None without errors
+    due: BoolArray | None = None  # which vehicles have this constraint; None for all
+
+    @property
+    def holds(self) -> bool:
+        """True if no vehicle violates the constraint, or if the scenario does not require it."""
+        met = self.excess <= self.tolerances
+        if self.due is not None:
+            met = met | ~self.due
+        return not self.asked or bool(met.all())
+
+    def checks(self, names: Sequence[str]) -> Iterator[Check | None]:
+        """Yield the check of each vehicle; None for a vehicle without this constraint."""
+        errors = np.zeros(len(names)) if self.errors is None else self.errors
+        numbers = (self.times, self.values, self.limits, self.excess, self.tolerances, errors)
+        rows = zip(*(each.tolist() for each in numbers), strict=True)
+        due = [True] * len(names) if self.due is None else self.due.tolist()
+        for has_it, name, part, (time, value, limit, excess, tolerance, error) in zip(
+            due, names, self.parts, rows, strict=True
+        ):
+            if not has_it:
+                yield None
+                continue
+            yield Check(
+                vehicle=name,
+                kind=self.kind,
+                constraint=self.constraint,
+                part=part,
+                time=time,
+                value=value,
+                limit=limit,
+                excess=excess,
+                tolerance=tolerance,
+                errors=error,
+                unit=self.unit,
+                asked=self.asked,
+            )

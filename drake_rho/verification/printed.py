@@ -1,0 +1,155 @@
+"""Text of a report: the verdict, what is asked first, and a table of what is left."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
+
+from drake_rho.scenario.clock import clock_number, clock_time
+from drake_rho.system.numbers import percent
+from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, Check
+from drake_rho.verification.summary import Summary
+
+LONGEST = 12
+"""Largest number of violations, or of obstacles, that a printed report shows."""
+
+_EQUALITIES = ("dynamics", "goals", "waypoints")
+"""Kinds of constraints that planners meet to within rounding, so that nothing is left of them."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Printed:
+    """Contents of a printed report."""
+
+    title: str
+    """first line: the scenario's name and the verdict"""
+    facts: tuple[tuple[str, str], ...]
+    """what is asked first, each with its name"""
+    heads: tuple[str, ...]
+    """heads of the table's columns"""
+    rows: tuple[tuple[str, ...], ...]
+    """cells of the table"""
+    below: tuple[str, ...]
+    """lines below the table"""
+
+    def __str__(self) -> str:
+        widths = [max(map(len, column)) for column in zip(self.heads, *self.rows, strict=True)]
+        form = "  ".join(
+            f"{{:{'<' if number < TEXTS else '>'}{width}}}" for number, width in enumerate(widths)
+        )
+        longest = max(len(name) for name, _ in self.facts)
+        facts = (f"{name:<{longest}}  {words}" for name, words in self.facts)
+        table = (form.format(*each).rstrip() for each in (self.heads, *self.rows))
+        return "\n".join([self.title, *facts, "", *table, *self.below])
+
+
+TEXTS = 2
+"""Number of columns, from the left, that hold texts."""
+
+
+def facts(summary: Summary, checks: Sequence[Check], holds: bool) -> Iterator[tuple[str, str]]:
+    """Yield clearance, separation, speed, time and cost, each with its name."""
+    for name, kind in (("least clearance", "obstacles"), ("least separation", "separation")):
+        if (nearest := closest(checks, kind)) is None:
+            continue
+        yield name, _distance(nearest)
+        unasked = [each for each in checks if each.kind == kind and not each.asked]
+        violated = [each for each in unasked if not each.holds and _is_always(each)]
+        if violated and nearest.holds:
+            worst = max(violated, key=lambda check: check.badness)
+            yield "  between knots", f"{_place(worst)}; not required"
+    at = clock_time(summary.fastest_at)
+    yield "top speed", f"{summary.top_speed:.4g} m/s, {summary.fastest} at {at}"
+    yield "time", f"{clock_number(summary.start)} to {clock_time(summary.end)}"
+    bound = _gap(summary) if holds else ""
+    yield "cost", f"{summary.cost:.6g} m²/s⁴{bound}"
+
+
+def closest(checks: Iterable[Check], kind: str) -> Check | None:
+    """Return the required check of a kind of which least is left; None if there is none."""
+    required = (check for check in checks if check.asked and check.kind == kind)
+    return max(required, key=lambda check: check.badness, default=None)
+
+
+def _is_always(check: Check) -> bool:
+    """Return whether a check covers every instant of a scenario that requires the knots only."""
+    return check.part.endswith(AT_ALL_TIMES) and "before" not in check.constraint
+
+
+def _distance(check: Check) -> str:
+    """Return how far a vehicle is from an obstacle or another vehicle, and what is left."""
+    return f"{_place(check)}; {left_in_words(check) + ' left' if check.holds else 'VIOLATED'}"
+
+
+def _place(check: Check) -> str:
+    """Return how far a vehicle is from an obstacle or another vehicle, and when."""
+    other = check.constraint if check.kind == "obstacles" else check.part.removeprefix("from ")
+    other = other.removesuffix(AT_KNOTS).removesuffix(AT_ALL_TIMES).rstrip()
+    how = f"{check.value:.4g} m from" if check.value >= 0.0 else f"{-check.value:.4g} m inside"
+    if abs(check.value) <= check.tolerance:
+        how = "on the surface of"
+    return f"{check.vehicle} {how} {other} at {clock_time(check.time)}"
+
+
+def _gap(summary: Summary) -> str:
+    """Return the largest possible gap to the optimum, from the least effort as a lower bound."""
+    if not summary.cost >= summary.least_effort > 0.0:
+        return ""
+    return f"; gap to the optimum at most {percent(1.0 - summary.least_effort / summary.cost)}"
+
+
+def left_in_words(check: Check) -> str:
+    """Return what is left of a check with its unit; 0 to within rounding."""
+    return f"{0.0 if abs(check.left) <= check.tolerance else check.left:.3g} {check.unit}"
+
+
+def is_equality(check: Check) -> bool:
+    """Return whether a check is an equality that holds, so that all that is left is rounding."""
+    return check.kind in _EQUALITIES and check.limit == 0.0 and check.asked and check.holds
+
+
+Table = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
+"""Heads and cells of a table."""
+
+
+def short_table(checks: Sequence[Check]) -> Table:
+    """Return the table with one column of what is left."""
+    cells = (
+        (check.what, check.vehicle, clock_number(check.time), left_in_words(check), _verdict(check))
+        for check in checks
+    )
+    return _without_empty(("constraint", "vehicle", "time [s]", "left", ""), *cells)
+
+
+def full_table(checks: Sequence[Check]) -> Table:
+    """Return the table with values and limits, and with errors if any is positive."""
+    cells = (
+        (
+            check.what,
+            check.vehicle,
+            clock_number(check.time),
+            f"{check.value:.6g}",
+            f"{check.limit:.6g}",
+            f"{check.errors:.4g}" if check.errors > 0.0 else "",
+            f"{check.left + 0.0:+.2e}",
+            check.unit,
+            _verdict(check) or "holds",
+        )
+        for check in checks
+    )
+    heads = ("constraint", "vehicle", "time [s]", "value", "limit", "for errors", "left")
+    return _without_empty((*heads, "unit", "verdict"), *cells)
+
+
+def _verdict(check: Check) -> str:
+    """Return in a word or two whether a check holds, if that is not as expected."""
+    if not check.asked:
+        return "not required"
+    return "" if check.holds else "VIOLATED"
+
+
+def _without_empty(heads: tuple[str, ...], *rows: tuple[str, ...]) -> Table:
+    """Return the heads and the rows of a table without columns that are empty."""
+    kept = [number for number in range(len(heads)) if any(row[number] for row in rows)]
+    first, *rest = (tuple(row[number] for number in kept) for row in (heads, *rows))
+    return first, tuple(rest)

@@ -1,0 +1,73 @@
+"""`Summary`: top speed, time and cost of a motion, for the first lines of a report."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from drake_rho.scenario.described import Described
+from drake_rho.scenario.records import Scenario
+from drake_rho.verification.trajectory import PiecewiseTrajectory
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Summary(metaclass=Described):
+    """Top speed, time and cost of a plan, a flight or a simulation."""
+
+    top_speed: float
+    """largest speed of all vehicles [m/s]"""
+    fastest: str
+    """name of the vehicle that reaches it"""
+    fastest_at: float
+    """time of the top speed on the scenario's clock [s]"""
+    start: float
+    """time of the first knot on the scenario's clock [s]"""
+    end: float
+    """time of the last knot on the scenario's clock [s]"""
+    cost: float
+    """cost of the plan [m²/s⁴], the performance index f (13)"""
+    least_effort: float
+    """least cost of all motions from the starts to the goals, without limits, obstacles and
+    separation [m²/s⁴]: a lower bound on the cost of every plan"""
+
+    @classmethod
+    def of(cls, trajectory: PiecewiseTrajectory, cost: float) -> Summary:
+        """Return the summary of a trajectory whose plan has a cost [m²/s⁴].
+
+        The velocity is linear in a step, so that the largest speed occurs at an instant.
+        """
+        scenario = trajectory.scenario
+        speeds = np.linalg.norm(trajectory.velocities, axis=2)
+        vehicle, instant = np.unravel_index(np.argmax(speeds), speeds.shape)
+        return cls(
+            top_speed=float(speeds[vehicle, instant]),
+            fastest=scenario.vehicles[vehicle].name,
+            fastest_at=float(trajectory.times[instant]),
+            start=scenario.grid.start,
+            end=scenario.grid.end,
+            cost=cost,
+            least_effort=least_effort(scenario),
+        )
+
+
+def least_effort(scenario: Scenario) -> float:
+    """Return the least cost of all motions from the starts to the goals [m²/s⁴].
+
+    It is the least sum of squares among the solutions of the terminal equalities (12), linear
+    equations of the accelerations of each axis. The planner's own closed form is not used.
+    """
+    fleet, grid = scenario.fleet, scenario.grid
+    steps, h, duration = grid.knots - 1, grid.step, grid.duration
+    remaining = duration - h * (np.arange(steps) + 0.5)  # from the middle of a step to the end
+    # positions in lengths of h T and velocities in h, so that both rows are of one size
+    rows = np.array([remaining / duration, np.ones(steps)])
+    drift = fleet.start_positions + duration * fleet.start_velocities
+    changes = np.array(
+        [
+            (fleet.goal_positions - drift) / (h * duration),
+            (fleet.goal_velocities - fleet.start_velocities) / h,
+        ]
+    )
+    least, *_ = np.linalg.lstsq(rows, changes.reshape(2, -1), rcond=None)
+    return float(np.sum(least**2))
