@@ -26,6 +26,7 @@ from drake_rho.display.viewer.payload import payload
 from drake_rho.simulation.closed_loop import fly
 from tests.disturbed import disturbed
 from tests.scenarios import single, through_the_middle
+from tests.test_cli import run
 
 WAYPOINT = rho.Waypoint(3.0, [4.0, 3.0, -2.0], 0.3)
 
@@ -211,14 +212,11 @@ def test_a_figure_is_returned_for_a_scenario_with_moving_obstacles() -> None:
 
 
 def test_show_before_writes_a_page_and_names_the_conflict(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from drake_rho.cli.commands import app
-
     scenario, _ = blocked()
     file, page = tmp_path / "blocked.yaml", tmp_path / "before.html"
     rho.save_scenario(scenario, file)
-    app(["show", str(file), "--before", "--html", str(page)], standalone_mode=False)
-    said = capsys.readouterr()
-    assert "cannot meet together" in said.out + said.err
+    _, out, err = run(capsys, monkeypatch, "show", str(file), "--before", "--html", str(page))
+    assert "cannot meet together" in out + err
     assert "straight lines, not planned" in page.read_text()
