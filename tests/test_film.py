@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import subprocess
 from pathlib import Path
@@ -99,3 +100,62 @@ def test_the_command_line_makes_a_film(
     assert (status, out) == (0, f"a film in {made}\n")
     with Image.open(made) as found:
         assert getattr(found, "n_frames", 1) == 3  # at 0, 8 and 10 s
+
+
+SIZES = ((1280, 720), (640, 360), (720, 1280), (1920, 1080), (506, 318))
+
+
+@pytest.mark.parametrize("count", [3, 24, 120])
+def test_films_show_the_list_and_the_legend_at_any_size(count: int) -> None:
+    """Nobody can scroll in a film: every part is inside the frame, and what is left out is told."""
+    scenario = rho.random_transitions(
+        count, np.random.default_rng(1), volume=rho.Box([-9, -9, 0], [9, 9, 3]), separation=None
+    )
+    source = rho.viewer_page(rho.plan(scenario), trails=False)
+    with open_page() as (page, _):
+        for wide, high in SIZES:
+            scale = max(0.6, min(wide, high) / 720)
+            frame = [math.ceil(wide / scale), math.ceil(high / scale)]
+            page.set_viewport_size({"width": frame[0], "height": frame[1]})
+            page.set_content(source)
+            page.wait_for_function("window.drakeRho")
+            page.evaluate("() => drakeRho.frame(4, 1)")
+            boxes = page.evaluate(
+                """() => [...document.querySelectorAll(".panel, .panel tr, .panel .legend div")]
+                    .map((each) => each.getBoundingClientRect()).filter((box) => box.width > 0)
+                    .map((box) => [box.left, box.top, box.right, box.bottom])"""
+            )
+            assert np.min(boxes) >= 0.0
+            assert np.all(np.array(boxes)[:, 2:] <= frame)
+            rows = page.locator(".panel tbody tr:visible").count()
+            told = page.locator(".panel .more:visible").all_inner_texts()
+            if rows < count:
+                assert told == [f"{rows} of {count} vehicles, least clearance first"]
+                assert rows >= 5
+            else:
+                assert told == []
+                assert rows == count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", SIZES)
+def test_a_film_has_the_size_asked_for(size: tuple[int, int], tmp_path: Path) -> None:
+    with open_page():
+        pass
+    path, page = tmp_path / "film.gif", rho.viewer_page(crossing(3))
+    write_film(page, path, Footage(np.array([0.0]), 1.0), size=size)
+    with Image.open(path) as found:
+        assert found.size == size
+
+
+@pytest.mark.parametrize(
+    "text", ["1280", "1280x", "axb", "1281x720", "100x100", "1280x720x3", "-2x4"]
+)
+def test_a_wrong_size_is_one_line(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = str(tmp_path / "film.gif")
+    status, _, err = run(capsys, monkeypatch, "show", "paper", "--film", film, f"--size={text}")
+    assert status == 2
+    assert err.count("\n") == 1
+    assert text in err

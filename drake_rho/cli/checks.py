@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drake_rho.display.plots.formats import DOUBLE_COLUMN, check_width
 from drake_rho.display.viewer.film import ENDINGS as ENDINGS_OF_FILMS
-from drake_rho.display.viewer.film import check_film
+from drake_rho.display.viewer.film import check_film, size_of
 from drake_rho.motion.files import ENDINGS
 from drake_rho.system.files import check_replaceable
 
@@ -82,13 +82,17 @@ def check_writable(output: str | None, endings: tuple[str, ...], option: str) ->
         raise ValueError(f"{option}: got {output!r}, expected {expected}") from None
 
 
-def check_film_option(film: str | None) -> None:
+def check_film_option(film: str | None, size: str | None = None) -> None:
     """Check that a film can be made and written.
 
     Raises:
-        ValueError: the file cannot be written, or has another ending.
+        ValueError: the file cannot be written, or has another ending; the size is not one.
         DrakeRhoError: a program that films need is not installed.
     """
+    if size is not None:
+        if film is None:
+            raise ValueError(f"--size: got {size} without --film, expected the film that it is for")
+        size_of(size)
     if film is not None:
         check_writable(film, ENDINGS_OF_FILMS, "--film")
         check_film(film)

@@ -128,6 +128,14 @@ def show(
             "lasts up to 20 s unless --rate is given.",
         ),
     ] = None,
+    size: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WIDTHxHEIGHT",
+            help="Size of the film in pixels, as 1920x1080 or, for a phone, 720x1280; 1280x720 "
+            "by default, and 840x472 for a .gif.",
+        ),
+    ] = None,
     host: Annotated[
         str, typer.Option(help="Network interface to serve on; '*' for all interfaces.")
     ] = "localhost",
@@ -163,7 +171,7 @@ def show(
     from drake_rho.display.viewer.page import viewer_page
 
     check_writable(html, (".html", ".htm"), "--html")
-    check_film_option(film)
+    check_film_option(film, size)
     check_interface(host)
     check_rate(rate)
     conflicts = None
@@ -187,7 +195,7 @@ def show(
         written.append(f"one page in {html}")
     if film is not None:
         scenario = flown if isinstance(flown, Scenario) else flown.scenario
-        _film(page, film, scenario.grid.duration, rate)
+        _film(page, film, size, scenario.grid.duration, rate)
         written.append(f"a film in {film}")
     return tell(Shown(page=html, film=film), *written)
 
@@ -208,15 +216,16 @@ def _serve(page: str, host: str, port: int, *, browser: bool) -> int:
     return 0
 
 
-def _film(page: str, path: str, duration: float, rate: float | None) -> None:
+def _film(page: str, path: str, size: str | None, duration: float, rate: float | None) -> None:
     """Write a film of a page, and show the progress."""
-    from drake_rho.display.viewer.film import Footage, write_film
+    from drake_rho.display.viewer.film import Footage, size_of, write_film
 
+    pixels = None if size is None else size_of(size)
     footage = Footage.of(duration, Path(path).suffix.lower(), rate)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     with bar(*columns, TimeElapsedColumn()) as progress:
         task = progress.add_task("filming", total=len(footage.times))
-        write_film(page, path, footage, progress=lambda: progress.advance(task))
+        write_film(page, path, footage, size=pixels, progress=lambda: progress.advance(task))
 
 
 def _scenario_of(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import io
+import math
 import shutil
 import subprocess
 import tempfile
@@ -26,10 +27,14 @@ _LONGEST = 20.0
 """Longest film if no rate is given [s]."""
 _RATES = {".mp4": 30.0, ".gif": 12.5}
 """Frames per second; a GIF counts in hundredths of a second."""
-_SIZES = {".mp4": (1280, 720), ".gif": (1120, 630)}
-"""Width and height of the recorded page [px]."""
-_GIF_WIDTH = 840
-"""Width of the frames of a GIF, to which the page is scaled down [px]."""
+SIZES = {".mp4": (1280, 720), ".gif": (840, 472)}
+"""Width and height of a film if none is given [px]."""
+SIDES = (240, 4096)
+"""Least and largest side of a film [px]; H.264 takes no larger one everywhere."""
+_PAGE = 720.0
+"""Shorter side of the page that is recorded [CSS px]: it is scaled to the film's size."""
+_LEAST_SCALE = 0.6
+"""Least scale of the page, at which its text can still be read; smaller films show less of it."""
 _COMMON, _RARE = 96, 159
 """Numbers of colours of a GIF for large areas, such as the background, and for small details."""
 _SAMPLES = 6
@@ -44,6 +49,25 @@ _ENCODER = (
 
 class FilmError(DrakeRhoError):
     """Missing or failing program for films; the message names it."""
+
+
+def size_of(text: str) -> tuple[int, int]:
+    """Return width and height [px] from a text such as '1920x1080'.
+
+    Raises:
+        ValueError: the text is not of this form, or a side is odd or outside `SIDES`.
+    """
+    sides = [int(each) for each in text.split("x") if each.isdecimal()]
+    least, largest = SIDES
+    if (
+        text.count("x") != 1
+        or len(sides) != 2
+        or any(side % 2 or not least <= side <= largest for side in sides)
+    ):
+        expected = f"width and height in pixels as in 1920x1080, even, {least} to {largest}"
+        raise ValueError(f"size: got {text!r}, expected {expected}")
+    wide, high = sides
+    return wide, high
 
 
 def check_film(path: str | Path) -> None:
@@ -95,6 +119,7 @@ def write_film(
     path: str | Path,
     footage: Footage,
     *,
+    size: tuple[int, int] | None = None,
     before: str = "",
     progress: Callable[[], None] = lambda: None,
 ) -> None:
@@ -104,6 +129,7 @@ def write_film(
         page: the page, HTML.
         path: file of the film, ending in .mp4 or .gif; written completely or not at all.
         footage: frames of the film.
+        size: width and height [px], as of `SIZES` if not given; even numbers for an .mp4.
         before: JavaScript to run first, such as `drakeRho.theme(true)`.
         progress: called after every frame.
 
@@ -118,7 +144,7 @@ def write_film(
     with tempfile.TemporaryDirectory(prefix="drake_rho.") as folder:
         source, made = Path(folder) / "page.html", Path(folder) / f"film{ending}"
         source.write_text(page, "utf-8")
-        with closing(_pictures(source, footage, ending, before, progress)) as pictures:
+        with closing(_pictures(source, footage, ending, size, before, progress)) as pictures:
             (_write_mp4 if ending == ".mp4" else _write_gif)(pictures, made)
         with atomic_write(path) as file:
             file.write(made.read_bytes())
@@ -128,14 +154,22 @@ def _pictures(
     source: Path,
     footage: Footage,
     ending: str,
+    size: tuple[int, int] | None,
     before: str,
     progress: Callable[[], None],
 ) -> Generator[bytes, None, None]:
     """Yield the frames of the page, as JPEG for an MP4 and as PNG for a GIF."""
-    wide, high = _SIZES[ending]
+    wide, high = size or SIZES[ending]
+    scale = max(_LEAST_SCALE, min(wide, high) / _PAGE)
+    clip = {"x": 0, "y": 0, "width": wide / scale, "height": high / scale, "scale": scale}
     kind = {"format": "jpeg", "quality": 95} if ending == ".mp4" else {"format": "png"}
+    options = {**kind, "clip": clip, "optimizeForSpeed": True}
     with browser() as found:
-        context = found.new_context(viewport={"width": wide, "height": high}, offline=True)
+        context = found.new_context(
+            viewport={"width": math.ceil(wide / scale), "height": math.ceil(high / scale)},
+            device_scale_factor=scale,
+            offline=True,
+        )
         page = context.new_page()
         page.goto(source.as_uri())
         page.wait_for_function("window.drakeRho")
@@ -144,7 +178,7 @@ def _pictures(
         for time in footage.times.tolist():
             page.evaluate("([time, rate]) => drakeRho.frame(time, rate)", [time, footage.rate])
             page.evaluate("() => new Promise(requestAnimationFrame)")
-            taken = session.send("Page.captureScreenshot", {**kind, "optimizeForSpeed": True})
+            taken = session.send("Page.captureScreenshot", options)
             progress()
             yield base64.b64decode(taken["data"])
 
@@ -170,9 +204,7 @@ def _write_gif(pictures: Iterator[bytes], path: Path) -> None:
 
     frames = []
     for picture in pictures:
-        image = Image.open(io.BytesIO(picture)).convert("RGB")
-        size = (_GIF_WIDTH, round(image.height * _GIF_WIDTH / image.width))
-        frames.append(image.resize(size, Image.Resampling.LANCZOS))
+        frames.append(Image.open(io.BytesIO(picture)).convert("RGB"))
     some = frames[:: max(1, len(frames) // _SAMPLES)]
     samples = Image.fromarray(np.concatenate([np.asarray(each) for each in some]))
     common = samples.quantize(_COMMON, Image.Quantize.MEDIANCUT).getpalette() or []

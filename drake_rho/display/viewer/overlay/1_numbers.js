@@ -10,6 +10,7 @@ const THREE = MeshCat.THREE;
 const VIEWS = { free: data.view, top: [-90, 89.9], side: [-90, 0] }; // azimuth, elevation [deg]
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8];
 const FOLDED = 8; // rows of a folded table
+const SMALLEST = 0.6; // least scale of the numbers in a film, at which they can still be read
 const SCALES = {
   // from low to high, evenly spaced: viridis, and red (no clearance) to yellow to blue
   speed: ["#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725"],
@@ -17,7 +18,7 @@ const SCALES = {
 };
 const state = {
   time: 0, playing: true, speed: 1, loop: true, view: "free", follow: null, colour: "vehicle",
-  sort: "order", descending: false, unfolded: data.vehicles.length <= FOLDED + 4, tween: null, film: false,
+  sort: "order", descending: false, unfolded: data.vehicles.length <= FOLDED + 4, tween: null, film: false, most: FOLDED,
 };
 if (!state.unfolded) state.sort = "clearance"; // the least clearances of a fleet first
 let order = data.vehicles.map((_, index) => index); // vehicles of the rows, from the top

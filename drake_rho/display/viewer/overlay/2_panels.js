@@ -89,7 +89,7 @@ function updateTable(now, atOnce) {
     order = sorted(now); // once a second, so that the table can be read
     ordered = performance.now();
   }
-  const shown = state.unfolded ? order.length : FOLDED;
+  const shown = state.film ? state.most : state.unfolded ? order.length : FOLDED;
   for (const head of heads.children) {
     const active = head.dataset.key === state.sort;
     head.className = active ? (state.descending ? "down" : "up") : "";
@@ -111,7 +111,27 @@ function updateTable(now, atOnce) {
     each.line.hidden = false;
   }
   for (let place = shown; place < rows.length; place += 1) rows[place].line.hidden = true;
-  more.textContent = state.unfolded ? "fold" : `all ${order.length} vehicles`;
+  more.textContent = state.film
+    ? `${shown} of ${order.length} vehicles, least clearance first`
+    : state.unfolded ? "fold" : `all ${order.length} vehicles`;
+}
+
+/** Show the whole table and the legend in a film, where nobody can scroll, as small as they need to be. */
+function fitPanel() {
+  const tall = innerHeight > innerWidth; // numbers below the scene
+  document.body.classList.toggle("tall", tall);
+  const room = (tall ? 0.5 : 1) * innerHeight - 28;
+  state.most = order.length;
+  update(true);
+  const line = (table.offsetHeight - heads.offsetHeight) / order.length;
+  const fitting = Math.floor((room / SMALLEST - (panel.offsetHeight - order.length * line)) / line) - 1;
+  more.hidden = fitting >= order.length;
+  if (!more.hidden) {
+    state.most = Math.max(1, fitting);
+    state.sort = "clearance";
+    update(true);
+  }
+  panel.style.transform = `scale(${Math.min(1, room / panel.offsetHeight)})`;
 }
 
 // ---------------------------------------------------------------- plots

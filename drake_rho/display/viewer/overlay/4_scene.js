@@ -65,12 +65,13 @@ let bodies = [];
 
 /** Return the widths covered by cards at the edges of the window [px]; in narrow windows tools are below. */
 function free() {
+  const numbers = panel.getBoundingClientRect();
   const sheet = panel.offsetWidth > innerWidth / 2; // on phones the panel is below the scene
-  const right = panel.offsetWidth && !sheet ? innerWidth - panel.offsetLeft : 0;
-  const bars = [tools, transport, ...(sheet ? [panel] : [])].filter((bar) => bar.offsetWidth);
-  const [above, below] = [0, 1].map((low) => bars.filter((bar) => bar.offsetTop + bar.offsetHeight / 2 > innerHeight / 2 === Boolean(low)));
-  const top = Math.max(10, ...above.map((bar) => bar.offsetTop + bar.offsetHeight));
-  return { left: 0, top, right, bottom: innerHeight - Math.min(innerHeight - 10, ...below.map((bar) => bar.offsetTop)) };
+  const right = numbers.width && !sheet ? innerWidth - numbers.left : 0;
+  const bars = [tools, transport, ...(sheet ? [panel] : [])].map((bar) => bar.getBoundingClientRect()).filter((bar) => bar.width);
+  const [above, below] = [0, 1].map((low) => bars.filter((bar) => (bar.top + bar.bottom) / 2 > innerHeight / 2 === Boolean(low)));
+  const top = Math.max(10, ...above.map((bar) => bar.bottom));
+  return { left: 0, top, right, bottom: innerHeight - Math.min(innerHeight - 10, ...below.map((bar) => bar.top)) };
 }
 
 function centred() {

@@ -117,6 +117,8 @@ function begin() {
         state.speed = rate / data.rate;
         play(false);
         document.body.classList.add("film");
+        document.body.classList.remove("folded");
+        fitPanel();
         look(state.view, 0);
       }
       seek(time);
