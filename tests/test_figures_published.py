@@ -272,7 +272,7 @@ def test_overlapping_paths_are_found_and_crossings_are_not() -> None:
 
 
 def test_the_end_of_a_path_is_visible_within_its_mark(study: Study) -> None:
-    """In Fig. 15 the last window's colour reaches the goals."""
+    """In Fig. 15 the colour of the vehicle that was drawn last reaches the goals."""
     figure = draw_figure(15, study)
     image = _drawn(figure)
     ax = figure.axes[0]
@@ -281,8 +281,7 @@ def test_the_end_of_a_path_is_visible_within_its_mark(study: Study) -> None:
     x, y, _ = proj3d.proj_transform(*goal, ax.get_proj())
     column, row = ax.transData.transform((x, y))
     seen = image[image.shape[0] - int(row) - 1, int(column)]
-    *_, last = (line for line in ax.lines if line.get_linewidth() > 1.4)
-    np.testing.assert_allclose(seen, to_rgb(last.get_color()), atol=0.1)
+    np.testing.assert_allclose(seen, to_rgb(vehicle_colours(4)[-1]), atol=0.1)
 
 
 def test_closest_approaches_are_marked(study: Study) -> None:

@@ -14,12 +14,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 import drake_rho as rho
 from drake_rho.campaigns.statistics import Failure, Proportion, Quantiles, sign_test
 from drake_rho.campaigns.store import COLUMNS, StoreError
 from drake_rho.campaigns.tables import tables
+from drake_rho.display.common.style import MAX_NAMED, vehicle_colours, window_colours
 from drake_rho.display.plots.campaigns import (
+    _few_ticks,
     costs_figure,
     failures_figure,
     success_figure,
@@ -214,3 +218,23 @@ def test_a_store_without_runs_has_results(tmp_path: Path) -> None:
     assert "0 runs" in str(results)
     assert results.to_json()["groups"] == []
     write_campaign_figures(results, tmp_path / "figures")
+
+
+@pytest.mark.parametrize("span", [1.002, 1.2, 1.9, 2.1, 5.0, 19.0, 30.0, 300.0, 1e4, 1e6])
+def test_the_axis_of_cost_ratios_has_few_ticks_and_no_double_ones(span: float) -> None:
+    ax = Figure().add_subplot()
+    ax.set_yscale("log")
+    ax.set_ylim(0.93, 0.93 * span)
+    ax.yaxis.set_major_locator(_few_ticks(span))
+    ticks = [tick for tick in ax.get_yticks() if 0.93 <= tick <= 0.93 * span]
+    assert 2 <= len(ticks) <= 11
+    assert len({f"{tick:.4g}" for tick in ticks}) == len(ticks)
+
+
+def test_windows_and_vehicles_have_no_colour_in_common() -> None:
+    """Windows are greys, from dark to light; every vehicle's colour has a hue."""
+    greys = [to_rgb(colour) for colour in window_colours(12)]
+    assert all(max(grey) - min(grey) < 1e-6 for grey in greys)
+    assert np.all(np.diff([grey[0] for grey in greys]) > 0.0)
+    hues = [to_rgb(colour) for colour in vehicle_colours(MAX_NAMED)]
+    assert all(max(colour) - min(colour) > 0.1 for colour in hues)

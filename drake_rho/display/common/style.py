@@ -62,8 +62,11 @@ def vehicle_marker(index: int) -> str:
 
 
 def window_colours(count: int) -> list[str]:
-    """Return a colour for each receding-horizon window, from dark to light in their order."""
-    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0.0, 0.95, count))]
+    """Return a grey for each receding-horizon window, from dark to light in their order.
+
+    Greys, because every hue could be taken for that of a vehicle.
+    """
+    return [to_hex(colour) for colour in colormaps["gray"](np.linspace(0.0, 0.75, count))]
 
 
 def view() -> tuple[FloatArray, FloatArray, FloatArray]:

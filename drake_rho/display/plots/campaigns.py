@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullLocator
 
 from drake_rho.campaigns.results import Results
 from drake_rho.display.common.names import as_text, brief, in_lines
@@ -155,11 +155,26 @@ def draw_cost_ratios(ax: Axes, results: Results) -> None:
         ax.plot(parts[here], ratios[here], **_line(results, method))
     ax.axhline(1.0, **LIMIT_STYLE)
     ax.set_yscale("log")
-    for axis_of in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
-        axis_of("{x:.3g}")
+    low, high = ax.get_ylim()
+    ax.yaxis.set_major_locator(_few_ticks(high / low))
+    ax.yaxis.set_major_formatter("{x:.4g}")
+    ax.yaxis.set_minor_locator(NullLocator())
     ax.set_xlim(0.0, 100.0)
     ax.set_xlabel("runs solved by both methods, sorted by ratio [%]")
     ax.set_ylabel(f"cost relative to {as_text(brief(base))}")
+
+
+def _few_ticks(span: float) -> Locator:
+    """Return where a logarithmic axis has ticks: few enough to read, enough to read values off.
+
+    Args:
+        span: ratio of the axis's upper to its lower end.
+    """
+    if span < 2.0:
+        return MaxNLocator(nbins=6, steps=[1, 2, 5, 10])
+    if span < 20.0:
+        return LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
+    return LogLocator(subs=(1.0, 2.0, 5.0)) if span < 1e4 else LogLocator()
 
 
 def draw_failures(ax: Axes, results: Results) -> None:

@@ -84,7 +84,7 @@ def paths_figure(
     ax: Axes | None = None,
     width: float = DOUBLE_COLUMN,
 ) -> Figure:
-    """Plot the vehicles' paths and the obstacles in space, with a colour for each window.
+    """Plot the vehicles' paths and the obstacles in space, with a grey for each window.
 
     A plan has no windows; each of its vehicles has a colour of its own. A scenario is drawn before
     it is planned, with straight lines from starts through waypoints to goals.

@@ -207,7 +207,7 @@ def draw_planned_paths(ax: Axes3D, plan: Drawn, shown: Sequence[Snapshot] = ()) 
 
 
 def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> list[list[Line3D]]:
-    """Draw the flown part of each window in its colour, and its whole prediction as a thin line.
+    """Draw the flown part of each window in its grey, and its whole prediction as a thin line.
 
     Args:
         ax: where to draw.
@@ -231,10 +231,10 @@ def draw_windows(ax: Axes3D, flown: Flown, shown: Sequence[Snapshot] = ()) -> li
         lines.append([])
         for index in range(len(paths)):
             draw_line(ax, paths[index], shown, color=colour, linewidth=0.6, alpha=0.45)
-            lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=1.5)
-            if len(paths) <= MAX_NAMED:
-                knots = whole.positions[index, first : last + 1]
-                _draw_knots(ax, knots, index, shown, color=colour, markersize=2.8)
+            lines[-1] += draw_line(ax, true[index, part], shown, color=colour, linewidth=2.2)
+    if len(true) <= MAX_NAMED:
+        for index, own in enumerate(vehicle_colours(len(true))):
+            _draw_knots(ax, whole.positions[index], index, shown, color=own, markersize=2.4)
     named = len(true) <= MAX_LABELLED
     draw_ends(ax, whole.scenario, ["black"] * len(true) if named else None)
     return lines
