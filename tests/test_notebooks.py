@@ -1,14 +1,23 @@
-"""Notebooks contain no code of their own; nbmake, which collects them as tests, runs them."""
+"""Notebooks contain no code of their own; nbmake, which collects them as tests, runs them.
+
+Cells with the tag `check` assert what the other cells show; the site is built without them.
+"""
 
 from __future__ import annotations
 
 import ast
+import html
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
-NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
+ROOT = Path(__file__).parent.parent
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+BUILDS = "what builds the site is installed by make docs and make lint"
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -36,3 +45,71 @@ def test_there_is_a_notebook_for_every_example() -> None:
     names = {path.stem for path in NOTEBOOKS}
     assert {"start_here", "example_1", "example_2", "example_3", "example_4"} <= names
     assert {"fleet", "flight", "trust", "world"} <= names
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_only_cells_with_the_tag_check_assert(path: Path) -> None:
+    shown, checks = _code(path, check=False), _code(path, check=True)
+    assert checks
+    for tree in checks:
+        assert any(isinstance(node, ast.Assert) for node in ast.walk(tree))
+        assert not any(isinstance(node, ast.Import | ast.ImportFrom) for node in ast.walk(tree))
+    for tree in shown:
+        assert not any(isinstance(node, ast.Assert) for node in ast.walk(tree))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_no_other_cell_depends_on_a_check(path: Path) -> None:
+    shown, checks = _code(path, check=False), _code(path, check=True)
+    of_checks_only = _names(checks, ast.Store) - _names(shown, ast.Store)
+    assert not of_checks_only & _names(shown, ast.Load)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_site_shows_no_checks(path: Path, tmp_path: Path) -> None:
+    convert = pytest.importorskip("mkdocs_jupyter.convert", reason=BUILDS)
+    made = pytest.importorskip("tools.site.notebooks", reason=BUILDS).write_with_mathml
+    copy = str(made(path, tmp_path))
+    options = _site_options()["remove_tag_config"]
+    page = convert.nb2html(copy, execute=False, remove_tag_config=options)
+    code = [cell for cell in _cells(path) if cell["cell_type"] == "code"]
+    assert _sources(page) == ["".join(cell["source"]) for cell in code if not _is_check(cell)]
+    everything = convert.nb2html(copy, execute=False)
+    assert _sources(everything) == ["".join(cell["source"]) for cell in code]
+
+
+def _cells(path: Path) -> list[dict[str, Any]]:
+    cells: list[dict[str, Any]] = json.loads(path.read_text())["cells"]
+    return cells
+
+
+def _is_check(cell: dict[str, Any]) -> bool:
+    return "check" in cell["metadata"].get("tags", [])
+
+
+def _code(path: Path, *, check: bool) -> list[ast.Module]:
+    """Return the syntax trees of a notebook's code cells, of checks or of all others."""
+    return [
+        ast.parse("".join(line for line in cell["source"] if not line.startswith("%")))
+        for cell in _cells(path)
+        if cell["cell_type"] == "code" and _is_check(cell) == check
+    ]
+
+
+def _names(trees: list[ast.Module], use: type[ast.expr_context]) -> set[str]:
+    """Return the names that cells assign (`Store`) or use (`Load`)."""
+    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    return {node.id for node in nodes if isinstance(node.ctx, use)}
+
+
+def _sources(page: str) -> list[str]:
+    """Return the code of a rendered notebook's cells."""
+    found = re.findall(r'class="clipboard-copy-txt"[^>]*>(.*?)</div>', page, flags=re.DOTALL)
+    return [html.unescape(each) for each in found]
+
+
+def _site_options() -> dict[str, Any]:
+    """Return the options of mkdocs-jupyter by which the site is built."""
+    config = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
+    (options,) = (each["mkdocs-jupyter"] for each in config["plugins"] if "mkdocs-jupyter" in each)
+    return dict(options)
