@@ -41,6 +41,7 @@ SHORTER = {
         "repetitions: 200": "repetitions: 4",
     },
     "docs/guides/compare.md": {"repetitions=40": "repetitions=4"},
+    "docs/guides/tune.md": {"repetitions: 40": "repetitions: 2"},
     "docs/flight.md": {" --figures figures": ""},
     "docs/guides/film.md": {"--rate 10": "--rate 100"},
     "docs/viewer.md": {"--film flight.gif": "--html film.html"},  # filmed in guides/film.md

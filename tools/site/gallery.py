@@ -32,3 +32,14 @@ def draw_gallery(page: Path, folder: Path) -> list[Path]:
         left["figure"].savefig(path, dpi=110)  # type: ignore[attr-defined]  # matplotlib's
         drawn.append(path)
     return drawn
+
+
+def as_grid(html: str) -> str:
+    """Return the gallery's HTML with every scene in a cell of a grid, its code folded."""
+    intro, *parts = re.split(r"(?=<h2 )", html)
+    cells = []
+    for part in parts:
+        text, code = re.split(r"(?=<div class=\"[^\"]*highlight)", part, maxsplit=1)
+        folded = f"<details><summary>Code</summary>{code}</details>"
+        cells.append(f"<section>{text}{folded}</section>")
+    return f'{intro}<div class="gallery">{"".join(cells)}</div>'

@@ -15,7 +15,7 @@ from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from tools.site.gallery import draw_gallery
+from tools.site.gallery import as_grid, draw_gallery
 from tools.site.notebooks import write_with_mathml
 
 ROOT = Path(__file__).parents[2]
@@ -28,6 +28,9 @@ PLACES = {
     "CHANGELOG.md": "changelog.md",
 }
 """Site folder or file for each folder or file of the repository."""
+
+BOOSTS = {"guides/": 4.0, "glossary.md": 2.0, "api/": 0.5, "results/": 0.2, "changelog.md": 0.2}
+"""Weights of pages in the search: tasks come before references, and these before tables."""
 
 _LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
 _SCRIPT_FROM_ELSEWHERE = re.compile(r'<script[^>]*\bsrc="(?:https?:[^"]*)?"[^>]*></script>')
@@ -59,6 +62,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Return the page's Markdown with the links of the site."""
     here = page.file.src_uri
+    boosts = [boost for place, boost in BOOSTS.items() if here.startswith(place)]
+    page.meta["search"] = {"boost": boosts[0] if boosts else 1.0}
     source = repository_path(here)
 
     def link(found: re.Match[str]) -> str:
@@ -73,6 +78,11 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
         return f"[{text}]({relative}{'#' + anchor if anchor else ''})"
 
     return _LINK.sub(link, markdown)
+
+
+def on_page_content(html: str, page: Page, **_: object) -> str:
+    """Return the gallery's page as a grid of scenes; other pages are returned as they are."""
+    return as_grid(html) if page.file.src_uri == "gallery.md" else html
 
 
 def on_post_page(output: str, **_: object) -> str:
