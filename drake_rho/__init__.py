@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from drake_rho.simulation.simulate import simulate
     from drake_rho.simulation.systems import RecedingHorizonController, WindyPointMass
     from drake_rho.simulation.worst_case import WorstCase, worst_case
-    from drake_rho.verification.verify import Check, Report, verify
+    from drake_rho.verification.verify import Check, Report, Summary, verify
 
 __all__ = [
     "Attack",
@@ -114,6 +114,7 @@ __all__ = [
     "State",
     "Statistics",
     "Study",
+    "Summary",
     "Track",
     "Vehicle",
     "VehicleCertificate",
@@ -238,7 +239,7 @@ _NAMES = {
     "drake_rho.simulation.simulate": ("simulate",),
     "drake_rho.simulation.systems": ("RecedingHorizonController", "WindyPointMass"),
     "drake_rho.simulation.worst_case": ("WorstCase", "worst_case"),
-    "drake_rho.verification.verify": ("Check", "Report", "verify"),
+    "drake_rho.verification.verify": ("Check", "Report", "Summary", "verify"),
 }
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 

@@ -60,7 +60,7 @@ class Check(metaclass=Described):
     @property
     def left(self) -> float:
         """Distance of the value from its limit, in `unit`; negative if it is violated."""
-        return -self.excess
+        return 0.0 - self.excess  # never -0.0
 
     @property
     def holds(self) -> bool:

@@ -25,7 +25,7 @@ from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
 from drake_rho.verification.waypoints import check_waypoints
 
-__all__ = ["Check", "Report", "verify"]
+__all__ = ["Check", "Report", "Summary", "verify"]
 
 
 @checked
