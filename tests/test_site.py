@@ -19,6 +19,8 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 BUILDS = "what builds the site is installed by make docs and make lint"
 GUIDES = sorted([DOCS / "quick_start.md", *(DOCS / "guides").glob("*.md")])
+WIDTH = 87
+"""Characters of code that fit into the column of a page."""
 TASKS = 19
 """Tasks of a newcomer, each with code to copy."""
 
@@ -28,6 +30,8 @@ def test_code_to_copy_is_short(page: Path) -> None:
     for block in blocks(page):
         if block.language == "python":
             assert len(block.text.splitlines()) < 15, block.text
+        if block.language in ("python", "yaml", "sh"):
+            assert max(map(len, block.text.splitlines())) <= WIDTH, block.text
 
 
 def test_every_task_leads_to_code_or_a_command() -> None:
