@@ -16,6 +16,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from tools.site.gallery import draw_gallery
+from tools.site.mathml import with_mathml
 from tools.site.notebooks import write_with_mathml
 
 ROOT = Path(__file__).parents[2]
@@ -57,7 +58,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Return the page's Markdown with the links of the site."""
+    """Return the page's Markdown with the links of the site, and formulas as MathML."""
     here = page.file.src_uri
     source = repository_path(here)
 
@@ -72,7 +73,7 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
         relative = posixpath.relpath(wanted, posixpath.dirname(here) or ".")
         return f"[{text}]({relative}{'#' + anchor if anchor else ''})"
 
-    return _LINK.sub(link, markdown)
+    return _LINK.sub(link, with_mathml(markdown))
 
 
 def on_post_page(output: str, **_: object) -> str:
