@@ -100,6 +100,8 @@ def test_formulas_are_mathml() -> None:
     assert 'display="block"' in text
     assert text.count("<mtr>") == 2
     assert "$" not in text
+    norms = with_mathml(r"$\lVert a \rVert + \lvert b \rvert$")
+    assert re.findall('form="(.*?)"', norms) == ["prefix", "postfix"] * 2
     for path in (ROOT / "notebooks").glob("*.ipynb"):
         assert "\\begin" not in with_mathml(path.read_text().replace("\\\\", "\\"))
 

@@ -17,6 +17,8 @@ _CODE_OR_FORMULA = re.compile(
     flags=re.DOTALL | re.MULTILINE | re.VERBOSE,
 )
 
+_BAR = re.compile("<mo>(&#x0007C;|&#x02016;)</mo>")
+
 
 def with_mathml(text: str) -> str:
     r"""Return Markdown with MathML in place of its LaTeX formulas, `$...$` and `$$...$$`.
@@ -44,6 +46,10 @@ def _mathml(latex: str, display: str) -> str:
     # `aligned` is known only by the name of its stand-alone environment
     known = latex.replace("{aligned}", "{align*}").replace(r"\tfrac", r"\frac")
     mathml: str = convert(known, display=display)
+    sides = iter(re.findall(r"\\([lr])[vV]ert\b", known))
+    forms = {"l": "prefix", "r": "postfix", "": "infix"}
+    # without a form browsers put spaces around the bars of norms
+    mathml = _BAR.sub(lambda bar: f'<mo form="{forms[next(sides, "")]}">{bar[1]}</mo>', mathml)
     return re.sub(
         r'columnalign="(left|right)"', r'style="text-align: \1"', mathml
     )  # as browsers do
