@@ -48,8 +48,11 @@ def _mathml(latex: str, display: str) -> str:
     mathml: str = convert(known, display=display)
     sides = iter(re.findall(r"\\([lr])[vV]ert\b", known))
     forms = {"l": "prefix", "r": "postfix", "": "infix"}
-    # without a form browsers put spaces around the bars of norms
-    mathml = _BAR.sub(lambda bar: f'<mo form="{forms[next(sides, "")]}">{bar[1]}</mo>', mathml)
+
+    def bar(found: re.Match[str]) -> str:  # without a form browsers put spaces around it
+        return f'<mo form="{forms[next(sides, "")]}" stretchy="false">{found[1]}</mo>'
+
+    mathml = _BAR.sub(bar, mathml)
     return re.sub(
         r'columnalign="(left|right)"', r'style="text-align: \1"', mathml
     )  # as browsers do
