@@ -167,7 +167,7 @@ def test_the_largest_disturbance_without_bounds_or_with_too_small_ones() -> None
 def _table() -> list[list[float]]:
     """Return the rows of the first table of peaks in docs/flight.md, delay first."""
     text = (Path(__file__).parent.parent / "docs" / "flight.md").read_text()
-    rows = text.split("| delay | 1.2 W: ρ_p |")[1].split("\n\n")[0].splitlines()[2:]
+    rows = text.split(r"| delay | $1.2 W$: $\rho_p$ |")[1].split("\n\n")[0].splitlines()[2:]
     return [[float(cell) for cell in row.strip("| ").split("|")] for row in rows]
 
 

@@ -98,7 +98,7 @@ def test_links_to_the_repository_become_links_of_the_site() -> None:
 
 
 def test_formulas_are_mathml() -> None:
-    with_mathml = pytest.importorskip("tools.site.notebooks", reason=BUILDS).with_mathml
+    with_mathml = pytest.importorskip("tools.site.mathml", reason=BUILDS).with_mathml
     text = with_mathml("with $p_1$ and\n$$\\begin{aligned}a&=b\\\\c&=d\\end{aligned}$$")
     assert text.startswith(
         'with <math xmlns="http://www.w3.org/1998/Math/MathML" display="inline">'
@@ -106,8 +106,62 @@ def test_formulas_are_mathml() -> None:
     assert 'display="block"' in text
     assert text.count("<mtr>") == 2
     assert "$" not in text
+    norms = with_mathml(r"$\lVert a \rVert + \lvert b \rvert$")
+    assert re.findall('form="(.*?)"', norms) == ["prefix", "postfix"] * 2
     for path in (ROOT / "notebooks").glob("*.ipynb"):
         assert "\\begin" not in with_mathml(path.read_text().replace("\\\\", "\\"))
+
+
+CODE = """\
+```console
+$ pip install . $HOME
+```
+
+    ~~~sh
+    echo $HOME $PATH
+    ~~~
+
+The span `$HOME` and ``the `$a$` span``; it costs 3 $ or 5 $."""
+
+
+def test_code_has_no_formulas() -> None:
+    with_mathml = pytest.importorskip("tools.site.mathml", reason=BUILDS).with_mathml
+    assert with_mathml(CODE) == CODE
+    assert with_mathml(CODE + " Now $x$.").startswith(CODE + " Now <math")
+    assert with_mathml(r"\$5 and \$6") == "&#36;5 and &#36;6"
+
+
+def test_formulas_stay_in_their_paragraphs_lists_and_tables() -> None:
+    with_mathml = pytest.importorskip("tools.site.mathml", reason=BUILDS).with_mathml
+    markdown = pytest.importorskip("markdown", reason=BUILDS)
+
+    def there(text: str) -> str:
+        extensions = ["attr_list", "md_in_html", "tables"]
+        page = markdown.markdown(with_mathml(text), extensions=extensions)
+        return (
+            re.sub("<math.*?</math>", "M", page)
+            .replace("<span>M</span>", "M")
+            .replace("\n\n", "\n")
+        )
+
+    assert there("with *a* and\n$b_1$ and *c*") == "<p>with <em>a</em> and\nM and <em>c</em></p>"
+    assert there("$b_1$ *c*\n\n$$\nd_1\n$$\n\n*e*") == ("<p>M <em>c</em></p>\nM\n<p><em>e</em></p>")
+    item = there("- first\n\n    $$\n    d_1\n    $$\n\n    *e*\n\n- $f$ `g`")
+    assert item.count("<li>") == item.count("M") == item.count("<em>") + item.count("<code>") == 2
+    cells = there("| $a$ | b |\n|---|---|\n| $\\lvert c_1 \\rvert$ | $d$ $e$ |")
+    assert re.findall("<t[hd]>(.*?)</t[hd]>", cells) == ["M", "b", "M", "M M"]
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+def test_every_formula_of_a_page_is_shown(page: Path) -> None:
+    with_mathml = pytest.importorskip("tools.site.mathml", reason=BUILDS).with_mathml
+    text = with_mathml(page.read_text())
+    for formula in re.findall("<math.*?</math>", text):
+        assert "\\" not in formula  # a command that is not known
+        assert "merror" not in formula
+    for block in blocks(page):
+        text = text.replace(block.text, "")
+    assert "$" not in re.sub("`[^`]*`", "", text)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from tools.site.gallery import as_grid, draw_gallery
+from tools.site.mathml import with_mathml
 from tools.site.notebooks import write_with_mathml
 
 ROOT = Path(__file__).parents[2]
@@ -60,7 +61,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Return the page's Markdown with the links of the site."""
+    """Return the page's Markdown with the links of the site, and formulas as MathML."""
     here = page.file.src_uri
     boosts = [boost for place, boost in BOOSTS.items() if here.startswith(place)]
     page.meta["search"] = {"boost": boosts[0] if boosts else 1.0}
@@ -77,7 +78,7 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
         relative = posixpath.relpath(wanted, posixpath.dirname(here) or ".")
         return f"[{text}]({relative}{'#' + anchor if anchor else ''})"
 
-    return _LINK.sub(link, markdown)
+    return _LINK.sub(link, with_mathml(markdown))
 
 
 def on_page_content(html: str, page: Page, **_: object) -> str:
