@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-_LEFT, _RIGHT = (f"text-align:{side};white-space:nowrap" for side in ("left", "right"))
+_LEFT, _RIGHT = (
+    f"text-align:{side};white-space:nowrap;padding:0.1em 0.6em" for side in ("left", "right")
+)
 
 
 def html_table(
