@@ -102,6 +102,9 @@ def test_formulas_are_mathml() -> None:
     assert "$" not in text
     norms = with_mathml(r"$\lVert a \rVert + \lvert b \rvert$")
     assert re.findall('form="(.*?)"', norms) == ["prefix", "postfix"] * 2
+    signs = with_mathml(r"$a = -b - (-c) - \bigl(1/2\bigr) - d$")
+    assert re.findall('mo(?: form="(.*?)")?>&#x02212;', signs) == ["prefix", "", "prefix", "", ""]
+    assert '<mo lspace="0" rspace="0">' in signs
     for path in (ROOT / "notebooks").glob("*.ipynb"):
         assert "\\begin" not in with_mathml(path.read_text().replace("\\\\", "\\"))
 

@@ -8,7 +8,7 @@ from latex2mathml.converter import convert
 
 _CODE_OR_FORMULA = re.compile(
     r"""
-    ^(?P<indent>[ >]*)(?P<fence>`{3,}|~{3,})[^\n]*\n.*?(?:^[ >]*(?P=fence)[`~]*[ ]*$|\Z)
+    ^[ >]*(?P<fence>`{3,}|~{3,})[^\n]*\n.*?(?:^[ >]*(?P=fence)[`~]*[ ]*$|\Z)
     | (?<!`)(?P<ticks>`+)(?!`)(?:(?!\n[ ]*\n).)+?(?<!`)(?P=ticks)(?!`)
     | (?P<dollar>\\\$)
     | \$\$(?P<displayed>.+?)\$\$
@@ -18,6 +18,10 @@ _CODE_OR_FORMULA = re.compile(
 )
 
 _BAR = re.compile("<mo>(&#x0007C;|&#x02016;)</mo>")
+_SIGN = re.compile(  # a minus behind an operator that closes nothing
+    r"(<mo(?! form=.postfix)[^>]*>(?!&#x00029;|&#x0005D;)[^<)\]]+</mo>)<mo>&#x02212;</mo>"
+)
+_SLASH = "<mo>&#x0002F;</mo>"
 
 
 def with_mathml(text: str) -> str:
@@ -53,6 +57,8 @@ def _mathml(latex: str, display: str) -> str:
         return f'<mo form="{forms[next(sides, "")]}" stretchy="false">{found[1]}</mo>'
 
     mathml = _BAR.sub(bar, mathml)
+    mathml = _SIGN.sub(r'\1<mo form="prefix">&#x02212;</mo>', mathml)
+    mathml = mathml.replace(_SLASH, _SLASH.replace("mo>", 'mo lspace="0" rspace="0">', 1))
     return re.sub(
         r'columnalign="(left|right)"', r'style="text-align: \1"', mathml
     )  # as browsers do
