@@ -12,7 +12,7 @@ _CODE_OR_FORMULA = re.compile(
     | (?<!`)(?P<ticks>`+)(?!`)(?:(?!\n[ ]*\n).)+?(?<!`)(?P=ticks)(?!`)
     | (?P<dollar>\\\$)
     | \$\$(?P<displayed>.+?)\$\$
-    | \$(?![\s$])(?P<inline>(?:(?!\n[ ]*\n)(?:[^$\\]|\\.))+?)(?<!\s)\$(?!\d)
+    | \$(?![\s$])(?P<inline>(?:(?!\n[ ]*\n)(?:[^$\\]|\\.))+?)(?<!\s)\$(?!\d)(?P<after>[.,;:)]*)
     """,
     flags=re.DOTALL | re.MULTILINE | re.VERBOSE,
 )
@@ -39,8 +39,11 @@ def with_mathml(text: str) -> str:
         if found["inline"]:
             inline = _mathml(found["inline"], "inline")
             begins = not text[text.rfind("\n", 0, found.start()) + 1 : found.start()].strip()
-            # at the beginning of a line Markdown takes <math> for a block
-            return f"<span>{inline}</span>" if begins else inline
+            if begins or found["after"]:
+                # at the beginning of a line Markdown takes <math> for a block, and without the
+                # style browsers put what follows it on the next line
+                return f'<span style="white-space: nowrap">{inline}{found["after"]}</span>'
+            return inline
         return found.group()
 
     return _CODE_OR_FORMULA.sub(replaced, text)
