@@ -12,14 +12,14 @@ _CODE_OR_FORMULA = re.compile(
     | (?<!`)(?P<ticks>`+)(?!`)(?:(?!\n[ ]*\n).)+?(?<!`)(?P=ticks)(?!`)
     | (?P<dollar>\\\$)
     | \$\$(?P<displayed>.+?)\$\$
-    | \$(?![\s$])(?P<inline>(?:(?!\n[ ]*\n)(?:[^$\\]|\\.))+?)(?<!\s)\$(?!\d)
+    | \$(?![\s$])(?P<inline>(?:(?!\n[ ]*\n)(?:[^$\\]|\\.))+?)(?<!\s)\$(?!\d)(?P<after>[.,;:)]*)
     """,
     flags=re.DOTALL | re.MULTILINE | re.VERBOSE,
 )
 
 _BAR = re.compile("<mo>(&#x0007C;|&#x02016;)</mo>")
 _SIGN = re.compile(  # a minus behind an operator that closes nothing
-    r"(<mo(?! form=.postfix)[^>]*>(?!&#x00029;|&#x0005D;)[^<)\\]]+</mo>)<mo>&#x02212;</mo>"
+    r"(<mo(?! form=.postfix)[^>]*>(?!&#x00029;|&#x0005D;)[^<)\]]+</mo>)<mo>&#x02212;</mo>"
 )
 _SLASH = "<mo>&#x0002F;</mo>"
 
@@ -39,8 +39,11 @@ def with_mathml(text: str) -> str:
         if found["inline"]:
             inline = _mathml(found["inline"], "inline")
             begins = not text[text.rfind("\n", 0, found.start()) + 1 : found.start()].strip()
-            # at the beginning of a line Markdown takes <math> for a block
-            return f"<span>{inline}</span>" if begins else inline
+            if begins or found["after"]:
+                # at the beginning of a line Markdown takes <math> for a block, and without the
+                # style browsers put what follows it on the next line
+                return f'<span style="white-space: nowrap">{inline}{found["after"]}</span>'
+            return inline
         return found.group()
 
     return _CODE_OR_FORMULA.sub(replaced, text)
