@@ -459,3 +459,21 @@ def _addresses(port: int) -> list[str]:
         for local, _, state in rows
         if state == "0A" and int(local.split(":")[1], 16) == port
     ]
+
+
+def test_the_choices_are_not_cut_off_at_any_size(tmp_path: Path) -> None:
+    """The text of a choice, with the arrow beside it, fits its box."""
+    with _opened(rho.viewer_page(_yard()), tmp_path) as page:
+        for wide, high in SIZES.values():
+            page.set_viewport_size({"width": wide, "height": high})
+            needed, there = page.evaluate(
+                """() => {
+                    const all = [...document.querySelectorAll("select")];
+                    const choice = all.find((each) => each.value === "vehicle");
+                    const pen = document.createElement("canvas").getContext("2d");
+                    pen.font = getComputedStyle(choice).font;
+                    const text = choice.selectedOptions[0].text;
+                    return [pen.measureText(text).width + 20, choice.clientWidth];
+                }"""
+            )
+            assert needed <= there, (wide, needed, there)
