@@ -6,6 +6,7 @@ repository is where `PLACES` puts it; a link to one that is not in the site beco
 
 from __future__ import annotations
 
+import os
 import posixpath
 import re
 from pathlib import Path
@@ -17,7 +18,7 @@ from mkdocs.structure.pages import Page
 
 from tools.site.gallery import as_grid, draw_gallery
 from tools.site.mathml import with_mathml
-from tools.site.notebooks import write_with_mathml
+from tools.site.notebooks import quiet_kernels, write_with_mathml
 
 ROOT = Path(__file__).parents[2]
 MADE = ROOT / "build" / "site"
@@ -38,8 +39,9 @@ _SCRIPT_FROM_ELSEWHERE = re.compile(r'<script[^>]*\bsrc="(?:https?:[^"]*)?"[^>]*
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Omit the page for missing pages: its links do not work without a server."""
+    """Omit the page for missing pages, whose links need a server; keep kernels from warning."""
     config.theme.static_templates.discard("404.html")
+    os.environ["IPYTHONDIR"] = str(quiet_kernels(MADE / "ipython"))
     return config
 
 

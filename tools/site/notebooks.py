@@ -26,3 +26,14 @@ def write_with_mathml(notebook: Path, folder: Path) -> Path:
     copy.parent.mkdir(parents=True, exist_ok=True)
     copy.write_text(json.dumps(content))
     return copy
+
+
+def quiet_kernels(folder: Path) -> Path:
+    """Write IPython's settings under which kernels log errors only, and return their folder.
+
+    A kernel warns that its connection, to this machine alone, is not encrypted.
+    """
+    settings = folder / "profile_default" / "ipython_kernel_config.py"
+    settings.parent.mkdir(parents=True, exist_ok=True)
+    settings.write_text('get_config().IPKernelApp.log_level = "ERROR"\n')
+    return folder
