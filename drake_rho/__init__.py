@@ -54,11 +54,15 @@ if TYPE_CHECKING:
     from drake_rho.scenario.problems.missions import load_lsc_mission
     from drake_rho.scenario.problems.worlds import random_field, trefoil_swap
     from drake_rho.scenario.records import (
+        Ball,
         Box,
+        Cone,
         Cylinder,
         Disturbance,
         Ellipsoid,
         Grid,
+        HalfSpace,
+        KeepIn,
         Limits,
         Obstacle,
         Polytope,
@@ -70,6 +74,7 @@ if TYPE_CHECKING:
         Vehicle,
         Waypoint,
     )
+    from drake_rho.scenario.sets import ConvexSet, check_set
     from drake_rho.simulation import winds
     from drake_rho.simulation.attack import Attack, attack
     from drake_rho.simulation.simulate import simulate
@@ -79,9 +84,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Attack",
+    "Ball",
     "Box",
     "Certificate",
     "Check",
+    "Cone",
+    "ConvexSet",
     "Cylinder",
     "Daqp",
     "Diagnosis",
@@ -92,7 +100,9 @@ __all__ = [
     "Exported",
     "Flight",
     "Grid",
+    "HalfSpace",
     "InfeasibleError",
+    "KeepIn",
     "Limits",
     "Obstacle",
     "Options",
@@ -128,6 +138,7 @@ __all__ = [
     "attack",
     "campaign",
     "certify",
+    "check_set",
     "circle_swap",
     "coupled",
     "decoupled",
@@ -218,11 +229,15 @@ _NAMES = {
     "drake_rho.scenario.problems.generators": ("circle_swap", "flight_cube", "random_transitions"),
     "drake_rho.scenario.problems.missions": ("load_lsc_mission",),
     "drake_rho.scenario.records": (
+        "Ball",
         "Box",
+        "Cone",
         "Cylinder",
         "Disturbance",
         "Ellipsoid",
         "Grid",
+        "HalfSpace",
+        "KeepIn",
         "Limits",
         "Obstacle",
         "Polytope",
@@ -234,6 +249,7 @@ _NAMES = {
         "Vehicle",
         "Waypoint",
     ),
+    "drake_rho.scenario.sets": ("ConvexSet", "check_set"),
     "drake_rho.scenario.problems.worlds": ("random_field", "trefoil_swap"),
     "drake_rho.simulation.attack": ("Attack", "attack"),
     "drake_rho.simulation.simulate": ("simulate",),

@@ -39,7 +39,7 @@ def _least(plan: rho.Plan, first: float, last: float) -> float:
     positions = plan.motion().at("position", times - start)
     obstacle = plan.scenario.bodies[0]
     x = positions - obstacle.centers(times)
-    return float(obstacle.shape.signed_distance(x.reshape(-1, 3)).min())
+    return float(obstacle.shape.local_distance(x.reshape(-1, 3)).min())
 
 
 @cache

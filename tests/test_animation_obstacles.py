@@ -93,7 +93,7 @@ def test_every_shape_has_its_place_and_size() -> None:
             np.testing.assert_allclose(corners.min(axis=0), lower, atol=rough)
             np.testing.assert_allclose(corners.max(axis=0), upper, atol=rough)
             center = np.where(endless, (scene.lower + scene.upper) / 2.0, shape.center)
-            distances = shape.signed_distance(corners - center)
+            distances = shape.local_distance(corners - center)
             if not np.any(endless):  # drawn ends of infinite shapes lie inside them
                 np.testing.assert_allclose(distances, 0.0, atol=1e-5 * shape.size)
         assert errors == []

@@ -66,7 +66,7 @@ def plan() -> rho.Plan:
 def _brute(plan: rho.Plan, obstacle: rho.Obstacle, times: np.ndarray) -> np.ndarray:
     """Return distances by hand at times since the first knot, shape (N, M)."""
     centers = obstacle.centers(START + times)
-    return obstacle.shape.signed_distance(plan.motion().at("position", times) - centers)
+    return obstacle.shape.local_distance(plan.motion().at("position", times) - centers)
 
 
 def test_closest_approaches_are_those_of_dense_samples(plan: rho.Plan) -> None:
@@ -90,7 +90,7 @@ def test_a_figure_shows_moving_obstacles_when_a_vehicle_is_closest(plan: rho.Pla
         np.testing.assert_array_equal(each.center, center)
         assert each.label.endswith(f", {round(START + at.time, 2):g} s")
         np.testing.assert_allclose(ends[0], plan.motion().at("position", at.time)[at.vehicle, 0])
-        assert obstacle.shape.signed_distance(ends[1:] - center) == pytest.approx(0.0, abs=1e-9)
+        assert obstacle.shape.local_distance(ends[1:] - center) == pytest.approx(0.0, abs=1e-9)
         distance = closest(plan, obstacle).distances[at.vehicle]
         assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(abs(distance))
         faint = [s for s in shown if s.shape is obstacle.shape and s.faint]
@@ -195,7 +195,7 @@ def test_points_in_front_of_shapes_are_drawn_over_and_those_behind_under_them(
     shown = snapshots(plan, as_obstacles(scene(rng)))
     points = rng.uniform([-5, -5, -0.5], [5, 5, 3], (600, 3))
     clear = [
-        all(each.shape.signed_distance(x - each.center) > 0.15 for each in shown) for x in points
+        all(each.shape.local_distance(x - each.center) > 0.15 for each in shown) for x in points
     ]
     points = points[clear]
     over, order = layers(points, shown), ranks(shown)

@@ -28,9 +28,9 @@ def test_the_bound_of_a_distance_is_below_all_of_it(
 ) -> None:
     box = rho.Box(-np.array(half), half)
     one, other = np.array(ends).reshape(2, 3)
-    values = box.signed_distance(one + np.linspace(0, 1, samples)[:, None] * (other - one))
+    values = box.local_distance(one + np.linspace(0, 1, samples)[:, None] * (other - one))
     bound = convex_lower_bound(values, np.asarray(np.linalg.norm(other - one)))
-    dense = box.signed_distance(one + DENSE * (other - one))
+    dense = box.local_distance(one + DENSE * (other - one))
     assert bound <= dense.min() + 1e-9
     assert bound >= values.min() - np.linalg.norm(other - one) / 2.0 / (samples - 1) - 1e-9
 
@@ -56,7 +56,7 @@ def test_free_moves_agree_with_dense_sampling() -> None:
         start = lattice.points
         x = start + DENSE[:, None] * move * lattice.raster.spacing
         least = np.min(
-            [body.shape.signed_distance(x - body.shape.center).min(axis=0) for body in obstacles],
+            [body.shape.local_distance(x - body.shape.center).min(axis=0) for body in obstacles],
             axis=0,
         )
         inside = np.all(abs(start + move * lattice.raster.spacing) < 2.0 + 1e-9, axis=1)
@@ -88,7 +88,7 @@ def moving_things() -> list[tuple[Moving, object]]:
     separation = rho.Separation(0.5, 1.5)
 
     def from_obstacle(x: FloatArray, t: FloatArray) -> FloatArray:
-        return obstacle.shape.signed_distance(x - obstacle.centers(t)[:, None, None]) - 0.1
+        return obstacle.shape.local_distance(x - obstacle.centers(t)[:, None, None]) - 0.1
 
     def from_vehicle(x: FloatArray, t: FloatArray) -> FloatArray:
         at = np.stack([np.interp(t, times, axis) for axis in way.T], axis=-1)

@@ -64,7 +64,7 @@ def least_margin(plan: rho.Plan, per_step: int = 100) -> float:
         left.append(float(rooms.min()))
     if scenario.separation is not None:
         one, other = np.triu_indices(len(x), 1)
-        rooms = scenario.separation.shape.signed_distance(x[one] - x[other]) - 2.0 * r
+        rooms = scenario.separation.shape.local_distance(x[one] - x[other]) - 2.0 * r
         left.append(float(rooms.min()) / scenario.separation.distance)
     return min(left)
 

@@ -51,7 +51,7 @@ def clearance(plan: rho.Plan, per_step: int = 200) -> float:
     elapsed = np.linspace(0.0, grid.duration, per_step * (grid.knots - 1) + 1)
     positions = plan.motion().at("position", elapsed)
     for body in plan.scenario.bodies:
-        d = body.shape.signed_distance(positions - body.centers(grid.start + elapsed))
+        d = body.shape.local_distance(positions - body.centers(grid.start + elapsed))
         kept = np.array([vehicle.radius for vehicle in plan.scenario.vehicles]) + body.deviation
         least = min(least, float((d - kept[:, None]).min()))
     return least
@@ -190,7 +190,7 @@ def test_the_deepest_instants_agree_with_dense_samples(seed: int, kind: str, mov
 
     def distances(at: FloatArray) -> FloatArray:
         x = motions.at("position", at)[0] - obstacle.centers(start + at)
-        return shape.signed_distance(x)
+        return shape.local_distance(x)
 
     cuts = obstacle.corners - start
     edges = np.union1d(step * np.arange(9), cuts[(cuts > 0) & (cuts < 4.0)])
@@ -290,7 +290,7 @@ def test_windows_that_begin_inside_an_obstacle_search_no_path_around_it() -> Non
     inside = {
         plan.times[0]
         for plan in windows
-        if asks.bodies[0].shape.signed_distance(plan.positions[0, 0] - [5, 0.1, 0]) < 0.2 - 1e-3
+        if asks.bodies[0].shape.local_distance(plan.positions[0, 0] - [5, 0.1, 0]) < 0.2 - 1e-3
     }
     assert len(inside) >= 2
     assert windows[0].times[0] in inside

@@ -120,7 +120,7 @@ def check_against_samples(plan: rho.Plan) -> int:
 
         def clearance(times: FloatArray, index: int = index) -> FloatArray:
             x = by_hand(plan, index, times) - places(obstacle, times)
-            return shape.signed_distance(x)
+            return shape.local_distance(x)
 
         scale = np.abs(plan.positions).max() + np.abs(places(obstacle, dense)).max()
         rounding = 1e-10 * (scale + shape.size)

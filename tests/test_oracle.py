@@ -76,7 +76,7 @@ def test_a_curve_is_flown_no_faster_than_its_acceleration_allows() -> None:
 )
 def test_distances_are_those_of_the_shapes(shape: rho.Sphere | rho.Box) -> None:
     positions = shape.center + np.random.default_rng(0).normal(0.0, 1.5, (500, 3))
-    known = shape.signed_distance(positions - shape.center)
+    known = shape.local_distance(positions - shape.center)
     outside = known > 0.0
     np.testing.assert_allclose(distances(shape, positions)[outside], known[outside], atol=1e-12)
     away = positions[outside] - nearest(shape, positions[outside])

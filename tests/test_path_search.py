@@ -53,7 +53,7 @@ def clearance(plan: rho.Plan) -> float:
     times, positions = sampled(plan)
     radii = plan.scenario.fleet.radii[:, None]
     return min(
-        float(np.min(body.shape.signed_distance(positions - body.centers(times)) - radii))
+        float(np.min(body.shape.local_distance(positions - body.centers(times)) - radii))
         for _, body in plan.scenario.known
     )
 
@@ -105,7 +105,7 @@ def test_paths_are_clear_of_shapes_of_all_kinds(seed: int) -> None:
         assert clearance(reference) > -0.15  # a step of up to 0.5 m cuts the corners of the path
         knots = reference.positions[0]
         for _, body in reference.scenario.known:
-            assert np.all(body.shape.signed_distance(knots - body.shape.center) > 0.2 - 1e-5)
+            assert np.all(body.shape.local_distance(knots - body.shape.center) > 0.2 - 1e-5)
     lengths = [np.linalg.norm(np.diff(each.positions[0], axis=0), axis=1) for each in references]
     assert lengths[0].sum() == min(each.sum() for each in lengths)
 

@@ -55,7 +55,7 @@ def test_the_support_is_the_maximum_over_the_surface(shape: Quadric) -> None:
     surface = directions(20_000) * semi_axes_of(shape)
     n = directions(50, seed=2)
     most = np.max(surface @ n.T, axis=0)
-    support = shape.support(n)
+    support = shape.local_support(n)
     assert np.all(most <= support * (1.0 + ROUNDING))
     np.testing.assert_allclose(most, support, rtol=0.02)
     at = n * semi_axes_of(shape) ** 2 / support[:, None]  # where the support is attained
@@ -66,10 +66,10 @@ def test_the_support_is_the_maximum_over_the_surface(shape: Quadric) -> None:
 @named
 def test_the_half_space_beyond_the_support_is_outside(shape: Quadric) -> None:
     n, x = directions(40, seed=3), random_points(shape)
-    beyond = x @ n.T >= shape.support(n)
-    assert np.all(shape.signed_distance(x)[np.any(beyond, axis=1)] >= 0.0)
-    depth = np.max(x @ n.T - shape.support(n), axis=1)  # for a convex set, this is the distance
-    assert np.all(depth <= shape.signed_distance(x) + ROUNDING * shape.size)
+    beyond = x @ n.T >= shape.local_support(n)
+    assert np.all(shape.local_distance(x)[np.any(beyond, axis=1)] >= 0.0)
+    depth = np.max(x @ n.T - shape.local_support(n), axis=1)  # for a convex set, this is the distance
+    assert np.all(depth <= shape.local_distance(x) + ROUNDING * shape.size)
 
 
 @named
@@ -78,9 +78,9 @@ def test_a_reference_outside_satisfies_its_own_row_by_its_distance(
     shape: Quadric, points: object
 ) -> None:
     x = points(shape)  # type: ignore[operator]  # one of the two
-    distance = shape.signed_distance(x)
-    n = shape.outward(x)
-    slack = np.einsum("ri,ri->r", n, x) - shape.support(n)
+    distance = shape.local_distance(x)
+    n = shape.local_outward(x)
+    slack = np.einsum("ri,ri->r", n, x) - shape.local_support(n)
     scale = semi_axes_of(shape).max()
     outside = distance >= 0.0
     np.testing.assert_allclose(slack[outside], distance[outside], atol=ROUNDING * scale)
@@ -92,7 +92,7 @@ def test_the_nearest_point_is_on_the_surface_and_none_is_nearer(
     shape: Quadric, points: object
 ) -> None:
     x = points(shape)  # type: ignore[operator]  # one of the two
-    distance, n, a = shape.signed_distance(x), shape.outward(x), semi_axes_of(shape)
+    distance, n, a = shape.local_distance(x), shape.local_outward(x), semi_axes_of(shape)
     np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0, rtol=ROUNDING)
     nearest = x - distance[:, None] * n
     np.testing.assert_allclose(np.linalg.norm(nearest / a, axis=1), 1.0, rtol=ROUNDING)
@@ -125,7 +125,7 @@ def test_the_distance_equals_a_search_over_the_surface(shape: Quadric) -> None:
     rng = np.random.default_rng(5)
     some = rng.choice(special_points(shape), 6), random_points(shape)[:6], np.zeros((1, 3))
     for x in np.concatenate(some):
-        found = abs(float(shape.signed_distance(x)))
+        found = abs(float(shape.local_distance(x)))
         assert found == pytest.approx(brute_distance(shape, x), abs=1e-6 * shape.size)
 
 
@@ -140,19 +140,19 @@ def test_outward_is_the_gradient_of_the_distance(shape: Quadric) -> None:
         x = x[np.linalg.norm(x[:, shortest], axis=1) > 10 * step]
     gradient = np.stack(
         [
-            (shape.signed_distance(x + step * e) - shape.signed_distance(x - step * e)) / (2 * step)
+            (shape.local_distance(x + step * e) - shape.local_distance(x - step * e)) / (2 * step)
             for e in np.eye(3)
         ],
         axis=1,
     )
-    np.testing.assert_allclose(gradient, shape.outward(x), atol=1e-5)
+    np.testing.assert_allclose(gradient, shape.local_outward(x), atol=1e-5)
 
 
 @named
 def test_the_distance_is_lipschitz_continuous(shape: Quadric) -> None:
     """The bound holds across the plane where two points are equally near, however close to it."""
     x, way = special_points(shape), 1e-7 * semi_axes_of(shape).min() * directions(1)[0]
-    change = shape.signed_distance(x + way) - shape.signed_distance(x - way)
+    change = shape.local_distance(x + way) - shape.local_distance(x - way)
     assert np.all(np.abs(change) <= 2.0 * np.linalg.norm(way) * (1.0 + 1e-6))
 
 
@@ -161,11 +161,11 @@ def test_an_ellipsoid_of_equal_axes_is_a_sphere() -> None:
     assert sphere.radius == ellipsoid.radius
     assert sphere.tolerance == ellipsoid.tolerance
     for x in (special_points(sphere), random_points(sphere)):
-        for function in ("signed_distance", "outward", "scaled"):
+        for function in ("local_distance", "local_outward", "scaled"):
             one, other = (getattr(shape, function)(x) for shape in (sphere, ellipsoid))
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
     n = directions(20)
-    np.testing.assert_allclose(sphere.support(n), ellipsoid.support(n))
+    np.testing.assert_allclose(sphere.local_support(n), ellipsoid.local_support(n))
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))), ids=str)
@@ -179,11 +179,11 @@ def test_permuting_the_axes_permutes_all_results(order: tuple[int, ...], points:
         # else either of two nearest points may be found after turning
         x = x[np.all(np.abs(x) > 0.0, axis=1)]
         n = directions(10)
-        np.testing.assert_allclose(one.support(n), other.support(n[:, turned]), rtol=1e-12)
-        distance = other.signed_distance(x[:, turned])
-        np.testing.assert_allclose(one.signed_distance(x), distance, atol=1e-12 * max(semi_axes))
+        np.testing.assert_allclose(one.local_support(n), other.local_support(n[:, turned]), rtol=1e-12)
+        distance = other.local_distance(x[:, turned])
+        np.testing.assert_allclose(one.local_distance(x), distance, atol=1e-12 * max(semi_axes))
         np.testing.assert_allclose(
-            one.outward(x)[:, turned], other.outward(x[:, turned]), atol=ROUNDING
+            one.local_outward(x)[:, turned], other.local_outward(x[:, turned]), atol=ROUNDING
         )
 
 
@@ -192,12 +192,12 @@ def test_permuting_the_axes_permutes_all_results(order: tuple[int, ...], points:
 def test_arrays_of_any_leading_shape(shape: Quadric, leading: tuple[int, ...]) -> None:
     x = np.random.default_rng(6).normal(size=(*leading, 3))
     n = x / np.linalg.norm(x, axis=-1, keepdims=True)
-    assert np.shape(shape.support(n)) == np.shape(shape.signed_distance(x)) == leading
+    assert np.shape(shape.local_support(n)) == np.shape(shape.local_distance(x)) == leading
     flat = x.reshape(-1, 3)
-    for function in (shape.outward, shape.scaled):
+    for function in (shape.local_outward, shape.scaled):
         assert function(x).shape == x.shape
         np.testing.assert_array_equal(function(x).reshape(-1, 3), function(flat))
-    np.testing.assert_array_equal(np.ravel(shape.signed_distance(x)), shape.signed_distance(flat))
+    np.testing.assert_array_equal(np.ravel(shape.local_distance(x)), shape.local_distance(flat))
 
 
 @pytest.mark.parametrize("above", [0.0, 1e-300, 1e-40, 1e-20, 1e-9, 1e-3])
@@ -209,28 +209,28 @@ def test_deep_inside_near_the_plane_of_the_shortest_axis(above: float, sign: flo
     height = np.sqrt(1.0 - np.sum((known / [3.0, 2.0, 1.0]) ** 2))
     y = np.array([0.5, 0.3, height])
     x[2], y[2] = sign * above, sign * height
-    n = shape.outward(x)
+    n = shape.local_outward(x)
     wanted = y / np.array([9.0, 4.0, 1.0])
     side = sign if above > 0.0 else n[2]  # on the plane itself either side is correct
     wanted[2] = abs(wanted[2]) * np.sign(side)
     np.testing.assert_allclose(n, wanted / np.linalg.norm(wanted), atol=max(1e-12, 2 * above))
     distance = float(np.linalg.norm(y - x))
-    assert shape.signed_distance(x) == pytest.approx(-distance, abs=max(1e-12, above**2))
+    assert shape.local_distance(x) == pytest.approx(-distance, abs=max(1e-12, above**2))
 
 
 @pytest.mark.parametrize("semi_axes", SEMI_AXES, ids=str)
 def test_at_the_centre_the_surface_is_as_near_as_the_shortest_axis(semi_axes: list[float]) -> None:
     shape = Ellipsoid([0, 0, 0], semi_axes)
-    n = shape.outward(np.zeros(3))
-    assert shape.signed_distance(np.zeros(3)) == -min(semi_axes)
+    n = shape.local_outward(np.zeros(3))
+    assert shape.local_distance(np.zeros(3)) == -min(semi_axes)
     assert np.count_nonzero(n) == 1
     assert semi_axes[int(np.argmax(n))] == min(semi_axes)
 
 
 def test_at_the_centre_of_a_sphere_any_direction_is_valid() -> None:
     sphere = rho.Sphere([0, 0, 0], 2.0)
-    assert sphere.signed_distance(np.zeros(3)) == -2.0
-    assert np.linalg.norm(sphere.outward(np.zeros(3))) == 1.0
+    assert sphere.local_distance(np.zeros(3)) == -2.0
+    assert np.linalg.norm(sphere.local_outward(np.zeros(3))) == 1.0
 
 
 @given(
@@ -242,13 +242,13 @@ def test_flat_and_long_ellipsoids(logs: tuple[float, ...], place: tuple[float, .
     a = 10.0 ** np.array(logs)
     shape = Ellipsoid([0, 0, 0], a)
     x = a * np.array(place)
-    distance, n = float(shape.signed_distance(x)), shape.outward(x)
+    distance, n = float(shape.local_distance(x)), shape.local_outward(x)
     assert np.isfinite(distance)
     assert np.linalg.norm(n) == pytest.approx(1.0)
     assert (distance < 0.0) == (np.linalg.norm(x / a) < 1.0)
     assert -distance <= a.min() * (1.0 + ROUNDING)
     if distance >= 0.0:
-        slack = n @ x - shape.support(n)
+        slack = n @ x - shape.local_support(n)
         assert slack == pytest.approx(distance, abs=ROUNDING * max(a.max(), np.abs(x).max()))
 
 

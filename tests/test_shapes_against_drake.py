@@ -93,14 +93,14 @@ def test_signed_distance_and_outward_are_those_of_drake(kind: str, seed: int) ->
     rng, shape = seeded(kind, seed)
     x = around(rng, shape, 40)
     distances, gradients, nearest = by_drake(engine(shape), x)
-    own = shape.signed_distance(x)
+    own = shape.local_distance(x)
     if kind == "ellipsoid":
         # Drake stops its search early, at few points a tenth of the size off and of the wrong sign;
         # tests/test_shapes.py searches all of the surface
         assert np.sort(np.abs(own - distances))[-4] <= 1e-2 * shape.size
         return
     np.testing.assert_allclose(own, distances, rtol=0.0, atol=1e-12 * shape.size)
-    n = shape.outward(x)
+    n = shape.local_outward(x)
     np.testing.assert_allclose(x - own[:, None] * n, nearest, rtol=0.0, atol=1e-9 * shape.size)
     clear = np.abs(own) > 1e-6 * shape.size
     np.testing.assert_allclose(n[clear], gradients[clear], rtol=0.0, atol=1e-6)
@@ -118,12 +118,12 @@ def test_the_support_is_reached_at_the_point_nearest_to_one_far_away(kind: str, 
         # Drake's distance is not precise enough there: any point of its surface
         nearest = shape.size * n
         nearest /= np.linalg.norm(nearest / shape.extent, axis=1, keepdims=True)
-        assert np.all(nearest @ n.T <= shape.support(n) * (1.0 + ROUNDING))
+        assert np.all(nearest @ n.T <= shape.local_support(n) * (1.0 + ROUNDING))
         return
     _, _, nearest = by_drake(engine(shape), 1e7 * shape.size * n)
     attained = np.einsum("ri,ri->r", n, nearest)
-    np.testing.assert_allclose(shape.support(n), attained, rtol=0.0, atol=1e-5 * shape.size)
-    assert np.all((nearest @ n.T).max(axis=0) <= shape.support(n) + 1e-8 * shape.size)
+    np.testing.assert_allclose(shape.local_support(n), attained, rtol=0.0, atol=1e-5 * shape.size)
+    assert np.all((nearest @ n.T).max(axis=0) <= shape.local_support(n) + 1e-8 * shape.size)
 
 
 @every_kind
@@ -132,11 +132,11 @@ def test_a_position_is_as_far_from_its_half_space_as_from_the_shape(kind: str, s
     """By duality n · x - h(n) is at most the signed distance, with equality at n = outward(x)."""
     rng, shape = seeded(kind, seed)
     x = np.concatenate([around(rng, shape, 60), special_points(shape)])
-    n, distances = shape.outward(x), shape.signed_distance(x)
+    n, distances = shape.local_outward(x), shape.local_distance(x)
     np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1.0, rtol=1e-12)
-    own = np.einsum("ri,ri->r", n, x) - shape.support(n)
+    own = np.einsum("ri,ri->r", n, x) - shape.local_support(n)
     np.testing.assert_allclose(own, distances, rtol=0.0, atol=ROUNDING * shape.size)
-    every = x @ n.T - shape.support(n)
+    every = x @ n.T - shape.local_support(n)
     assert np.all(every <= distances[:, None] + ROUNDING * shape.size)
 
 
@@ -157,10 +157,10 @@ def test_the_signed_distance_is_convex_and_lipschitz_continuous(kind: str, seed:
     """The verifier's bound between samples relies on both."""
     rng, shape = seeded(kind, seed)
     x, y = around(rng, shape, 200), around(rng, shape, 200)
-    one, other = shape.signed_distance(x), shape.signed_distance(y)
+    one, other = shape.local_distance(x), shape.local_distance(y)
     rounding = 1e-12 * shape.size
     part = rng.uniform(size=200)
-    between = shape.signed_distance(x + part[:, None] * (y - x))
+    between = shape.local_distance(x + part[:, None] * (y - x))
     assert np.all(between <= one + part * (other - one) + rounding)
     assert np.all(np.abs(other - one) <= np.linalg.norm(y - x, axis=1) + rounding)
 
@@ -202,14 +202,14 @@ def test_other_axes_and_units_change_results_accordingly(
     there = scale * (mirror * x)[:, order]
     rounding = 1e-9 * scale * shape.size
     np.testing.assert_allclose(
-        other.signed_distance(there), scale * shape.signed_distance(x), rtol=0.0, atol=rounding
+        other.local_distance(there), scale * shape.local_distance(x), rtol=0.0, atol=rounding
     )
-    n = shape.outward(x)
-    np.testing.assert_allclose(other.outward(there), (mirror * n)[:, order], rtol=0.0, atol=1e-6)
+    n = shape.local_outward(x)
+    np.testing.assert_allclose(other.local_outward(there), (mirror * n)[:, order], rtol=0.0, atol=1e-6)
     n[:, np.isinf(shape.extent)] = 0.0
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     np.testing.assert_allclose(
-        other.support((mirror * n)[:, order]), scale * shape.support(n), rtol=0.0, atol=rounding
+        other.local_support((mirror * n)[:, order]), scale * shape.local_support(n), rtol=0.0, atol=rounding
     )
     np.testing.assert_allclose(other.extent, scale * shape.extent[order], rtol=1e-9)
 
@@ -224,8 +224,8 @@ def test_a_polytope_can_be_turned_any_way(seed: int) -> None:
     x = around(rng, shape, 40)
     # bounding boxes do not turn with the shape
     middle = turned.center - turn.matrix() @ shape.center
-    distances = turned.signed_distance(x @ turn.matrix().T - middle)
-    np.testing.assert_allclose(distances, shape.signed_distance(x), atol=1e-9 * shape.size)
+    distances = turned.local_distance(x @ turn.matrix().T - middle)
+    np.testing.assert_allclose(distances, shape.local_distance(x), atol=1e-9 * shape.size)
     found, _, _ = by_drake(engine(shape, turn), x @ turn.matrix().T)
     np.testing.assert_allclose(distances, found, rtol=0.0, atol=1e-9 * shape.size)
 
@@ -240,11 +240,11 @@ def same(one: Shape, other: Shape, x: FloatArray) -> None:
     """Check that two descriptions give the same shape."""
     np.testing.assert_allclose(one.center, other.center, atol=1e-12 * one.size)
     rounding = 1e-10 * one.size
-    n = one.outward(x)
-    distances = one.signed_distance(x)
-    np.testing.assert_allclose(distances, other.signed_distance(x), rtol=0.0, atol=rounding)
-    np.testing.assert_allclose(n, other.outward(x), rtol=0.0, atol=1e-6)
-    np.testing.assert_allclose(one.support(n), other.support(n), rtol=0.0, atol=rounding)
+    n = one.local_outward(x)
+    distances = one.local_distance(x)
+    np.testing.assert_allclose(distances, other.local_distance(x), rtol=0.0, atol=rounding)
+    np.testing.assert_allclose(n, other.local_outward(x), rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(one.local_support(n), other.local_support(n), rtol=0.0, atol=rounding)
 
 
 @given(seed=seeds)
@@ -271,12 +271,12 @@ def test_an_infinite_cylinder_is_a_long_one_near_its_middle(seed: int) -> None:
     long = rho.Cylinder(shape.center, shape.radius, 1e3 * shape.radius, shape.axis)
     x = around(rng, shape, 60)
     along = "xyz".index(shape.axis)
-    assert np.all(shape.outward(x)[:, along] == 0.0)
+    assert np.all(shape.local_outward(x)[:, along] == 0.0)
     same(shape, long, x)
     moved = np.array(x)
     moved[:, along] += 1e5 * shape.radius
-    np.testing.assert_array_equal(shape.signed_distance(moved), shape.signed_distance(x))
-    assert shape.support(np.eye(3)[along]) == np.inf
+    np.testing.assert_array_equal(shape.local_distance(moved), shape.local_distance(x))
+    assert shape.local_support(np.eye(3)[along]) == np.inf
     assert np.isinf(shape.extent[along])
     assert shape.size == shape.radius
 
@@ -285,15 +285,15 @@ def test_an_infinite_cylinder_is_a_long_one_near_its_middle(seed: int) -> None:
 def test_shapes_are_measured_in_arrays_of_any_leading_shape(kind: str) -> None:
     rng, shape = seeded(kind, 1)
     x = around(rng, shape, 30)
-    n = shape.outward(x)
+    n = shape.local_outward(x)
     for leading in ((), (0,), (4,), (2, 3), (2, 1, 5)):
         many = int(np.prod(leading))
         points, ways = x[:many].reshape(*leading, 3), n[:many].reshape(*leading, 3)
-        assert np.shape(shape.signed_distance(points)) == leading
-        assert np.shape(shape.support(ways)) == leading
-        assert shape.outward(points).shape == points.shape
+        assert np.shape(shape.local_distance(points)) == leading
+        assert np.shape(shape.local_support(ways)) == leading
+        assert shape.local_outward(points).shape == points.shape
         np.testing.assert_allclose(
-            np.ravel(shape.signed_distance(points)), shape.signed_distance(x)[:many], rtol=1e-12
+            np.ravel(shape.local_distance(points)), shape.local_distance(x)[:many], rtol=1e-12
         )
 
 
@@ -313,4 +313,4 @@ def test_a_thin_wedge_is_measured_at_its_sharp_edge() -> None:
     wedge = rho.Polytope([*low, *high, [-1.0, 0.0, 0.0], [-1.0, 1.0, 0.0]])
     for far in 10.0 ** np.arange(-9.0, 1.0):
         beyond = np.array([far, 0.5, 0.0]) - wedge.center
-        assert wedge.signed_distance(beyond) == pytest.approx(far, rel=1e-6, abs=1e-10)
+        assert wedge.local_distance(beyond) == pytest.approx(far, rel=1e-6, abs=1e-10)

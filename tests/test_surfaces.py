@@ -37,13 +37,13 @@ def _volume(drawn: Surface) -> float:
 def test_corners_lie_on_the_surface_and_faces_look_outwards(shape: Shape) -> None:
     drawn = surface(shape)
     corners = np.concatenate([*drawn.faces, *drawn.edges])
-    np.testing.assert_allclose(shape.signed_distance(corners), 0.0, atol=1e-9 * shape.size)
+    np.testing.assert_allclose(shape.local_distance(corners), 0.0, atol=1e-9 * shape.size)
     np.testing.assert_allclose(np.abs(corners).max(axis=0), shape.extent, rtol=0.01)
     for face in drawn.faces:
         middle, around = face.mean(axis=0), np.roll(face, -1, axis=0)
         area = np.cross(face - middle, around - middle).sum(axis=0) / 2.0
         # faces cut curved surfaces, so their middles lie inside
-        assert np.abs(shape.signed_distance(middle[None])[0]) <= 0.02 * shape.size
+        assert np.abs(shape.local_distance(middle[None])[0]) <= 0.02 * shape.size
         assert area @ middle > 0.0
 
 
@@ -69,7 +69,7 @@ def test_volumes_are_those_of_closed_forms(shape: Shape, volume: float) -> None:
 def test_a_shape_without_faces_of_its_own_is_drawn_from_its_distance(shape: Shape) -> None:
     drawn, own = surface.dispatch(object)(shape), surface(shape)
     corners = np.concatenate(drawn.faces)
-    np.testing.assert_allclose(shape.signed_distance(corners), 0.0, atol=1e-8 * shape.size)
+    np.testing.assert_allclose(shape.local_distance(corners), 0.0, atol=1e-8 * shape.size)
     assert _volume(drawn) == pytest.approx(_volume(own), rel=0.05)
 
 

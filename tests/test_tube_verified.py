@@ -215,13 +215,13 @@ def _excess(plan: rho.Plan, check: rho.Check, tube: rho.ErrorTube, times: FloatA
             checked |= np.abs(times - obstacle.known_from) < 1e-9 * grid.step * (len(times) == 1)
         x = p - places(obstacle, times)
         kept = scenario.vehicles[i].radius + obstacle.deviation
-        return np.asarray((kept + off - obstacle.shape.signed_distance(x))[checked])
+        return np.asarray((kept + off - obstacle.shape.local_distance(x))[checked])
     assert scenario.separation is not None
     shape, worst = scenario.separation.shape, np.full(len(times), -np.inf)
     for j in range(len(scenario.vehicles)):
         if j != i:
             x = p - by_hand(plan, j, times)
-            worst = np.maximum(worst, 2.0 * off - shape.signed_distance(x))
+            worst = np.maximum(worst, 2.0 * off - shape.local_distance(x))
     return worst
 
 

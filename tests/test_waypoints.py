@@ -290,7 +290,7 @@ def test_paths_lead_through_waypoints(
         assert np.linalg.norm(at - each.position) < 0.3  # straight from knot to knot
     still = dataclasses.replace(scenario, obstacles=(WALL,)).bodies[0]
     x = reference.positions[0] - still.centers(reference.times)
-    assert still.shape.signed_distance(x).min() > 0.2 - 1e-5
+    assert still.shape.local_distance(x).min() > 0.2 - 1e-5
     plan = rho.plan(scenario)
     assert rho.verify(plan).ok
 

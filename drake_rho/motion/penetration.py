@@ -130,7 +130,7 @@ def _(
 ) -> tuple[IntArray, FloatArray]:
     """Return pieces, and times since their beginnings, in closed form."""
     s = nearest_moments(pieces.p, pieces.v, pieces.a, pieces.durations)
-    inside = np.flatnonzero(shape.signed_distance(pieces.at(s)) < below)
+    inside = np.flatnonzero(shape.local_distance(pieces.at(s)) < below)
     return inside, s[inside]
 
 
@@ -180,7 +180,7 @@ class _Search:
     def _sample(self, which: IntArray, s: FloatArray) -> FloatArray:
         """Return signed distances and their slopes at times in pieces, shape (2, P)."""
         pieces = self._pieces.select(which)
-        d, n = self._shape.measured(pieces.at(s))
+        d, n = self._shape.local_measured(pieces.at(s))
         slope = np.einsum("pi,pi->p", n, pieces.v + s[:, None] * pieces.a)
         order = np.argsort(-d, kind="stable")  # the lowest instant of a piece is assigned last
         order = order[d[order] < self.lowest[which[order]]]

@@ -103,7 +103,7 @@ class Study:
         """
         positions = example.plan.positions
         nearest = [
-            sphere.signed_distance(positions - sphere.center).min(axis=1)
+            sphere.signed_distance(positions).min(axis=1)
             for sphere in self.scenario.spheres
         ]
         clearances: FloatArray = np.min(nearest, axis=0)

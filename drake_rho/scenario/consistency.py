@@ -6,11 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.errors import Description, ScenarioError, one_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
-from drake_rho.scenario.parts import Grid, Quantity, Vehicle
+from drake_rho.scenario.pairs import check_separation
+from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, Vehicle
+from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.waypoints import is_during_flight
 
 
@@ -44,6 +46,40 @@ def check_obstacles(obstacles: Sequence[AnyObstacle], grid: Grid) -> None:
         if known_from > max(grid.end, 0.0):  # 0 stands for the start
             expected = f"a time in the flight, which ends at {grid.end:g} s"
             raise ScenarioError(f"obstacles[{index}].known_from", known_from, expected)
+
+
+def check_ends(
+    fleet: Fleet,
+    vehicles: Sequence[Vehicle],
+    grid: Grid,
+    obstacles: Sequence[Obstacle],
+    separation: Separation | None,
+    *,
+    under_way: bool,
+) -> None:
+    """Check that starts and goals satisfy limits and separation and are outside obstacles.
+
+    Args:
+        fleet: the vehicles as arrays.
+        vehicles: the vehicles.
+        grid: first and last knot.
+        obstacles: all obstacles.
+        separation: required of every pair, if any.
+        under_way: whether starts are states that a flight has reached, which are not checked.
+
+    Raises:
+        ScenarioError: a start or a goal violates one of these constraints.
+    """
+    check_limits(fleet, under_way=under_way)
+    ends = (
+        ("start", fleet.start_positions, grid.start),
+        ("goal", fleet.goal_positions, grid.end),
+    )
+    for end, positions, time in ends[under_way:]:
+        times = np.full(len(positions), time)
+        check_outside(fleet, obstacles, f"{end}.position", positions, times)
+        if separation is not None:
+            check_separation(separation, vehicles, f"{end}.position", positions)
 
 
 def check_limits(fleet: Fleet, *, under_way: bool = False) -> None:
@@ -132,3 +168,115 @@ def check_outside(
                 f"({obstacle.shape})"
             )
             raise ScenarioError(f"vehicles[{i}].{where}", positions[i].tolist(), expected)
+
+
+def check_requirements(
+    requirements: Sequence[KeepIn],
+    fleet: Fleet,
+    vehicles: Sequence[Vehicle],
+    grid: Grid,
+    under_way: bool,
+) -> None:
+    """Check that requirements name vehicles, are in the flight, and hold where states are given.
+
+    Args:
+        requirements: all requirements, numbered from 1 in this order.
+        fleet: the vehicles as arrays.
+        vehicles: the vehicles.
+        grid: first and last knot.
+        under_way: whether starts are states that a flight has reached, and requirements may be
+            over; neither is checked then.
+
+    Raises:
+        ScenarioError: a requirement names no vehicle, is not in the flight, or does not contain a
+            start, a goal or a waypoint at which it is active.
+    """
+    names = [vehicle.name for vehicle in vehicles]
+    for index, each in enumerate(requirements):
+        where = f"requirements[{index}]"
+        for field, given in (("vehicles", each.vehicles or ()), ("relative_to", (each.leader,))):
+            for name in given:
+                if name is not None and name not in names:
+                    raise ScenarioError(f"{where}.{field}", name, one_of(names, name))
+        if len(each.members(names)) == 0:
+            expected = f"a scenario with other vehicles than {each.leader!r}"
+            raise ScenarioError(f"{where}.vehicles", None, expected)
+        if each.active is not None and not under_way:
+            first, last = each.active
+            if first < grid.start - grid.rounding or last > grid.end + grid.rounding:
+                expected = f"times in the flight, from {grid.start:g} s to {grid.end:g} s"
+                raise ScenarioError(f"{where}.active", [first, last], expected)
+        _check_given_states(each, index + 1, fleet, names, grid, under_way)
+
+
+def _check_given_states(
+    requirement: KeepIn,
+    number: int,
+    fleet: Fleet,
+    names: Sequence[str],
+    grid: Grid,
+    under_way: bool,
+) -> None:
+    """Check that a requirement contains the starts, goals and waypoints at which it is active."""
+    given: list[tuple[str, Quantity, FloatArray, FloatArray]] = [
+        (f"{end}.{quantity}", quantity, values, np.full(len(values), time))
+        for end, quantity, values, time in (
+            ("start", "position", fleet.start_positions, grid.start),
+            ("start", "velocity", fleet.start_velocities, grid.start),
+            ("goal", "position", fleet.goal_positions, grid.end),
+            ("goal", "velocity", fleet.goal_velocities, grid.end),
+        )
+        if not (under_way and end == "start")
+    ]
+    if requirement.leader is None:
+        given += [
+            (f"waypoints[{index}].position", "position", each.positions, each.times)
+            for index, each in enumerate(fleet.waypoints)
+        ]
+    for field, quantity, values, times in given:
+        if quantity == requirement.quantity:
+            _check_values(requirement, number, fleet, names, field, values, times, grid)
+
+
+def _check_values(
+    requirement: KeepIn,
+    number: int,
+    fleet: Fleet,
+    names: Sequence[str],
+    field: str,
+    values: FloatArray,
+    times: FloatArray,
+    grid: Grid,
+) -> None:
+    """Check that given values (N, 3) at times (N,) are in a requirement's set if it is active."""
+    interval = requirement.interval(grid)
+    if interval is None:
+        return
+    members, partner = requirement.members(names), requirement.partner(names)
+    first, last = (interval[0] - grid.rounding, interval[1] + grid.rounding)
+    due = (times[members] >= first) & (times[members] <= last)  # false for NaN
+    members, tolerances = members[due], requirement.tolerances(fleet, names)[due]
+    relative = values[members] - requirement.offset(times[members])
+    if partner is not None:
+        relative = relative - values[partner]
+    outside = requirement.set.signed_distance(relative)
+    if field.startswith("waypoints"):
+        index = int(field.partition("[")[2].partition("]")[0])
+        outside = outside - fleet.waypoints[index].within[members]
+    if np.any(outside > tolerances):
+        worst = int(np.argmax(outside - tolerances))
+        vehicle, unit = int(members[worst]), UNITS[requirement.quantity]
+        of = "" if requirement.relative_to is None else " relative to "
+        of += requirement.leader or ("the track" if of else "")
+        expected = (
+            f"a {field.rpartition('.')[2]}{of} in {requirement.called(number)}, "
+            f"not {outside[worst]:.4g} {unit} outside it ({_described(requirement.set)})"
+        )
+        given = values[vehicle].tolist()
+        raise ScenarioError(f"vehicles[{vehicle}].{field}", given, expected)
+
+
+def _described(convex_set: object) -> Description:
+    """Return the text of a set, short enough for an error."""
+    own = type(convex_set).__str__ is object.__str__
+    return Description(type(convex_set).__name__ if own else str(convex_set)[:80])

@@ -26,8 +26,8 @@ the rounding of values at that distance."""
 _UP = np.array([0.0, 0.0, 1.0])
 
 _GRID = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
-_AROUND_BALL = _GRID[np.any(_GRID, axis=1)]
-_AROUND_BALL /= np.linalg.norm(_AROUND_BALL, axis=1, keepdims=True)
+AROUND_BALL = _GRID[np.any(_GRID, axis=1)]
+AROUND_BALL /= np.linalg.norm(AROUND_BALL, axis=1, keepdims=True)
 """Outward normals of a polyhedron around a ball, shape (26, 3)."""
 
 _AZIMUTHS = np.arange(8) * (np.pi / 4.0)
@@ -120,7 +120,7 @@ class Balls(ConvexSets):
 
     def around(self, vehicles: IntArray) -> FloatArray:
         """Return the directions of the sides, edges and corners of a cube."""
-        return np.repeat(_AROUND_BALL[:, None], len(vehicles), axis=1)
+        return np.repeat(AROUND_BALL[:, None], len(vehicles), axis=1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

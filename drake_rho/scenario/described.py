@@ -17,6 +17,7 @@ _Class = TypeVar("_Class")
 
 _PLAIN_NAMES = {
     "AnyObstacle": "Shape | Obstacle",
+    "AnySet": "ConvexSet",
     "Count": "int",
     "Finite": "float",
     "FloatArray": "array",
@@ -93,6 +94,8 @@ def signature_of(cls: Any) -> inspect.Signature:
         elif field.default_factory is not dataclasses.MISSING:
             default = Description("...")
         kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+        if field.kw_only:
+            kind = inspect.Parameter.KEYWORD_ONLY
         parameters.append(inspect.Parameter(field.name, kind, default=default))
     return inspect.Signature(parameters)
 

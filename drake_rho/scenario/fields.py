@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from typing import Annotated, Any, TypeVar, dataclass_transform
 
 import numpy as np
@@ -180,7 +181,7 @@ def record(cls: type[_Record]) -> type[_Record]:
     made: Any = pydantic_dataclass(described(cls), frozen=True, eq=False, config=config)
     validate: Callable[..., None] = made.__init__
 
-    names = [field.name for field in dataclasses.fields(made)]
+    names = [field.name for field in dataclasses.fields(made) if not field.kw_only]
 
     def init(self: object, *args: object, **kwargs: object) -> None:
         positional = dict(zip(names, args, strict=False))
@@ -199,6 +200,23 @@ def record(cls: type[_Record]) -> type[_Record]:
     made.__reduce__ = _reduce
     made.__hash__ = None  # records hold arrays and are equal by value, so they cannot be keys
     return made  # type: ignore[no-any-return]  # `made` is declared as Any above
+
+
+def record_kind(value: object, kinds: Mapping[str, Sequence[str]], otherwise: str) -> str:
+    """Return the name of a record's type, or of the type that a mapping describes.
+
+    Mistyped keys are matched to the closest known ones.
+
+    Args:
+        value: a record or a mapping.
+        kinds: keys that identify the types; of several, the first in this order is taken.
+        otherwise: the type of a mapping with none of these keys.
+    """
+    if not isinstance(value, Mapping):
+        return type(value).__name__
+    known = [key for keys in kinds.values() for key in keys]
+    close = {match for key in value for match in get_close_matches(str(key), known, 1, 0.75)}
+    return next((kind for kind, keys in kinds.items() if close.intersection(keys)), otherwise)
 
 
 def unchecked(old: _Record, **changes: object) -> _Record:

@@ -25,6 +25,7 @@ KINDS: tuple[str, ...] = (
     "goals",
     *LIMITS,
     "waypoints",
+    "requirements",
     "obstacles",
     "moving obstacles",
     "late obstacles",
@@ -41,6 +42,7 @@ def kinds_of(scenario: Scenario) -> set[str]:
     fleet, bodies = scenario.fleet, scenario.bodies
     has = {
         "waypoints": bool(fleet.waypoints),
+        "requirements": bool(scenario.requirements),
         "obstacles": bool(bodies),
         "moving obstacles": any(each.moves for each in bodies),
         "late obstacles": any(each.known_from > 0.0 for each in bodies),

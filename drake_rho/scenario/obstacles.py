@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
@@ -19,6 +18,7 @@ from drake_rho.scenario.fields import (
     Vector,
     read_only,
     record,
+    record_kind,
     unchecked,
 )
 from drake_rho.scenario.parts import Grid
@@ -43,15 +43,8 @@ first record in this order is taken."""
 
 
 def _kind(value: object) -> str:
-    """Return the name of a record's type, or of the type that a mapping describes.
-
-    Mistyped keys are matched to the closest known ones.
-    """
-    if not isinstance(value, Mapping):
-        return type(value).__name__
-    known = [key for keys in _KINDS.values() for key in keys]
-    close = {match for key in value for match in get_close_matches(str(key), known, 1, 0.75)}
-    return next((kind for kind, keys in _KINDS.items() if close.intersection(keys)), "Sphere")
+    """Return the name of a record's type, or of the type that a mapping describes."""
+    return record_kind(value, _KINDS, "Sphere")
 
 
 _Shapes = (
@@ -205,7 +198,7 @@ class Obstacle:
             positions: [m], shape (..., M, 3).
             times: on the scenario's clock [s], shape (M,), or one for all positions.
         """
-        distances = self.shape.signed_distance(positions - self.centers(times))
+        distances = self.shape.local_distance(positions - self.centers(times))
         if self.active is None:
             return distances
         return np.where(self.is_active(times), distances, np.inf)

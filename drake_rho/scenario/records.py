@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.consistency import (
-    check_limits,
+    check_ends,
     check_names,
     check_obstacles,
-    check_outside,
+    check_requirements,
     check_waypoints,
 )
 from drake_rho.scenario.described import ShownInNotebooks
@@ -24,22 +24,27 @@ from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unche
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, known_at_start
-from drake_rho.scenario.pairs import check_separation
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
+from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.shapes.base import TOLERANCE, Shape
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
 from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
+from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 from drake_rho.scenario.tracks import Track
 from drake_rho.scenario.waypoints import is_during_flight
 
 __all__ = [
     "TOLERANCE",
+    "Ball",
     "Box",
+    "Cone",
     "Cylinder",
     "Disturbance",
     "Ellipsoid",
     "Grid",
+    "HalfSpace",
+    "KeepIn",
     "Limits",
     "Obstacle",
     "Polytope",
@@ -52,6 +57,9 @@ __all__ = [
     "Vehicle",
     "Waypoint",
 ]
+
+Ball = Sphere
+"""`Sphere`, by the name of the solid, for sets to keep in."""
 
 
 @record
@@ -87,6 +95,8 @@ class Scenario(ShownInNotebooks):
     knots"""
     disturbance: Disturbance | None = None
     """wind, estimation errors, and the feedback that counteracts them; none if not given"""
+    requirements: tuple[KeepIn, ...] = ()
+    """convex sets in which quantities of vehicles, or of two, stay; numbered from 1 in reports"""
 
     if TYPE_CHECKING:
 
@@ -100,6 +110,7 @@ class Scenario(ShownInNotebooks):
             separation: Separation | None = None,
             between_knots: bool = True,
             disturbance: Disturbance | None = None,
+            requirements: Sequence[KeepIn] = (),
         ) -> None: ...
 
     @cached_property
@@ -120,6 +131,7 @@ class Scenario(ShownInNotebooks):
             self.disturbance.check(self.grid)
         self.check_ends(under_way=under_way)
         check_waypoints(self.fleet, self.grid, self.bodies)
+        check_requirements(self.requirements, self.fleet, self.vehicles, self.grid, under_way)
         return self
 
     def check_ends(self, *, under_way: bool = False) -> None:
@@ -132,19 +144,8 @@ class Scenario(ShownInNotebooks):
         Raises:
             ScenarioError: a start or a goal violates one of these constraints.
         """
-        fleet = self.fleet
-        check_limits(fleet, under_way=under_way)
-        ends = (
-            ("start", fleet.start_positions, self.grid.start),
-            ("goal", fleet.goal_positions, self.grid.end),
-        )
-        for end, positions, time in ends:
-            if end == "start" and under_way:
-                continue
-            times = np.full(len(positions), time)
-            check_outside(fleet, self.bodies, f"{end}.position", positions, times)
-            if self.separation is not None:
-                check_separation(self.separation, self.vehicles, f"{end}.position", positions)
+        fleet, separation = self.fleet, self.separation
+        check_ends(fleet, self.vehicles, self.grid, self.bodies, separation, under_way=under_way)
 
     @cached_property
     def under_way(self) -> bool:
@@ -227,7 +228,10 @@ class Scenario(ShownInNotebooks):
     def of_vehicles(self, indices: Sequence[int]) -> Scenario:
         """Return the scenario of some of its vehicles only, without validating it again."""
         vehicles = tuple(self.vehicles[index] for index in indices)
-        return self.derived(vehicles=vehicles, fleet=self._fleet_of(vehicles))
+        fleet, names = self._fleet_of(vehicles), [vehicle.name for vehicle in vehicles]
+        own = (each.of_vehicles(names) for each in self.requirements)
+        requirements = tuple(each for each in own if each is not None)
+        return self.derived(vehicles=vehicles, fleet=fleet, requirements=requirements)
 
     def from_states(
         self,

@@ -77,12 +77,18 @@ def _along(root: type, location: tuple[int | str, ...]) -> tuple[list[type], lis
         if of_this_name:
             kinds = of_this_name
             continue
+        if part == _PROTOCOL:
+            continue
         names.append(part)
         fields = [getattr(kind, "__pydantic_fields__", {}) for kind in kinds]
         found = [each[part].annotation for each in fields if part in each]
         if found:
             kinds = [kind for annotation in found for kind in _records_in(annotation)]
     return kinds, names
+
+
+_PROTOCOL = "ConvexSet"
+"""Tag of objects that are no records, such as a user's own set (`drake_rho.scenario.sets`)."""
 
 
 def _words_of(kind: type) -> list[object]:

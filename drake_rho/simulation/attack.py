@@ -221,7 +221,7 @@ def _from_obstacle(scenario: Scenario, number: int, i: int) -> _Clearance:
         scenario.obstacle_name(number),
         (i,),
         lambda p, times: obstacle.distances(p[0], times) - margin,
-        lambda p, times: -obstacle.shape.outward(p[0] - obstacle.centers(times)),
+        lambda p, times: -obstacle.shape.local_outward(p[0] - obstacle.centers(times)),
     )
 
 
@@ -230,10 +230,10 @@ def _from_each_other(scenario: Scenario, partners: IntArray, i: int) -> _Clearan
     shape, (i, j) = scenario.separation.shape, sorted((i, int(partners[i])))
 
     def inward(p: FloatArray, times: FloatArray) -> FloatArray:
-        n = shape.outward(p[0] - p[1])
+        n = shape.local_outward(p[0] - p[1])
         return np.concatenate([-n, n])
 
-    return _Clearance("separation", (i, j), lambda p, _: shape.signed_distance(p[0] - p[1]), inward)
+    return _Clearance("separation", (i, j), lambda p, _: shape.local_distance(p[0] - p[1]), inward)
 
 
 def _within(bounds: Bounds, i: int) -> _Clearance:

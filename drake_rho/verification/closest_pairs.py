@@ -108,7 +108,7 @@ def ellipsoid_distance(separation: Separation, x: FloatArray) -> FloatArray:
 
     In metres, for x of shape (..., 3).
     """
-    distances: FloatArray = separation.distance + separation.shape.signed_distance(x)
+    distances: FloatArray = separation.distance + separation.shape.local_distance(x)
     return distances
 
 

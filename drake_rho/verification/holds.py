@@ -29,6 +29,7 @@ from drake_rho.verification.continuous_time import AnyLower, least_over_time
 from drake_rho.verification.kinds import refuse_unknown
 from drake_rho.verification.norms import check_norms
 from drake_rho.verification.obstacles import check_obstacle, relative_to
+from drake_rho.verification.requirements import check_requirements
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.states import check_planned
 from drake_rho.verification.steps import Steps
@@ -100,6 +101,10 @@ class _PlanCheck:
             yield (lambda: self._boxes_are_kept(jerks)), lambda: check_boxes(trajectory, jerks)
             yield (lambda: self._norms_are_kept(jerks)), lambda: check_norms(trajectory, jerks)
             yield (lambda: not scenario.fleet.waypoints), lambda: check_waypoints(trajectory)
+            yield (
+                lambda: not scenario.requirements,
+                lambda: check_requirements(trajectory, jerks),
+            )
             yield self._all_keep_apart, lambda: check_separation(trajectory)
             obstacles = [number for number, _ in scenario.known]
         for number in obstacles:
@@ -197,7 +202,7 @@ class _PlanCheck:
         required = (fleet.radii + obstacle.deviation - tolerances)[:, None]
         if not scenario.between_knots:
             x = self.trajectory.positions - obstacle.centers(self.trajectory.elapsed)
-            apart = shape.signed_distance(x) >= required + self.radii.ends
+            apart = shape.local_distance(x) >= required + self.radii.ends
             active = obstacle.is_active(self.trajectory.elapsed, scenario.grid.rounding)
             return bool(apart[:, active].all())
         seen, radii = relative_to(self.trajectory, obstacle), self.radii.position
@@ -211,7 +216,7 @@ class _PlanCheck:
         owners, pieces = np.nonzero(low & seen.active_pieces)
         some, precision = seen.pieces.select(owners * len(radii) + pieces), PRECISION * tolerances
         asked = least[owners, pieces]
-        return not _is_below(some, shape.signed_distance, asked, precision[owners]).any()
+        return not _is_below(some, shape.local_distance, asked, precision[owners]).any()
 
     def _all_keep_apart(self) -> bool:
         """Return whether all pairs keep their separation plus both vehicles' error radii.

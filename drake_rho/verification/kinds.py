@@ -23,6 +23,7 @@ TREATMENT = {
     "max_tilt": "angle of a + g e_z in every step, with errors the distance from the cone",
     "max_jerk": "norm at the knots",
     "waypoints": "distance at the waypoint's time",
+    "requirements": "signed distance from the set, of positions at every instant",
     "obstacles": "distance at the knots and at every instant",
     "moving obstacles": f"{_OF_OBSTACLES}, where it is at the time",
     "late obstacles": f"{_OF_OBSTACLES}, once it is known; before that in a row of its own",

@@ -101,7 +101,7 @@ class RelativeMotion:
         lowest = self._between(outside)
         near = np.flatnonzero(~(lowest >= enough).all(axis=1))
         if len(near) > 0:
-            outside[near] = shape.signed_distance(self.positions[near])
+            outside[near] = shape.local_distance(self.positions[near])
             lowest = self._between(outside)
         return lowest
 
@@ -152,7 +152,7 @@ class RelativeMotion:
         least = least_over_time(
             self.pieces.select(owners * len(during) + piece),
             owners[:, None],
-            shape.signed_distance,
+            shape.local_distance,
             PRECISION * trajectory.scenario.fleet.obstacle_tolerances(shape)[owners],
             Least.unknown(values),
             error_radii,
@@ -202,10 +202,10 @@ def _least_at(
     """
     vehicles, likely = np.arange(len(x)), np.argmin(at_least, axis=1)
     distances = np.full(at_least.shape, np.inf)
-    near = shape.signed_distance(x[vehicles, likely]) - errors[likely]
+    near = shape.local_distance(x[vehicles, likely]) - errors[likely]
     distances[vehicles, likely] = near
     perhaps = ~(at_least >= near[:, None])  # true for NaN as well
-    distances[perhaps] = shape.signed_distance(x[perhaps]) - errors[np.nonzero(perhaps)[1]]
+    distances[perhaps] = shape.local_distance(x[perhaps]) - errors[np.nonzero(perhaps)[1]]
     k = np.argmin(distances, axis=1)
     return k, distances[vehicles, k]
 

@@ -17,6 +17,7 @@ from drake_rho.verification.norms import check_norms
 from drake_rho.verification.notes import notes_on, notes_on_simulation, notes_on_tracks
 from drake_rho.verification.obstacles import check_obstacles
 from drake_rho.verification.report import Report
+from drake_rho.verification.requirements import check_requirements
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.simulated import check_simulated, trajectory_of
 from drake_rho.verification.states import check_planned
@@ -93,6 +94,7 @@ def verify(flown: Flown) -> Report:
             *check_boxes(trajectory, jerks),
             *check_norms(trajectory, jerks),
             *check_waypoints(trajectory),
+            *check_requirements(trajectory, jerks),
             *check_obstacles(trajectory),
             *check_separation(trajectory),
         ]

@@ -142,7 +142,7 @@ def approaches(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[FloatArray]:
         at = nearest(plan, obstacle)
         position = plan.motion().at("position", at.time)[at.vehicle]
         x = position - obstacle.centers(np.array([plan.scenario.grid.start + at.time]))
-        offset = obstacle.shape.signed_distance(x)[:, None] * obstacle.shape.outward(x)
+        offset = obstacle.shape.local_distance(x)[:, None] * obstacle.shape.local_outward(x)
         found.append(np.concatenate([position, position - offset]))
     return found
 

@@ -42,7 +42,7 @@ def surface(shape: Shape) -> Surface:
     inside, outside = np.zeros(rays.shape[:-1]), np.full(rays.shape[:-1], 2.0)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (inside + outside)
-        within = shape.signed_distance(middle[..., None] * rays) < 0.0
+        within = shape.local_distance(middle[..., None] * rays) < 0.0
         inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
     return Surface(list(inside[..., None] * rays), [])
 

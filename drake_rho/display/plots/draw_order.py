@@ -47,7 +47,7 @@ def _gains(points: FloatArray, each: Snapshot, count: int) -> FloatArray:
     right, up, _ = view()
     x = points - each.center
     sides = np.stack([right, up])
-    overlaps = np.all(np.abs(x @ sides.T) <= each.shape.support(sides), axis=1)
+    overlaps = np.all(np.abs(x @ sides.T) <= each.shape.local_support(sides), axis=1)
     weights = np.where(overlaps, count + 1.0, 1.0)
     return np.where(before(points, each), weights, -weights)
 

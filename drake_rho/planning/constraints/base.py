@@ -68,6 +68,8 @@ class Constraint(abc.ABC):
     """true if rows bound the difference to a partner, not the quantity of a single vehicle"""
     curved: bool = False
     """true if one instant may need several rows with different normals"""
+    as_cone: bool = False
+    """true if its sets can enter programs as second-order cones instead of rows"""
     linearised: bool = False
     """true if rows are valid around one reference only"""
     obstacle_number: int | None = None

@@ -6,6 +6,7 @@ from drake_rho.planning.constraints.base import Constraint
 from drake_rho.planning.constraints.boxes import boxes_of
 from drake_rho.planning.constraints.margins import PlanMargins
 from drake_rho.planning.constraints.norms import norms_of
+from drake_rho.planning.constraints.requirements import requirements_of
 from drake_rho.planning.constraints.waypoints import waypoints_of
 from drake_rho.scenario.kinds import BOXES
 from drake_rho.scenario.norms import NORMS
@@ -13,11 +14,12 @@ from drake_rho.scenario.records import Scenario
 
 
 def convex_constraints(scenario: Scenario, margins: PlanMargins) -> list[Constraint]:
-    """Return the convex constraints, which need no reference: boxes, norms and waypoints."""
+    """Return the convex constraints, which need no reference: from boxes to requirements."""
     return [
         *boxes_of(scenario, margins),
         *norms_of(scenario, margins),
         *waypoints_of(scenario, margins),
+        *requirements_of(scenario, margins),
     ]
 
 
@@ -27,6 +29,7 @@ TREATMENT: dict[str, str] = {
     **dict.fromkeys(BOXES, "rows of the sides that a motion exceeds"),
     **dict.fromkeys(NORMS, "tangent planes where a motion is outside, or cones"),
     "waypoints": "tangent planes of the ball of positions at the waypoint's time",
+    "requirements": "supporting half-spaces of the set; of two vehicles about their difference",
     "obstacles": "half-spaces around a reference (`Problem.linearized`)",
     "moving obstacles": "half-spaces at the obstacle's position at the time",
     "late obstacles": "half-spaces in the windows in which the obstacle is known",

@@ -91,7 +91,7 @@ def _measured(
     if not between:
         k = step_at(found.times, h)
         offsets = motion.positions[found.one, k] - motion.positions[found.other, k]
-        distances = separation.distance + shape.signed_distance(offsets)
+        distances = separation.distance + shape.local_distance(offsets)
         return dataclasses.replace(found, distances=distances)
     k = np.clip(step_at(found.times, h), 0, last)
     before = np.maximum(k - 1, 0)  # a closest approach at a knot may be the end of a step
@@ -108,7 +108,7 @@ def _measured(
     below = 2.0 * margins.steps["position"][k] - VIOLATED * separation.tolerance
     tolerances = np.full(len(k), separation.tolerance)
     which, times = deepest(shape, pieces, below, tolerances)
-    distances = shape.signed_distance(pieces.select(which).at(times - pieces.times[which]))
+    distances = shape.local_distance(pieces.select(which).at(times - pieces.times[which]))
     worst = CloseApproaches(one[which], other[which], times, separation.distance + distances)
     return _under_way(worst, motion)
 

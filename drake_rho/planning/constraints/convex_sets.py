@@ -55,6 +55,7 @@ class KeepInSets(Constraint):
     margins: Margins
     """required distances r of values from the boundary of C: n · value >= r - h(-n)"""
     curved: bool = True
+    as_cone: bool = True
     threshold: float = VIOLATED
     """violation, in tolerances, up to which no row is added"""
 

@@ -57,13 +57,13 @@ class KeepOutOfObstacle(KeepOut):
         If the reference is at the centre, the direction is orthogonal to its relative velocity.
         """
         shape, x = self.obstacle.shape, self.offsets(self.reference, points)
-        directions = shape.outward(x)
+        directions = shape.local_outward(x)
         squares = np.vecdot(x, x)
         for row in (squares <= shape.tolerance**2).nonzero()[0]:
             at = points.times[row : row + 1]
             velocity = self.reference.each_at("velocity", points.vehicles[row : row + 1], at)
             side = side_of(np.zeros(3), (velocity - self.obstacle.velocities(at))[0])
-            if np.isfinite(shape.support(side)):  # not along an endless cylinder's axis
+            if np.isfinite(shape.local_support(side)):  # not along an endless cylinder's axis
                 directions[row] = side
         return directions
 
@@ -71,7 +71,7 @@ class KeepOutOfObstacle(KeepOut):
         """Return the rows n · p >= n · c + h(n) + r at points."""
         normals, shape = self.directions(points), self.obstacle.shape
         centers = self.obstacle.centers(points.times)
-        beyond = shape.support(normals) + self.radius(points)
+        beyond = shape.local_support(normals) + self.radius(points)
         return HalfSpaces(
             self,
             points.vehicles,
@@ -115,14 +115,14 @@ class KeepOutOfObstacle(KeepOut):
         """Return violating points of a motion, with their distances less r, below zero [m]."""
         motion = motion.subdivided(self.pieces)
         points = self.penetrations(motion, np.arange(len(self.required)))
-        distances = self.obstacle.shape.signed_distance(self.offsets(motion, points))
+        distances = self.obstacle.shape.local_distance(self.offsets(motion, points))
         distances = distances - self.radius(points)
         return CloseApproaches(points.vehicles, points.partners, points.times, distances)
 
     def _penetrating_knots(self, motion: Motion, vehicles: IntArray) -> EvaluationPoints:
         """Return the points at inner knots that are inside."""
         points = self.inner_knots.select(np.isin(self.inner_knots.vehicles, vehicles))
-        distances = self.obstacle.shape.signed_distance(self.offsets(motion, points))
+        distances = self.obstacle.shape.local_distance(self.offsets(motion, points))
         below = self.radius(points) - VIOLATED * self.tolerances[points.vehicles]
         return points.select((distances < below) & self.holds_at(points.times))
 
@@ -157,7 +157,7 @@ class KeepOutOfObstacle(KeepOut):
     def _clearances(self) -> FloatArray:
         """Distances of the reference beyond the required ones at inner knots [m], (N, K-2)."""
         offsets = self.offsets(self.reference, self.inner_knots)
-        distances = self.obstacle.shape.signed_distance(offsets).reshape(len(self.required), -1)
+        distances = self.obstacle.shape.local_distance(offsets).reshape(len(self.required), -1)
         inside = self.margins.knots["position"][1:-1]
         clearances: FloatArray = distances - self.required[:, None] - inside
         clearances[:, ~self.holds_at(self.inner_knots.times[: clearances.shape[1]])] = np.inf
@@ -176,7 +176,7 @@ class KeepOutOfObstacle(KeepOut):
             return None
         sizes = np.array([each.radius for each in quadrics])
         supports = [
-            each.support(normal) for each, normal in zip(quadrics, rows.normals, strict=True)
+            each.local_support(normal) for each, normal in zip(quadrics, rows.normals, strict=True)
         ]
         return Quadratic(
             centers=self.obstacle.centers(rows.times),

@@ -142,10 +142,10 @@ class KeepApart(KeepOut):
         normals /= np.sqrt(np.einsum("ri,ri->r", normals, normals))[:, None]
         if self.margins.largest > 0.0 and not (self.required.is_round or self.one_normal):
             offsets = self.offsets(self.reference, points)
-            bounds = self.shape.support(normals) + self.radius(points.times)
+            bounds = self.shape.local_support(normals) + self.radius(points.times)
             below = np.einsum("ri,ri->r", normals, offsets) < bounds
             below &= distances > self.shape.radius
-            normals[below] = self.shape.outward(offsets[below])
+            normals[below] = self.shape.local_outward(offsets[below])
         return normals
 
     def rows(self, points: EvaluationPoints) -> HalfSpaces:
@@ -171,7 +171,7 @@ class KeepApart(KeepOut):
             normals: the unit normals from `directions`, shape (R, 3).
             anchors: q - s x_q [m], shape (R, 3); None for rows about a difference.
         """
-        distances = self.shape.support(normals) + self.radius(points.times)
+        distances = self.shape.local_support(normals) + self.radius(points.times)
         bounds = supports = self.responsibility * distances
         if anchors is not None:
             bounds = supports + np.sum(normals * anchors, axis=1)

@@ -223,7 +223,7 @@ def _pair_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Tig
     positions = fleet.start_positions if end == 0 else fleet.goal_positions
     within = separation.distance + max_pair_margin(separation, margins)
     near = cKDTree(separation.scaled(positions)).query_pairs(within, output_type="ndarray")
-    distances = separation.shape.signed_distance(positions[near[:, 0]] - positions[near[:, 1]])
+    distances = separation.shape.local_distance(positions[near[:, 0]] - positions[near[:, 1]])
     available = np.full(len(positions), np.inf)
     for vehicles in near.T:
         np.minimum.at(available, vehicles, distances / 2.0)

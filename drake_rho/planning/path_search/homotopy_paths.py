@@ -123,8 +123,8 @@ class SpacePathSearch:
         sides = np.zeros((len(self._obstacles), 3))
         for number, obstacle in enumerate(self._obstacles):
             x = positions - obstacle.first_center
-            nearest = x[np.argmin(obstacle.shape.signed_distance(x))]
-            sides[number] = obstacle.shape.outward(nearest)
+            nearest = x[np.argmin(obstacle.shape.local_distance(x))]
+            sides[number] = obstacle.shape.local_outward(nearest)
         return SpacePath(positions, sides)
 
     def _beside(self, path: SpacePath) -> IntArray:
@@ -134,7 +134,7 @@ class SpacePathSearch:
         for obstacle, side in zip(self._obstacles, path.sides, strict=True):
             x = path.positions - obstacle.first_center
             required = required_distance(obstacle, self._radius)
-            clearances = obstacle.shape.signed_distance(x) - required
+            clearances = obstacle.shape.local_distance(x) - required
             k = int(np.argmin(clearances))
             if clearances[k] > reach:
                 continue
@@ -162,7 +162,7 @@ class SpacePathSearch:
         first = first / length if length > 1e-6 else across(ahead)
         second = np.cross(ahead, first)
         sides = np.cos(_TURNS)[:, None] * first + np.sin(_TURNS)[:, None] * second
-        far = obstacle.shape.support(sides)
+        far = obstacle.shape.local_support(sides)
         sides, far = sides[np.isfinite(far)], far[np.isfinite(far)]
         far = far + self._radius + float(self._lattice.raster.spacing.max())
         places: FloatArray = far[:, None] * sides

@@ -171,7 +171,7 @@ class Lattice:
         clear = np.ones(len(lengths), dtype=bool)
         for body in self._still:
             at = x[:, clear] - body.first_center
-            d = body.shape.signed_distance(at) - required_distance(body, self._radius)
+            d = body.shape.local_distance(at) - required_distance(body, self._radius)
             clear[clear] = convex_lower_bound(d, lengths[clear]) >= 0.0
         return clear
 
@@ -265,7 +265,7 @@ def _block_part(
     low, high = window
     halves = [np.arange(2 * a, 2 * b - 1) / 2.0 for a, b in zip(low, high, strict=True)]
     x = raster.at(np.stack(np.meshgrid(*halves, indexing="ij"), axis=-1)) - body.first_center
-    clearance = body.shape.signed_distance(x) - required
+    clearance = body.shape.local_distance(x) - required
     every, none = high - low, np.zeros(3, dtype=np.int64)
     free[_block_of(low, every)] &= clearance[_halves(none, every)] >= 0.0
     for u in range(STAY + 1, len(MOVES)):

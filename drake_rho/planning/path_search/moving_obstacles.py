@@ -55,7 +55,7 @@ class MovingObstacle:
     def clearance(self, layers: IntArray, positions: FloatArray) -> FloatArray:
         """Return the clearance of positions, (Q, 3), at the beginning of layers, (Q,)."""
         x = positions - self.centers[layers]
-        clearance: FloatArray = self._shape.signed_distance(x) - self.margins[layers]
+        clearance: FloatArray = self._shape.local_distance(x) - self.margins[layers]
         clearance[~self._active[layers]] = np.inf
         return clearance
 
@@ -75,7 +75,7 @@ class MovingObstacle:
         collides = np.zeros(len(layers), dtype=bool)
         for parts in (_PARTS, _FINE_PARTS):
             x = x0[near] + parts[:, None, None] * step[near]
-            d = self._shape.signed_distance(x) - margins[near]
+            d = self._shape.local_distance(x) - margins[near]
             collides[near] = convex_lower_bound(d, lengths[near]) < 0.0
             near = near[collides[near] & (d.min(axis=0) >= 0.0)]  # a point inside decides the check
         return collides

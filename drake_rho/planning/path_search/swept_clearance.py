@@ -64,6 +64,6 @@ def moves_are_clear(
     unsure = ~clear & (clearances.min(axis=0) >= 0.0)
     if unsure.any():
         along = np.linspace(0.0, 1.0, SAMPLES)[:, None, None] * step
-        finer = shape.signed_distance(starts[unsure] + along) - required
+        finer = shape.local_distance(starts[unsure] + along) - required
         clear[unsure] = convex_lower_bound(finer, length) >= 0.0
     return clear

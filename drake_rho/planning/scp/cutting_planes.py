@@ -179,7 +179,7 @@ class CuttingPlanes:
                 rows = constraint.violated_rows(
                     self.motion, vehicles, between=between, neighbours=reach
                 )
-                if constraint.curved and len(rows) > 0:
+                if constraint.as_cone and len(rows) > 0:
                     rows = self._curved.planes_to_add(rows, self.motion)
                     cut.append(rows.vehicles)
                 if len(rows) > 0:

@@ -1,8 +1,12 @@
-"""Convex shapes of obstacles, each defined by three functions of a position relative to its centre.
+"""Convex shapes, each defined by three functions of a position relative to its centre.
 
 With the support function h(n) = max n · y over the set, the half-space n · x >= h(n) lies outside
 the set for every unit vector n; a planner uses nothing else of a shape. The modules `quadrics`,
 `polyhedra` and `cylinders` define the shapes.
+
+A shape that stays where it is has the same functions in absolute coordinates. With these it is a
+convex set like any other (`drake_rho.scenario.sets`). The local functions serve obstacles, whose
+centres move.
 """
 
 from __future__ import annotations
@@ -25,7 +29,12 @@ whose inside is within the tolerance."""
 
 
 class Shape(abc.ABC):
-    """Convex shape. Positions x are relative to its centre [m], shape (..., 3)."""
+    """Convex shape.
+
+    In the local functions, positions are relative to its centre; in `support`, `signed_distance`
+    and `outward` they are absolute. As a set of velocities, accelerations or jerks, a shape has
+    their units in place of metres.
+    """
 
     center: FloatArray
     """centre of its bounding box [m], shape (3,)"""
@@ -45,24 +54,40 @@ class Shape(abc.ABC):
         """Depth inside that still counts as outside: `TOLERANCE` times the size [m]."""
         return TOLERANCE * self.size
 
-    @abc.abstractmethod
     def support(self, n: FloatArray) -> FloatArray:
+        """Return the largest n · x of all x in the shape [m], shape (...), for n of (..., 3)."""
+        support: FloatArray = self.local_support(n) + n @ self.center
+        return support
+
+    def signed_distance(self, x: FloatArray) -> FloatArray:
+        """Return distances of positions (..., 3) from the surface [m], negative inside, (...)."""
+        return self.local_distance(x - self.center)
+
+    def outward(self, x: FloatArray) -> FloatArray:
+        """Return unit vectors from the nearest points of the shape to positions, (..., 3) each.
+
+        Inside, they point to the nearest point of the surface, or to any of several such points.
+        """
+        return self.local_outward(x - self.center)
+
+    @abc.abstractmethod
+    def local_support(self, n: FloatArray) -> FloatArray:
         """Return h(n) [m], shape (...), for unit vectors n, shape (..., 3)."""
 
     @abc.abstractmethod
-    def signed_distance(self, x: FloatArray) -> FloatArray:
+    def local_distance(self, x: FloatArray) -> FloatArray:
         """Return the distance of x from the surface [m], negative inside, shape (...)."""
 
     @abc.abstractmethod
-    def outward(self, x: FloatArray) -> FloatArray:
+    def local_outward(self, x: FloatArray) -> FloatArray:
         """Return unit vectors from the nearest point of the shape to x, shape (..., 3).
 
         Inside, they point to the nearest point of the surface, or to any of several such points.
         """
 
-    def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return `signed_distance` and `outward` of x, computed together where that is faster."""
-        return self.signed_distance(x), self.outward(x)
+    def local_measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return `local_distance` and `local_outward` of x, together where that is faster."""
+        return self.local_distance(x), self.local_outward(x)
 
     def quadric_inside(self, distance: float) -> Quadric | None:  # arguments are for subclasses
         """Return a quadric of the same kind inside the set within `distance` [m] of the shape.

@@ -77,7 +77,7 @@ class Cylinder(Shape):
         extent[self._along] = self._half
         return extent
 
-    def support(self, n: FloatArray) -> FloatArray:
+    def local_support(self, n: FloatArray) -> FloatArray:
         """Return R norm(n across) + H/2 |n along|; infinite where the shape is unbounded."""
         along, across = self._parts(n)
         length = np.abs(along)
@@ -87,14 +87,14 @@ class Cylinder(Shape):
         support: FloatArray = round_part + self._half * length
         return support
 
-    def signed_distance(self, x: FloatArray) -> FloatArray:
+    def local_distance(self, x: FloatArray) -> FloatArray:
         """Return distances from the side, an end or a rim; inside, from the side or nearest end."""
         beside, above = self._beyond(x)
         outside = np.hypot(np.maximum(beside, 0.0), np.maximum(above, 0.0))
         distance: FloatArray = outside + np.minimum(np.maximum(beside, above), 0.0)
         return distance
 
-    def outward(self, x: FloatArray) -> FloatArray:
+    def local_outward(self, x: FloatArray) -> FloatArray:
         """Return directions from the nearest side, end or rim.
 
         On the axis of an endless cylinder, the direction is an arbitrary one across it.

@@ -61,19 +61,19 @@ class Box(Shape):
         extent: FloatArray = (self.upper - self.lower) / 2.0
         return extent
 
-    def support(self, n: FloatArray) -> FloatArray:
+    def local_support(self, n: FloatArray) -> FloatArray:
         """Return the sum of s_i |n_i| with half the sides s."""
         support: FloatArray = np.abs(n) @ self.extent
         return support
 
-    def signed_distance(self, x: FloatArray) -> FloatArray:
+    def local_distance(self, x: FloatArray) -> FloatArray:
         """Return distances from the nearest corner, edge or side; inside, from the nearest side."""
         beyond = np.abs(x) - self.extent
         outside = np.sqrt(np.sum(np.maximum(beyond, 0.0) ** 2, axis=-1))
         distance: FloatArray = outside + np.minimum(beyond.max(axis=-1), 0.0)
         return distance
 
-    def outward(self, x: FloatArray) -> FloatArray:
+    def local_outward(self, x: FloatArray) -> FloatArray:
         """Return directions from the nearest point; inside, the normal of the nearest side."""
         beyond = np.abs(x) - self.extent
         nearest = np.eye(3)[np.argmax(beyond, axis=-1)]
@@ -167,20 +167,20 @@ class Polytope(Shape):
         one, other = np.unique(np.sort(sides, axis=1), axis=0).T
         return self._corners[one], self._corners[other] - self._corners[one]
 
-    def support(self, n: FloatArray) -> FloatArray:
+    def local_support(self, n: FloatArray) -> FloatArray:
         """Return the greatest n · v over all vertices v."""
         support: FloatArray = np.max(n @ self._corners.T, axis=-1)
         return support
 
-    def signed_distance(self, x: FloatArray) -> FloatArray:
+    def local_distance(self, x: FloatArray) -> FloatArray:
         """Return distances from the nearest corner, edge or facet; inside, from a facet."""
-        return self.measured(x)[0]
+        return self.local_measured(x)[0]
 
-    def outward(self, x: FloatArray) -> FloatArray:
+    def local_outward(self, x: FloatArray) -> FloatArray:
         """Return directions from the nearest point; inside, the normal of the nearest facet."""
-        return self.measured(x)[1]
+        return self.local_measured(x)[1]
 
-    def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def local_measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return signed distances, shape (...), and outward directions, shape (..., 3)."""
         flat = x.reshape(-1, 3)
         many = max(1, _BLOCK // (len(self._edges[0]) * 3))
@@ -190,7 +190,7 @@ class Polytope(Shape):
         return distances.reshape(x.shape[:-1]), normals.reshape(x.shape)
 
     def _nearest_of_block(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return `measured` of positions of shape (P, 3).
+        """Return `local_measured` of positions of shape (P, 3).
 
         A lower bound of a position's distance is its height above the facet plane it is farthest
         above. If its projection to that plane lies in the polytope, that is the nearest point;

@@ -62,16 +62,16 @@ class Sphere(Quadric):
         """Return the ball of all points within `distance`, which is the whole set."""
         return Sphere(self.center, self.radius + distance)
 
-    def support(self, n: FloatArray) -> FloatArray:
+    def local_support(self, n: FloatArray) -> FloatArray:
         """Return the radius for every direction."""
         return np.full(n.shape[:-1], self.radius)
 
-    def signed_distance(self, x: FloatArray) -> FloatArray:
+    def local_distance(self, x: FloatArray) -> FloatArray:
         """Return distances from the centre less the radius."""
         distance: FloatArray = _lengths(x) - self.radius
         return distance
 
-    def outward(self, x: FloatArray) -> FloatArray:
+    def local_outward(self, x: FloatArray) -> FloatArray:
         """Return the directions of x from the centre; at the centre, that of the x axis."""
         lengths = _lengths(x)[..., None]
         if np.all(lengths > 0.0):
@@ -138,20 +138,20 @@ class Ellipsoid(Quadric):
         """
         return Ellipsoid(self.center, self.semi_axes + distance)
 
-    def support(self, n: FloatArray) -> FloatArray:
+    def local_support(self, n: FloatArray) -> FloatArray:
         """Return norm(A n), where A has the semi-axes on its diagonal."""
         support: FloatArray = np.linalg.norm(n * self.semi_axes, axis=-1)
         return support
 
-    def signed_distance(self, x: FloatArray) -> FloatArray:
+    def local_distance(self, x: FloatArray) -> FloatArray:
         """Return distances from the nearest point of the surface, negative inside."""
-        return self.measured(x)[0]
+        return self.local_measured(x)[0]
 
-    def outward(self, x: FloatArray) -> FloatArray:
+    def local_outward(self, x: FloatArray) -> FloatArray:
         """Return the normals of the surface at the points nearest to x."""
-        return self.measured(x)[1]
+        return self.local_measured(x)[1]
 
-    def measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def local_measured(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return signed distances from the nearest points of the surface, and normals there."""
         nearest = self._nearest(x)
         distance: FloatArray = np.linalg.norm(x - nearest, axis=-1)

@@ -1,0 +1,220 @@
+"""`KeepIn`: requirement that a quantity of vehicles stays in a convex set."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+import numpy as np
+from pydantic import BeforeValidator, model_validator
+
+from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.fields import (
+    Finite,
+    FloatArray,
+    IntArray,
+    Name,
+    read_only,
+    record,
+    unchecked,
+)
+from drake_rho.scenario.fleet import Fleet
+from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.parts import UNITS, Grid, Quantity
+from drake_rho.scenario.sets import AnySet, is_own
+from drake_rho.scenario.shapes.base import TOLERANCE
+from drake_rho.scenario.tracks import Track
+
+if TYPE_CHECKING:
+    from drake_rho.scenario.sets import ConvexSet
+
+KeptQuantity = Literal["position", "velocity", "acceleration", "thrust", "jerk"]
+"""Quantities that a requirement can keep in a set; thrust is a + g e_z, per unit mass."""
+
+_LEAST = 1e-3
+"""Least size of a set, as a part of the motion's scale, from which its tolerance is computed."""
+
+
+def _names(value: object) -> object:
+    return (value,) if isinstance(value, str) else value
+
+
+def _track_or_name(value: object) -> object:
+    """Refuse what is neither the name of a vehicle nor a track, before pydantic tries both."""
+    if value is None or isinstance(value, str | Track | dict):
+        return value
+    raise ScenarioError("", value, "the name of a vehicle, or a Track")
+
+
+@record
+class KeepIn:
+    """Requirement that a quantity stays in a convex set, at every instant of an interval of time.
+
+    The quantity is that of single vehicles, or its difference from that of another vehicle or of a
+    moving point. So two vehicles that are to stay within 30 m of each other have a ball around
+    zero, and a floor at 2 m is a half-space.
+
+    Examples:
+        >>> link = rho.KeepIn(rho.Sphere([0, 0, 0], 30.0), vehicles="relay", relative_to="base")
+        >>> floor = rho.KeepIn(rho.HalfSpace([0, 0, -1], -2.0), name="floor")
+        >>> floor.of, link.vehicles
+        ('position', ('relay',))
+    """
+
+    set: AnySet
+    """convex set, in the quantity's unit: one of the package's, or any object with the functions
+    of `ConvexSet`"""
+    _: dataclasses.KW_ONLY
+    of: KeptQuantity = "position"
+    """quantity: position, velocity, acceleration, jerk, or thrust, a + g e_z"""
+    vehicles: Annotated[tuple[Name, ...] | None, BeforeValidator(_names)] = None
+    """names of the vehicles, or a single one; all if not given, but for `relative_to`"""
+    relative_to: Annotated[Name | Track | None, BeforeValidator(_track_or_name)] = None
+    """name of another vehicle, or track of a moving point, from which the difference is taken"""
+    active: tuple[Finite, Finite] | None = None
+    """first and last time on the scenario's clock at which it is required, both included [s]; equal
+    for an instant; all the time if not given"""
+    name: Name | None = None
+    """name shown in figures and reports, beside its number"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            set: ConvexSet,  # noqa: A002
+            *,
+            of: KeptQuantity = "position",
+            vehicles: Sequence[str] | str | None = None,
+            relative_to: str | Track | None = None,
+            active: tuple[float, float] | None = None,
+            name: str | None = None,
+        ) -> None: ...
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        if self.vehicles is not None:
+            if not self.vehicles or len(self.vehicles) > len({*self.vehicles}):
+                raise ScenarioError("vehicles", list(self.vehicles), "names, each of them once")
+            if self.relative_to in self.vehicles:
+                expected = f"others than {self.relative_to!r}, which is never relative to itself"
+                raise ScenarioError("vehicles", list(self.vehicles), expected)
+        if self.track is not None and self.of not in ("position", "velocity"):
+            expected = "position or velocity: a polyline in time has no acceleration"
+            raise ScenarioError("of", self.of, expected)
+        if self.active is not None and not self.active[0] <= self.active[1]:
+            expected = "a first time and a last one that is not before it"
+            raise ScenarioError("active", list(self.active), expected)
+        return self
+
+    def called(self, number: int) -> str:
+        """Return how reports refer to it: by its number from 1, and its name if any."""
+        return f"requirement {number}" + (f" ({self.name})" if self.name else "")
+
+    def check_storable(self) -> None:
+        """Check that a file can hold the requirement.
+
+        Raises:
+            ScenarioError: its set is a user's own.
+        """
+        if is_own(self.set):
+            expected = "one of the package's sets: functions of one's own cannot be in a file"
+            raise ScenarioError("set", self.set, expected)
+
+    @property
+    def quantity(self) -> Quantity:
+        """Quantity of motions whose values, less `offset`, are in the set."""
+        return "acceleration" if self.of == "thrust" else self.of
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the quantity."""
+        return UNITS[self.quantity]
+
+    @property
+    def track(self) -> Track | None:
+        """Track from which the difference is taken; None for another vehicle, or for none."""
+        return self.relative_to if isinstance(self.relative_to, Track) else None
+
+    @property
+    def leader(self) -> str | None:
+        """Name of the vehicle from which the difference is taken; None if there is none."""
+        return self.relative_to if isinstance(self.relative_to, str) else None
+
+    @property
+    def deviation(self) -> float:
+        """Largest distance of the moving point from its track [m], which tightens the set."""
+        return self.track.deviation if self.track is not None and self.of == "position" else 0.0
+
+    def members(self, names: Sequence[str]) -> IntArray:
+        """Return the indices of the vehicles that it is about, ascending, shape (M,)."""
+        wanted = names if self.vehicles is None else self.vehicles
+        return np.array([i for i, n in enumerate(names) if n in wanted and n != self.leader], int)
+
+    def partner(self, names: Sequence[str]) -> int | None:
+        """Return the index of the vehicle from which the difference is taken; None if none."""
+        return None if self.leader is None else list(names).index(self.leader)
+
+    def offset(self, times: FloatArray, *, before: bool = False) -> FloatArray:
+        """Return what values of `quantity` exceed those in the set by, (M, 3): the moving point's.
+
+        Args:
+            times: on the scenario's clock [s], shape (M,).
+            before: whether velocities are those just before the times, at corners of the track.
+        """
+        if self.track is not None:
+            if self.of == "position":
+                return self.track.at(times)
+            return self.track.velocities(times, before=before)
+        offset = np.zeros((len(times), 3))
+        if self.of == "thrust" and self.leader is None:
+            offset[:, 2] = -GRAVITY
+        return offset
+
+    @property
+    def corners(self) -> FloatArray:
+        """Times at which the interval begins or ends, or the moving point turns [s], (M,)."""
+        corners = np.zeros(0) if self.track is None else self.track.times
+        return corners if self.active is None else np.union1d(corners, self.active)
+
+    def interval(self, grid: Grid) -> tuple[float, float] | None:
+        """Return the part of the interval that is on a grid, on the scenario's clock [s].
+
+        Returns:
+            First and last time; None if the interval is over or has not begun.
+        """
+        first, last = self.active or (-np.inf, np.inf)
+        if last < grid.start - grid.rounding or first > grid.end + grid.rounding:
+            return None
+        return min(max(first, grid.start), grid.end), max(min(last, grid.end), grid.start)
+
+    def tolerances(self, fleet: Fleet, names: Sequence[str]) -> FloatArray:
+        """Return the distances outside that still count as inside, in its unit, of members (M,).
+
+        A tolerance is `TOLERANCE` times the set's size, taken as at most the scale of the motion
+        (of the larger of two), and at least a thousandth of it, which a solver can still resolve.
+        """
+        scale = fleet.scale(self.quantity)
+        scales, partner = scale[self.members(names)], self.partner(names)
+        if partner is not None:
+            scales = np.maximum(scales, scale[partner])
+        size = float(getattr(self.set, "size", np.inf))
+        tolerances: FloatArray = TOLERANCE * np.clip(size, _LEAST * scales, scales)
+        return tolerances
+
+    def of_vehicles(self, names: Sequence[str]) -> Self | None:
+        """Return the requirement for some vehicles only; None if it says nothing of these alone."""
+        if self.leader is not None and self.leader not in names:
+            return None
+        if self.vehicles is None:
+            return self
+        left = tuple(each for each in self.vehicles if each in names)
+        return unchecked(self, vehicles=left) if left else None
+
+    def since(self, time: float) -> Self:
+        """Return the requirement on a clock that is 0 at `time` [s] of the present one."""
+        active = self.active and (self.active[0] - time, self.active[1] - time)
+        relative_to = self.relative_to
+        if isinstance(relative_to, Track):
+            relative_to = unchecked(relative_to, times=read_only(relative_to.times - time))
+        return unchecked(self, active=active, relative_to=relative_to)

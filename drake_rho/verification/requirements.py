@@ -1,0 +1,314 @@
+"""Requirements (`KeepIn`), verified by membership alone: the distance of values from their set.
+
+The support function and the normals of a set, from which planners write rows, are not used.
+
+Positions are verified at every instant by branch and bound. Within a time w, a position with the
+acceleration a is off the chord between its ends by norm(a) w²/8 at most. The distance d from a
+convex set is convex and 1-Lipschitz, and the radius of the errors exceeds its chord by κ w²/8 at
+most (`drake_rho.verification.tubes`). So d plus the radius is at most the greater of its values at
+the ends plus (norm(a) + κ) w²/8. Intervals of time in which this bound exceeds the greatest value
+found are halved until the difference is negligible.
+
+Velocities are linear and accelerations constant in a piece of time, so their ends decide, with
+errors the ends of the feedback's samples.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from drake_rho.motion.scenario_tube import tube_of
+from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
+from drake_rho.scenario.limits import GRAVITY
+from drake_rho.scenario.parts import SAME_TIME
+from drake_rho.scenario.requirements import KeepIn
+from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
+from drake_rho.verification.trajectory import PiecewiseTrajectory
+
+_LEVELS = 30
+"""Largest number of successive halvings: an interval is then 1e-9 of a piece of time."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Worst:
+    """Worst instant of each vehicle concerned, in the sense of distance plus errors; (M,) each."""
+
+    times: FloatArray
+    """on the scenario's clock [s]"""
+    values: FloatArray
+    """signed distances from the set, in the quantity's unit"""
+    errors: FloatArray
+    """radii of the errors, in the quantity's unit"""
+
+
+def check_requirements(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[Column]:
+    """Yield the checks of every requirement that is active in the flight.
+
+    Args:
+        trajectory: of all vehicles.
+        jerks: of the plan, at the knots that begin a step [m/s³], shape (N, K-1, 3).
+    """
+    scenario = trajectory.scenario
+    for number, asked in enumerate(scenario.requirements, start=1):
+        if asked.interval(scenario.grid) is None:
+            yield from _nothing_left(trajectory, number, asked)
+            continue
+        check = _Check.of(trajectory, asked, number)
+        if asked.quantity == "position":
+            yield check.column(check.positions_at(check.knots()), AT_KNOTS)
+            yield check.column(check.positions_at_all_times(), AT_ALL_TIMES)
+        elif asked.quantity == "velocity":
+            yield check.column(check.velocities(), "")
+        elif asked.quantity == "acceleration":
+            yield check.column(check.accelerations(), "")
+        else:
+            yield check.column(check.jerks(jerks), "")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Check:
+    """One requirement, with the trajectory cut where it begins, ends, or its track turns."""
+
+    trajectory: PiecewiseTrajectory
+    requirement: KeepIn
+    """requirement on a clock that is 0 at the first knot"""
+    number: int
+    interval: tuple[float, float]
+    """first and last time at which it is required, since the first knot [s]"""
+    members: IntArray
+    """indices of the vehicles concerned, shape (M,)"""
+    partner: int | None
+
+    @classmethod
+    def of(cls, trajectory: PiecewiseTrajectory, asked: KeepIn, number: int) -> _Check:
+        grid, names = trajectory.scenario.grid, trajectory.scenario.names
+        first, last = asked.interval(grid) or (grid.start, grid.end)
+        own = asked.since(grid.start)
+        interval = (first - grid.start, last - grid.start)
+        near = grid.rounding
+        turns = np.concatenate([own.corners, interval])
+        turns = turns[np.abs(turns[:, None] - trajectory.elapsed).min(axis=1) > near]
+        cut = trajectory.cut(turns)
+        return cls(cut, own, number, interval, own.members(names), own.partner(names))
+
+    def column(self, worst: _Worst, when: str) -> Column:
+        """Return the checks of the vehicles concerned at their worst instants."""
+        scenario = self.trajectory.scenario
+        names, count = scenario.names, len(scenario.vehicles)
+        whole = [np.zeros(count) for _ in range(4)]
+        tolerances = self.requirement.tolerances(scenario.fleet, names)
+        for values, found in zip(
+            whole, (worst.times, worst.values, worst.errors, tolerances), strict=True
+        ):
+            values[self.members] = found
+        times, values, errors, tolerances = whole
+        due = np.zeros(count, dtype=bool)
+        due[self.members] = True
+        leader = "" if self.partner is None else f"relative to {names[self.partner]} "
+        return Column(
+            kind="requirements",
+            constraint=self.requirement.called(self.number),
+            parts=[f"{leader}{when}".rstrip()] * count,
+            times=scenario.grid.start + times,
+            values=values,
+            limits=0.0 - errors,
+            excess=values + errors,
+            tolerances=tolerances,
+            unit=self.requirement.unit,
+            asked=when != AT_ALL_TIMES or scenario.between_knots or self._is_instant,
+            always=when == AT_ALL_TIMES,
+            partners=None if self.partner is None else np.full(count, self.partner),
+            errors=errors,
+            due=due,
+        )
+
+    @property
+    def _is_instant(self) -> bool:
+        """Whether it is required at one instant only."""
+        return self.interval[0] == self.interval[1]
+
+    @property
+    def _vehicles(self) -> float:
+        """Number of vehicles whose errors add up."""
+        return 1.0 if self.partner is None else 2.0
+
+    def _active(self, times: FloatArray) -> BoolArray:
+        near = self.trajectory.scenario.grid.rounding
+        return (times >= self.interval[0] - near) & (times <= self.interval[1] + near)
+
+    def _relative(self, values: FloatArray) -> FloatArray:
+        """Return values (N, ..., 3) of the vehicles concerned, less the partner's, (M, ..., 3)."""
+        own = values[self.members]
+        return own if self.partner is None else own - values[self.partner]
+
+    def knots(self) -> BoolArray:
+        """Return flags of the trajectory's instants that are knots at which it is active."""
+        chosen = self._active(self.trajectory.elapsed)
+        return chosen if self._is_instant else chosen & self.trajectory.knots
+
+    def positions_at(self, instants: BoolArray) -> _Worst:
+        """Return the worst of selected instants of the trajectory."""
+        if not instants.any():
+            nothing = np.full(len(self.members), -np.inf)
+            return _Worst(np.full(len(nothing), self.interval[0]), nothing, np.zeros(len(nothing)))
+        times = self.trajectory.elapsed[instants]
+        values = self._relative(self.trajectory.positions[:, instants])
+        distances = self._distances(values, times)
+        errors = self._vehicles * self.trajectory.errors(instants) + self.requirement.deviation
+        return _worst_of(times, distances, errors)
+
+    def _distances(
+        self, values: FloatArray, times: FloatArray, *, before: bool = False
+    ) -> FloatArray:
+        """Return signed distances (M, T) of values (M, T, 3) at times (T,)."""
+        offset = self.requirement.offset(times, before=before)
+        return np.asarray(self.requirement.set.signed_distance(values - offset))
+
+    def positions_at_all_times(self) -> _Worst:
+        """Return the worst instants, by branch and bound; see the module's docstring."""
+        trajectory = self.trajectory
+        worst = self.positions_at(self._active(trajectory.elapsed))
+        middles = (trajectory.elapsed[:-1] + trajectory.elapsed[1:]) / 2.0
+        pieces = np.flatnonzero(self._active(middles) & (not self._is_instant))
+        rows, piece = (
+            each.reshape(-1)
+            for each in np.meshgrid(np.arange(len(self.members)), pieces, indexing="ij")
+        )
+        states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+        p, v, a = (self._relative(each) for each in states)
+        bend = np.linalg.norm(a, axis=2) + self._error_curvatures()
+        precision = self._precision()
+        low, width = np.zeros(len(piece)), 1.0
+        totals = worst.values + worst.errors
+        for _ in range(_LEVELS):
+            if len(piece) == 0:
+                break
+            h = trajectory.durations[piece]
+            s = h * np.stack([low, low + width / 2.0, low + width])
+            begin, speed, turn = p[rows, piece], v[rows, piece], a[rows, piece]
+            x = begin + s[..., None] * (speed + s[..., None] / 2.0 * turn)
+            times = trajectory.elapsed[piece] + s
+            offset = self.requirement.offset(times.reshape(-1)).reshape(x.shape)
+            distances = np.asarray(self.requirement.set.signed_distance(x - offset))
+            errors = self._position_errors(piece, times)
+            at = distances + errors
+            best = np.argmax(at, axis=0)
+            every = np.arange(len(rows))
+            order = np.argsort(at[best, every], kind="stable")
+            who, top = rows[order], best[order]
+            higher = at[top, order] > totals[who]
+            for i in order[higher]:
+                k, row = best[i], rows[i]
+                if at[k, i] > totals[row]:
+                    totals[row] = at[k, i]
+                    worst.times[row], worst.values[row] = times[k, i], distances[k, i]
+                    worst.errors[row] = errors[k, i]
+            width /= 2.0
+            rise = bend[rows, piece] * (h * width) ** 2 / 8.0
+            opened = [
+                np.maximum(at[i], at[j]) + rise > totals[rows] + precision[rows]
+                for i, j in pairwise(range(3))
+            ]
+            low = np.concatenate([low[opened[0]], low[opened[1]] + width])
+            rows, piece = (
+                np.concatenate([each[opened[0]], each[opened[1]]]) for each in (rows, piece)
+            )
+        return worst
+
+    def _precision(self) -> FloatArray:
+        scenario = self.trajectory.scenario
+        return PRECISION * self.requirement.tolerances(scenario.fleet, scenario.names)
+
+    def _error_curvatures(self) -> FloatArray:
+        """Return κ of the errors in each piece of time [m/s²], shape (J,)."""
+        return self._vehicles * self.trajectory.feedback
+
+    def _position_errors(self, pieces: IntArray, times: FloatArray) -> FloatArray:
+        """Return radii of the errors of positions in pieces (P,) at times (S, P)."""
+        trajectory, deviation = self.trajectory, self.requirement.deviation
+        if trajectory.tubes is None:
+            return np.full(times.shape, deviation)
+        begins, start = trajectory.times[:-1][pieces], trajectory.scenario.grid.start
+        ends = begins + trajectory.durations[pieces]
+        at = np.clip(start + times, begins, ends)
+        shape = [np.broadcast_to(each, times.shape) for each in (begins, ends)]
+        return self._vehicles * trajectory.tubes.position_in(at, *shape) + deviation
+
+    def velocities(self) -> _Worst:
+        """Return the worst velocities: at ends of pieces and, with errors, of samples."""
+        trajectory = self.trajectory
+        if trajectory.tubes is not None:
+            tube = tube_of(trajectory.scenario)
+            step = trajectory.scenario.grid.step
+            count = tube.disturbance.samples_per_step(step)
+            samples = np.arange(1, round(trajectory.elapsed[-1] / step * count)) * (step / count)
+            far = np.abs(samples[:, None] - trajectory.elapsed).min(axis=1) > SAME_TIME * step
+            trajectory = trajectory.cut(samples[far])
+        instants = self._active(trajectory.elapsed)
+        times = trajectory.elapsed[instants]
+        values, errors = self._relative(trajectory.velocities[:, instants]), np.zeros(len(times))
+        if trajectory.tubes is not None:
+            errors = self._vehicles * trajectory.tubes.at("velocity", trajectory.times[instants])
+        distances = self._distances(values, times)
+        if self.requirement.track is not None:  # which has another velocity before a corner
+            before = self._distances(values, times, before=True)
+            distances = np.maximum(distances, np.where(times > self.interval[0], before, -np.inf))
+        return _worst_of(times, distances, errors)
+
+    def _steps(self, begins: FloatArray, ends: FloatArray) -> BoolArray:
+        """Return flags of the steps [begin, end) that the interval meets."""
+        near = self.trajectory.scenario.grid.rounding
+        return (begins <= self.interval[1] + near) & (ends > self.interval[0] + near)
+
+    def accelerations(self) -> _Worst:
+        """Return the worst accelerations or thrusts of the pieces of time."""
+        begins, ends = self.trajectory.elapsed[:-1], self.trajectory.elapsed[1:]
+        chosen = self._steps(begins, ends)
+        values = self._relative(self.trajectory.commands[:, chosen])
+        if self.requirement.of == "thrust" and self.partner is None:
+            values = values + np.array([0.0, 0.0, GRAVITY])
+        distances = np.asarray(self.requirement.set.signed_distance(values))
+        return _worst_of(begins[chosen], distances, self._error_curvatures()[chosen])
+
+    def jerks(self, jerks: FloatArray) -> _Worst:
+        """Return the worst jerks of the plan, which has no errors."""
+        grid = self.trajectory.scenario.grid
+        begins = grid.elapsed[:-1]
+        chosen = self._steps(begins, begins + grid.step)
+        distances = np.array(self.requirement.set.signed_distance(self._relative(jerks[:, chosen])))
+        unknown = np.isnan(self.trajectory.scenario.fleet.accelerations_before[:, 0])
+        free = unknown[self.members]
+        if self.partner is not None:
+            free = free | unknown[self.partner]
+        if chosen[0]:  # the first jerk needs an acceleration before the first knot
+            distances[free, 0] = -np.inf
+        return _worst_of(begins[chosen], distances, np.zeros(int(chosen.sum())))
+
+
+def _worst_of(times: FloatArray, distances: FloatArray, errors: FloatArray) -> _Worst:
+    """Return the worst of distances (M, T) plus errors (T,) at times (T,)."""
+    k = np.argmax(np.where(np.isnan(distances), np.inf, distances + errors), axis=1)
+    values = np.take_along_axis(distances, k[:, None], axis=1)[:, 0]
+    return _Worst(times[k], values, np.array(errors[k]))
+
+
+def _nothing_left(trajectory: PiecewiseTrajectory, number: int, asked: KeepIn) -> Iterator[Column]:
+    """Yield an empty check of a requirement that is over, so that none counts as forgotten."""
+    count = len(trajectory.scenario.vehicles)
+    zero = np.zeros(count)
+    yield Column(
+        kind="requirements",
+        constraint=asked.called(number),
+        parts=[""] * count,
+        times=zero,
+        values=zero,
+        limits=zero,
+        excess=zero,
+        tolerances=zero,
+        unit=asked.unit,
+        due=np.zeros(count, dtype=bool),
+    )
