@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import ModuleType
 from typing import Any
 
@@ -53,10 +54,35 @@ def _scenario(kind: str) -> rho.Scenario:
         return single(obstacles=[_OBSTACLES[kind]], between_knots=True)
     if kind == "waypoints":
         return single(waypoints=[rho.Waypoint(3.0, [4.0, 1.0, -1.0], 0.3)])
+    if kind == "requirements":
+        return _required("position", relative=False)
     if kind == "separation":
         ends = [[0, 0, 0], [0, 4, 0]], [[10, 4, 0], [10, 0, 0]]
         return fleet(*ends, separation=rho.Separation(1.0))
     return disturbed(0) if kind == "disturbance" else single()
+
+
+_SETS: dict[str, Any] = {
+    "position": rho.Sphere([5.0, 1.0, -1.0], 2.0),
+    "velocity": rho.Sphere([1.0, 0.0, 0.0], 3.0),
+    "acceleration": rho.Sphere([0.0, 0.0, 0.0], 3.0),
+    "thrust": rho.Cone([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], 0.5),
+    "jerk": rho.Sphere([0.0, 0.0, 0.0], 9.0),
+}
+
+
+def _required(of: Any, *, relative: bool) -> rho.Scenario:
+    """Return a scenario in which a quantity, or a difference of two, is kept in a set."""
+    if not relative:
+        return dataclasses.replace(
+            single(), requirements=(rho.KeepIn(_SETS[of], of=of, active=(4.0, 5.0)),)
+        )
+    pair = fleet([[0, 0, 0], [0, 4, 0]], [[10, 4, 0], [10, 8, 0]])
+    size = 4.5 if of == "position" else 2.0
+    link = rho.KeepIn(
+        rho.Sphere([0, 0, 0], size), of=of, vehicles="v2", relative_to="v1", active=(1.0, 6.0)
+    )
+    return dataclasses.replace(pair, requirements=(link,))
 
 
 @pytest.mark.parametrize("consumer", CONSUMERS)
@@ -78,7 +104,7 @@ def test_every_kind_is_planned_for_and_verified(kind: str) -> None:
     scenario = _scenario(kind)
     plan = rho.plan(scenario)
     constraints = {each.kind for each in Problem.of(scenario).linearized(plan, coupled)}
-    of_their_own = {*LIMITS, "waypoints", "obstacles", "separation"}
+    of_their_own = {*LIMITS, "waypoints", "requirements", "obstacles", "separation"}
     known = kinds_of(scenario if scenario.known else scenario.without_obstacles())
     assert constraints == known & of_their_own
     flown = rho.plan_rho(scenario) if kind == "late obstacles" else plan
@@ -102,6 +128,24 @@ def test_what_breaks_a_requirement_is_not_said_to_hold(kind: str) -> None:
     # windows are verified by the same checks, of what is known when they begin
     columns = [each for _, check in _PlanCheck.of(plan).kinds(None) for each in check()]
     assert checked in {each.kind for each in columns if not each.holds} or _is_late(scenario)
+
+
+@pytest.mark.parametrize("relative", [False, True], ids=["single", "relative"])
+@pytest.mark.parametrize("of", _SETS)
+def test_every_quantity_is_required_of_one_or_of_two(of: str, relative: bool) -> None:
+    scenario = _required(of, relative=relative)
+    plan = rho.plan(scenario)
+    assert rho.verify(plan).ok
+    assert rho.verify(rho.plan_rho(scenario)).ok
+    assert rho.certify(plan).lower_bound <= plan.cost * (1.0 + 1e-6)
+    rng = np.random.default_rng(0)
+    accelerations = 40.0 * rng.standard_normal(plan.accelerations.shape)
+    wild = rho.Plan.from_accelerations(scenario, accelerations)
+    assert "requirements" in {each.kind for each in rho.verify(wild).violations}
+    worst = first_violation(wild)
+    assert worst is not None
+    columns = [each for _, check in _PlanCheck.of(wild).kinds(None) for each in check()]
+    assert "requirements" in {each.kind for each in columns if not each.holds}
 
 
 def _is_late(scenario: rho.Scenario) -> bool:

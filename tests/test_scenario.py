@@ -324,6 +324,7 @@ def _every_field_set() -> rho.Scenario:
         obstacles=(rho.Sphere([5, 5, -9], 1.0), bird),
         limits=rho.Limits(max_speed=20.0),
         disturbance=rho.Disturbance(0.01),
+        requirements=(rho.KeepIn(rho.Sphere([0, 0, 0], 99.0)),),
     )
 
 
@@ -336,6 +337,7 @@ CHANGES: dict[str, Any] = {
     "separation": rho.Separation(0.1),
     "between_knots": False,
     "disturbance": None,
+    "requirements": (rho.KeepIn(rho.HalfSpace([0, 0, 1], 90.0)),),
 }
 """Other values of every field."""
 

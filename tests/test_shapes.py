@@ -68,7 +68,9 @@ def test_the_half_space_beyond_the_support_is_outside(shape: Quadric) -> None:
     n, x = directions(40, seed=3), random_points(shape)
     beyond = x @ n.T >= shape.local_support(n)
     assert np.all(shape.local_distance(x)[np.any(beyond, axis=1)] >= 0.0)
-    depth = np.max(x @ n.T - shape.local_support(n), axis=1)  # for a convex set, this is the distance
+    depth = np.max(
+        x @ n.T - shape.local_support(n), axis=1
+    )  # for a convex set, this is the distance
     assert np.all(depth <= shape.local_distance(x) + ROUNDING * shape.size)
 
 
@@ -179,7 +181,9 @@ def test_permuting_the_axes_permutes_all_results(order: tuple[int, ...], points:
         # else either of two nearest points may be found after turning
         x = x[np.all(np.abs(x) > 0.0, axis=1)]
         n = directions(10)
-        np.testing.assert_allclose(one.local_support(n), other.local_support(n[:, turned]), rtol=1e-12)
+        np.testing.assert_allclose(
+            one.local_support(n), other.local_support(n[:, turned]), rtol=1e-12
+        )
         distance = other.local_distance(x[:, turned])
         np.testing.assert_allclose(one.local_distance(x), distance, atol=1e-12 * max(semi_axes))
         np.testing.assert_allclose(

@@ -205,11 +205,16 @@ def test_other_axes_and_units_change_results_accordingly(
         other.local_distance(there), scale * shape.local_distance(x), rtol=0.0, atol=rounding
     )
     n = shape.local_outward(x)
-    np.testing.assert_allclose(other.local_outward(there), (mirror * n)[:, order], rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(
+        other.local_outward(there), (mirror * n)[:, order], rtol=0.0, atol=1e-6
+    )
     n[:, np.isinf(shape.extent)] = 0.0
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     np.testing.assert_allclose(
-        other.local_support((mirror * n)[:, order]), scale * shape.local_support(n), rtol=0.0, atol=rounding
+        other.local_support((mirror * n)[:, order]),
+        scale * shape.local_support(n),
+        rtol=0.0,
+        atol=rounding,
     )
     np.testing.assert_allclose(other.extent, scale * shape.extent[order], rtol=1e-9)
 
@@ -244,7 +249,9 @@ def same(one: Shape, other: Shape, x: FloatArray) -> None:
     distances = one.local_distance(x)
     np.testing.assert_allclose(distances, other.local_distance(x), rtol=0.0, atol=rounding)
     np.testing.assert_allclose(n, other.local_outward(x), rtol=0.0, atol=1e-6)
-    np.testing.assert_allclose(one.local_support(n), other.local_support(n), rtol=0.0, atol=rounding)
+    np.testing.assert_allclose(
+        one.local_support(n), other.local_support(n), rtol=0.0, atol=rounding
+    )
 
 
 @given(seed=seeds)

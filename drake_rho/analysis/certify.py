@@ -56,6 +56,7 @@ TREATMENT = {
     "goals": "equalities of the Lagrangian",
     **dict.fromkeys(LIMITS, "multipliers of its rows, which hold for every plan"),
     "waypoints": "multipliers of its rows, which hold for every plan",
+    "requirements": "multipliers of its rows, which hold for every plan; two vehicles are a group",
     "obstacles": "quadratics of balls and ellipsoids inside; others are left out (`left_out`)",
     "moving obstacles": "as obstacles, where they are at the time",
     "late obstacles": "as obstacles, where they are known at the start",

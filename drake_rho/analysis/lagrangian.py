@@ -224,7 +224,8 @@ def _at_instants(rows: HalfSpaces) -> HalfSpaces:
         changed = dataclasses.replace(constraint, **changes)
         return dataclasses.replace(rows, constraint=changed)
     more = margins.at(constraint.quantity, rows.times) - exact.at(constraint.quantity, rows.times)
-    return dataclasses.replace(rows, bounds=rows.bounds - more)
+    vehicles = 2.0 if constraint.coupled else 1.0
+    return dataclasses.replace(rows, bounds=rows.bounds - vehicles * more)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,11 +8,12 @@ import numpy as np
 
 from drake_rho.motion.flown import Flown
 from drake_rho.scenario.fields import FloatArray
+from drake_rho.scenario.parts import UNITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.verification.check import Check
 from drake_rho.verification.verify import verify
 
-_DISTANCES = ("position", "obstacles", "separation")
+_DISTANCES = ("position", "obstacles", "separation", "requirements")
 """Kinds of requirements that are distances, which deviations reduce."""
 _NEGLIGIBLE = 1e-6
 """Clearance that is printed as nothing [m]."""
@@ -22,8 +23,8 @@ _NEGLIGIBLE = 1e-6
 class Spare:
     """Least clearance beyond the required distances, before and after deviations.
 
-    The distances are those from obstacles, from other vehicles and from the position box, as
-    `verify` finds them.
+    The distances are those from obstacles, from other vehicles, from the position box and from the
+    boundaries of required sets of positions, as `verify` finds them.
     """
 
     before: float
@@ -56,6 +57,7 @@ def spare(flown: Flown, deviations: FloatArray) -> Spare:
     report, scenario = verify(flown), flown.scenario
     own = dict(zip((vehicle.name for vehicle in scenario.vehicles), deviations, strict=True))
     checks = [check for check in report.checks if check.asked and check.kind in _DISTANCES]
+    checks = [check for check in checks if check.unit == UNITS["position"]]
     closer = [_closer_by(check, scenario, own) for check in checks]
     return Spare(
         min((-check.excess for check in checks), default=np.inf),
@@ -71,7 +73,14 @@ def _closer_by(check: Check, scenario: Scenario, deviations: dict[str, float]) -
     second, times the largest scale of the separation's ellipsoid.
     """
     own = deviations[check.vehicle]
-    if check.kind != "separation" or scenario.separation is None:
+    relative = any(
+        each.leader is not None and each.called(number) == check.constraint
+        for number, each in enumerate(scenario.requirements, start=1)
+    )
+    if check.kind != "separation" and not relative:
         return own
     others = max(each for name, each in deviations.items() if name != check.vehicle)
-    return float(scenario.separation.shape.scales.max()) * (own + others)
+    scale = 1.0
+    if check.kind == "separation" and scenario.separation is not None:
+        scale = float(scenario.separation.shape.scales.max())
+    return scale * (own + others)

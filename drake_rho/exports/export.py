@@ -25,6 +25,7 @@ TREATMENT = {
     "goals": "the end of the motion",
     **dict.fromkeys(LIMITS, "not in the files of other programs; verified before"),
     "waypoints": "passed by the motion; not marked",
+    "requirements": "what is left of the distance is compared with the deviation",
     "obstacles": "not in the files; what is left of the distance is compared with the deviation",
     "moving obstacles": "as obstacles",
     "late obstacles": "as obstacles",

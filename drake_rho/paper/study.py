@@ -103,8 +103,7 @@ class Study:
         """
         positions = example.plan.positions
         nearest = [
-            sphere.signed_distance(positions).min(axis=1)
-            for sphere in self.scenario.spheres
+            sphere.signed_distance(positions).min(axis=1) for sphere in self.scenario.spheres
         ]
         clearances: FloatArray = np.min(nearest, axis=0)
         return clearances

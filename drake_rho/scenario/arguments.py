@@ -42,7 +42,7 @@ class _Kind(NamedTuple):
     """class all of whose instances are of this kind; None if `has` must decide"""
 
 
-_NAMES = {"SolverInterface": "a Drake solver", "str": "a string"}
+_NAMES = {"ConvexSet": "a convex set", "SolverInterface": "a Drake solver", "str": "a string"}
 """Plain names of types in error messages."""
 
 
@@ -141,7 +141,8 @@ def _kind_of(hint: Any) -> _Kind | None:
         return _Kind("a number", lambda value: isinstance(value, Real))
     if hint is bool:
         return _Kind("True or False", lambda value: isinstance(value, bool | np.bool_))
-    if not isinstance(hint, type) or _is_protocol(hint) or hint is object:
+    open_protocol = _is_protocol(hint) and not getattr(hint, "_is_runtime_protocol", False)
+    if not isinstance(hint, type) or open_protocol or hint is object:
         return None
     name = _NAMES.get(hint.__name__, hint.__name__)
     return _Kind(name, lambda value: isinstance(value, hint), hint)

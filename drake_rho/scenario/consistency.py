@@ -218,21 +218,19 @@ def _check_given_states(
     under_way: bool,
 ) -> None:
     """Check that a requirement contains the starts, goals and waypoints at which it is active."""
-    given: list[tuple[str, Quantity, FloatArray, FloatArray]] = [
-        (f"{end}.{quantity}", quantity, values, np.full(len(values), time))
-        for end, quantity, values, time in (
-            ("start", "position", fleet.start_positions, grid.start),
-            ("start", "velocity", fleet.start_velocities, grid.start),
-            ("goal", "position", fleet.goal_positions, grid.end),
-            ("goal", "velocity", fleet.goal_velocities, grid.end),
-        )
-        if not (under_way and end == "start")
-    ]
+    states: tuple[tuple[str, Quantity, FloatArray], ...] = (
+        ("start", "position", fleet.start_positions),
+        ("start", "velocity", fleet.start_velocities),
+        ("goal", "position", fleet.goal_positions),
+        ("goal", "velocity", fleet.goal_velocities),
+    )
+    given: list[tuple[str, Quantity, FloatArray, FloatArray]] = []
+    for end, quantity, values in states[2 * under_way :]:
+        time = grid.start if end == "start" else grid.end
+        given.append((f"{end}.{quantity}", quantity, values, np.full(len(values), time)))
     if requirement.leader is None:
-        given += [
-            (f"waypoints[{index}].position", "position", each.positions, each.times)
-            for index, each in enumerate(fleet.waypoints)
-        ]
+        for index, each in enumerate(fleet.waypoints):
+            given.append((f"waypoints[{index}].position", "position", each.positions, each.times))
     for field, quantity, values, times in given:
         if quantity == requirement.quantity:
             _check_values(requirement, number, fleet, names, field, values, times, grid)

@@ -93,9 +93,8 @@ def signature_of(cls: Any) -> inspect.Signature:
             default = field.default
         elif field.default_factory is not dataclasses.MISSING:
             default = Description("...")
-        kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-        if field.kw_only:
-            kind = inspect.Parameter.KEYWORD_ONLY
+        plain, keyword = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
+        kind = keyword if field.kw_only else plain
         parameters.append(inspect.Parameter(field.name, kind, default=default))
     return inspect.Signature(parameters)
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Self
 
-import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from drake_rho.scenario.consistency import (
@@ -25,7 +24,7 @@ from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, known_at_start
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
-from drake_rho.scenario.requirements import KeepIn
+from drake_rho.scenario.requirements import KeepIn, parts_for
 from drake_rho.scenario.shapes.base import TOLERANCE, Shape
 from drake_rho.scenario.shapes.cylinders import Cylinder
 from drake_rho.scenario.shapes.polyhedra import Box, Polytope
@@ -58,8 +57,7 @@ __all__ = [
     "Waypoint",
 ]
 
-Ball = Sphere
-"""`Sphere`, by the name of the solid, for sets to keep in."""
+Ball = Sphere  # the name of the solid, for sets to keep in
 
 
 @record
@@ -144,8 +142,8 @@ class Scenario(ShownInNotebooks):
         Raises:
             ScenarioError: a start or a goal violates one of these constraints.
         """
-        fleet, separation = self.fleet, self.separation
-        check_ends(fleet, self.vehicles, self.grid, self.bodies, separation, under_way=under_way)
+        parts = self.fleet, self.vehicles, self.grid, self.bodies, self.separation
+        check_ends(*parts, under_way=under_way)
 
     @cached_property
     def under_way(self) -> bool:
@@ -172,10 +170,7 @@ class Scenario(ShownInNotebooks):
 
     @cached_property
     def known(self) -> tuple[tuple[int, Obstacle], ...]:
-        """Obstacles that planners know at the first knot, with their numbers from 1.
-
-        Their clocks are 0 at the first knot, as in `bodies_in_flight`.
-        """
+        """Those of `bodies_in_flight` that planners know at the first knot, with their numbers."""
         return known_at_start(self.bodies, self.bodies_in_flight, self.grid)
 
     def obstacle_name(self, number: int) -> str:
@@ -229,8 +224,7 @@ class Scenario(ShownInNotebooks):
         """Return the scenario of some of its vehicles only, without validating it again."""
         vehicles = tuple(self.vehicles[index] for index in indices)
         fleet, names = self._fleet_of(vehicles), [vehicle.name for vehicle in vehicles]
-        own = (each.of_vehicles(names) for each in self.requirements)
-        requirements = tuple(each for each in own if each is not None)
+        requirements = parts_for(self.requirements, names)
         return self.derived(vehicles=vehicles, fleet=fleet, requirements=requirements)
 
     def from_states(

@@ -82,7 +82,7 @@ class KeepIn:
 
         def __init__(
             self,
-            set: ConvexSet,  # noqa: A002
+            set: ConvexSet,
             *,
             of: KeptQuantity = "position",
             vehicles: Sequence[str] | str | None = None,
@@ -218,3 +218,9 @@ class KeepIn:
         if isinstance(relative_to, Track):
             relative_to = unchecked(relative_to, times=read_only(relative_to.times - time))
         return unchecked(self, active=active, relative_to=relative_to)
+
+
+def parts_for(requirements: Sequence[KeepIn], names: Sequence[str]) -> tuple[KeepIn, ...]:
+    """Return the requirements that some vehicles have by themselves, without the others."""
+    own = (each.of_vehicles(names) for each in requirements)
+    return tuple(each for each in own if each is not None)

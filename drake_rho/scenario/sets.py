@@ -7,7 +7,7 @@ Nothing else of it is used. `check_set` tests that the three agree.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from drake_rho.scenario.shapes.quadrics import Ellipsoid, Sphere
 from drake_rho.scenario.shapes.unbounded import Cone, HalfSpace
 
 
+@runtime_checkable
 class ConvexSet(Protocol):
     """Convex set of positions, velocities, accelerations or jerks x, given by three functions.
 
@@ -54,7 +55,7 @@ _POINTS = 240
 """Number of points at which the functions of a set are compared."""
 
 _AGREE = 1e-6
-"""Largest disagreement of a set's functions, relative to the lengths that they are computed from."""
+"""Largest disagreement of a set's functions, relative to the lengths they are computed from."""
 
 
 @checked
@@ -116,7 +117,9 @@ def _check_nearest(
     beyond = normals @ nearest.T - supports[:, None]
     if np.any(off := beyond > _AGREE * (lengths[:, None] + lengths)):
         k, other = (int(index[0]) for index in np.nonzero(off))
-        words = f"at least {normals[k] @ nearest[other]:.7g}, n · y at y = {nearest[other].tolist()}"
+        words = (
+            f"at least {normals[k] @ nearest[other]:.7g}, n · y at y = {nearest[other].tolist()}"
+        )
         raise _disagreement("support", supports[k], normals[k], words)
 
 
@@ -139,13 +142,9 @@ def _values(
     """Return the values of one of a set's functions, computed in two arrangements.
 
     Raises:
-        ScenarioError: the function is missing, fails, or returns what is no array of such numbers.
+        ScenarioError: the function fails, or returns what is no array of such numbers.
     """
-    function: Callable[[FloatArray], Any] | None = getattr(convex_set, name, None)
-    kind = type(convex_set).__name__
-    if not callable(function):
-        words = "an object with the functions support, signed_distance and outward"
-        raise ScenarioError("", Description(f"an object of type {kind} without {name}"), words)
+    function: Callable[[FloatArray], Any] = getattr(convex_set, name)
     found = list[FloatArray]()
     for points in (at, at.reshape(2, -1, 3)):
         shape = (*points.shape[:-1], *rest)
@@ -160,9 +159,10 @@ def _values(
         if np.any(np.isnan(values)) or (finite and not np.all(np.isfinite(values))):
             raise ScenarioError(name, Description("NaN or infinity"), expected)
         found.append(values.reshape(-1, *rest))
-    if not np.allclose(*found, rtol=1e-9, atol=1e-12, equal_nan=True):
+    one, other = found
+    if not np.allclose(one, other, rtol=1e-9, atol=1e-12):
         raise ScenarioError(name, Description("other values"), "the same for any leading shape")
-    return found[0]
+    return one
 
 
 def _disagreement(name: str, value: Any, at: FloatArray, expected: str) -> ScenarioError:
@@ -195,7 +195,10 @@ def _kind(value: object) -> str:
 
 
 def _own_set(value: object) -> Any:
-    check_set(value)  # type: ignore[arg-type]  # this is what it finds out
+    if not isinstance(value, ConvexSet):
+        words = "a set, or an object with the functions support, signed_distance and outward"
+        raise ScenarioError("", value, words)
+    check_set(value)
     return value
 
 

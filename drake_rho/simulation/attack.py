@@ -29,6 +29,7 @@ from drake_rho.simulation.worst_case import WorstCase, worst_case
 from drake_rho.verification.boxes import check_position_box
 from drake_rho.verification.check import PRECISION, Column
 from drake_rho.verification.obstacles import check_obstacle
+from drake_rho.verification.requirements import check_positions
 from drake_rho.verification.separation import check_separation
 from drake_rho.verification.trajectory import PiecewiseTrajectory
 from drake_rho.verification.tubes import Tubes
@@ -39,6 +40,7 @@ TREATMENT = {
     **dict.fromkeys(LIMITS, "not aimed at: verified along the flight"),
     "position": "aimed at: the side that is closest",
     "waypoints": "not aimed at: verified along the flight",
+    "requirements": "aimed at, if of positions: both vehicles where it is of two",
     "obstacles": "aimed at: the surface that is closest",
     "moving obstacles": "aimed at, where it is at the time",
     "late obstacles": "aimed at, known or not",
@@ -138,7 +140,8 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
 
     Raises:
         ValueError: the scenario has no disturbance, is a window of a flight under way, or has no
-            obstacles, separation or position box; or the plan is for other vehicles or another
+            obstacles, separation, position
+            box or required set of positions; or the plan is for other vehicles or another
             grid.
 
     Examples:
@@ -153,7 +156,7 @@ def attack(scenario: Scenario, plan: Plan) -> Attack:
     plan = adopted(scenario, plan)
     tightest = _tightest_of_all(scenario, plan)
     if tightest is None:
-        expected = "obstacles, a separation or position boxes"
+        expected = "obstacles, a separation, position boxes or sets of positions"
         raise ValueError(f"scenario: got nothing to keep clear of, expected {expected}")
     time, own = tightest.time, tightest.own
     who, now = list(own.vehicles), np.array([time])
@@ -192,6 +195,8 @@ def _tightest_of_all(scenario: Scenario, plan: Plan) -> _Tightest | None:
         if column.always != scenario.between_knots:
             continue
         bounds = -np.asarray(column.excess) - PRECISION * column.tolerances
+        if column.due is not None:
+            bounds = np.where(column.due, bounds, np.inf)
         i = int(np.argmin(bounds))
         if np.isfinite(bounds[i]) and (found is None or bounds[i] < found.bound):
             found = _Tightest(float(bounds[i]), float(column.times[i]), clearance_of(i))
@@ -212,6 +217,10 @@ def _checks(
     if (bounds := scenario.fleet.bounds("position")) is not None:
         for column in check_position_box(trajectory):
             yield column, partial(_within, bounds)
+    for number, each in enumerate(scenario.requirements, start=1):
+        if each.quantity == "position" and each.interval(scenario.grid) is not None:
+            for column in check_positions(trajectory, number):
+                yield column, partial(_in_set, scenario, number)
 
 
 def _from_obstacle(scenario: Scenario, number: int, i: int) -> _Clearance:
@@ -234,6 +243,27 @@ def _from_each_other(scenario: Scenario, partners: IntArray, i: int) -> _Clearan
         return np.concatenate([-n, n])
 
     return _Clearance("separation", (i, j), lambda p, _: shape.local_distance(p[0] - p[1]), inward)
+
+
+def _in_set(scenario: Scenario, number: int, i: int) -> _Clearance:
+    asked = scenario.requirements[number - 1]
+    partner = asked.partner(scenario.names)
+    vehicles = (i,) if partner is None else (i, partner)
+
+    def relative(p: FloatArray, times: FloatArray) -> FloatArray:
+        own = p[0] if partner is None else p[0] - p[1]
+        return np.asarray(own - asked.offset(times))
+
+    def inward(p: FloatArray, times: FloatArray) -> FloatArray:
+        n = np.asarray(asked.set.outward(relative(p, times)))
+        return n if partner is None else np.concatenate([n, -n])
+
+    return _Clearance(
+        asked.called(number),
+        vehicles,
+        lambda p, times: -asked.set.signed_distance(relative(p, times)) - asked.deviation,
+        inward,
+    )
 
 
 def _within(bounds: Bounds, i: int) -> _Clearance:

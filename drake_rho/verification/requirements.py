@@ -1,23 +1,15 @@
 """Requirements (`KeepIn`), verified by membership alone: the distance of values from their set.
 
 The support function and the normals of a set, from which planners write rows, are not used.
-
-Positions are verified at every instant by branch and bound. Within a time w, a position with the
-acceleration a is off the chord between its ends by norm(a) w²/8 at most. The distance d from a
-convex set is convex and 1-Lipschitz, and the radius of the errors exceeds its chord by κ w²/8 at
-most (`drake_rho.verification.tubes`). So d plus the radius is at most the greater of its values at
-the ends plus (norm(a) + κ) w²/8. Intervals of time in which this bound exceeds the greatest value
-found are halved until the difference is negligible.
-
-Velocities are linear and accelerations constant in a piece of time, so their ends decide, with
-errors the ends of the feedback's samples.
+Positions are verified at every instant (`drake_rho.verification.highest_over_time`). Velocities are
+linear and accelerations constant in a piece of time, so their ends decide, with errors the ends of
+the feedback's samples.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 
@@ -27,22 +19,8 @@ from drake_rho.scenario.limits import GRAVITY
 from drake_rho.scenario.parts import SAME_TIME
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.verification.check import AT_ALL_TIMES, AT_KNOTS, PRECISION, Column
+from drake_rho.verification.highest_over_time import Highest, highest_over_time
 from drake_rho.verification.trajectory import PiecewiseTrajectory
-
-_LEVELS = 30
-"""Largest number of successive halvings: an interval is then 1e-9 of a piece of time."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Worst:
-    """Worst instant of each vehicle concerned, in the sense of distance plus errors; (M,) each."""
-
-    times: FloatArray
-    """on the scenario's clock [s]"""
-    values: FloatArray
-    """signed distances from the set, in the quantity's unit"""
-    errors: FloatArray
-    """radii of the errors, in the quantity's unit"""
 
 
 def check_requirements(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> Iterator[Column]:
@@ -54,19 +32,29 @@ def check_requirements(trajectory: PiecewiseTrajectory, jerks: FloatArray) -> It
     """
     scenario = trajectory.scenario
     for number, asked in enumerate(scenario.requirements, start=1):
-        if asked.interval(scenario.grid) is None:
-            yield from _nothing_left(trajectory, number, asked)
-            continue
         check = _Check.of(trajectory, asked, number)
-        if asked.quantity == "position":
-            yield check.column(check.positions_at(check.knots()), AT_KNOTS)
-            yield check.column(check.positions_at_all_times(), AT_ALL_TIMES)
+        if asked.interval(scenario.grid) is None:
+            yield _nothing_left(trajectory, number, asked)
+        elif asked.quantity == "position":
+            yield from check_positions(trajectory, number)
         elif asked.quantity == "velocity":
             yield check.column(check.velocities(), "")
         elif asked.quantity == "acceleration":
             yield check.column(check.accelerations(), "")
         else:
             yield check.column(check.jerks(jerks), "")
+
+
+def check_positions(trajectory: PiecewiseTrajectory, number: int) -> Iterator[Column]:
+    """Yield the checks of a requirement of positions, at the knots and at every instant.
+
+    Args:
+        trajectory: of all vehicles.
+        number: number of the requirement, from 1; it is active in the flight.
+    """
+    check = _Check.of(trajectory, trajectory.scenario.requirements[number - 1], number)
+    yield check.column(check.positions_at(check.knots()), AT_KNOTS)
+    yield check.column(check.positions_at_all_times(), AT_ALL_TIMES)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,7 +83,7 @@ class _Check:
         cut = trajectory.cut(turns)
         return cls(cut, own, number, interval, own.members(names), own.partner(names))
 
-    def column(self, worst: _Worst, when: str) -> Column:
+    def column(self, worst: Highest, when: str) -> Column:
         """Return the checks of the vehicles concerned at their worst instants."""
         scenario = self.trajectory.scenario
         names, count = scenario.names, len(scenario.vehicles)
@@ -150,11 +138,11 @@ class _Check:
         chosen = self._active(self.trajectory.elapsed)
         return chosen if self._is_instant else chosen & self.trajectory.knots
 
-    def positions_at(self, instants: BoolArray) -> _Worst:
+    def positions_at(self, instants: BoolArray) -> Highest:
         """Return the worst of selected instants of the trajectory."""
         if not instants.any():
             nothing = np.full(len(self.members), -np.inf)
-            return _Worst(np.full(len(nothing), self.interval[0]), nothing, np.zeros(len(nothing)))
+            return Highest(np.full(len(nothing), self.interval[0]), nothing, np.zeros(len(nothing)))
         times = self.trajectory.elapsed[instants]
         values = self._relative(self.trajectory.positions[:, instants])
         distances = self._distances(values, times)
@@ -168,60 +156,30 @@ class _Check:
         offset = self.requirement.offset(times, before=before)
         return np.asarray(self.requirement.set.signed_distance(values - offset))
 
-    def positions_at_all_times(self) -> _Worst:
-        """Return the worst instants, by branch and bound; see the module's docstring."""
-        trajectory = self.trajectory
-        worst = self.positions_at(self._active(trajectory.elapsed))
+    def positions_at_all_times(self) -> Highest:
+        """Return the worst instants between all times at which it is active."""
+        trajectory, scenario = self.trajectory, self.trajectory.scenario
+        known = self.positions_at(self._active(trajectory.elapsed))
+        if self._is_instant:
+            return known
         middles = (trajectory.elapsed[:-1] + trajectory.elapsed[1:]) / 2.0
-        pieces = np.flatnonzero(self._active(middles) & (not self._is_instant))
-        rows, piece = (
-            each.reshape(-1)
-            for each in np.meshgrid(np.arange(len(self.members)), pieces, indexing="ij")
-        )
         states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
         p, v, a = (self._relative(each) for each in states)
-        bend = np.linalg.norm(a, axis=2) + self._error_curvatures()
-        precision = self._precision()
-        low, width = np.zeros(len(piece)), 1.0
-        totals = worst.values + worst.errors
-        for _ in range(_LEVELS):
-            if len(piece) == 0:
-                break
-            h = trajectory.durations[piece]
-            s = h * np.stack([low, low + width / 2.0, low + width])
-            begin, speed, turn = p[rows, piece], v[rows, piece], a[rows, piece]
-            x = begin + s[..., None] * (speed + s[..., None] / 2.0 * turn)
-            times = trajectory.elapsed[piece] + s
-            offset = self.requirement.offset(times.reshape(-1)).reshape(x.shape)
-            distances = np.asarray(self.requirement.set.signed_distance(x - offset))
-            errors = self._position_errors(piece, times)
-            at = distances + errors
-            best = np.argmax(at, axis=0)
-            every = np.arange(len(rows))
-            order = np.argsort(at[best, every], kind="stable")
-            who, top = rows[order], best[order]
-            higher = at[top, order] > totals[who]
-            for i in order[higher]:
-                k, row = best[i], rows[i]
-                if at[k, i] > totals[row]:
-                    totals[row] = at[k, i]
-                    worst.times[row], worst.values[row] = times[k, i], distances[k, i]
-                    worst.errors[row] = errors[k, i]
-            width /= 2.0
-            rise = bend[rows, piece] * (h * width) ** 2 / 8.0
-            opened = [
-                np.maximum(at[i], at[j]) + rise > totals[rows] + precision[rows]
-                for i, j in pairwise(range(3))
-            ]
-            low = np.concatenate([low[opened[0]], low[opened[1]] + width])
-            rows, piece = (
-                np.concatenate([each[opened[0]], each[opened[1]]]) for each in (rows, piece)
-            )
-        return worst
+        return highest_over_time(
+            (p, v, a),
+            trajectory.elapsed,
+            np.flatnonzero(self._active(middles)),
+            self._distances_at,
+            self._position_errors,
+            self._error_curvatures(),
+            PRECISION * self.requirement.tolerances(scenario.fleet, scenario.names),
+            known,
+        )
 
-    def _precision(self) -> FloatArray:
-        scenario = self.trajectory.scenario
-        return PRECISION * self.requirement.tolerances(scenario.fleet, scenario.names)
+    def _distances_at(self, x: FloatArray, times: FloatArray) -> FloatArray:
+        """Return signed distances of positions (..., 3), less the partner's, at times (...)."""
+        offset = self.requirement.offset(times.reshape(-1)).reshape(x.shape)
+        return np.asarray(self.requirement.set.signed_distance(x - offset))
 
     def _error_curvatures(self) -> FloatArray:
         """Return κ of the errors in each piece of time [m/s²], shape (J,)."""
@@ -238,7 +196,7 @@ class _Check:
         shape = [np.broadcast_to(each, times.shape) for each in (begins, ends)]
         return self._vehicles * trajectory.tubes.position_in(at, *shape) + deviation
 
-    def velocities(self) -> _Worst:
+    def velocities(self) -> Highest:
         """Return the worst velocities: at ends of pieces and, with errors, of samples."""
         trajectory = self.trajectory
         if trajectory.tubes is not None:
@@ -264,7 +222,7 @@ class _Check:
         near = self.trajectory.scenario.grid.rounding
         return (begins <= self.interval[1] + near) & (ends > self.interval[0] + near)
 
-    def accelerations(self) -> _Worst:
+    def accelerations(self) -> Highest:
         """Return the worst accelerations or thrusts of the pieces of time."""
         begins, ends = self.trajectory.elapsed[:-1], self.trajectory.elapsed[1:]
         chosen = self._steps(begins, ends)
@@ -274,7 +232,7 @@ class _Check:
         distances = np.asarray(self.requirement.set.signed_distance(values))
         return _worst_of(begins[chosen], distances, self._error_curvatures()[chosen])
 
-    def jerks(self, jerks: FloatArray) -> _Worst:
+    def jerks(self, jerks: FloatArray) -> Highest:
         """Return the worst jerks of the plan, which has no errors."""
         grid = self.trajectory.scenario.grid
         begins = grid.elapsed[:-1]
@@ -289,18 +247,18 @@ class _Check:
         return _worst_of(begins[chosen], distances, np.zeros(int(chosen.sum())))
 
 
-def _worst_of(times: FloatArray, distances: FloatArray, errors: FloatArray) -> _Worst:
+def _worst_of(times: FloatArray, distances: FloatArray, errors: FloatArray) -> Highest:
     """Return the worst of distances (M, T) plus errors (T,) at times (T,)."""
     k = np.argmax(np.where(np.isnan(distances), np.inf, distances + errors), axis=1)
     values = np.take_along_axis(distances, k[:, None], axis=1)[:, 0]
-    return _Worst(times[k], values, np.array(errors[k]))
+    return Highest(times[k], values, np.array(errors[k]))
 
 
-def _nothing_left(trajectory: PiecewiseTrajectory, number: int, asked: KeepIn) -> Iterator[Column]:
-    """Yield an empty check of a requirement that is over, so that none counts as forgotten."""
+def _nothing_left(trajectory: PiecewiseTrajectory, number: int, asked: KeepIn) -> Column:
+    """Return an empty check of a requirement that is over, so that none counts as forgotten."""
     count = len(trajectory.scenario.vehicles)
     zero = np.zeros(count)
-    yield Column(
+    return Column(
         kind="requirements",
         constraint=asked.called(number),
         parts=[""] * count,

@@ -10,15 +10,17 @@ import numpy as np
 from drake_rho.motion.scenario_tube import tube_of
 from drake_rho.planning.constraints.close_pairs import max_pair_margin
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
+from drake_rho.planning.constraints.requirement_slack import (
+    ends_in_requirements,
+    sizes_of_requirements,
+)
+from drake_rho.planning.constraints.slack import ENDS, TighteningSlack
 from drake_rho.scenario.fields import FloatArray, unchecked
 from drake_rho.scenario.norms import NORMS
-from drake_rho.scenario.parts import UNITS, Quantity
+from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 
 _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "acceleration")
-
-_ENDS = {0: "start", -1: "goal"}
-"""Names of the knots with given states, by index."""
 
 NO_SLACK = "no room for the errors that the disturbance leads to"
 """Reason in messages why a scenario without sufficient tightening slack has no plan."""
@@ -34,6 +36,7 @@ TREATMENT: dict[str, str] = {
     "max_tilt": "not compared: a cone has no centre, so programs decide",
     "max_jerk": "limits the plan alone, which has no error: no margin",
     "waypoints": "their distance tolerance against the position's radius",
+    "requirements": "sizes of shapes, starts and goals against the radii, twice for two vehicles",
     "obstacles": "starts and goals against the position's radius",
     "moving obstacles": "as obstacles, at their positions at the first and the last knot",
     "late obstacles": "as obstacles, if they are known at the start",
@@ -48,41 +51,6 @@ _MEASURED_START = 10.0
 meets its limits to one tolerance in the previous plan; after several windows it may be a few."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class TighteningSlack:
-    """Available and needed distances from the boundary of one constraint, for all vehicles."""
-
-    name: str
-    """name of the constraint"""
-    where: str
-    """place of the comparison: start, goal, or the middle of a set"""
-    quantity: Quantity
-    """quantity whose error needs the distance"""
-    available: FloatArray
-    """distances of the vehicles inside the constraint's boundary, negative beyond it, in the
-    quantity's unit, shape (N,)"""
-    needed: FloatArray
-    """needed margins, in the quantity's unit, shape (1,) or (N,)"""
-    tolerances: FloatArray
-    """tolerances of the constraint, in the quantity's unit, shape (1,) or (N,)"""
-
-    def missing(self, tolerances: float) -> FloatArray:
-        """Return the slack missing beyond the tolerances allowed, at most 0 if none, shape (N,)."""
-        missing: FloatArray = self.needed - self.available - tolerances * self.tolerances
-        return missing
-
-    def reason(self, vehicle: int) -> str:
-        """Return a description of one vehicle's missing slack."""
-        unit, needed = UNITS[self.quantity], np.broadcast_to(self.needed, self.available.shape)
-        depth = float(self.available[vehicle])
-        if needed[vehicle] <= 0.0:
-            return f"{self.name} ({self.where} {-depth:.3g} {unit} beyond)"
-        if depth < 0.0:
-            inside = f"{needed[vehicle]:.3g} {unit} inside is needed"
-            return f"{self.name} ({self.where} {-depth:.3g} {unit} beyond; {inside})"
-        return f"{self.name} ({self.where} {depth:.3g} {unit} inside, of {needed[vehicle]:.3g})"
-
-
 def missing_slack(
     scenario: Scenario, margins: PlanMargins, *, under_way: bool = False
 ) -> dict[str, tuple[str, ...]]:
@@ -95,7 +63,7 @@ def missing_slack(
     """
     found: dict[str, tuple[str, ...]] = {}
     for each in _slacks(scenario, margins.inner):
-        measured = under_way and each.where == _ENDS[0]
+        measured = under_way and each.where == ENDS[0]
         tolerances = _MEASURED_START if measured else 1.0
         for vehicle in np.flatnonzero(each.missing(tolerances) > 0.0).tolist():
             name = scenario.vehicles[vehicle].name
@@ -140,7 +108,7 @@ def largest_tolerable_wind(scenario: Scenario, margins: PlanMargins, calm: PlanM
 def _slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
     """Yield the slack of every constraint, in the middle of limits and at start and goal."""
     yield from _limit_slacks(scenario, margins)
-    for end in _ENDS:
+    for end in ENDS:
         yield from _end_slacks(scenario, margins, end)
 
 
@@ -149,6 +117,7 @@ def _end_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Tigh
     yield from _state_slacks(scenario, margins, end)
     yield from _obstacle_slacks(scenario, margins, end)
     yield from _pair_slacks(scenario, margins, end)
+    yield from ends_in_requirements(scenario, margins, end)
 
 
 def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSlack]:
@@ -172,6 +141,7 @@ def _limit_slacks(scenario: Scenario, margins: Margins) -> Iterator[TighteningSl
         tolerances = waypoints.tolerances(fleet.scale("position"))
         name = f"waypoint {number}"
         yield TighteningSlack(name, "middle", "position", waypoints.within, needed, tolerances)
+    yield from sizes_of_requirements(scenario, margins)
 
 
 def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
@@ -187,14 +157,14 @@ def _state_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Ti
             available = np.minimum(values - bounds.lower, bounds.upper - values).min(axis=1)
             tolerances = bounds.tolerances.min(axis=1)
             yield TighteningSlack(
-                f"{quantity} box", _ENDS[end], quantity, available, needed, tolerances
+                f"{quantity} box", ENDS[end], quantity, available, needed, tolerances
             )
         for limit in fleet.norms.values():
             if limit.kind.quantity == quantity:
                 available = -limit.sets.excess(np.arange(len(values)), values)
                 tolerances = limit.sets.tolerances
                 yield TighteningSlack(
-                    limit.kind.name, _ENDS[end], quantity, available, needed, tolerances
+                    limit.kind.name, ENDS[end], quantity, available, needed, tolerances
                 )
 
 
@@ -210,7 +180,7 @@ def _obstacle_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator
         available = distances - fleet.radii - obstacle.deviation
         tolerance = fleet.obstacle_tolerances(obstacle.shape)
         name = scenario.obstacle_name(number)
-        yield TighteningSlack(name, _ENDS[end], "position", available, needed, tolerance)
+        yield TighteningSlack(name, ENDS[end], "position", available, needed, tolerance)
 
 
 def _pair_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[TighteningSlack]:
@@ -228,7 +198,7 @@ def _pair_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator[Tig
     for vehicles in near.T:
         np.minimum.at(available, vehicles, distances / 2.0)
     needed, tolerance = margins.knots["position"][[end]], np.array([separation.tolerance])
-    yield TighteningSlack("separation", _ENDS[end], "position", available, needed, tolerance)
+    yield TighteningSlack("separation", ENDS[end], "position", available, needed, tolerance)
 
 
 def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
@@ -242,7 +212,7 @@ def enlarged_by_margins(scenario: Scenario, margins: PlanMargins) -> Scenario:
         return scenario
     growth = np.full(len(scenario.vehicles), steps.largest)
     pair_growth = growth
-    for end in _ENDS:
+    for end in ENDS:
         for slack in _obstacle_slacks(scenario, steps, end):
             growth = np.minimum(growth, np.maximum(slack.available, 0.0))
         for slack in _pair_slacks(scenario, steps, end):

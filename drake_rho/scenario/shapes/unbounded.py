@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from drake_rho.scenario.errors import ScenarioError
-from drake_rho.scenario.fields import NOT_BOOLEAN, Finite, FloatArray, Vector, record
+from drake_rho.scenario.fields import NOT_BOOLEAN, BoolArray, Finite, FloatArray, Vector, record
 
 _PARALLEL = 1e-9
 """Angle [rad] up to which a direction counts as one in which a set is bounded: that of a normal of
@@ -89,16 +89,12 @@ class Cone:
     """point of the cone from which it opens"""
     axis: Vector
     """direction in which it opens, of any length above 0"""
-    half_angle: Annotated[
-        float, Field(gt=1e-6, lt=np.pi / 2.0, allow_inf_nan=False), NOT_BOOLEAN
-    ]
+    half_angle: Annotated[float, Field(gt=1e-6, lt=np.pi / 2.0, allow_inf_nan=False), NOT_BOOLEAN]
     """angle between the axis and the surface [rad], less than a right angle"""
 
     if TYPE_CHECKING:
 
-        def __init__(
-            self, apex: npt.ArrayLike, axis: npt.ArrayLike, half_angle: float
-        ) -> None: ...
+        def __init__(self, apex: npt.ArrayLike, axis: npt.ArrayLike, half_angle: float) -> None: ...
 
     @model_validator(mode="after")
     def _has_an_axis(self) -> Self:
@@ -170,8 +166,8 @@ class Cone:
         )
         return beside, up, sideways
 
-    def _nearest_is_apex(self, beside: FloatArray, up: FloatArray) -> FloatArray:
+    def _nearest_is_apex(self, beside: FloatArray, up: FloatArray) -> BoolArray:
         """Return for which points the apex is the nearest point of the cone."""
         sine, cosine = np.sin(self.half_angle), np.cos(self.half_angle)
-        behind: FloatArray = (up < 0.0) & (beside * sine + up * cosine <= 0.0)
+        behind: BoolArray = (up < 0.0) & (beside * sine + up * cosine <= 0.0)
         return behind
