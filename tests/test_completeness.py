@@ -80,7 +80,7 @@ def _required(of: Any, *, relative: bool) -> rho.Scenario:
     pair = fleet([[0, 0, 0], [0, 4, 0]], [[10, 4, 0], [10, 8, 0]])
     size = 4.5 if of == "position" else 2.0
     link = rho.KeepIn(
-        rho.Sphere([0, 0, 0], size), of=of, vehicles="v2", relative_to="v1", active=(1.0, 6.0)
+        rho.Sphere([0, 0, 0], size), of=of, vehicles="v1", relative_to="v0", active=(1.0, 6.0)
     )
     return dataclasses.replace(pair, requirements=(link,))
 
