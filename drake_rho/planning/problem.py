@@ -28,6 +28,7 @@ from drake_rho.planning.errors import InfeasibleError, SolverError
 from drake_rho.planning.minimum_effort import MinimumEffort
 from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.records import Scenario
+from drake_rho.scenario.requirements import linked_groups
 
 _PIECES = 16
 """Least number of pieces of a step over which finer margins are constant."""
@@ -74,6 +75,25 @@ class Problem:
     def convex(self) -> tuple[Constraint, ...]:
         """Convex constraints, which need no reference: boxes, norms and waypoints."""
         return tuple(convex_constraints(self.scenario, self.margins))
+
+    @cached_property
+    def linked_groups(self) -> IntArray:
+        """Number of each vehicle's group, equal for vehicles that requirements link, (N,)."""
+        scenario = self.scenario
+        return linked_groups(scenario.requirements, scenario.names, scenario.grid)
+
+    @cached_property
+    def has_links(self) -> bool:
+        """Whether a requirement is about the difference of two vehicles."""
+        groups = self.linked_groups
+        return len(np.unique(groups)) < len(groups)
+
+    def with_linked(self, vehicles: IntArray) -> IntArray:
+        """Return some vehicles and all that requirements link to them, as increasing indices."""
+        if not self.has_links:
+            return vehicles
+        groups = self.linked_groups
+        return np.flatnonzero(np.isin(groups, groups[vehicles]))
 
     def obstacles_around(self, reference: Motion) -> list[KeepOutOfObstacle]:
         """Return constraints of known obstacles, linearised (15) around a motion."""

@@ -220,6 +220,20 @@ class KeepIn:
         return unchecked(self, active=active, relative_to=relative_to)
 
 
+def linked_groups(requirements: Sequence[KeepIn], names: Sequence[str], grid: Grid) -> IntArray:
+    """Return the number of each vehicle's group, equal for those that requirements link, (N,).
+
+    Requirements that are over on a grid link nobody.
+    """
+    labels = np.arange(len(names))
+    for each in requirements:
+        partner = each.partner(names)
+        if partner is not None and each.interval(grid) is not None:
+            met = labels[np.append(each.members(names), partner)]
+            labels[np.isin(labels, met)] = met.min()
+    return labels
+
+
 def parts_for(requirements: Sequence[KeepIn], names: Sequence[str]) -> tuple[KeepIn, ...]:
     """Return the requirements that some vehicles have by themselves, without the others."""
     own = (each.of_vehicles(names) for each in requirements)

@@ -81,7 +81,8 @@ def paths_on_grids(scenario: Scenario, most: int, max_memory: float) -> Iterator
     """
     moving = not all(body.is_steady for _, body in scenario.known)
     space_time = _in_space_and_time(scenario, max_memory)
-    if moving or (scenario.separation is not None and len(scenario.vehicles) > 1):
+    required = any(each.of == "position" for each in scenario.requirements)
+    if moving or required or (scenario.separation is not None and len(scenario.vehicles) > 1):
         yield from _from_first_found(space_time)
         return
     first = next(_from_first_found(_in_space(scenario, most, max_memory)))

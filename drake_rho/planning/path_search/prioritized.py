@@ -16,6 +16,7 @@ from drake_rho.planning.path_search.moving_obstacles import (
     MovingObstacle,
     MovingVehicle,
 )
+from drake_rho.planning.path_search.required_sets import RequiredOfVehicle, RequiredSets
 from drake_rho.planning.path_search.resolution import Resolution, Size
 from drake_rho.planning.path_search.space_time import (
     SpaceTimePath,
@@ -81,6 +82,7 @@ class FleetSpaceTimeSearch:
         self._speeds = usable_speeds(scenario)
         self.points = max(raster.count for raster in rasters)
         self._legs = [self._legs_of(number) for number in range(len(fleet.radii))]
+        self._required = RequiredSets(scenario, self._times)
 
     def _legs_of(self, number: int) -> list[_SpaceTimeLeg]:
         """Return the searches for those legs of a vehicle that last at least one layer."""
@@ -142,7 +144,7 @@ class FleetSpaceTimeSearch:
             return np.zeros(0, dtype=int)
         places = self._scenario.fleet.start_positions.T
         order: IntArray = np.lexsort((*places, -np.round(lengths, 6)))
-        return order
+        return self._required.order(order, np.array([len(legs) for legs in self._legs]))
 
     def prioritised(self, order: IntArray) -> tuple[list[SpaceTimePath], int | None]:
         """Return the vehicles' paths, planned in a given order, and the first violating vehicle.
@@ -161,7 +163,9 @@ class FleetSpaceTimeSearch:
         violating: int | None = None
         for vehicle in map(int, order):
             check_time()
-            path = self._path(vehicle, vehicles[self._kinds[vehicle]])
+            known = {i: path.positions for i, path in paths.items()}
+            required = self._required.of(vehicle, known)
+            path = self._path(vehicle, vehicles[self._kinds[vehicle]], required)
             if path is None:
                 return [], vehicle
             if path.conflicts and violating is None:
@@ -172,7 +176,9 @@ class FleetSpaceTimeSearch:
                     graph.add(MovingVehicle(path.positions, separation))
         return [paths[vehicle] for vehicle in range(len(order))], violating
 
-    def _path(self, number: int, vehicles: TimeExpandedGraph) -> SpaceTimePath | None:
+    def _path(
+        self, number: int, vehicles: TimeExpandedGraph, required: RequiredOfVehicle | None
+    ) -> SpaceTimePath | None:
         """Return the path of a vehicle, planned leg by leg; None if a leg has none."""
         obstacles, paths = self._obstacles[self._kinds[number]], list[SpaceTimePath]()
         for leg in self._legs[number]:
@@ -182,6 +188,7 @@ class FleetSpaceTimeSearch:
                 vehicles.part(leg.first, leg.last),
                 progress(times, _RAMP),
                 self._reach(number, times),
+                required and required.part(leg.first, leg.last),
             )
             if path is None:
                 return None

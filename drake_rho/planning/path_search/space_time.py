@@ -18,10 +18,14 @@ import numpy as np
 from drake_rho.planning.call.time_limit import check_time
 from drake_rho.planning.path_search.lattice import MOVES, Lattice, TooLargeError
 from drake_rho.planning.path_search.moving_obstacles import UNBOUNDED, Bounds, Moving, blocked_moves
+from drake_rho.planning.path_search.required_sets import RequiredOfVehicle
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
 
 _CONFLICT = 1e4
 """Cost of a move that comes too close to another vehicle, in spacings of the lattice."""
+
+_OUTSIDE = 30.0
+"""Cost of being outside a required set at a layer boundary, in path lengths per distance."""
 
 _TIMING_COST = 8.0
 """Cost of a delay that lasts the whole flight, in path lengths per squared delay. The delay is a
@@ -153,6 +157,7 @@ class SpaceTimeSearch:
         vehicles: TimeExpandedGraph,
         progress: FloatArray,
         reach: Bounds = UNBOUNDED,
+        required: RequiredOfVehicle | None = None,
     ) -> SpaceTimePath | None:
         """Return the path of least cost; None if there is none.
 
@@ -162,13 +167,14 @@ class SpaceTimeSearch:
             progress: scheduled fraction of the path at the layer boundaries, shape (M + 1,).
             reach: lower and upper bounds on positions at the layer boundaries [m], shape
                 (M + 1, 3) each.
+            required: sets that positions should be in; outside of them every metre costs.
         """
         if not np.isfinite(self.length):
             return None
         self._obstacles, self._vehicles = obstacles, vehicles
         self._exit_costs, self._entry_costs, self._wait_costs = self._links()
         lower, upper = (np.broadcast_to(side, (len(progress), 3)) for side in reach)
-        values = self._filled(progress, lower, upper)
+        values = self._filled(progress, lower, upper, required)
         return self._backtracked(values)
 
     def _at(self, numbers: IntArray) -> FloatArray:
@@ -197,7 +203,13 @@ class SpaceTimeSearch:
             costs.append(cost.astype(np.float32))
         return costs[0], costs[1], costs[2]
 
-    def _filled(self, progress: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    def _filled(
+        self,
+        progress: FloatArray,
+        lower: FloatArray,
+        upper: FloatArray,
+        required: RequiredOfVehicle | None,
+    ) -> FloatArray:
         """Return the value function at all points and layer boundaries, shape (M + 1, F + 2)."""
         F, M = self._count, self._obstacles.count
         values: FloatArray = np.full((M + 1, F + 2), np.inf, dtype=np.float32)
@@ -208,6 +220,7 @@ class SpaceTimeSearch:
         left = (self._to_go / max(self.length, 1e-300)).astype(np.float32)
         timing_cost = _TIMING_COST * self._scale * self.length / M
         before = np.full(F + 1, np.inf, dtype=np.float32)
+        every = self._at(np.arange(F + 2)) if required is not None else self._ends
         for t in range(M):
             check_time()
             before[:F], after = values[t, :F], values[t + 1]
@@ -221,6 +234,9 @@ class SpaceTimeSearch:
             after[F + 1] = min(after[F + 1], np.min(values[t, self._end] + self._entry_costs[t]))
             after += timing_cost * (left - (1.0 - progress[t + 1])) ** 2
             self._bound(after, lower[t + 1], upper[t + 1])
+            if required is not None:
+                outside = required.outside(t + 1, every)
+                after += _OUTSIDE * self._scale * outside
         return values
 
     def _bound(self, after: FloatArray, lower: FloatArray, upper: FloatArray) -> None:

@@ -25,7 +25,7 @@ from drake_rho.planning.planners.related import can_be_slower, fitted, rescaled
 from drake_rho.planning.problem import Problem, with_finer_margins
 from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.fleet_steps import FleetSteps
-from drake_rho.planning.scp.restoration import restore_feasibility
+from drake_rho.planning.scp.restoration import Step, restore_feasibility
 from drake_rho.planning.scp.subproblem import Subproblem, plan_around
 
 _SHORTER = 0.75, 0.5
@@ -174,23 +174,25 @@ class FirstPlan:
         scenario = problem.scenario
         free = plan_around(problem.without_obstacles(), None, self.backend)
         spent = free.statistics if failure is None else failure.statistics + free.statistics
-        indices = [scenario.index_of(name) for name in failing]
+        indices = problem.with_linked(np.sort([scenario.index_of(name) for name in failing]))
+        labels = problem.linked_groups[indices]
+        groups = [indices[labels == label] for label in dict.fromkeys(labels.tolist())]
         alone = [
-            dataclasses.replace(problem, scenario=scenario.of_vehicles([index]))
-            for index in indices
+            dataclasses.replace(problem, scenario=scenario.of_vehicles(group.tolist()))
+            for group in groups
         ]
         if self.backend.executor is not None:  # whose workers cannot tell from where they are
             own = repeat(self.backend.here()), repeat(self.options)
             found = list(self.backend.executor.map(_on_worker, alone, *own))
         else:
-            parts = [within(self.progress, name) for name in failing]
+            parts = [within(self.progress, scenario.names[group[0]]) for group in groups]
             own = repeat(self.backend), repeat(self.options)
             found = list(map(plan_along_paths, alone, *own, parts))
         accelerations = np.array(free.accelerations)
-        for index, along in zip(indices, found, strict=True):
+        for group, along in zip(groups, found, strict=True):
             spent += along.spent
             if along.plan is not None:
-                accelerations[index] = along.plan.accelerations[0]
+                accelerations[group] = along.plan.accelerations
         if lost := [along for along in found if along.plan is None]:
             raise no_plan(lost, scenario, spent, failure)
         around = Plan.from_accelerations(scenario, accelerations)
@@ -218,7 +220,18 @@ def brought_apart(
         InfeasibleError: no plan was found.
     """
     subproblem = Subproblem(problem, decoupled, backend)
-    return restore_feasibility(subproblem, start, step=FleetSteps(subproblem), progress=progress)
+    return restore_feasibility(subproblem, start, step=fleet_step(subproblem), progress=progress)
+
+
+def fleet_step(subproblem: Subproblem) -> Step | None:
+    """Return the step by which a fleet is brought apart; None for `SoftRows`.
+
+    Links of two vehicles couple programs, which references in groups cannot keep.
+    """
+    scenario = subproblem.problem.scenario
+    if scenario.separation is None or subproblem.problem.has_links:
+        return None
+    return FleetSteps(subproblem)
 
 
 def plan_near(
@@ -247,7 +260,7 @@ def plan_near(
         if not scenario.known and scenario.separation is None:
             return linearised_once(problem, None, backend)
         subproblem = Subproblem(problem, decoupled, backend)
-        step = None if scenario.separation is None else FleetSteps(subproblem)
+        step = fleet_step(subproblem)
         return restore_feasibility(subproblem, reference, step=step, progress=progress)
 
     return with_finer_margins(find, problem)

@@ -101,7 +101,8 @@ def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPl
     if not scenario.known and scenario.separation is None:
         return first
     subproblem = Subproblem(problem, coupling, search.backend)
-    in_turn = scenario.separation is None or coupling.together
+    # references in groups would have to keep linked vehicles in one group
+    in_turn = scenario.separation is None or coupling.together or problem.has_links
     return sequential_convex(
         subproblem,
         first,

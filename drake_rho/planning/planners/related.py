@@ -27,8 +27,11 @@ def can_be_slower(scenario: Scenario) -> bool:
     derivatives towards zero. Limits on norms never prevent it: they are convex sets that contain
     rest and hovering, and therefore all values between these and a value inside. Waypoints and
     moving obstacles prevent it, since their times are fixed. So does a disturbance, since errors
-    grow with the duration.
+    grow with the duration, and a requirement, unless it is always active for positions at rest.
     """
+    for each in scenario.requirements:
+        if each.of != "position" or each.active is not None or each.track is not None:
+            return False
     if scenario.disturbance is not None or not all(body.is_steady for body in scenario.bodies):
         return False
     for vehicle in scenario.vehicles:

@@ -95,6 +95,7 @@ class SoftRows:
             except (InfeasibleError, SolverError):  # hard rows come too early
                 self._failed_violation = worst
         motion, rounds = reference.motion(), number // 2
+        vehicles = problem.with_linked(found.vehicles)
         rounds += 1 if found.is_of_pairs_only else _ROUNDS_AMONG_OBSTACLES
         constraints = list(problem.convex) if self._limits is None else self._limits(penalty)
         for each in problem.obstacles_around(motion):
@@ -106,10 +107,10 @@ class SoftRows:
                 self._subproblem.coupling,
                 penalty=penalty,
                 one_normal=number == 0,
-                of=found.vehicles,
+                of=vehicles,
             )
             constraints.append(dataclasses.replace(pairs, rounds=rounds))
-        return self._subproblem.solve_with(reference, constraints, found.vehicles)
+        return self._subproblem.solve_with(reference, constraints, vehicles)
 
 
 def restore_feasibility(

@@ -99,6 +99,8 @@ class Subproblem:
             InfeasibleError: the linearised program has no solution.
             SolverError: the solvers fail numerically.
         """
+        if vehicles is not None:
+            vehicles = self.problem.with_linked(vehicles)
         constraints = self.problem.linearized(reference, self.coupling, vehicles=vehicles)
         try:
             return self.solve_with(reference, constraints, vehicles)
@@ -152,6 +154,6 @@ class Subproblem:
     @property
     def converging_together(self) -> IntArray:
         """Labels of vehicles, equal for those that converge together, shape (N,)."""
-        count = len(self.problem)
-        separated = self.problem.scenario.separation is not None
-        return np.zeros(count, dtype=int) if separated else np.arange(count)
+        if self.problem.scenario.separation is not None:
+            return np.zeros(len(self.problem), dtype=int)
+        return self.problem.linked_groups
