@@ -207,11 +207,14 @@ class CuttingPlanes:
     def _error(self, vehicles: list[int], reference: Plan | None) -> InfeasibleError:
         """Return the error for vehicles with an infeasible program or an unreachable goal."""
         names = [vehicle.name for vehicle in self.problem.scenario.vehicles]
+        conflicts = {
+            names[vehicle]: conflict_of(self.working, self.problem.effort, vehicle, names)
+            for vehicle in vehicles
+        }
+        # a vehicle that is only linked to others may take no part in the conflict
+        conflicts = {name: why for name, why in conflicts.items() if why} or conflicts
         return InfeasibleError(
-            {
-                names[vehicle]: conflict_of(self.working, self.problem.effort, vehicle, names)
-                for vehicle in vehicles
-            },
+            conflicts,
             statistics=self._programs.statistics(),
             scenario=self.problem.scenario,
             obstacles={names[vehicle]: obstacles_in(self.working, vehicle) for vehicle in vehicles},

@@ -73,10 +73,14 @@ def _axes(effort: MinimumEffort, gradient: FloatArray) -> list[str]:
 
 
 def obstacles_in(working: WorkingSet, vehicle: int) -> frozenset[int]:
-    """Return the numbers of the obstacles in a vehicle's rows; 0 stands for other vehicles."""
+    """Return the numbers of the obstacles in the rows of a vehicle's program; 0 is other vehicles.
+
+    Vehicles in one program have one conflict, in which obstacles of any of them take part.
+    """
+    group = working.group(vehicle)
     found = (
         rows.constraint.obstacle_number
         for rows in working.rows.values()
-        if np.any(rows.vehicles == vehicle)
+        if np.any(np.isin(rows.vehicles, group))
     )
     return frozenset(number for number in found if number is not None)
