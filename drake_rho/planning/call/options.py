@@ -37,7 +37,8 @@ class Options:
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     """relative fall of the cost in one linearisation below which an iteration has converged. An
     uncoupled vehicle stops when its own cost falls by less than this fraction of the total. If not
-    given: 1e-9, and for fleets with a separation 1e-7 up to six vehicles, 1e-3 coupled, 2e-3 in
+    given: 1e-9; for fleets with a separation, or linked by requirements, 1e-7 up to six vehicles,
+    1e-3 coupled, 2e-3 in
     groups and 5e-2 decoupled; among obstacles other than balls and ellipsoids 1e-6, 1e-4, 5e-3,
     2e-3 and 5e-2. The plan's `statistics.tolerance` holds the value used"""
     max_iterations: Annotated[Count, Field(ge=1)] = 200
@@ -73,9 +74,10 @@ class Options:
             return self.tolerance
         shapes = [obstacle.shape for _, obstacle in scenario.known]
         corners = any(shape.quadric_inside(0.0) is None for shape in shapes)
-        if scenario.separation is None:
+        linked = any(each.leader is not None for each in scenario.requirements)
+        if scenario.separation is None and not linked:
             return ALONE_AT_CORNERS if corners else ALONE
-        if not together:
+        if scenario.separation is not None and not together:
             return GROUPED if in_groups else DECOUPLED
         if len(scenario.vehicles) <= SMALL_FLEET:
             return SMALL_AT_CORNERS if corners else COUPLED_SMALL

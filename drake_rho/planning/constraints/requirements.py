@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from drake_rho.motion.dynamics import Motion, step_at
-from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED, Constraint, HalfSpaces
+from drake_rho.planning.constraints.base import END_MARGIN, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.planning.constraints.stretches import with_neighbours
 from drake_rho.planning.constraints.worst_instants import worst_instants
@@ -20,6 +20,10 @@ from drake_rho.scenario.fields import FloatArray, IntArray
 from drake_rho.scenario.parts import SAME_TIME, Grid
 from drake_rho.scenario.records import Scenario
 from drake_rho.scenario.requirements import KeepIn
+
+_ACCEPTED = 0.25
+"""Violation, in tolerances, up to which no row is added. Each round quarters the violation of a set
+with a round surface, at the knots and again between them, and linked vehicles have many rounds."""
 
 _SOFT_ROUNDS, _SOFT_THRESHOLD = 16, 1e3
 """Rounds that add rows of a soft requirement, and the violation, in tolerances, up to which none is
@@ -50,7 +54,7 @@ class KeepInSet(Constraint):
     every_instant: bool
     """whether it holds at every instant, not at the knots only"""
     curved: bool = True
-    threshold: float = VIOLATED
+    threshold: float = _ACCEPTED
     """violation, in tolerances, up to which no row is added"""
 
     def margin(self, times: FloatArray) -> FloatArray:
