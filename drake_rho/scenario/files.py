@@ -95,7 +95,12 @@ def scenario_from_content(content: object) -> Scenario:
 
 
 def scenario_to_content(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as mappings, lists and values, with every field; absent ones are None."""
+    """Return a scenario as mappings, lists and values, with every field; absent ones are None.
+
+    Raises:
+        ScenarioError: a requirement has a user's own set, which no file can hold.
+    """
+    _check_storable(scenario)
     content: dict[str, Any] = _adapter().dump_python(scenario, mode="json")
     return content
 
@@ -123,13 +128,28 @@ def yaml_content(text: str) -> object:
 
 def scenario_to_yaml(scenario: Scenario) -> str:
     """Return a scenario as YAML text, with the fields in their order and absent ones left out."""
+    _check_storable(scenario)
     content = _adapter().dump_python(scenario, mode="json", exclude_none=True)
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True)
 
 
 def scenario_to_json(scenario: Scenario) -> str:
     """Return a scenario as one line of JSON with exact numbers, to be stored in other files."""
+    _check_storable(scenario)
     return _adapter().dump_json(scenario, exclude_none=True).decode()
+
+
+def _check_storable(scenario: Scenario) -> None:
+    """Check that a file can hold a scenario.
+
+    Raises:
+        ScenarioError: a requirement has a user's own set.
+    """
+    for index, each in enumerate(scenario.requirements):
+        try:
+            each.check_storable()
+        except ScenarioError as error:
+            raise error.inside(f"requirements[{index}]") from None
 
 
 def scenario_from_json(text: str, *, under_way: bool = False) -> Scenario:

@@ -141,13 +141,17 @@ class _Check:
     def positions_at(self, instants: BoolArray) -> Highest:
         """Return the worst of selected instants of the trajectory."""
         if not instants.any():
-            nothing = np.full(len(self.members), -np.inf)
-            return Highest(np.full(len(nothing), self.interval[0]), nothing, np.zeros(len(nothing)))
+            return self._nothing()
         times = self.trajectory.elapsed[instants]
         values = self._relative(self.trajectory.positions[:, instants])
         distances = self._distances(values, times)
         errors = self._vehicles * self.trajectory.errors(instants) + self.requirement.deviation
         return _worst_of(times, distances, errors)
+
+    def _nothing(self) -> Highest:
+        """Return values that hold, for an interval without a knot."""
+        count = len(self.members)
+        return Highest(np.full(count, self.interval[0]), np.full(count, -np.inf), np.zeros(count))
 
     def _distances(
         self, values: FloatArray, times: FloatArray, *, before: bool = False
@@ -207,7 +211,11 @@ class _Check:
             far = np.abs(samples[:, None] - trajectory.elapsed).min(axis=1) > SAME_TIME * step
             trajectory = trajectory.cut(samples[far])
         instants = self._active(trajectory.elapsed)
+        if not (self._is_instant or trajectory.scenario.between_knots):
+            instants &= trajectory.knots
         times = trajectory.elapsed[instants]
+        if len(times) == 0:
+            return self._nothing()
         values, errors = self._relative(trajectory.velocities[:, instants]), np.zeros(len(times))
         if trajectory.tubes is not None:
             errors = self._vehicles * trajectory.tubes.at("velocity", trajectory.times[instants])

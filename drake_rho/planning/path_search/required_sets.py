@@ -39,7 +39,7 @@ class RequiredSets:
             members, partner = each.members(self._names), each.partner(self._names)
             if number in members and partner is None:
                 found.append((each, active, each.offset(self._times), 1.0))
-            elif number in members and partner in known:
+            elif number in members and partner is not None and partner in known:
                 found.append((each, active, known[partner], 1.0))
             elif number == partner:
                 others = [known[i] for i in members.tolist() if i in known]
