@@ -65,7 +65,7 @@ def random_scene(seed: int) -> rho.Scenario:
     count, knots = int(rng.integers(1, 5)), int(rng.integers(12, 30))
     lanes = np.stack([np.zeros(count), 4.0 * np.arange(count), np.full(count, 4.0)], axis=1)
     starts = lanes + rng.uniform(-1.4, 1.4, (count, 3))
-    goals = rng.permutation(lanes) + [15.0, 0.0, 0.0] + rng.uniform(-1.4, 1.4, (count, 3))
+    goals = rng.permutation(lanes) + np.array([15.0, 0.0, 0.0]) + rng.uniform(-1.4, 1.4, (count, 3))
     start = float(rng.choice([0.0, -3.7, 12.25]))
     grid = rho.Grid(8.0 / (knots - 1), knots, start)
     scenario = fleet(starts, goals, grid=grid, between_knots=bool(rng.random() < 0.8))
@@ -101,7 +101,7 @@ def _requirement(rng: np.random.Generator, scenario: rho.Scenario, motion: Any) 
         relative = rho.Track(times, points + rng.normal(size=(4, 3)))
         value = np.zeros(3)
     if of == "thrust" and not isinstance(relative, str):
-        value = value + [0.0, 0.0, GRAVITY]
+        value = value + np.array([0.0, 0.0, GRAVITY])
     size = {"position": 2.0, "velocity": 1.5, "acceleration": 3.0, "thrust": 3.0, "jerk": 9.0}[of]
     inside = value + 0.3 * size * rng.normal(size=3)
     return rho.KeepIn(
@@ -123,9 +123,11 @@ def outside(plan: rho.Plan, number: int, samples: int = 2001) -> float:
     grid, names = scenario.grid, [each.name for each in scenario.vehicles]
     first, last = asked.active or (grid.start, grid.end)
     knots = grid.start + grid.step * np.arange(grid.knots)
-    times = np.linspace(first, last, samples)
+    times: FloatArray = np.linspace(first, last, samples)
     if not scenario.between_knots and asked.of in ("position", "velocity") and first < last:
-        times = knots[(knots >= first) & (knots <= last)]
+        times = np.asarray(knots[(knots >= first) & (knots <= last)], dtype=np.float64)
+            np.stack([np.interp(times, track.times, x) for x in track.positions.T], axis=1)
+        )
     asked_of = asked.vehicles or tuple(n for n in names if n != asked.relative_to)
     worst = -np.inf
     if len(times) == 0:

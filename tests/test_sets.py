@@ -95,9 +95,7 @@ def test_a_cone_contains_the_directions_within_its_angle(half_angle: float) -> N
     within = np.arccos(np.clip(cosines, -1.0, 1.0)) <= half_angle
     np.testing.assert_array_equal(cone.signed_distance(x) <= 0.0, within)
     outside = ~within
-    nearest = x[outside] - (
-        cone.signed_distance(x[outside])[:, None] * cone.outward(x[outside])
-    )
+    nearest = x[outside] - (cone.signed_distance(x[outside])[:, None] * cone.outward(x[outside]))
     assert np.abs(cone.signed_distance(nearest)).max() < 1e-9
 
 
