@@ -126,8 +126,6 @@ def outside(plan: rho.Plan, number: int, samples: int = 2001) -> float:
     times: FloatArray = np.linspace(first, last, samples)
     if not scenario.between_knots and asked.of in ("position", "velocity") and first < last:
         times = np.asarray(knots[(knots >= first) & (knots <= last)], dtype=np.float64)
-            np.stack([np.interp(times, track.times, x) for x in track.positions.T], axis=1)
-        )
     asked_of = asked.vehicles or tuple(n for n in names if n != asked.relative_to)
     worst = -np.inf
     if len(times) == 0:
