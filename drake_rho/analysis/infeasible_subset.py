@@ -70,7 +70,7 @@ def _irreducible(
 
     def contradiction(names: Iterable[str]) -> dict[str, HalfSpaces]:
         """Return conflicting rows of the constraints with these names; {} if there is none."""
-        planes = elastic_planes(problem, backend, [vehicle])
+        planes = elastic_planes(problem, backend, problem.with_linked(np.array([vehicle])))
         wanted = set(names)
         planes.keep_to([each for each in constraints if each.name in wanted])
         return _contradiction(planes, vehicle)

@@ -18,15 +18,15 @@ def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
     """Return a plan that violates its scenario least, from any start.
 
     If possible, goals and limits are met, and the violations of distances from obstacles and other
-    vehicles are minimised. Otherwise goals may be missed too. If no solver finds a plan, the
-    accelerations of the reference are flown.
+    vehicles and of requirements are minimised. Otherwise goals may be missed too. If no solver
+    finds a plan, the accelerations of the reference are flown.
 
     Args:
         reference: a motion of the scenario's vehicles from its starts to its goals.
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
     """
     scenario, spent = reference.scenario, Statistics()
-    if scenario.known or scenario.separation is not None:  # else nothing can be too close
+    if scenario.known or scenario.separation is not None or scenario.requirements:
         try:
             return minimum_distance_violation(reference, Backend(solver))
         except (InfeasibleError, SolverError, OutOfTimeError) as error:

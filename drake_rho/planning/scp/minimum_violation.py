@@ -19,6 +19,7 @@ from drake_rho.planning.programs.backend import Backend
 from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.restoration import SoftRows, least_violating
 from drake_rho.planning.scp.subproblem import Subproblem
+from drake_rho.scenario.fields import IntArray
 
 _MAX_PENALTIES = 8
 """Largest number of penalties that are tried. Larger penalties do not reduce the remaining
@@ -62,8 +63,8 @@ def _least_around(problem: Problem, reference: Plan | None, backend: Backend | N
 def minimum_distance_violation(plan: Plan, backend: Backend | None = None) -> Plan:
     """Return a plan that satisfies goals and limits, and violates distances as little as possible.
 
-    Successive linearisations reduce the total violation over obstacles, pairs and instants. For
-    vehicles that begin beyond limits of position or velocity, these limits are soft.
+    Successive linearisations reduce the total violation over obstacles, pairs and instants, and of
+    requirements. For vehicles that begin beyond limits of position or velocity, these are soft too.
 
     Args:
         plan: a motion that satisfies goals and limits.
@@ -76,10 +77,10 @@ def minimum_distance_violation(plan: Plan, backend: Backend | None = None) -> Pl
     problem = subproblem.problem
 
     def limits(penalty: float) -> list[Constraint]:
-        if not starts_beyond_limits(problem.scenario, problem.margins):
-            return list(problem.convex)
+        beyond = starts_beyond_limits(problem.scenario, problem.margins)
+        soft = ("position", "velocity") if beyond else ()
         return [
-            each.softened(penalty) if each.quantity in ("position", "velocity") else each
+            each.softened(penalty) if each.quantity in soft or each.kind == "requirements" else each
             for each in problem.convex
         ]
 
@@ -124,12 +125,12 @@ def elastic(
 
 
 def elastic_planes(
-    problem: Problem, backend: Backend | None = None, vehicles: Sequence[int] | None = None
+    problem: Problem, backend: Backend | None = None, vehicles: IntArray | None = None
 ) -> CuttingPlanes:
     """Return programs in which only violations have a cost, and goals may be missed."""
     return CuttingPlanes(
         problem.of_violations(),
         backend,
-        vehicles=None if vehicles is None else np.array(vehicles),
+        vehicles=vehicles,
         accelerations=problem.effort.motion.accelerations,
     )
