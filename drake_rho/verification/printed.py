@@ -16,6 +16,9 @@ LONGEST = 12
 _EQUALITIES = ("dynamics", "goals", "waypoints")
 """Kinds of constraints that planners meet to within rounding, so that nothing is left of them."""
 
+_ROUNDING = 1e-9
+"""Part by which a cost may be below the least effort, which is computed in another order."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Printed:
@@ -93,9 +96,10 @@ def _place(check: Check) -> str:
 
 def _gap(summary: Summary) -> str:
     """Return the largest possible gap to the optimum, from the least effort as a lower bound."""
-    if not summary.cost >= summary.least_effort > 0.0:
+    least = summary.least_effort
+    if not summary.cost >= (1.0 - _ROUNDING) * least > 0.0:
         return ""
-    return f"; gap to the optimum at most {percent(1.0 - summary.least_effort / summary.cost)}"
+    return f"; gap to the optimum at most {percent(max(0.0, 1.0 - least / summary.cost))}"
 
 
 def left_in_words(check: Check) -> str:
