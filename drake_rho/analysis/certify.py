@@ -24,6 +24,7 @@ import numpy as np
 from drake_rho.analysis.ascent import CONVERGED, Ascent, best_bound
 from drake_rho.analysis.certificate import Certificate, VehicleCertificate
 from drake_rho.analysis.lagrangian import Lagrangian
+from drake_rho.motion.costs import costs_of
 from drake_rho.motion.flight import Flight
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import ALONE
@@ -38,7 +39,7 @@ from drake_rho.planning.scp.cutting_planes import CuttingPlanes
 from drake_rho.planning.scp.sequential_convex import sequential_convex
 from drake_rho.planning.scp.subproblem import Subproblem
 from drake_rho.scenario.arguments import checked
-from drake_rho.scenario.fields import FloatArray, IntArray
+from drake_rho.scenario.fields import IntArray
 from drake_rho.scenario.kinds import LIMITS
 from drake_rho.verification.verify import verify
 
@@ -112,7 +113,8 @@ def certify(
             proposals.append(_solved_around(each, backend, progress))
     except OutOfTimeError:
         cut = True
-    efforts = np.sum(Problem.of(scenario).effort.motion.accelerations ** 2, axis=(1, 2))
+    efforts = costs_of(scenario.fleet, Problem.of(scenario).effort.motion.accelerations)
+    costs = costs_of(scenario.fleet, plan.accelerations)
     certificates, left_out = [], set[str]()
     disturbed = scenario.disturbance is not None
     groups = _groups(vehicles, proposals)
@@ -122,9 +124,10 @@ def certify(
         task = f"bounding the cost of {name} ({number} of {len(groups)})"
         tell(progress, task)
         if not proposals:
-            certificates.append(_by_effort(name, plan, efforts, group))
+            cost, bound = float(np.sum(costs[group])), float(np.sum(efforts[group]))
+            certificates.append(_by_effort(name, cost, bound, disturbed=disturbed))
             continue
-        cost = float(np.sum(plan.accelerations[group] ** 2))
+        cost = float(np.sum(costs[group]))
         lagrangians = [Lagrangian(solved, group) for solved in proposals]
         climbs = len(proposals) * (2 if disturbed else 1)
         ascent = Ascent(progress, task, cost, climbs)
@@ -152,17 +155,17 @@ def certify(
     return Certificate(plan.scenario, tuple(certificates), verify(flown).ok, not_counted, cut)
 
 
-def _by_effort(name: str, plan: Plan, efforts: FloatArray, group: IntArray) -> VehicleCertificate:
+def _by_effort(name: str, cost: float, effort: float, *, disturbed: bool) -> VehicleCertificate:
     """Return the certificate of a group from its minimum effort alone, without multipliers."""
-    bound = float(np.sum(efforts[group])) * (1.0 - CONVERGED)
+    bound = effort * (1.0 - CONVERGED)
     return VehicleCertificate(
         vehicle=name,
-        cost=float(np.sum(plan.accelerations[group] ** 2)),
+        cost=cost,
         lower_bound=bound,
         least_eigenvalue=2.0,
         stationarity=1.0,
         complementarity=0.0,
-        planned_bound=bound if plan.scenario.disturbance is not None else None,
+        planned_bound=bound if disturbed else None,
     )
 
 

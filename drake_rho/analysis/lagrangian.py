@@ -80,9 +80,11 @@ class Lagrangian:
         effort = solved.problem.effort
         count, steps = len(group), effort.grid.knots - 1
         self.unit = float(effort.units[group].max())
-        self.solution = solved.motion.accelerations[group].reshape(-1, 3) / self.unit
+        factors = effort.changes.factors_of(group)
+        scale = self.unit * np.repeat(factors, steps)[:, None]  # accelerations for u = 1
+        self.solution = solved.motion.accelerations[group].reshape(-1, 3) / scale
         self._free = np.kron(np.eye(count), null_space(effort.goals.rows))
-        self._fixed = effort.motion.accelerations[group].reshape(-1, 3) / self.unit
+        self._fixed = effort.motion.accelerations[group].reshape(-1, 3) / scale
         self.left_out = set[str]()
         curved = [_no_terms(count * steps)]
         affine = [(csc_array((0, 3 * count * steps)), np.zeros(0), np.zeros(0))]
@@ -268,10 +270,13 @@ def _curved_terms(
     responses = effort.units[group].max() * rows.responses(effort.grid)
     offsets = coasting.each_at("position", rows.vehicles, rows.times) - quadratic.centers
     blocks = np.zeros((len(rows), len(group), responses.shape[1]))
-    blocks[np.arange(len(rows)), place[rows.vehicles]] = responses
+    factors = effort.changes.factors_of
+    own = factors(rows.vehicles)[:, None] * responses
+    blocks[np.arange(len(rows)), place[rows.vehicles]] = own
     if np.any(rows.partners != rows.vehicles):
         offsets -= coasting.each_at("position", rows.partners, rows.times)
-        blocks[np.arange(len(rows)), place[rows.partners]] = -responses
+        other = factors(rows.partners)[:, None] * responses
+        blocks[np.arange(len(rows)), place[rows.partners]] = -other
     matrix = blocks.reshape(len(rows), -1)
     weights = y / (np.linalg.norm(matrix, axis=1) * quadratic.lengths)
     return _CurvedTerms(matrix, offsets, quadratic.scales, quadratic.sizes, weights)

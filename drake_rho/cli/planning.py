@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.markup import escape
 from rich.table import Table
@@ -35,6 +34,7 @@ from drake_rho.cli.options import (
 )
 from drake_rho.cli.reports import finish
 from drake_rho.cli.sources import read
+from drake_rho.motion.costs import cost_of
 from drake_rho.motion.plan import Plan
 from drake_rho.planning.call.options import DEFAULTS, Options
 from drake_rho.planning.errors import InfeasibleError
@@ -173,7 +173,7 @@ def _plan(
 
 def _effort(scenario: Scenario) -> float:
     """Return the least cost of all motions from the starts to the goals [m²/s⁴]."""
-    return float(np.sum(MinimumEffort.of(scenario).motion.accelerations ** 2))
+    return cost_of(scenario.fleet, MinimumEffort.of(scenario).motion.accelerations)
 
 
 def _summary(found: Assigned) -> list[str | Table]:

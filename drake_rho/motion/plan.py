@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.samples import Samples, times_of
 from drake_rho.motion.scenario_tube import tube_of
@@ -144,8 +145,8 @@ class Plan(ShownInNotebooks, metaclass=Described):
 
     @property
     def cost(self) -> float:
-        """Performance index f (13), the sum of squared accelerations [m²/s⁴]."""
-        return float(np.sum(self.accelerations**2))
+        """Performance index f (13), the sum of squared accelerations by weight [m²/s⁴]."""
+        return cost_of(self.scenario.fleet, self.accelerations)
 
     @checked
     def at(self, times: npt.ArrayLike, vehicle: str | None = None) -> Samples:

@@ -49,8 +49,24 @@ class Changes:
     """rows of (12), as in `Goals`"""
     units: FloatArray
     """unit of each vehicle's accelerations in programs [m/s²], shape (N,)"""
+    factors: FloatArray | None = None
+    """accelerations of each vehicle for an unknown of one unit: one over the square root of its
+    weight, so that the cost is the sum of squared unknowns, shape (N,); None if all are 1"""
     free: bool = False
     """whether changes cost nothing: goals may then be missed, and only violations cost"""
+
+    def factors_of(self, vehicles: IntArray, partners: IntArray | None = None) -> FloatArray:
+        """Return the factors of rows' lengths: those of vehicles, or of two added as vectors.
+
+        Args:
+            vehicles: indices of vehicles, shape (R,).
+            partners: indices of the vehicles whose values are subtracted, if any, shape (R,).
+        """
+        one = np.ones(len(vehicles)) if self.factors is None else self.factors[vehicles]
+        if partners is None:
+            return one
+        other = np.ones(len(partners)) if self.factors is None else self.factors[partners]
+        return np.asarray(np.hypot(one, other))
 
     def inside(self, rows: FloatArray) -> FloatArray:
         """Return rows (R, K-1) projected onto the null space of the goals."""
@@ -73,6 +89,8 @@ class MinimumEffort:
     """unit of each vehicle's accelerations in programs [m/s²], shape (N,)"""
     unreachable: BoolArray
     """flags of vehicles whose goals cannot be reached in a single step, shape (N,)"""
+    factors: FloatArray | None = None
+    """as in `Changes`"""
 
     @classmethod
     def of(cls, scenario: Scenario) -> MinimumEffort:
@@ -87,12 +105,14 @@ class MinimumEffort:
             Motion.from_starts(fleet, accelerations, grid.step),
             fleet.units,
             np.abs(missed).max(axis=1) > TOLERANCE * fleet.lengths,
+            None if fleet.weights is None else 1.0 / np.sqrt(fleet.weights),
         )
 
     @cached_property
     def changes(self) -> Changes:
         """Changes of these motions, the unknowns of programs."""
-        return Changes(self.grid, self.goals.rows, self.units, free=len(self.goals.rows) == 0)
+        free = len(self.goals.rows) == 0
+        return Changes(self.grid, self.goals.rows, self.units, self.factors, free)
 
     def without_goals(self) -> MinimumEffort:
         """Return these motions with goals that need not be reached."""

@@ -80,6 +80,12 @@ class Fleet:
         return np.array([vehicle.radius for vehicle in self._vehicles])
 
     @cached_property
+    def weights(self) -> FloatArray | None:
+        """Weights of the vehicles in the cost, shape (N,); None if all are 1."""
+        weights = np.array([vehicle.weight for vehicle in self._vehicles])
+        return weights if np.any(weights != 1.0) else None
+
+    @cached_property
     def start_positions(self) -> FloatArray:
         """Start positions p[1] [m], shape (N, 3)."""
         return np.array([vehicle.start.position for vehicle in self._vehicles])
@@ -296,4 +302,5 @@ class Fleet:
         fleet._whole_flight = self._whole_flight or self
         fleet.goal_positions, fleet.goal_velocities = self.goal_positions, self.goal_velocities
         fleet._sides, fleet._largest = self._sides, self._largest
+        fleet.weights = self.weights
         return fleet

@@ -99,6 +99,8 @@ class _Efforts:
     """largest difference of these positions [m]"""
     radii: FloatArray
     """radii of the vehicles [m], shape (N,)"""
+    weights: FloatArray | None
+    """weights of the vehicles in the cost, shape (N,); None if all are 1"""
     clearances: FloatArray
     """distance of every goal from the nearest obstacle [m], shape (N,)"""
 
@@ -118,6 +120,7 @@ class _Efforts:
             goal_rests,
             TOLERANCE * float(fleet.lengths.max()),
             fleet.radii,
+            fleet.weights,
             _clearances(scenario),
         )
 
@@ -125,6 +128,8 @@ class _Efforts:
         """Return the costs of pairs of indices that broadcast; infinite if there is no motion."""
         apart = self.starts[starts] - self.goals[goals]
         efforts: FloatArray = np.einsum("...c,...c->...", apart, apart)
+        if self.weights is not None:
+            efforts = self.weights[starts] * efforts
         missed = np.abs(self.start_rests[starts] - self.goal_rests[goals]).max(axis=-1)
         impossible = (missed > self.tolerance) | (self.radii[starts] > self.clearances[goals])
         return np.where(impossible, np.inf, efforts)

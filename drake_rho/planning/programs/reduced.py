@@ -150,6 +150,8 @@ def _reduced(changes: Changes, rows: Sequence[Rows], dense: bool) -> Iterator[Ba
     slacks = slacks_of(rows)[order]
     vehicles, sizes = vehicles[order], sizes[order]
     units = changes.units[vehicles]
+    if changes.factors is not None:
+        lengths = lengths * changes.factors[vehicles]
     needed, penalties = needed / (lengths * units), penalties * lengths / units
     for size in np.bincount(sizes).nonzero()[0][::-1].tolist():
         own = slice(*np.searchsorted(sizes, [size, size + 1]))
@@ -220,10 +222,15 @@ def rows_of(
         if part.coupled:
             terms.append((part.partners, -1.0))
         lengths = np.sqrt(len(terms) * responses.power(2).sum(axis=1))
+        if changes.factors is not None:
+            both = changes.factors_of(part.vehicles, part.partners if part.coupled else None)
+            lengths *= both / np.sqrt(len(terms))
         r, j = responses.coords
         for vehicles, sign in terms:
             vectors = place[vehicles[r]] * (knots - 1) + j
             values = (sign * responses.data / lengths[r])[:, None] * part.normals[r]
+            if changes.factors is not None:
+                values *= changes.factors[vehicles[r], None]
             entries.append(values.reshape(-1))
             columns = (3 * vectors[:, None] + np.arange(3)).reshape(-1)
             where.append(np.stack([np.repeat(first + r, 3), columns]))

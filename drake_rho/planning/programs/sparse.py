@@ -88,7 +88,8 @@ class SparseRows:
                 entries.append((factors[there, None] * part.normals[there]).reshape(-1))
             needed.append(part.needed / (unit * scale))
             penalties.append(np.full(len(part), part.penalty * scale / unit))
-            several = np.sqrt(2.0) if part.coupled else 1.0
+            partners = part.partners if part.coupled else None
+            several = self.changes.factors_of(part.vehicles, partners)
             norms = np.linalg.norm(
                 response(part.quantity, grid.step, grid.knots, part.times), axis=1
             )
@@ -109,7 +110,7 @@ class SparseRows:
 
     def _terms_of(self, rows: Rows, vehicles: IntArray) -> list[_Term]:
         n, h = self.steps, self.changes.grid.step
-        one, all_steps = np.ones(len(rows)), n * len(self.group)
+        one, all_steps = self.changes.factors_of(vehicles), n * len(self.group)
         u = n * np.searchsorted(self.group, vehicles)  # index of the vehicle's first vector
         if rows.quantity in ("acceleration", "jerk"):
             k = step_at(rows.times, h)
@@ -121,9 +122,9 @@ class SparseRows:
         # knots count from 0; the first state variable belongs to knot 1
         velocities = np.where(k > 0, all_steps + u + k - 1, -1)
         if rows.quantity == "velocity":
-            return [(velocities, one), (u + k, s)]
+            return [(velocities, one), (u + k, s * one)]
         positions = np.where(k > 0, 2 * all_steps + u + k - 1, -1)
-        return [(positions, one), (velocities, s), (u + k, s**2 / 2)]
+        return [(positions, one), (velocities, s * one), (u + k, s**2 / 2 * one)]
 
 
 def scale_of(quantity: Quantity, step: float) -> float:

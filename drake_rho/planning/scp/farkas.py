@@ -60,7 +60,9 @@ def _gradient(effort: MinimumEffort, vehicle: int, rows: HalfSpaces, y: FloatArr
     own = rows.select(weights != 0.0)
     responses = own.responses(effort.grid)
     weights = weights[weights != 0.0] / np.linalg.norm(responses, axis=1)
-    weights /= np.sqrt(2.0) if rows.constraint.coupled else 1.0
+    if rows.constraint.coupled:
+        both = effort.changes.factors_of(own.vehicles, own.partners)
+        weights *= effort.changes.factors_of(np.full(len(own), vehicle)) / both
     gradient: FloatArray = responses.T @ (weights[:, None] * own.normals)
     return gradient
 

@@ -20,6 +20,7 @@ from itertools import count
 import numpy as np
 
 from drake_rho.motion.close_pairs import CloseApproaches
+from drake_rho.motion.costs import cost_of
 from drake_rho.motion.dynamics import Motion
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
@@ -120,7 +121,7 @@ class InGroups:
                 point = best  # the extrapolation went too far
                 continue
             spent += statistics
-            fallen = cost - float(np.sum(after.accelerations**2))
+            fallen = cost - cost_of(self._problem.scenario.fleet, after.accelerations)
             if number == 0 and fallen < -tolerance * cost:
                 raise SolverError("groups: a reference costs more than its feasible plan", spent)
             if fallen <= 0.0 and extrapolated:

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from drake_rho.motion.costs import cost_of
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.statistics import Statistics
 from drake_rho.planning.call.progress import Progress
@@ -228,9 +229,11 @@ def _progress_line(subproblem: Subproblem, plan: Plan, linearisations: int) -> s
 def _first_penalty(subproblem: Subproblem, plan: Plan) -> float:
     """Return the first penalty: the cost per metre of the plan and of an evasive motion."""
     scenario, motion = subproblem.problem.scenario, subproblem.problem.effort.motion
-    effort = float(np.sum(motion.accelerations**2))
+    effort = cost_of(scenario.fleet, motion.accelerations)
     extent, T = least_extent(scenario), scenario.grid.duration
     evasion = scenario.grid.knots * (4.0 * extent / T**2) ** 2
+    if (weights := scenario.fleet.weights) is not None:
+        evasion *= float(np.mean(weights))
     first = (max(plan.cost, effort) / len(scenario.vehicles) + evasion) / extent
     consistent = len(subproblem.violations(plan).inconsistent) == 0
     return first if consistent else _PATH_FACTOR * first

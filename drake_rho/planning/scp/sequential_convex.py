@@ -108,8 +108,10 @@ def _better(
     plan: Plan, after: Plan, labels: IntArray, falling: IntArray, tolerance: float
 ) -> tuple[Plan, IntArray]:
     """Return the better plan of each set of vehicles that converge together, and who continues."""
-    differences = plan.accelerations**2 - after.accelerations**2
-    fallen = np.bincount(labels, np.sum(differences, axis=(1, 2)))[labels]
+    differences = np.sum(plan.accelerations**2 - after.accelerations**2, axis=(1, 2))
+    if (weights := plan.scenario.fleet.weights) is not None:
+        differences = weights * differences
+    fallen = np.bincount(labels, differences)[labels]
     falling = falling[fallen[falling] > tolerance * plan.cost]
     if np.all(fallen >= 0.0):
         return after, falling
