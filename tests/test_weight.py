@@ -123,7 +123,7 @@ def test_the_cost_is_that_of_a_program_written_out() -> None:
 
 def test_fleets_of_every_size_have_weights() -> None:
     """Twenty vehicles are planned in groups by default; weights keep the cost of each."""
-    fleet = rho.circle_swap(20, radius=6.0, duration=12.0, step=0.5)
+    fleet = rho.random_transitions(20, np.random.default_rng(0))
     heavy = dataclasses.replace(
         fleet,
         vehicles=tuple(
