@@ -161,7 +161,7 @@ class Fleet:
         An obstacle counts if it comes close enough to a vehicle that moves straight to its goal.
         The length is then the obstacle's least extent plus the required distance from it, but at
         most the length of the obstacle's own path: a vehicle that is outside it at first can move
-        along with it. Obstacles at rest do not count.
+        along with it, unless the obstacle appears around it. Obstacles at rest do not count.
         """
         evasion, T = np.zeros(len(self._vehicles)), self._grid.duration
         for body in self._bodies:
@@ -171,6 +171,7 @@ class Fleet:
                 corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
                 centers = body.centers(np.concatenate([[0.0], corners, [T]]))
                 moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
+                moved = moved if body.active is None else np.inf
                 most = np.minimum(body.shape.extent.min() + required, moved)
                 evasion[met] = np.maximum(evasion, most)[met]
         return evasion

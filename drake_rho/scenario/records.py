@@ -23,7 +23,7 @@ from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import Limits
-from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, known_at_start
+from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, active_during, known_at_start
 from drake_rho.scenario.pairs import check_separation
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.shapes.base import TOLERANCE, Shape
@@ -105,11 +105,11 @@ class Scenario(ShownInNotebooks):
     @cached_property
     def fleet(self) -> Fleet:
         """Vehicles as arrays."""
-        return self._fleet_of(self.vehicles)
+        return self._fleet_of(self.vehicles, self.separation)
 
-    def _fleet_of(self, vehicles: Sequence[Vehicle]) -> Fleet:
-        distance = 0.0 if self.separation is None else self.separation.distance
-        return Fleet(self.grid, vehicles, self.limits, distance, [body for _, body in self.known])
+    def _fleet_of(self, vehicles: Sequence[Vehicle], apart: Separation | None) -> Fleet:
+        distance = 0.0 if apart is None else apart.distance
+        return Fleet(self.grid, vehicles, self.limits, distance, [body for _, body in self.avoided])
 
     @model_validator(mode="after")
     def _consistent(self, info: ValidationInfo[bool | None]) -> Self:
@@ -138,9 +138,7 @@ class Scenario(ShownInNotebooks):
             ("start", fleet.start_positions, self.grid.start),
             ("goal", fleet.goal_positions, self.grid.end),
         )
-        for end, positions, time in ends:
-            if end == "start" and under_way:
-                continue
+        for end, positions, time in ends[1:] if under_way else ends:
             times = np.full(len(positions), time)
             check_outside(fleet, self.bodies, f"{end}.position", positions, times)
             if self.separation is not None:
@@ -171,11 +169,13 @@ class Scenario(ShownInNotebooks):
 
     @cached_property
     def known(self) -> tuple[tuple[int, Obstacle], ...]:
-        """Obstacles that planners know at the first knot, with their numbers from 1.
-
-        Their clocks are 0 at the first knot, as in `bodies_in_flight`.
-        """
+        """Numbers, from 1, and obstacles that planners know at the first knot, 0 on their clock."""
         return known_at_start(self.bodies, self.bodies_in_flight, self.grid)
+
+    @cached_property
+    def avoided(self) -> tuple[tuple[int, Obstacle], ...]:
+        """Those of `known` that are active in the flight; any that always is has no interval."""
+        return active_during(self.known, self.grid)
 
     def obstacle_name(self, number: int) -> str:
         """Return how reports refer to an obstacle: by its number from 1, and its name if any."""
@@ -203,9 +203,7 @@ class Scenario(ShownInNotebooks):
 
     def without_separation(self) -> Scenario:
         """Return the scenario without a separation."""
-        known = [body for _, body in self.known]
-        independent = Fleet(self.grid, self.vehicles, self.limits, bodies=known)
-        return self.derived(separation=None, fleet=independent)
+        return self.derived(separation=None, fleet=self._fleet_of(self.vehicles, None))
 
     def with_disturbance(self, disturbance: Disturbance | None) -> Scenario:
         """Return the scenario with another disturbance, which has to fit the grid."""
@@ -227,7 +225,7 @@ class Scenario(ShownInNotebooks):
     def of_vehicles(self, indices: Sequence[int]) -> Scenario:
         """Return the scenario of some of its vehicles only, without validating it again."""
         vehicles = tuple(self.vehicles[index] for index in indices)
-        return self.derived(vehicles=vehicles, fleet=self._fleet_of(vehicles))
+        return self.derived(vehicles=vehicles, fleet=self._fleet_of(vehicles, self.separation))
 
     def from_states(
         self,
@@ -263,8 +261,8 @@ class Scenario(ShownInNotebooks):
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
         known = known_at_start(self.bodies, bodies, grid)
-        known_bodies = [body for _, body in known]
-        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, known_bodies)
+        avoided = [body for _, body in active_during(known, grid)]
+        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, avoided)
         return self.derived(
             grid=grid,
             vehicles=vehicles,

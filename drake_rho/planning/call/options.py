@@ -71,7 +71,7 @@ class Options:
         """
         if self.tolerance is not None:
             return self.tolerance
-        shapes = [obstacle.shape for _, obstacle in scenario.known]
+        shapes = [obstacle.shape for _, obstacle in scenario.avoided]
         corners = any(shape.quadric_inside(0.0) is None for shape in shapes)
         if scenario.separation is None:
             return ALONE_AT_CORNERS if corners else ALONE

@@ -26,7 +26,7 @@ def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
     """
     scenario, spent = reference.scenario, Statistics()
-    if scenario.known or scenario.separation is not None:  # else nothing can be too close
+    if scenario.avoided or scenario.separation is not None:  # else nothing can be too close
         try:
             return minimum_distance_violation(reference, Backend(solver))
         except (InfeasibleError, SolverError, OutOfTimeError) as error:
