@@ -126,7 +126,7 @@ def check_outside(
             i, margin, d = checked[first], margins[first], float(distances[first])
             required = f"at least {margin:g} m from" if margin > 0.0 else "outside"
             actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
-            when = f" at {times[i]:g} s" if obstacle.moves else ""
+            when = f" at {times[i]:g} s" if not obstacle.is_steady else ""
             expected = (
                 f"a position {required} {obstacle.called(number)}, not {actual} it{when} "
                 f"({obstacle.shape})"
