@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.errors import ScenarioError
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.fleet import Fleet
@@ -126,7 +127,7 @@ def check_outside(
             i, margin, d = checked[first], margins[first], float(distances[first])
             required = f"at least {margin:g} m from" if margin > 0.0 else "outside"
             actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
-            when = f" at {times[i]:g} s" if not obstacle.is_steady else ""
+            when = f" at {clock_time(float(times[i]))}" if not obstacle.is_steady else ""
             expected = (
                 f"a position {required} {obstacle.called(number)}, not {actual} it{when} "
                 f"({obstacle.shape})"
