@@ -14,7 +14,7 @@ from drake_rho.planning.path_search.lattice import Lattice, Raster
 from drake_rho.planning.path_search.moving_obstacles import MovingObstacle, blocked_moves
 from drake_rho.scenario.shapes.base import Shape
 from tests.sampled import flown, least_clearances
-from tests.scenarios import single
+from tests.scenarios import sampled_separation, single
 from tests.tolerances import INDEX
 
 ROOM = rho.Box([-1, -4, 0], [11, 4, 4])
@@ -174,3 +174,34 @@ def test_a_vehicle_that_hovers_makes_way_for_what_appears_around_it(
     plan = rho.plan(scenario)
     assert rho.verify(plan).ok
     assert least_clearances(plan).min() >= -1e-6 * size
+
+
+@pytest.mark.parametrize("active", [(0.0, 6.0), (3.0, 10.0), (4.0, 6.5)])
+def test_a_fleet_passes_a_door_one_after_another_while_it_is_open(
+    active: tuple[float, float],
+) -> None:
+    vehicles = [
+        rho.Vehicle(f"v{i}", rho.State([0, 1.5 * i, 2]), rho.State([10, -1.5 * i, 2]), radius=0.2)
+        for i in (-1, 0, 1)
+    ]
+    room = _room([*_wall(), _closed(*active)])
+    apart = rho.Separation(0.6)
+    plan = rho.plan(dataclasses.replace(room, vehicles=tuple(vehicles), separation=apart))
+    assert rho.verify(plan).ok
+    assert least_clearances(plan).min() >= -1e-6
+    assert sampled_separation(plan, 100) >= 1.0 - 1e-6
+
+
+@pytest.mark.parametrize("active", [(0.0, 6.0), (3.5, 6.5)])
+def test_windows_in_wind_pass_a_door_while_it_is_open(active: tuple[float, float]) -> None:
+    wind = rho.Disturbance(
+        acceleration=0.1, position_error=0.01, velocity_error=0.02, feedback_every=0.125, share=0.4
+    )
+    scenario = dataclasses.replace(_room([*_wall(), _closed(*active)]), disturbance=wind)
+    rng = np.random.default_rng(0)
+    flown = rho.simulate(scenario, wind=rho.winds.coloured_noise(scenario, rng), rng=rng)
+    assert rho.verify(flown).ok
+    assert not any(window.infeasible for window in flown.windows)
+    times = np.linspace(*active, 2001)
+    x = flown.at(times).positions.reshape(-1, 3)[:, 0]
+    assert np.abs(x - 5.0).min() >= 0.8 - 1e-6  # the radius beside the closed door
