@@ -136,7 +136,7 @@ def test_disturbed_flights_avoid_it_with_their_errors() -> None:
 
 def test_starts_goals_and_waypoints_may_be_inside_while_it_is_not_active() -> None:
     around_start = rho.Sphere([0.0, 0.0, 0.0], 1.0)
-    with pytest.raises(rho.ScenarioError, match=r"start\.position"):
+    with pytest.raises(rho.ScenarioError, match=r"start\.position.* 1 m in it at 0 s"):
         _zone((0.0, 3.0), around_start)
     plan = rho.plan(_zone((4.0, 8.0), around_start))
     assert rho.verify(plan).ok
@@ -159,7 +159,9 @@ def test_files_keep_it(tmp_path: object) -> None:
     assert rho.load_scenario(f"{tmp_path}/zone.yaml") == scenario
 
 
-@pytest.mark.parametrize("active", [(5.0, 3.0), (3.0, 3.0), (3.0,), (np.nan, 4.0), "35", 4.0])
+@pytest.mark.parametrize(
+    "active", [(5, 3), (3, 3), (3,), (0, 1, 2), (np.nan, 4), (0, np.inf), "35", 4.0]
+)
 def test_what_is_no_interval_is_told(active: object) -> None:
     with pytest.raises(rho.ScenarioError, match="active"):
         rho.Obstacle(SPHERE, active=active)  # type: ignore[arg-type]  # on purpose

@@ -16,7 +16,7 @@ from drake_rho.planning.problem import Problem
 from tests.cones import integrals
 from tests.scenarios import single
 
-ENDS = {"a": ([0, 0, 0], [10, 0.2, 0]), "b": ([10, 0, 0.1], [0, 0.1, 0])}
+ENDS: dict[str, Any] = {"a": ([0, 0, 0], [10, 0.2, 0]), "b": ([10, 0, 0.1], [0, 0.1, 0])}
 
 
 def swap(one: float = 1.0, other: float = 1.0, **fields: Any) -> rho.Scenario:

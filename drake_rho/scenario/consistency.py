@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.errors import Description, ScenarioError, one_of
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.pairs import check_separation
-from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, Vehicle
+from drake_rho.scenario.parts import UNITS, Grid, Quantity, Vehicle
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.waypoints import is_during_flight
 
@@ -162,7 +163,7 @@ def check_outside(
             i, margin, d = checked[first], margins[first], float(distances[first])
             required = f"at least {margin:g} m from" if margin > 0.0 else "outside"
             actual = f"{d:g} m from" if d > 0.0 else f"{-d:g} m in"
-            when = f" at {times[i]:g} s" if obstacle.moves else ""
+            when = f" at {clock_time(float(times[i]))}" if not obstacle.is_steady else ""
             expected = (
                 f"a position {required} {obstacle.called(number)}, not {actual} it{when} "
                 f"({obstacle.shape})"
@@ -173,7 +174,7 @@ def check_outside(
 def check_requirements(
     requirements: Sequence[KeepIn],
     fleet: Fleet,
-    vehicles: Sequence[Vehicle],
+    names: Sequence[str],
     grid: Grid,
     under_way: bool,
 ) -> None:
@@ -181,8 +182,8 @@ def check_requirements(
 
     Args:
         requirements: all requirements, numbered from 1 in this order.
-        fleet: the vehicles as arrays.
-        vehicles: the vehicles.
+        fleet: the vehicles.
+        names: names of the vehicles.
         grid: first and last knot.
         under_way: whether starts are states that a flight has reached, and requirements may be
             over; neither is checked then.
@@ -191,7 +192,6 @@ def check_requirements(
         ScenarioError: a requirement names no vehicle, is not in the flight, or does not contain a
             start, a goal or a waypoint at which it is active.
     """
-    names = [vehicle.name for vehicle in vehicles]
     for index, each in enumerate(requirements):
         where = f"requirements[{index}]"
         for field, given in (("vehicles", each.vehicles or ()), ("relative_to", (each.leader,))):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drake_rho.scenario.errors import ScenarioError
+from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.limits import Limits
 from drake_rho.scenario.norms import NORMS, Norm, NormLimit
@@ -24,36 +23,6 @@ if TYPE_CHECKING:
 _ROUNDINGS = 8.0
 """Roundings of a coordinate, per knot, that a tolerance allows for: twice as many as accumulate in
 sums of two terms per knot."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Bounds:
-    """One box for every vehicle, with infinite bounds where a vehicle has none."""
-
-    lower: FloatArray
-    """lower bounds in the quantity's unit, shape (N, 3)"""
-    upper: FloatArray
-    """upper bounds in the quantity's unit, shape (N, 3)"""
-    tolerances: FloatArray
-    """distance outside that still counts as inside, in the quantity's unit, shape (N, 3)"""
-
-    def check(self, where: str, values: FloatArray) -> None:
-        """Check that `values`, shape (N, 3), are inside the boxes; NaN is not checked.
-
-        Args:
-            where: field of a vehicle that holds the values, such as `"start.velocity"`.
-            values: one of each vehicle, in the quantity's unit.
-
-        Raises:
-            ScenarioError: a value is outside its box.
-        """
-        outside = values < self.lower - self.tolerances
-        outside |= values > self.upper + self.tolerances
-        if np.any(outside):
-            i = int(np.argmax(np.any(outside, axis=1)))
-            quantity, least, most = where.split(".")[1], self.lower[i], self.upper[i]
-            expected = f"a {quantity} within {least.tolist()} to {most.tolist()}"
-            raise ScenarioError(f"vehicles[{i}].{where}", values[i].tolist(), expected)
 
 
 class Fleet:
@@ -167,7 +136,7 @@ class Fleet:
         An obstacle counts if it comes close enough to a vehicle that moves straight to its goal.
         The length is then the obstacle's least extent plus the required distance from it, but at
         most the length of the obstacle's own path: a vehicle that is outside it at first can move
-        along with it. Obstacles at rest do not count.
+        along with it, unless the obstacle appears around it. Obstacles at rest do not count.
         """
         evasion, T = np.zeros(len(self._vehicles)), self._grid.duration
         for body in self._bodies:
@@ -177,6 +146,7 @@ class Fleet:
                 corners = body.corners[(body.corners > 0.0) & (body.corners < T)]
                 centers = body.centers(np.concatenate([[0.0], corners, [T]]))
                 moved = float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
+                moved = moved if body.active is None else np.inf
                 most = np.minimum(body.shape.extent.min() + required, moved)
                 evasion[met] = np.maximum(evasion, most)[met]
         return evasion

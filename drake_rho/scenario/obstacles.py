@@ -139,6 +139,11 @@ class Obstacle:
         active: BoolArray = (times >= first - slack) & (times <= last + slack)
         return active
 
+    def is_always_active(self, grid: Grid) -> bool:
+        """Return whether it is avoided all through a flight, at whose first knot its clock is 0."""
+        first, last = self.active or (0.0, grid.duration)
+        return first <= grid.rounding and last >= grid.duration - grid.rounding
+
     @property
     def deviation(self) -> float:
         """Largest distance of the true centre from `centers` [m]."""
@@ -244,3 +249,24 @@ def known_at_start(
     now = max(grid.start, 0.0) + grid.rounding
     both = enumerate(zip(obstacles, in_flight, strict=True), start=1)
     return tuple((number, body) for number, (each, body) in both if each.known_from <= now)
+
+
+def active_during(
+    known: Sequence[tuple[int, Obstacle]], grid: Grid
+) -> tuple[tuple[int, Obstacle], ...]:
+    """Return the known obstacles that are active at any time of a flight, with their numbers.
+
+    Those that are active at all times have no interval, so that plans are as if they had none.
+
+    Args:
+        known: obstacles and their numbers, on a clock that is 0 at the first knot.
+        grid: of the flight or of its remainder.
+    """
+    found = list[tuple[int, Obstacle]]()
+    for number, body in known:
+        first, last = body.active or (0.0, grid.duration)
+        if body.is_always_active(grid):
+            found.append((number, unchecked(body, active=None)))
+        elif first <= grid.duration + grid.rounding and last >= -grid.rounding:
+            found.append((number, body))
+    return tuple(found)

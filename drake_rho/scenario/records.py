@@ -22,7 +22,7 @@ from drake_rho.scenario.errors import one_of
 from drake_rho.scenario.fields import FloatArray, Name, read_only, record, unchecked
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.limits import Limits
-from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, known_at_start
+from drake_rho.scenario.obstacles import AnyObstacle, Obstacle, active_during, known_at_start
 from drake_rho.scenario.parts import Grid, Quantity, Separation, State, Vehicle, Waypoint
 from drake_rho.scenario.requirements import KeepIn, parts_for
 from drake_rho.scenario.shapes.base import TOLERANCE, Shape
@@ -56,7 +56,6 @@ __all__ = [
     "Vehicle",
     "Waypoint",
 ]
-
 Ball = Sphere  # the name of the solid, for sets to keep in
 
 
@@ -114,11 +113,11 @@ class Scenario(ShownInNotebooks):
     @cached_property
     def fleet(self) -> Fleet:
         """Vehicles as arrays."""
-        return self._fleet_of(self.vehicles)
+        return self._fleet_of(self.vehicles, self.separation)
 
-    def _fleet_of(self, vehicles: Sequence[Vehicle]) -> Fleet:
-        distance = 0.0 if self.separation is None else self.separation.distance
-        return Fleet(self.grid, vehicles, self.limits, distance, [body for _, body in self.known])
+    def _fleet_of(self, vehicles: Sequence[Vehicle], apart: Separation | None) -> Fleet:
+        distance = 0.0 if apart is None else apart.distance
+        return Fleet(self.grid, vehicles, self.limits, distance, [body for _, body in self.avoided])
 
     @model_validator(mode="after")
     def _consistent(self, info: ValidationInfo[bool | None]) -> Self:
@@ -129,15 +128,14 @@ class Scenario(ShownInNotebooks):
             self.disturbance.check(self.grid)
         self.check_ends(under_way=under_way)
         check_waypoints(self.fleet, self.grid, self.bodies)
-        check_requirements(self.requirements, self.fleet, self.vehicles, self.grid, under_way)
+        check_requirements(self.requirements, self.fleet, self.names, self.grid, under_way)
         return self
 
     def check_ends(self, *, under_way: bool = False) -> None:
         """Check that starts and goals satisfy limits and separation and are outside obstacles.
 
         Args:
-            under_way: whether starts are states that a flight has reached. These are not checked:
-                wind may have moved a vehicle there, or an obstacle became known too late.
+            under_way: whether starts are states that a flight has reached, which are not checked.
 
         Raises:
             ScenarioError: a start or a goal violates one of these constraints.
@@ -170,8 +168,13 @@ class Scenario(ShownInNotebooks):
 
     @cached_property
     def known(self) -> tuple[tuple[int, Obstacle], ...]:
-        """Those of `bodies_in_flight` that planners know at the first knot, with their numbers."""
+        """Numbers, from 1, and obstacles that planners know at the first knot, 0 on their clock."""
         return known_at_start(self.bodies, self.bodies_in_flight, self.grid)
+
+    @cached_property
+    def avoided(self) -> tuple[tuple[int, Obstacle], ...]:
+        """Those of `known` that are active in the flight; any that always is has no interval."""
+        return active_during(self.known, self.grid)
 
     def obstacle_name(self, number: int) -> str:
         """Return how reports refer to an obstacle: by its number from 1, and its name if any."""
@@ -199,9 +202,7 @@ class Scenario(ShownInNotebooks):
 
     def without_separation(self) -> Scenario:
         """Return the scenario without a separation."""
-        known = [body for _, body in self.known]
-        independent = Fleet(self.grid, self.vehicles, self.limits, bodies=known)
-        return self.derived(separation=None, fleet=independent)
+        return self.derived(separation=None, fleet=self._fleet_of(self.vehicles, None))
 
     def with_disturbance(self, disturbance: Disturbance | None) -> Scenario:
         """Return the scenario with another disturbance, which has to fit the grid."""
@@ -221,9 +222,12 @@ class Scenario(ShownInNotebooks):
         return unchecked(self, **(unaffected | changes))
 
     def of_vehicles(self, indices: Sequence[int]) -> Scenario:
-        """Return the scenario of some of its vehicles only, without validating it again."""
+        """Return the scenario of some of its vehicles only, not validated again."""
         vehicles = tuple(self.vehicles[index] for index in indices)
-        fleet, names = self._fleet_of(vehicles), [vehicle.name for vehicle in vehicles]
+        fleet, names = (
+            self._fleet_of(vehicles, self.separation),
+            [vehicle.name for vehicle in vehicles],
+        )
         requirements = parts_for(self.requirements, names)
         return self.derived(vehicles=vehicles, fleet=fleet, requirements=requirements)
 
@@ -235,9 +239,7 @@ class Scenario(ShownInNotebooks):
         before: FloatArray,
         tracking: Tracking | None = None,
     ) -> Scenario:
-        """Return the scenario from other initial states on another grid, without validation.
-
-        Waypoints before the grid's first knot are left out.
+        """Return the scenario from other states on another grid, without waypoints before it.
 
         Args:
             grid: remainder of the flight.
@@ -261,8 +263,8 @@ class Scenario(ShownInNotebooks):
         passed = grid.step * round((grid.start - self.grid.start) / grid.step)
         bodies = tuple(each.since(passed) for each in self.bodies_in_flight)
         known = known_at_start(self.bodies, bodies, grid)
-        known_bodies = [body for _, body in known]
-        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, known_bodies)
+        avoided = [body for _, body in active_during(known, grid)]
+        fleet = self.fleet.started_at(grid, vehicles, positions, velocities, before, avoided)
         return self.derived(
             grid=grid,
             vehicles=vehicles,

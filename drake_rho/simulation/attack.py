@@ -17,10 +17,10 @@ import numpy as np
 from drake_rho.motion.plan import Plan
 from drake_rho.motion.simulation import Simulation
 from drake_rho.scenario.arguments import checked
+from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.clock import clock_time
 from drake_rho.scenario.described import Described
 from drake_rho.scenario.fields import FloatArray, IntArray, read_only
-from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.kinds import LIMITS
 from drake_rho.scenario.records import Scenario
 from drake_rho.simulation.closed_loop import adopted, fly_plan

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.parts import UNITS
 from drake_rho.scenario.records import Quantity, Scenario
 from drake_rho.verification.between_samples import greatest_velocity

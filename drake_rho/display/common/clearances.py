@@ -55,10 +55,22 @@ def nearest(plan: Drawn, obstacle: Obstacle) -> Approach:
 
 def least_clearances(plan: Drawn, obstacles: Sequence[Obstacle]) -> Clearances:
     """Return each vehicle's least clearance over time from one or more obstacles."""
-    times = dense_times(plan)
+    times = sample_times(plan, obstacles)
     least, numbers = nearest_obstacles(plan, obstacles, times)
     whole = np.tile(times, (len(least), 1))
     return _with_exact_minima(plan, obstacles, Clearances(whole, least, numbers))
+
+
+def sample_times(plan: Drawn, obstacles: Sequence[Obstacle]) -> FloatArray:
+    """Return `dense_times` and one time in each interval in which an obstacle is active [s].
+
+    An interval may be shorter than the time between samples.
+    """
+    grid = plan.scenario.grid
+    intervals = [np.subtract(each.active, grid.start) for each in obstacles if each.active]
+    inside = [np.clip(each, 0.0, grid.duration).mean() for each in intervals]
+    times: FloatArray = np.union1d(dense_times(plan), np.array(inside, dtype=np.float64))
+    return times
 
 
 def free_radii(plan: Drawn, times: FloatArray) -> FloatArray:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drake_rho.display.common.clearances import nearest
+from drake_rho.display.common.clearances import nearest, sample_times
 from drake_rho.display.common.drawable import Drawn
 from drake_rho.display.common.names import as_text, brief
-from drake_rho.display.common.style import dense_times
+from drake_rho.scenario.clock import clock_number, clock_time
 from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.obstacles import Obstacle
 from drake_rho.scenario.shapes.base import Shape
@@ -39,7 +39,8 @@ class Snapshot:
     label: str = ""
     """text beside it, escaped for matplotlib"""
     faint: bool = False
-    """true of a secondary snapshot, at the first or last position of a moving obstacle"""
+    """true of a secondary snapshot, at the first or last position of a moving obstacle, and of an
+    obstacle that is not active in the flight"""
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -89,15 +90,16 @@ def active_in_words(obstacle: Obstacle) -> str:
     if obstacle.active is None:
         return ""
     first, last = obstacle.active
-    return f"active {first:g} to {last:g} s"
+    return f"active {clock_number(first)} to {clock_time(last)}"
 
 
 def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
     """Return the snapshots of obstacles in a still picture.
 
-    A static obstacle has one snapshot. A moving one is shown at the closest approach of a vehicle
-    and, if few obstacles move, more faintly at its first and last positions, with the times as
-    labels. A moving obstacle that is never near the rest of the scene is left out.
+    A static obstacle has one snapshot, a faint one if it is not active in the flight. A moving one
+    is shown at the closest approach of a vehicle and, if few obstacles move, more faintly at its
+    first and last positions, with the times as labels. A moving obstacle that is never near the
+    rest of the scene while active is left out.
     """
     shown: list[Snapshot] = []
     few = sum(obstacle.moves for obstacle in obstacles) <= MAX_FOLLOWED
@@ -107,7 +109,8 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
         if not obstacle.moves:
             (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
             words = ", ".join(filter(None, (label, active_in_words(obstacle))))
-            shown.append(Snapshot(obstacle.shape, center, number, words))
+            faint = _is_never_active(plan, obstacle)
+            shown.append(Snapshot(obstacle.shape, center, number, words, faint=faint))
             continue
         clock, near = _near_scene(plan, obstacle, obstacles)
         if not np.any(near):
@@ -118,9 +121,9 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
         centers = obstacle.centers(times)
         for index, (time, center) in enumerate(zip(times, centers, strict=True)):
             moved = np.linalg.norm(center - centers[0]) > _APART * obstacle.shape.size
-            when = f"{round(time, 2):g} s" if few else ""
+            when = clock_time(round(time, 2)) if few else ""
             if index == 0:
-                words = ", ".join(filter(None, (label, when)))
+                words = ", ".join(filter(None, (label, when, active_in_words(obstacle))))
                 shown.append(Snapshot(obstacle.shape, center, number, words))
             elif moved:
                 shown.append(Snapshot(obstacle.shape, center, number, when, faint=True))
@@ -185,8 +188,16 @@ def obstacle_notes(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[str]:
     ]
     if never:
         which = ", ".join(never) if len(never) <= MAX_FOLLOWED else f"{len(never)} of them"
-        notes.append(f"obstacles never near the scene, not shown: {which}")
+        timed = " while active" if any(each.active for each in obstacles) else ""
+        notes.append(f"obstacles never near the scene{timed}, not shown: {which}")
+    if any(not each.moves and _is_never_active(plan, each) for each in obstacles):
+        notes.append("faint: obstacles at rest that are not active in the flight")
     return notes
+
+
+def _is_never_active(plan: Drawn, obstacle: Obstacle) -> bool:
+    first, last = obstacle.active or (-np.inf, np.inf)
+    return first > plan.scenario.grid.end or last < plan.scenario.grid.start
 
 
 def _near_scene(
@@ -205,7 +216,7 @@ def _near_scene(
     lower = np.min([plan.positions.min(axis=(0, 1)), *(low for low, _ in resting)], axis=0)
     upper = np.max([plan.positions.max(axis=(0, 1)), *(high for _, high in resting)], axis=0)
     margin = _AROUND * float(np.max(upper - lower))
-    times = plan.scenario.grid.start + dense_times(plan)
+    times = plan.scenario.grid.start + sample_times(plan, [obstacle])
     centers, extent = obstacle.centers(times), obstacle.shape.extent
     beyond = (centers + extent < lower - margin) | (centers - extent > upper + margin)
     return times, obstacle.is_active(times) & ~np.any(beyond, axis=1)

@@ -65,14 +65,29 @@ def record_obstacles(meshcat: Meshcat, scene: Scene, plan: Drawn, playback: Play
             show_between(meshcat, f"{path}/known", known, None)
             show_between(meshcat, f"{path}/unknown", 0.0, known)
         if obstacle.active is not None:
-            first, last = (max(0.0, time - start) for time in obstacle.active)
-            show_between(meshcat, path, playback.time_at(first), playback.time_at(last))
+            first, last = (time - start for time in obstacle.active)
+            _show_while_active(meshcat, path, playback, first, last)
         if not obstacle.moves:
             continue
         places = _places(scene, obstacle, start + playback.times)
         turns = _turns(playback.times, places)
         for time, place in zip(playback.times[turns], places[turns], strict=True):
             meshcat.SetTransform(path, RigidTransform(place), playback.time_at(time))
+
+
+def _show_while_active(
+    meshcat: Meshcat, path: str, playback: Playback, first: float, last: float
+) -> None:
+    """Record that an object is visible from `first` to `last` since the first knot [s].
+
+    Nothing is recorded beyond the flight, which would make the playback longer.
+    """
+    end = float(playback.times[-1])
+    if first > end or last < 0.0:
+        meshcat.SetProperty(path, "visible", False, 0.0)
+        return
+    until = playback.time_at(last) if last < end else None
+    show_between(meshcat, path, playback.time_at(max(0.0, first)), until)
 
 
 def _path(number: int) -> str:

@@ -103,15 +103,21 @@ def _draw_distances(
     obstacle: Obstacle,
     measured: Callable[[Drawn, FloatArray], FloatArray],
 ) -> list[Line2D]:
+    """Draw what is measured from an obstacle at times since the first knot, while it is active."""
+
+    def shown(each: Drawn, times: FloatArray) -> FloatArray:
+        active = obstacle.is_active(each.scenario.grid.start + times)
+        return np.where(active, measured(each, times), np.nan)
+
     grid, times = plan.scenario.grid, dense_times(plan)
-    exact, knots = measured(plan, times), measured(plan, grid.elapsed)
+    exact, knots = shown(plan, times), shown(plan, grid.elapsed)
     lines = [
         draw_curve(ax, plan, index, (grid.start + times, exact[index]), (plan.times, knots[index]))
         for index in range(len(exact))
     ]
     for piece in planned(plan):
         times = dense_times(piece.plan)
-        draw_planned(ax, piece, times, measured(piece.plan, times))
+        draw_planned(ax, piece, times, shown(piece.plan, times))
     _draw_discoveries(ax, plan, {obstacle.known_from: "known"})
     _draw_inactive(ax, plan, obstacle)
     return lines
@@ -168,16 +174,18 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
     largest deviation of the obstacle from its track.
 
     Returns:
-        The curves, and a ring at the overall minimum.
+        The curves, and a ring at the overall minimum if there is one.
     """
     found, start = least_clearances(plan, obstacles), plan.scenario.grid.start
     colours = vehicle_colours(len(plan.positions))
+    ever = bool(np.isfinite(found.clearances).any())  # else no obstacle is active in the flight
+    shown = _with_gaps(found.clearances)
     lowest = np.argmin(found.clearances, axis=1)
     lines = []
     for i, vehicle in enumerate(plan.scenario.vehicles):
         name, times = as_text(vehicle.name), start + found.times[i]
-        lines += ax.plot(times, found.clearances[i], color=colours[i], label=name)
-        if len(plan.positions) <= _MAX_ANNOTATED:
+        lines += ax.plot(times, shown[i], color=colours[i], label=name)
+        if len(plan.positions) <= _MAX_ANNOTATED and ever:
             m = lowest[i]
             place = (float(times[m]), float(found.clearances[i, m]))
             number = int(found.nearest[i, m]) + 1
@@ -186,21 +194,29 @@ def draw_least_clearances(ax: Axes, plan: Drawn, obstacles: Sequence[Obstacle]) 
             Labels.of(ax).add(words, around(ax, *place), rank=1, color=colours[i])
     for piece in planned(plan):
         near = least_clearances(piece.plan, obstacles)
-        draw_planned(ax, piece, near.times, near.clearances)
+        draw_planned(ax, piece, near.times, _with_gaps(near.clearances))
     curves = list(lines)
-    lines.append(_draw_closest(ax, plan, obstacles, found))
+    if ever:
+        lines.append(_draw_closest(ax, plan, obstacles, found))
+    else:
+        Labels.of(ax).add("no obstacle is active in the flight", beside(ax, start))
     known = {
         each.known_from: f"{short_label(n, each)} known" for n, each in enumerate(obstacles, 1)
     }
     _draw_discoveries(ax, plan, known)
-    finite = found.clearances[np.isfinite(found.clearances)]  # while an obstacle is active
-    bottom = float(finite.min(initial=0.0))
-    bottom -= _BELOW * (float(finite.max(initial=0.0)) - bottom)
+    values = shown[np.isfinite(shown)]  # while an obstacle is active
+    bottom = float(values.min(initial=0.0))
+    bottom -= _BELOW * (float(values.max(initial=0.0)) - bottom)
     least = max(float(required_distances(plan.scenario, obstacle).max()) for obstacle in obstacles)
     draw_limit(ax, 0.0, "vehicle radius from the surface" if least > 0.0 else "surface", bottom)
     ax.set(ylabel="clearance from the nearest obstacle [m]", ylim=(bottom, None))
     _finish(ax, plan, curves)
     return lines
+
+
+def _with_gaps(clearances: FloatArray) -> FloatArray:
+    """Return clearances with NaN, which is not drawn, while no obstacle is active."""
+    return np.where(np.isfinite(clearances), clearances, np.nan)
 
 
 def _draw_closest(

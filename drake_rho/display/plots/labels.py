@@ -21,8 +21,8 @@ from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Line3D
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from drake_rho.display.plots.overlapping_curves import evenly
-from drake_rho.scenario.fields import FloatArray
+from drake_rho.display.plots.overlapping_curves import evenly, runs
+from drake_rho.scenario.fields import BoolArray, FloatArray
 
 _GAP = 3.0
 """Distance between a text and the point or line that it labels [points]."""
@@ -190,8 +190,12 @@ def _curves(ax: Axes, point: float) -> FloatArray:
         else:
             drawn = line.get_transform().transform(line.get_xydata())
         marks = line.get_linestyle() == "None"
-        drawn = drawn if marks else evenly(drawn, _SPACING * point)
-        found.append(np.column_stack([drawn, np.full(len(drawn), _MARK if marks else 1.0)]))
+        shown: BoolArray = np.all(np.isfinite(drawn), axis=1)  # a curve may have gaps
+        pieces = [drawn[shown]]
+        if not marks:
+            pieces = [evenly(drawn[i : j + 1], _SPACING * point) for i, j in runs(shown)]
+        cost = _MARK if marks else 1.0
+        found += [np.column_stack([each, np.full(len(each), cost)]) for each in pieces]
     return np.concatenate(found)
 
 

@@ -109,7 +109,7 @@ def _pieces(index: int, points: FloatArray, near: BoolArray) -> list[Piece]:
     """
     found = []
     under = np.any(near[index + 1 :], axis=0)
-    for first, last in _runs(np.atleast_1d(under)):
+    for first, last in runs(np.atleast_1d(under)):
         bundle = np.flatnonzero(near[:, first : last + 1].mean(axis=1) > 0.5)
         count, turn = max(2, len(bundle)), int(np.sum(bundle < index))
         dashes = ((count - turn) % count * _DASH, (_DASH, (count - 1) * _DASH))
@@ -123,7 +123,7 @@ def _values(line: Line2D, times: FloatArray) -> FloatArray:
     return values if np.array_equal(own, times) else np.interp(times, own, values)
 
 
-def _runs(here: BoolArray) -> list[tuple[int, int]]:
+def runs(here: BoolArray) -> list[tuple[int, int]]:
     """Return the first and last indices of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(np.int8)))
     return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]

@@ -14,8 +14,8 @@ from drake_rho.motion.extremes import turning_points
 from drake_rho.planning.constraints.base import END_MARGIN, VIOLATED, Constraint, HalfSpaces
 from drake_rho.planning.constraints.margins import Margins, PlanMargins
 from drake_rho.planning.constraints.stretches import with_neighbours
+from drake_rho.scenario.bounds import Bounds
 from drake_rho.scenario.fields import BoolArray, FloatArray, IntArray
-from drake_rho.scenario.fleet import Bounds
 from drake_rho.scenario.parts import Quantity
 from drake_rho.scenario.records import Scenario
 

@@ -190,7 +190,7 @@ def obstacles_of(
     scenario: Scenario, margins: PlanMargins, reference: Motion
 ) -> list[KeepOutOfObstacle]:
     """Return constraints of the obstacles known at the start, linearised (15) around a motion."""
-    known = scenario.known
+    known = scenario.avoided
     if not known:
         return []
     reference = reference.subdivided(margins.pieces)

@@ -175,7 +175,7 @@ def _obstacle_slacks(scenario: Scenario, margins: Margins, end: int) -> Iterator
     if end != 0:
         positions, time = fleet.goal_positions, scenario.grid.duration
     needed = margins.knots["position"][[end]]
-    for number, obstacle in scenario.known:
+    for number, obstacle in scenario.avoided:
         distances = obstacle.distances(positions, np.array([time]))
         available = distances - fleet.radii - obstacle.deviation
         tolerance = fleet.obstacle_tolerances(obstacle.shape)

@@ -26,7 +26,7 @@ def least_violation(reference: Plan, solver: Solver | None = None) -> Plan:
         solver: a Drake solver or `Daqp()`; Clarabel if not given.
     """
     scenario, spent = reference.scenario, Statistics()
-    if scenario.known or scenario.separation is not None or scenario.requirements:
+    if scenario.avoided or scenario.separation is not None or scenario.requirements:
         try:
             return minimum_distance_violation(reference, Backend(solver))
         except (InfeasibleError, SolverError, OutOfTimeError) as error:

@@ -93,7 +93,7 @@ def _is_clear(
         depth: by which a distance may fall short, as a fraction of an obstacle's least extent.
     """
     clear = np.ones(positions.shape[:2], dtype=bool)
-    for _, body in scenario.known:
+    for _, body in scenario.avoided:
         tolerances = scenario.fleet.obstacle_tolerances(body.shape)[:, None]
         required = scenario.fleet.radii[:, None] + body.deviation + margin - tolerances
         deepest = required - depth * float(body.shape.extent.min())

@@ -28,7 +28,7 @@ class FleetSpaceSearch:
 
     def __init__(self, scenario: Scenario, resolution: Resolution, most: float = np.inf) -> None:
         self._scenario, self._resolution, self.points = scenario, resolution, 0
-        self._bodies = [body for _, body in scenario.known]
+        self._bodies = [body for _, body in scenario.avoided]
         self._speeds, self._most = usable_speeds(scenario), most
         self._lattices: dict[bytes, Lattice] = {}
 

@@ -79,7 +79,7 @@ def paths_on_grids(scenario: Scenario, most: int, max_memory: float) -> Iterator
         most: bound on the references of one grid.
         max_memory: bound on the memory of the grids and of what is computed on them [bytes].
     """
-    moving = not all(body.is_steady for _, body in scenario.known)
+    moving = not all(body.is_steady for _, body in scenario.avoided)
     space_time = _in_space_and_time(scenario, max_memory)
     required = any(each.of == "position" for each in scenario.requirements)
     if moving or required or (scenario.separation is not None and len(scenario.vehicles) > 1):

@@ -27,7 +27,7 @@ _FINE_PARTS = np.linspace(0.0, 1.0, 9)
 
 
 class MovingObstacle:
-    """A moving obstacle in the layers of a time-expanded graph.
+    """An obstacle that moves, or is active for a time, in the layers of a time-expanded graph.
 
     Args:
         body: the obstacle, on a clock that is 0 at the first knot.
@@ -36,6 +36,8 @@ class MovingObstacle:
 
     Attributes:
         begins: first layer in which the obstacle is active.
+        layers: those in which it is active; if it is at rest, only the first two.
+        alike: those in which it blocks the same moves as in the last of `layers`.
     """
 
     blocks = True
@@ -44,8 +46,11 @@ class MovingObstacle:
     def __init__(self, body: Obstacle, radius: float, times: FloatArray) -> None:
         self.centers = body.centers(times)
         first, last = body.active or (-np.inf, np.inf)
-        self._active: BoolArray = (times[1:] >= first) & (times[:-1] <= last)
+        self._active: BoolArray = (times[1:] > first) & (times[:-1] < last)
         self.begins = int(np.argmax(self._active))
+        active = np.flatnonzero(self._active)
+        different = len(active) if body.moves else 2
+        self.layers, self.alike = active[:different], active[different:]
         middles = body.centers((times[:-1] + times[1:]) / 2.0)
         deviations = np.linalg.norm(middles - (self.centers[:-1] + self.centers[1:]) / 2.0, axis=1)
         self.margins: FloatArray = required_distance(body, radius) + deviations
@@ -56,7 +61,6 @@ class MovingObstacle:
         """Return the clearance of positions, (Q, 3), at the beginning of layers, (Q,)."""
         x = positions - self.centers[layers]
         clearance: FloatArray = self._shape.local_distance(x) - self.margins[layers]
-        clearance[~self._active[layers]] = np.inf
         return clearance
 
     def lengths(self, steps: FloatArray) -> FloatArray:
@@ -71,7 +75,8 @@ class MovingObstacle:
         x0, margins = start - self.centers[layers], self.margins[layers]
         step = end - self.centers[layers + 1] - x0
         lengths = np.sqrt(np.einsum("qi,qi->q", step, step))
-        near = np.flatnonzero(_least_squared_distances(x0, step) < (self._outermost + margins) ** 2)
+        reached = _least_squared_distances(x0, step) < (self._outermost + margins) ** 2
+        near = np.flatnonzero(reached & self._active[layers])
         collides = np.zeros(len(layers), dtype=bool)
         for parts in (_PARTS, _FINE_PARTS):
             x = x0[near] + parts[:, None, None] * step[near]
@@ -96,6 +101,7 @@ class MovingVehicle:
 
     def __init__(self, positions: FloatArray, separation: Separation) -> None:
         self.centers = positions
+        self.layers, self.alike = np.arange(len(positions) - 1), np.zeros(0, dtype=np.int64)
         self.reach: FloatArray = separation.shape.semi_axes
         self._separation = separation
 
@@ -149,6 +155,8 @@ def blocked_moves(lattice: Lattice, moving: Moving, reach: Bounds = UNBOUNDED) -
         moving: obstacle or vehicle to keep clear of.
         reach: bounds on the positions at which moves begin; moves from outside may be left out.
     """
+    if len(moving.alike) > 0:  # for all of these layers, so within the bounds of any
+        reach = reach[0].min(axis=0, keepdims=True), reach[1].max(axis=0, keepdims=True)
     none = np.zeros(0, dtype=np.int64)
     found = [
         (none, none),
@@ -157,7 +165,10 @@ def blocked_moves(lattice: Lattice, moving: Moving, reach: Bounds = UNBOUNDED) -
     layers, codes = map(np.concatenate, zip(*found, strict=True))
     order = np.argsort(layers, kind="stable")
     ends = np.searchsorted(layers[order], np.arange(1, len(moving.centers) - 1))
-    return np.split(codes[order], ends)
+    blocked = np.split(codes[order], ends)
+    for layer in moving.alike:
+        blocked[layer] = blocked[moving.layers[-1]]
+    return blocked
 
 
 def _blocked_among(
@@ -204,7 +215,7 @@ def _near(lattice: Lattice, moving: Moving, bounds: Bounds) -> Iterator[tuple[In
     width = np.minimum(np.floor(2.0 * wide) + 1.0, shape).astype(np.int64)
     meets = np.all((middles + wide >= 0.0) & (middles - wide <= shape - 1.0), axis=1)
     low = np.clip(np.ceil(middles - wide), 0, shape - width).astype(np.int64)
-    some, every = np.flatnonzero(meets), np.arange(np.prod(width))
+    some, every = moving.layers[meets[moving.layers]], np.arange(np.prod(width))
     for window in np.array_split(every, max(1, len(every) // BATCH_SIZE)):
         offsets = np.stack(np.unravel_index(window, width), axis=-1) + 1
         for layers in np.array_split(some, max(1, len(some) * len(offsets) // BATCH_SIZE)):

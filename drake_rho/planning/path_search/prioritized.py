@@ -74,7 +74,7 @@ class FleetSpaceTimeSearch:
         self._radii, rasters, self._kinds = _kinds(scenario, resolution)
         rest = most - space_time_size(scenario, resolution).bytes
         self._most = max(rest, most * _BLOCKED) / (2.0 * len(rasters))
-        still = [body for _, body in scenario.known if body.is_steady]
+        still = [body for _, body in scenario.avoided if body.is_steady]
         self._lattices = [
             Lattice(raster, still, radius)
             for raster, radius in zip(rasters, self._radii, strict=True)
@@ -107,7 +107,7 @@ class FleetSpaceTimeSearch:
     @cached_property
     def _obstacles(self) -> list[TimeExpandedGraph]:
         """Time-expanded graph of each lattice with the moves that moving obstacles block."""
-        bodies = [body for _, body in self._scenario.known if not body.is_steady]
+        bodies = [body for _, body in self._scenario.avoided if not body.is_steady]
         return [
             self._graph(
                 kind, [MovingObstacle(body, self._radii[kind], self._times) for body in bodies]

@@ -29,6 +29,10 @@ high a speed; the bounds on reachable positions (`Reach`) make up for it."""
 _FASTER = 2.5
 """Speed on a path where no limit binds, as a multiple of that of the straight flight."""
 
+_FASTER_STILL, _IN_A_HURRY = 1.2, 1.6
+"""Factor by which it rises from one grid to the next: in general, and if an obstacle is active for
+a part of the flight, since most of the way may have to be flown before or after it."""
+
 _AHEAD = 1.15
 """Least speed on a path along an axis, as a multiple of that of the straight flight, so that the
 loss of a layer does not make the vehicle late. It may exceed the vehicle's limits slightly."""
@@ -89,6 +93,7 @@ def resolutions(
     where, scale = region(scenario), _scale(scenario)
     sides = np.maximum((where.upper - where.lower).max(axis=0), scale)
     volume, faster = float(np.prod(sides)), _FASTER
+    timed = any(body.active is not None for _, body in scenario.avoided)
 
     def at(length: float, values: float) -> tuple[Resolution, bool]:
         resolution = _resolution(scenario, where, length, _speeds(scenario, where.reach, faster))
@@ -102,7 +107,7 @@ def resolutions(
         resolution, fits = at(length, _FIRST_VALUES)
     while fits:
         yield resolution
-        length, faster = length / _FINER, faster * 1.2
+        length, faster = length / _FINER, faster * (_IN_A_HURRY if timed else _FASTER_STILL)
         if volume / length**3 > _MOST_POINTS:
             break
         resolution, fits = at(length, _VALUES)
@@ -186,7 +191,7 @@ def _speeds(scenario: Scenario, reach: Reach, faster: float) -> FloatArray:
 def _scale(scenario: Scenario) -> float:
     """Return the length that a grid should resolve [m]."""
     radius = float(scenario.fleet.radii.min())
-    scales = [0.5 * (radius + float(body.shape.extent.min())) for _, body in scenario.known]
+    scales = [0.5 * (radius + float(body.shape.extent.min())) for _, body in scenario.avoided]
     if scenario.separation is not None:
         scales.append(scenario.separation.distance * 2.0 / 3.0)
     return max(min(scales, default=1.0), 1e-3 * float(scenario.fleet.lengths.max()))
@@ -199,14 +204,15 @@ def region(scenario: Scenario) -> Region:
     them. They are cut to the positions that any vehicle can reach and to each vehicle's position
     box.
     """
-    fleet, grid = scenario.fleet, scenario.grid
+    fleet, elapsed = scenario.fleet, scenario.grid.elapsed
     lows = [fleet.start_positions.min(axis=0), fleet.goal_positions.min(axis=0)]
     highs = [fleet.start_positions.max(axis=0), fleet.goal_positions.max(axis=0)]
     for waypoints in fleet.waypoints:
         lows.append(np.nanmin(waypoints.positions, axis=0))
         highs.append(np.nanmax(waypoints.positions, axis=0))
-    for _, body in scenario.known:
-        centers, extent = body.centers(grid.elapsed), body.shape.extent
+    for _, body in scenario.avoided:
+        active = body.is_active(elapsed, slack=scenario.grid.step)
+        centers, extent = body.centers(elapsed[active]), body.shape.extent
         extent = np.where(np.isfinite(extent), extent, 0.0)
         lows.append((centers - extent).min(axis=0))
         highs.append((centers + extent).max(axis=0))

@@ -70,7 +70,7 @@ class FirstPlan:
         except SolverError:
             if (held := self._held(problem, reference)) is not None:
                 return held
-            if not scenario.known:
+            if not scenario.avoided:
                 raise
             return self._around_obstacles(problem, [each.name for each in scenario.vehicles])
         except InfeasibleError as error:
@@ -95,7 +95,7 @@ class FirstPlan:
                 tell(self.progress, "planning each vehicle without the others")
                 plan = linearised_once(independent, reference, self.backend)
             except SolverError:
-                if not scenario.known:
+                if not scenario.avoided:
                     raise
                 return self._along_paths(problem, None)
             except InfeasibleError as error:
@@ -257,7 +257,7 @@ def plan_near(
     def find(problem: Problem) -> Plan:
         scenario = problem.scenario
         problem.check_tightening_slack()
-        if not scenario.known and scenario.separation is None:
+        if not scenario.avoided and scenario.separation is None:
             return linearised_once(problem, None, backend)
         subproblem = Subproblem(problem, decoupled, backend)
         step = fleet_step(subproblem)

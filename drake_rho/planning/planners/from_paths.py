@@ -198,7 +198,7 @@ def _near_perturbed(attempts: _Attempts, progress: Progress | None) -> Plan | No
 
 def _everything(scenario: Scenario) -> tuple[dict[str, Names], dict[str, frozenset[int]]]:
     """Return all known obstacles as the conflicts of each vehicle, by name and by number."""
-    numbers = frozenset(number for number, _ in scenario.known)
+    numbers = frozenset(number for number, _ in scenario.avoided)
     listed = tuple(map(scenario.obstacle_name, sorted(numbers)))
     if len(listed) > _NAMED:
         listed = (f"some of {listed[0]} to {listed[-1]}",)

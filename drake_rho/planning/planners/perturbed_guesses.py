@@ -50,6 +50,6 @@ def perturbed_vehicle(scenario: Scenario, number: int) -> Plan:
     """
     motion, rng = MinimumEffort.of(scenario).motion, np.random.default_rng(number)
     cheapest = Plan.from_accelerations(scenario, motion.accelerations)
-    size = max(body.shape.size for _, body in scenario.known)
+    size = max(body.shape.size for _, body in scenario.avoided)
     sine, cosine = size * rng.uniform(*_FURTHEST) * rng.normal(size=(2, 1, 3))
     return perturbed(cheapest, sine, 0.5 * cosine)

@@ -98,7 +98,7 @@ def plan(
 def _iterated(problem: Problem, first: Plan, coupling: Coupling, search: FirstPlan) -> Plan:
     """Return the plan that linearising anew ends with, from one that keeps every constraint."""
     scenario, options = problem.scenario, search.options
-    if not scenario.known and scenario.separation is None:
+    if not scenario.avoided and scenario.separation is None:
         return first
     subproblem = Subproblem(problem, coupling, search.backend)
     # references in groups would have to keep linked vehicles in one group

@@ -40,7 +40,7 @@ def minimum_violation(problem: Problem, backend: Backend | None = None) -> Plan:
         SolverError: the solvers fail numerically.
     """
     plan = _least_around(problem, None, backend)
-    if not problem.scenario.known:
+    if not problem.scenario.avoided:
         return plan
     with suppress(SolverError):
         check_time()

@@ -249,7 +249,8 @@ function updateLabels() {
     }
     const x = ((top.x + 1) / 2) * wide;
     let y = ((1 - top.y) / 2) * high - 25;
-    const hidden = top.z > 1 || x < -50 || y < -50 || x > wide + 50 || y > high + 50;
+    const gone = tag.vehicle === undefined && !object.visible; // an obstacle that is not active now
+    const hidden = gone || top.z > 1 || x < -50 || y < -50 || x > wide + 50 || y > high + 50;
     for (const other of hidden ? [] : placed) {
       if (Math.abs(other.x - x) < (other.width + tag.width) / 2 && Math.abs(other.y - y) < 15) y = other.y - 15;
     }
