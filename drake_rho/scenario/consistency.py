@@ -12,7 +12,7 @@ from drake_rho.scenario.fields import FloatArray
 from drake_rho.scenario.fleet import Fleet
 from drake_rho.scenario.obstacles import AnyObstacle, Obstacle
 from drake_rho.scenario.pairs import check_separation
-from drake_rho.scenario.parts import UNITS, Grid, Quantity, Vehicle
+from drake_rho.scenario.parts import UNITS, Grid, Quantity, Separation, Vehicle
 from drake_rho.scenario.requirements import KeepIn
 from drake_rho.scenario.waypoints import is_during_flight
 
