@@ -45,7 +45,7 @@ bench-flight: $(VENV)/.bench .venv-crazyflow/.ready .venv-ampyc/.ready ## The sa
 bench-scale: $(VENV)/.bench ## The same for large fleets and campaigns
 	$(BIN)/python -m benchmarks --scale
 
-bench-open: $(VENV)/.bench ## The same for requirements: links, formations, corridors (fifteen minutes)
+bench-open: $(VENV)/.bench ## The same for requirements: links, formations, corridors (six minutes)
 	$(BIN)/python -m benchmarks --open
 
 test: $(VENV)/.test ## Run the tests, but for slow ones (four minutes on two cores)
