@@ -30,8 +30,12 @@ DRAWN = {
     "world_boundary": 20,
     "world_gaps": 20,
     "world_longer": 200,
+    "links_cvxpy": 50,
+    "links_chains": 50,
+    "links_formation": 5,
+    "links_corridors": 20,
 }
-"""Benchmarks of random fleets and worlds, with the number of each size: `run(seeds) -> Table`."""
+"""Benchmarks of random fleets, worlds and links, with the number of each: `run(seeds) -> Table`."""
 
 MISSIONS = ("fleet_b3", "world_b6")
 """Benchmarks of missions in files: `run(folder) -> Table`."""
@@ -72,6 +76,9 @@ WORLDS = (
 )
 """Benchmarks of worlds with obstacles."""
 
+OPEN = ("links_cvxpy", "links_corridors", "links_chains", "links_formation")
+"""Benchmarks of what a scenario's requirements may keep in any convex set."""
+
 
 def main() -> None:
     """Run the benchmarks named on the command line, by default the races and studies."""
@@ -97,6 +104,7 @@ def main() -> None:
     parser.add_argument(
         "--scale", action="store_true", help="benchmarks of large fleets and campaigns"
     )
+    parser.add_argument("--open", action="store_true", help="all benchmarks of requirements")
     parser.add_argument("--repetitions", type=int, default=9, help="rounds of a race (9)")
     parser.add_argument("--seeds", type=int, help="number of random fleets or worlds of each size")
     parser.add_argument(
@@ -117,11 +125,12 @@ def main() -> None:
         parser.error("--seeds: expected at least 1")
     console = Console()
     alone, worlds, flight = RACES + STUDIES, WORLDS, FLIGHT + FLOWN_MISSIONS
-    others = alone + worlds + flight + SCALE
+    others = alone + worlds + flight + SCALE + OPEN
     fleets = tuple(name for name in known if name not in others)
     chosen = (fleets if arguments.fleets else ()) + (worlds if arguments.worlds else ())
     chosen += flight if arguments.flight else ()
     chosen += SCALE if arguments.scale else ()
+    chosen += OPEN if arguments.open else ()
     by_default = chosen or alone
     for name in arguments.names or by_default:
         console.rule(name)

@@ -1,4 +1,4 @@
-"""Distances from spheres and boxes, at rest or moving, independent of the package's."""
+"""Distances from spheres, boxes and endless cylinders, independent of the package's."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from drake_rho.scenario.fields import FloatArray
 
 
 def distances(shape: object, positions: FloatArray) -> FloatArray:
-    """Return the distance of positions from a sphere or box at its given place [m].
+    """Return the distance of positions from a shape at its given place [m].
 
     Args:
-        shape: the obstacle.
+        shape: a sphere, a box or an endless cylinder.
         positions: [m], shape (..., 3).
 
     Returns:
@@ -28,7 +28,10 @@ def distances(shape: object, positions: FloatArray) -> FloatArray:
         beyond = np.maximum(shape.lower - positions, positions - shape.upper)
         outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
         return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
-    raise TypeError(f"shape: got {shape}, expected a sphere or a box")
+    if isinstance(shape, rho.Cylinder) and shape.height is None:
+        across = np.delete(positions - shape.center, "xyz".index(shape.axis), axis=-1)
+        return np.asarray(np.linalg.norm(across, axis=-1) - shape.radius)
+    raise TypeError(f"shape: got {shape}, expected a sphere, a box or an endless cylinder")
 
 
 def nearest(shape: rho.Sphere | rho.Box, positions: FloatArray) -> FloatArray:
