@@ -102,9 +102,9 @@ def _matches(printed: str, text: str) -> bool:
 
 
 def _run(code: str, name: str) -> str:
-    """Run some code and return what it prints."""
+    """Run some code and return what it prints; it may import files of the current folder."""
     out = io.StringIO()
-    with contextlib.redirect_stdout(out):
+    with contextlib.redirect_stdout(out), patch.object(sys, "path", [str(Path.cwd()), *sys.path]):
         exec(compile(code, name, "exec"), {"__name__": "__main__"})  # noqa: S102  # of the page
     return out.getvalue()
 
