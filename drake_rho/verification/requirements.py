@@ -96,11 +96,10 @@ class _Check:
         times, values, errors, tolerances = whole
         due = np.zeros(count, dtype=bool)
         due[self.members] = True
-        leader = "" if self.partner is None else f"relative to {names[self.partner]} "
         return Column(
             kind="requirements",
             constraint=self.requirement.called(self.number),
-            parts=[f"{leader}{when}".rstrip()] * count,
+            parts=[" ".join(filter(None, (self._about, when)))] * count,
             times=scenario.grid.start + times,
             values=values,
             limits=0.0 - errors,
@@ -113,6 +112,14 @@ class _Check:
             errors=errors,
             due=due,
         )
+
+    @property
+    def _about(self) -> str:
+        """What it is about, unless that is the position itself."""
+        asked = self.requirement
+        of = "" if asked.of == "position" else f"of {asked.of}"
+        other = asked.leader or ("a moving point" if asked.track is not None else "")
+        return " ".join(filter(None, (of, other and f"relative to {other}")))
 
     @property
     def _is_instant(self) -> bool:

@@ -84,12 +84,12 @@ def short_label(number: int, obstacle: Obstacle) -> str:
     return f"{number} {name}".strip()
 
 
-def active_in_words(obstacle: Obstacle) -> str:
-    """Return the interval of time in which an obstacle is avoided; nothing if that is always."""
-    if obstacle.active is None:
+def active_in_words(active: tuple[float, float] | None) -> str:
+    """Return the interval of time in which something is required; nothing if that is always."""
+    if active is None:
         return ""
-    first, last = obstacle.active
-    return f"active {first:g} to {last:g} s"
+    first, last = active
+    return f"active {first:g} to {last:g} s" if first < last else f"active at {first:g} s"
 
 
 def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
@@ -106,7 +106,7 @@ def snapshots(plan: Drawn, obstacles: Sequence[Obstacle]) -> list[Snapshot]:
         label = short_label(number, obstacle) if numbered or obstacle.name is not None else ""
         if not obstacle.moves:
             (center,) = obstacle.centers(np.array([plan.scenario.grid.start]))
-            words = ", ".join(filter(None, (label, active_in_words(obstacle))))
+            words = ", ".join(filter(None, (label, active_in_words(obstacle.active))))
             shown.append(Snapshot(obstacle.shape, center, number, words))
             continue
         clock, near = _near_scene(plan, obstacle, obstacles)
